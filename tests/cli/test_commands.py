@@ -46,6 +46,15 @@ def test_info_tells_sensors_and_solves(run, files) -> None:
     assert "heading of pelvis" in told.out
 
 
+def test_info_of_a_long_recording_reads_no_samples(run, files, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run("info", files.recording).out.splitlines()
+    monkeypatch.setattr("vip_factors.cli.info.READ_S", 0.0)
+    told = run("info", files.recording).out.splitlines()
+    assert told[:-1] == whole
+    assert "index" in told[-1]
+    assert "heading of pelvis" in run("info", files.estimate).out  # whose solves no index tells
+
+
 def test_evaluate_prints_a_table_and_writes_json(run, files, tmp_path: Path) -> None:
     told = run("evaluate", files.estimate, "--truth", files.recording, "--json", tmp_path / "e.json")
     assert told.code == 0

@@ -13,6 +13,8 @@ from mcap_protobuf.decoder import DecoderFactory
 from mcap_samples import assert_same, recordings, walk
 from scene_samples import filmed_walk, scenes
 
+from vip_factors.atomic import atomic_open
+from vip_factors.cli.info_text import recording_text
 from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.mcap_recording import (
@@ -24,6 +26,7 @@ from vip_factors.io.mcap_recording import (
     write_scene,
 )
 from vip_factors.io.mcap_samples import detections_of
+from vip_factors.io.mcap_source import indexed_recording
 from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
@@ -380,3 +383,40 @@ def test_frame_numbers_that_no_video_has_are_refused(frame: int) -> None:
         detections_of(
             CameraInfo(keypoint_set="coco17"), [Detections2D(frame=0), Detections2D(frame=frame, seconds=1.0)]
         )
+
+
+def test_the_index_tells_what_the_samples_do(tmp_path: Path) -> None:
+    recording = walk(200, 10)
+    first = next(iter(recording.imus))
+    gap = recording.imus[first]
+    kept = np.r_[0:5, 9 : len(gap)]
+    imu = replace(gap, time=gap.time[kept], **{
+        name: None if (values := getattr(gap, name)) is None else values[kept]
+        for name in ("specific_force", "R_inertial_sensor", "angular_rate", "force_measured")
+    })  # fmt: skip
+    path = tmp_path / "r.mcap"
+    write_recording(replace(recording, imus={**recording.imus, first: imu}), path)
+    index = indexed_recording(path, 0.0)
+    assert index is not None
+    read = read_recording(path)
+    told = recording_text(index.head, index).splitlines()
+    assert told[:-1] == recording_text(read).splitlines()
+    assert "index" in told[-1]
+    assert "1 (" in told[4 + next(row for row, line in enumerate(told[4:]) if line.split()[0] == first)]  # the gap
+    for name, stream in read.imus.items():
+        np.testing.assert_allclose(index.time[name], stream.time, atol=2e-9)
+    assert indexed_recording(path, 1e4) is None
+
+
+def test_without_an_index_or_by_another_clock_samples_are_read(tmp_path: Path) -> None:
+    recording, path = walk(200, 10), tmp_path / "r.mcap"
+    write_recording(recording, path)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(path.read_bytes()[:-100])
+    assert indexed_recording(cut, 0.0) is None
+    contents, late = read_contents(path), tmp_path / "late.mcap"
+    for messages in contents.messages.values():
+        messages.log_times = [one + 10_000_000 for one in messages.log_times]
+    with atomic_open(late, "wb") as file, MessageWriter(file) as writer:
+        writer.copy(contents)
+    assert indexed_recording(late, 0.0) is None

@@ -10,12 +10,15 @@ import tyro
 from vip_factors.cli.options import Flag, Output, parse
 from vip_factors.errors import InputError
 
+READ_S = 300.0  # seconds of a recording that are read: of longer ones the index tells, in a second instead of minutes
+
 
 @dataclass(frozen=True)
 class InfoOptions:
     """Say what a recording, an estimate or a motion holds: who, which sensors, how long, with which gaps.
 
-    Of a scene also what filmed it, and how much of whom a detector saw there.
+    Of a scene also what filmed it, and how much of whom a detector saw there. Of a recording without a camera that
+    lasts more than five minutes the file's index tells, and its samples are not read.
     """
 
     file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")] = None
@@ -56,6 +59,12 @@ def file_text(path: Path) -> str:
         scene_text,
     )
 
+    if path.suffix.lower() == ".mcap":
+        from vip_factors.io.mcap_source import indexed_recording
+
+        index = indexed_recording(path, READ_S)
+        if index is not None:
+            return recording_text(index.head, index)
     opened = open_one(path)
     parts = []
     if opened.recording is not None:

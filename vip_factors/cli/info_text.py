@@ -1,7 +1,8 @@
 """What ``vip-factors info`` says of recordings, scenes, motions and estimates: lines and tables in plain text."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,24 +24,28 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SITES, SensorCalibration, site_axes, site_name
 from vip_factors.sensors.camera_model import CameraModel, VideoClock
 from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import ImuStream, gaps_of, rate_of
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
+
+if TYPE_CHECKING:
+    from vip_factors.io.mcap_source import RecordingIndex
 
 MANY = 7.0  # nats: a thousand times
 
 
-def motion_text(motion: Motion) -> str:
-    """Length, rate and body of a motion."""
-    lasts = f", {motion.time[0]:.2f} to {motion.time[-1]:.2f} s" if len(motion) else ""
+def motion_text(motion: Motion, frames: int | None = None) -> str:
+    """Length, rate and body of a motion, or of one of so many frames that are not with it."""
+    frames = len(motion) if frames is None else frames
+    lasts = f", {motion.start:.2f} to {motion.start + (frames - 1) / motion.rate:.2f} s" if frames else ""
     return (
-        f"  {len(motion)} frames at {motion.rate:g} Hz{lasts}\n"
+        f"  {frames} frames at {motion.rate:g} Hz{lasts}\n"
         f"  body: {motion.skeleton.source}\n  {lengths_text(motion.skeleton)}"
     )
 
 
-def recording_text(recording: Recording) -> str:
-    """Who wore what, and what each sensor gave."""
+def recording_text(recording: Recording, index: "RecordingIndex | None" = None) -> str:
+    """Who wore what, and what each sensor gave; by the index of its file, where its samples were not read."""
     subject = recording.subject
     lines = [
         f"recording '{recording.name}'",
@@ -52,28 +57,32 @@ def recording_text(recording: Recording) -> str:
     if recording.imus:
         start, end = recording.interval
         lines.append(f"  time: {start:.2f} to {end:.2f} s, {len(recording.imus)} sensors")
-    lines += _sensor_lines(recording)
+    lines += _sensor_lines(recording, {} if index is None else index.time)
     if recording.truth is not None:
         with_calibration = " and calibration" if recording.truth.calibration else ""
         lines += [
             f"  truth: motion{with_calibration}",
-            "  " + motion_text(recording.truth.motion).replace("\n", "\n  "),
+            "  "
+            + motion_text(recording.truth.motion, None if index is None else index.truth_frames).replace("\n", "\n  "),
         ]
     lines += [f"  note: {line}" for line in recording.notes.splitlines() if line]
+    if index is not None:
+        lines.append("  note: told by the file's index: between the first and the last, samples were not read")
     return "\n".join(lines)
 
 
-def _sensor_lines(recording: Recording) -> list[str]:
+def _sensor_lines(recording: Recording, time: Mapping[str, Array]) -> list[str]:
     body = recording.subject.body()
     sites = {site.sensor: (site_name(site, body) or "elsewhere", site.bone) for site in recording.placement.sites}
     rows = [("sensor", "site", "bone", "samples", "rate", "gaps", "gives")]
     for name, imu in recording.imus.items():
-        rows.append((name, *sites.get(name, ("not placed", "")), *stream_words(imu)))
+        rows.append((name, *sites.get(name, ("not placed", "")), *stream_words(imu, time.get(name))))
     return ["  " + line for line in aligned(rows, left=len(rows[0]))]
 
 
-def stream_words(imu: ImuStream) -> tuple[str, str, str, str]:
-    """Samples, rate, gaps and what the sensor gives."""
+def stream_words(imu: ImuStream, time: Array | None = None) -> tuple[str, str, str, str]:
+    """Samples, rate, gaps and what the sensor gives; ``time`` of all its samples, where they are not with it."""
+    time = imu.time if time is None else time
     gives = [
         word
         for word, values in (
@@ -83,9 +92,9 @@ def stream_words(imu: ImuStream) -> tuple[str, str, str, str]:
         )
         if values is not None
     ]
-    gaps = imu.gaps
+    gaps = gaps_of(time)
     missing = f"{len(gaps)} ({(gaps[:, 1] - gaps[:, 0]).sum():.2f} s)" if len(gaps) else "none"
-    return str(len(imu)), f"{imu.rate:.1f} Hz", missing, ", ".join(gives)
+    return str(len(time)), f"{rate_of(time):.1f} Hz", missing, ", ".join(gives)
 
 
 def start_lines(start: StartChoice | None) -> list[str]:

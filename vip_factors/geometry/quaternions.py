@@ -4,7 +4,6 @@ from enum import StrEnum
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.interpolate import make_interp_spline
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, log, transpose
@@ -94,6 +93,8 @@ def interpolate_smoothly(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Arr
     q = quaternion_from_matrix(R, Order.WXYZ)
     turned = np.sum(q[1:] * q[:-1], axis=-1, keepdims=True) < 0
     q[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)
+    from scipy.interpolate import make_interp_spline  # takes a fifth of a second, which info need not wait for
+
     found = make_interp_spline(time, q, k=min(3, len(time) - 1))(np.clip(query, time[0], time[-1]))
     return matrix_from_quaternion(found / np.linalg.norm(found, axis=-1, keepdims=True), Order.WXYZ)
 

@@ -9,7 +9,6 @@ mounting.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from vip_factors.body.calibration_pose import R_WORLD_FACING_X, HeldPose, nominal_pose
 from vip_factors.body.kinematics import forward_kinematics
@@ -54,6 +53,8 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
     if not use[reference] or duration * CUTOFF_HZ < PAD_PERIODS or 2 * CUTOFF_HZ * frames.step >= 1:
         return none
     force = frames.specific_force_inertial[rows]
+    from scipy.signal import butter, sosfiltfilt  # brings scipy.stats, a third of a second: not before a first answer
+
     low_pass = butter(2, CUTOFF_HZ, fs=1 / frames.step, output="sos")
     smooth = sosfiltfilt(low_pass, force[..., :2], axis=0)
     z = smooth[..., 0] + 1j * smooth[..., 1]

@@ -4,7 +4,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.findings import Finding
@@ -277,6 +276,8 @@ def _from_motion(curve: CorrelationCurve, settings: ClockSettings) -> _Candidate
 
 def _peaks(curve: CorrelationCurve) -> list[int]:
     """Indices of the curve's peaks, the highest first; of those close together the highest only."""
+    from scipy.signal import find_peaks
+
     step = float(curve.offset[1] - curve.offset[0])
     found, _ = find_peaks(np.r_[-1.0, curve.gain, -1.0], distance=max(1, round(PEAK_S / step)))
     found = found[curve.gain[found - 1] > 0] - 1

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import find_peaks
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.geometry.rotations import Array
@@ -167,6 +166,8 @@ def _streams(recording: Recording, bones: tuple[str, ...], side: str) -> list[Im
 
 
 def _jolts(streams: Sequence[ImuStream], least: float, settings: EventSettings) -> Events:
+    from scipy.signal import find_peaks
+
     found = []
     for stream in streams:
         assert stream.specific_force is not None
@@ -179,6 +180,8 @@ def _jolts(streams: Sequence[ImuStream], least: float, settings: EventSettings) 
 
 def _stops(time: Array, values: Array, least: float, settings: EventSettings) -> Events:
     """Where values that fell stop falling."""
+    from scipy.signal import find_peaks
+
     good = np.isfinite(values)
     if good.sum() < 5:
         return Events(np.zeros(0), np.zeros(0))

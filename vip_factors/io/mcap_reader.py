@@ -5,11 +5,14 @@ cut.
 """
 
 import os
+import struct
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from vip_factors.io import mcap_records
 from vip_factors.io.mcap_records import McapChannel, RecordError, RecordFile
@@ -119,6 +122,70 @@ def read_contents(
     return walk.contents
 
 
+def read_by_index(
+    path: str | os.PathLike[str], wanted: Callable[[McapChannel], bool], sampled: Callable[[McapChannel], bool]
+) -> tuple[McapContents, dict[int, np.ndarray]] | None:
+    """What the index at the end of an MCAP file tells, without the messages of channels that have many.
+
+    Args:
+        path: of the file.
+        wanted: channels whose messages are few: they are read.
+        sampled: those of which the first and the last message of the file is read.
+
+    Returns:
+        Contents, and by channel id the log times of all its messages in file order, nanoseconds; None where there is
+        no index, or one that does not fit the file.
+
+    Raises:
+        InputError: if there is no such file.
+    """
+
+    def keep(channel: McapChannel) -> McapMessages | None:
+        return _Ends(channel) if sampled(channel) else McapMessages(channel) if wanted(channel) else None
+
+    walk, chunks, count = _Walk(Path(path), keep), list[tuple[int, int, int]](), 0
+    try:
+        data = mcap_records.read_summary(Path(path))
+        for opcode, start, end in mcap_records.records_of(data):
+            if opcode in (mcap_records.SCHEMA, mcap_records.CHANNEL):
+                walk.record(opcode, data, start, end)
+            elif opcode == mcap_records.CHUNK_INDEX:
+                _, _, offset, length, mapped = mcap_records.CHUNK_INDEX_HEAD.unpack_from(data, start)
+                at = start + mcap_records.CHUNK_INDEX_HEAD.size + mapped
+                chunks.append((offset, length, int.from_bytes(data[at : at + 8], "little")))
+            elif opcode == mcap_records.STATISTICS:
+                count = mcap_records.STATISTICS_CONTENT.unpack_from(data, start)[0]
+        held, times = dict[int, list[int]](), dict[int, list[np.ndarray]]()
+        with open(path, "rb", buffering=0) as file:  # a buffer would be filled anew for each of ten thousand chunks
+            for chunk, (offset, length, size) in enumerate(chunks):
+                file.seek(offset + length)
+                for number, logged in _indexed_times(file.read(size)):
+                    held.setdefault(number, []).append(chunk)
+                    times.setdefault(number, []).append(logged)
+            needed = set[int]()
+            for number, messages in walk.gathered.items():
+                own = held.get(number, [])
+                needed.update([*own[:1], *own[-1:]] if isinstance(messages, _Ends) else own)
+            for offset, length, _ in (chunks[one] for one in sorted(needed)):
+                file.seek(offset + mcap_records.RECORD_HEAD.size)
+                walk.chunk(file.read(length - mcap_records.RECORD_HEAD.size))
+    except (struct.error, ValueError):
+        return None
+    log_times = {number: np.concatenate(own) for number, own in times.items()}
+    if not chunks or walk.contents.damage or sum(map(len, log_times.values())) != count:
+        return None
+    return walk.contents, log_times
+
+
+def _indexed_times(data: bytes) -> Iterator[tuple[int, np.ndarray]]:
+    """Channel id, and the log times of its messages in a chunk, by the records that follow the chunk."""
+    head = mcap_records.INDEX_HEAD.size
+    for opcode, at, end in mcap_records.records_of(data):
+        if opcode == mcap_records.MESSAGE_INDEX and end > at + head:
+            pairs = np.frombuffer(data, "<i8", (end - at - head) // 8, at + head)
+            yield int.from_bytes(data[at : at + 2], "little"), pairs[::2]  # beside each, where it stands in the chunk
+
+
 class McapByTime:
     """An MCAP file larger than memory, of which as much is in memory as is asked for.
 
@@ -213,7 +280,7 @@ class _Walk:
                     self.contents.metadata.append(content)
                 else:
                     self.chunked = self.chunked and opcode != mcap_records.MESSAGE
-                    self._record(opcode, content, 0, len(content))
+                    self.record(opcode, content, 0, len(content))
             if records.ended != mcap_records.FOOTER or not file.read()[mcap_records.FOOTER_BYTES :].startswith(
                 mcap_records.MAGIC
             ):
@@ -250,9 +317,9 @@ class _Walk:
             self.contents.damage.append(f"{error}: its messages are left out")
             return
         for opcode, start, end in mcap_records.records_of(data):
-            self._record(opcode, data, start, end)
+            self.record(opcode, data, start, end)
 
-    def _record(self, opcode: int, data: bytes, start: int, end: int) -> None:
+    def record(self, opcode: int, data: bytes, start: int, end: int) -> None:
         """A record that may stand in a chunk."""
         if opcode == mcap_records.MESSAGE and end - start >= mcap_records.MESSAGE_HEAD.size:
             number, sequence, log_time, publish_time = mcap_records.MESSAGE_HEAD.unpack_from(data, start)

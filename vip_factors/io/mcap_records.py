@@ -23,10 +23,12 @@ MAGIC = b"\x89MCAP0\r\n"
 RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 CHUNK_HEAD = struct.Struct("<QQQI")  # start and end log time, uncompressed size, CRC of the content
+CHUNK_INDEX_HEAD = struct.Struct("<QQQQI")  # start and end log time, offset and length of the chunk, bytes of a map
+INDEX_HEAD = struct.Struct("<HI")  # of the messages of a channel in a chunk: channel, bytes that follow
 STATISTICS_CONTENT = struct.Struct("<QHIIIIQQ")  # counts of six kinds, start and end log time
 FOOTER_BYTES = 20
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, ATTACHMENT, METADATA = 0x02, 0x03, 0x04, 0x05, 0x06, 0x09, 0x0C
-STATISTICS, DATA_END = 0x0B, 0x0F
+MESSAGE_INDEX, CHUNK_INDEX, STATISTICS, DATA_END = 0x07, 0x08, 0x0B, 0x0F
 
 
 class RecordError(Exception):
@@ -217,20 +219,29 @@ def logged_interval(path: Path) -> tuple[int, int] | None:
     Raises:
         InputError: if there is no such file.
     """
+    data = read_summary(path)
+    for opcode, start, end in records_of(data):
+        if opcode == STATISTICS and end - start >= STATISTICS_CONTENT.size:
+            *_, first, last = STATISTICS_CONTENT.unpack_from(data, start)
+            return first, last
+    return None
+
+
+def read_summary(path: Path) -> bytes:
+    """The records at the end of a file that say what it holds and where; empty if it has none.
+
+    Raises:
+        InputError: if there is no such file.
+    """
     check_file(path)
     with open(path, "rb") as file:
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - FOOTER_BYTES - len(MAGIC), 0))
         footer = file.read()
         if len(footer) < FOOTER_BYTES + len(MAGIC) or not footer.endswith(MAGIC):
-            return None
+            return b""
         index = int.from_bytes(footer[:8], "little")
         if not 0 < index < size:
-            return None
+            return b""
         file.seek(index)
-        data = file.read()
-    for opcode, start, end in records_of(data):
-        if opcode == STATISTICS and end - start >= STATISTICS_CONTENT.size:
-            *_, first, last = STATISTICS_CONTENT.unpack_from(data, start)
-            return first, last
-    return None
+        return file.read()

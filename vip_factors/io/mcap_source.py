@@ -9,20 +9,23 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.errors import RecordingError
+from vip_factors.geometry.rotations import Array
 from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.mcap_camera import CameraTopics, camera_of
 from vip_factors.io.mcap_messages import Topics, is_ours, naming, parsed
-from vip_factors.io.mcap_reader import McapByTime, McapContents, McapMessages
-from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, recording_of, wearer_prefixes
+from vip_factors.io.mcap_reader import McapByTime, McapContents, McapMessages, read_by_index
+from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, TRUTH_POSE, recording_of, wearer_prefixes
 from vip_factors.io.mcap_records import McapChannel, logged_interval
 from vip_factors.io.mcap_samples import detections_of, read_streams
 from vip_factors.io.scene_building import read_scenes
+from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.parts import wearers_in_parts
+from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import (
     MARGIN_S,
@@ -38,6 +41,7 @@ TRUTH = "/truth/"
 ESTIMATE, CAMERA = "/estimate/", "/camera/"
 CAMERA_SCHEMAS = ("foxglove.CameraCalibration", "foxglove.PoseInFrame")  # not its images
 COUNTED_S = 60.0  # of detections read at once where they are only counted
+INDEXED_S = 1e-5  # the same, where the index stands for the samples: what rounding makes of it
 CLOCK_SLACK_S = 0.5  # between the time of a sample and that at which it was logged
 
 
@@ -247,6 +251,69 @@ def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
         return None
     scene = SceneFile(Scene(name, heads, known[0], None, known[1:]), wearers, file, tuple(topics))
     return scene if scene.is_found_by_time else None
+
+
+@dataclass(frozen=True)
+class RecordingIndex:
+    """What the index of a file tells of a recording whose samples were not read.
+
+    Attributes:
+        head: the recording, with the first and the last sample of each sensor, and a truth without frames.
+        time: by sensor, of its samples ``(N,)``, seconds.
+        truth_frames: how many there are.
+    """
+
+    head: Recording
+    time: Mapping[str, Array]
+    truth_frames: int
+
+
+def indexed_recording(path: str | os.PathLike[str], longer_than_s: float) -> RecordingIndex | None:
+    """One wearer's recording without a camera by its file's index, if it is longer than so many seconds.
+
+    None where that does not tell: the file has no index, was logged at other times than the samples', or holds more.
+
+    Raises:
+        InputError: if there is no such file.
+    """
+    logged = logged_interval(Path(path))
+    if logged is None or (logged[1] - logged[0]) / NS_PER_S <= longer_than_s:
+        return None
+    found = read_by_index(path, _is_told, lambda channel: is_ours(channel, ImuSample))
+    if found is None:
+        return None
+    contents, log_times = found
+    if any(one.startswith((ESTIMATE, CAMERA)) for one in contents.topics):
+        return None
+    prefixes = wearer_prefixes(contents, Topics(contents).last(SCENE_INFO, SceneInfo))
+    if len(prefixes) != 1:
+        return None
+    try:
+        with warnings.catch_warnings(), naming(Path(path)):
+            warnings.filterwarnings("ignore", ".* frames are left")  # of the truth, whose frames were not read
+            head = recording_of(contents, prefixes[0])
+    except RecordingError:
+        return None
+    time, truth_frames = dict[str, Array](), 0
+    for number, own_times in log_times.items():
+        messages = contents.messages[number]
+        if messages.channel.topic == prefixes[0] + TRUTH_POSE:
+            truth_frames = len(own_times)
+        if not is_ours(messages.channel, ImuSample):
+            continue
+        (own,) = read_streams(contents.path, [messages], head.start_ns).values()
+        logged_s = (own_times - head.start_ns) / NS_PER_S
+        if len(own) < len(messages.data):
+            return None
+        if np.any(np.diff(logged_s) <= 0) or not np.allclose(own.time, logged_s[[0, -1]][-len(own) :], 0, INDEXED_S):
+            return None
+        time[own.name] = logged_s
+    return RecordingIndex(head, time, truth_frames)
+
+
+def _is_told(channel: McapChannel) -> bool:
+    passed = channel.topic.startswith((ESTIMATE, CAMERA)) or any(is_ours(channel, one) for one in (ImuSample, BodyPose))
+    return is_ours(channel) and not passed
 
 
 def _comes_once(channel: McapChannel) -> bool:

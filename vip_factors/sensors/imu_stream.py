@@ -119,7 +119,7 @@ class ImuStream:
     @property
     def rate(self) -> float:
         """Samples per second: one over the median step (0 for a single sample)."""
-        return float(1 / np.median(np.diff(self.time))) if len(self) > 1 else 0.0
+        return rate_of(self.time)
 
     @property
     def force_measured_mask(self) -> np.ndarray:
@@ -130,15 +130,24 @@ class ImuStream:
     @property
     def gaps(self) -> Array:
         """Start and end ``(G, 2)`` in seconds of the stretches without samples."""
-        step = np.diff(self.time)
-        wide = np.flatnonzero(step > GAP_FACTOR / self.rate) if len(self) > 1 else np.zeros(0, int)
-        return np.stack([self.time[wide], self.time[wide + 1]], axis=1)
+        return gaps_of(self.time)
 
     def cut(self, start: float, end: float) -> "ImuStream":
         """Samples with ``start <= time <= end``, still on the recording's clock."""
         inside = (self.time >= start) & (self.time <= end)
         measured = {name: values[inside] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         return replace(self, **measured)  # type: ignore[arg-type]  # all but the name
+
+
+def rate_of(time: Array) -> float:
+    """Samples per second of samples at times ``(N,)``: one over the median step (0 for a single sample)."""
+    return float(1 / np.median(np.diff(time))) if len(time) > 1 else 0.0
+
+
+def gaps_of(time: Array) -> Array:
+    """Start and end ``(G, 2)`` of the stretches without samples, of samples at times ``(N,)``, in seconds."""
+    wide = np.flatnonzero(np.diff(time) > GAP_FACTOR / rate_of(time)) if len(time) > 1 else np.zeros(0, int)
+    return np.stack([time[wide], time[wide + 1]], axis=1)
 
 
 LATEST_S = 4e9  # 127 years: seconds since 1970 are less, and together with such a start they fit into nanoseconds

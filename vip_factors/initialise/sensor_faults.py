@@ -120,8 +120,9 @@ def _start(above: Array, below: Array, seconds: float) -> tuple[float, float, fl
     """Least cost over headings, the delay, and that heading; arms are eliminated."""
     strength = np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1)
     weight = 1 / (1 + strength / STRONG**2)
-    own = [np.einsum("tik,t,til->kl", one, weight, one) for one in (above, below)]
-    cross = np.einsum("tik,t,tjl->ijkl", above, weight, below)
+    weighted = above * weight[:, None, None], below * weight[:, None, None]
+    own = [np.tensordot(one, two, ((0, 1), (0, 1))) for one, two in zip(weighted, (above, below), strict=True)]
+    cross = np.tensordot(weighted[0], below, (0, 0)).transpose(0, 2, 1, 3)
     best = (np.inf, seconds, 0.0)
     for heading in HEADINGS:
         shared = np.einsum("ij,ijkl->kl", rotation_z(heading), cross)
@@ -142,20 +143,23 @@ def _refined(
     The sigma is from blocks as independent as swings.
     """
     arms, rate = np.zeros(6), below.derivative()
-    for _ in range(ROUNDS):
-        turned = rotation_z(heading) @ below(time + seconds)
+    there, moved = below(time + seconds), np.zeros_like(above)
+    for turn in range(ROUNDS):
+        if delay:
+            there, moved = below(time + seconds) if turn else there, rate(time + seconds)
+        turned = rotation_z(heading) @ there
         by_arms = np.concatenate([above[:, :, 1:], -turned[:, :, 1:]], axis=2)
         misfit = above[:, :, 0] - turned[:, :, 0] + by_arms @ arms
         at = np.concatenate([[1.0], arms[3:]])
-        by_seconds, by_heading = -(rotation_z(heading) @ rate(time + seconds)) @ at, -(turned @ at) @ _TURN.T
-        by_seconds = by_seconds if delay else np.zeros_like(by_seconds)
+        by_seconds, by_heading = -(rotation_z(heading) @ moved) @ at, -(turned @ at) @ _TURN.T
         slopes = np.concatenate([by_seconds[..., None], by_heading[..., None], by_arms], axis=2)
         square = np.sum(misfit**2, axis=1)
         scale = max(float(np.median(square)) / 2.37, 0.05)  # 2.37: the median of chi square with three degrees
         weight = 1 / (1 + square / (4 * scale))
         prior = np.r_[0, 0, np.full(6, scale / ARM_SIGMA**2)]
-        hessian = np.einsum("tik,t,til->kl", slopes, weight, slopes) + np.diag(prior + 1e-9)
-        scores = np.einsum("tik,t,ti->tk", slopes, weight, misfit)
+        weighted = slopes * weight[:, None, None]
+        hessian = np.tensordot(weighted, slopes, ((0, 1), (0, 1))) + np.diag(prior + 1e-9)
+        scores = np.einsum("tik,ti->tk", weighted, misfit)
         step = -np.linalg.solve(hessian, scores.sum(axis=0) + prior * np.r_[0, 0, arms])
         seconds += float(np.clip(step[0], -0.03, 0.03))
         heading, arms = heading + float(step[1]), arms + step[2:]

@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
@@ -95,7 +96,7 @@ class _ClusterWorkers:
     def submit(self, function: Callable[..., Any], task: Any, other_than: str = "") -> Future:
         others = [one for one in self._client.scheduler_info(n_workers=-1)["workers"] if one != other_than]
         chosen = {"workers": others, "allow_other_workers": True} if other_than and others else {}
-        future = self._client.submit(_on_cluster, function, task, self._name, pure=False, **chosen)
+        future = self._client.submit(_on_cluster, function, task, self._name, other_than, pure=False, **chosen)
         self._futures.append(future)
         return future
 
@@ -107,10 +108,13 @@ class _ClusterWorkers:
             self._client.cancel(self._futures, force=True)
 
 
-def _on_cluster(function: Callable[..., Any], task: Any, name: str) -> Any:
-    from distributed import Event, get_worker
+def _on_cluster(function: Callable[..., Any], task: Any, name: str, other_than: str) -> Any:
+    from distributed import Event, Reschedule, get_client, get_worker
 
     worker = get_worker()
+    if worker.address == other_than and len(get_client().scheduler_info(n_workers=-1)["workers"]) > 1:
+        time.sleep(LOOK_S)
+        raise Reschedule  # a worker at which tasks fail soon is idle, and Dask gives it those of the others
     limit = worker.memory_manager.memory_limit
     return function(Place(worker.address, Event(name).is_set, limit and limit // worker.state.nthreads), task)
 

@@ -5,11 +5,9 @@ itself alone. Files may be anywhere that fsspec reaches: workers fetch what they
 whole.
 """
 
-import csv
-import os
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from queue import Empty, Queue
 from tempfile import TemporaryDirectory
@@ -17,53 +15,17 @@ from typing import Any
 
 import tyro
 
-from vip_factors.atomic import atomic_open
 from vip_factors.cli.many_tasks import MANY, RunOptions, Task, joined, leading, tasks_of
-from vip_factors.cli.options import FAILED
+from vip_factors.cli.options import FAILED as DOUBTED
 from vip_factors.cli.storage import storage_of
-from vip_factors.cli.workers import Future, Place, Workers, run_child, workers
+from vip_factors.cli.workers import SIGNAL, Future, Place, Workers, run_child, workers
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import Severity
 from vip_factors.ranges import RangeError, check_ranges
+from vip_factors.report.overview import FAILED, Row, write_overview
 
 TRIES = 2  # of a recording whose process was killed, or ran out of memory
 DONE, THERE = "done", "there already"
-
-
-@dataclass(frozen=True)
-class Row:
-    """What became of one file: a line of the summary.
-
-    Attributes:
-        input, output: paths.
-        state: done, there already, or failed.
-        exit_code: of its command.
-        verdict: GOOD, CARE or DOUBT, and what decides; empty if it is not known.
-        findings: sentences.
-        frames: of all wearers.
-        seconds: of work.
-        told: of an evaluation, its first line.
-        error: why it failed.
-        worker: who did it, on a cluster.
-    """
-
-    input: str
-    output: str
-    state: str
-    exit_code: int = 0
-    verdict: str = ""
-    findings: tuple[str, ...] = ()
-    frames: int = 0
-    seconds: float = 0.0
-    told: str = ""
-    error: str = ""
-    worker: str = ""
-    died: bool = False
-
-    @property
-    def severity(self) -> str:
-        """The verdict's first word in small letters; ``failed`` without an output."""
-        return self.verdict.partition(",")[0].lower() if not self.error else "failed"
 
 
 def main(command: str, prog: str, words: Sequence[str]) -> int:
@@ -93,13 +55,13 @@ def main(command: str, prog: str, words: Sequence[str]) -> int:
         order = {task.source: number for number, task in enumerate(tasks)}
         rows.sort(key=lambda row: order[row.input])
         if rows:
-            _write_summary(f"vip-factors {command}", rows, summary)
+            write_overview(f"vip-factors {command}", rows, summary)
     failed = [row for row in rows if row.error]
     print(
         f"{len(rows)} files in {time.monotonic() - begun:.0f} s: {sum(row.state == DONE for row in rows)} done, "
         f"{sum(row.state == THERE for row in rows)} there already, {len(failed)} failed"
     )
-    told = [(level, sum(row.severity == level for row in rows)) for level in map(str, Severity)]
+    told = [(level, sum(row.weight == level for row in rows)) for level in map(str, Severity)]
     print("verdicts: " + ", ".join(f"{count} {level.upper()}" for level, count in told if count) or "none")
     for path in (summary, summary.with_suffix(".html")):
         print(path)
@@ -127,8 +89,8 @@ def _found(task: Task) -> Row:
 
 
 def _limited(row: Row, task: Task) -> Row:
-    bad = task.limit != "never" and bool(row.verdict) and Severity(row.severity).reaches(Severity(task.limit))
-    return replace(row, exit_code=FAILED) if bad else row
+    bad = task.limit != "never" and bool(row.verdict) and Severity(row.weight).reaches(Severity(task.limit))
+    return replace(row, exit_code=DOUBTED) if bad else row
 
 
 def _facts(path: Path) -> dict[str, Any]:
@@ -161,7 +123,7 @@ def _worked(tasks: Sequence[Task], options: RunOptions, done: int, count: int) -
                 continue
             task, tries = left.pop(future)
             row = _row_of(future, task)
-            if row.died and tries < TRIES:
+            if row.exit_code > SIGNAL and tries < TRIES:
                 line.note(f"note: {row.input}: {row.error}; once more")
                 left[_submit(all_workers, task, ended, row.worker)] = task, tries + 1
                 continue
@@ -187,7 +149,7 @@ def _row_of(future: Future, task: Task) -> Row:
         return future.result()
     except Exception as error:  # of the cluster: a worker that is lost again and again, say
         sentence = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        return Row(task.source, task.outputs[0], "failed", 1, error=sentence)
+        return Row(task.source, task.outputs[0], FAILED, 1, error=sentence)
 
 
 def work(place: Place, task: Task) -> Row:
@@ -195,7 +157,7 @@ def work(place: Place, task: Task) -> Row:
     begun = time.monotonic()
     if _is_there(task):  # whoever was lost had come to the end
         return replace(_found(task), worker=place.name)
-    row = Row(task.source, task.outputs[0], "failed", 2, worker=place.name)
+    row = Row(task.source, task.outputs[0], FAILED, 2, worker=place.name)
     try:
         with TemporaryDirectory(prefix="vip-factors-") as folder:
             row = _worked_in(Path(folder), place, task, row)
@@ -220,8 +182,8 @@ def _worked_in(folder: Path, place: Place, task: Task, row: Row) -> Row:
     if task.companion:
         words += [kind.companion, str(storage_of(task.companion).fetched(folder / "read"))]
     ended = run_child(place, [task.command, *first, *words], folder)
-    if ended.code not in (0, FAILED):
-        return replace(row, exit_code=ended.code, error=ended.sentence, died=ended.killed)
+    if ended.code not in (0, DOUBTED):
+        return replace(row, exit_code=ended.code, error=ended.sentence)
     known = _facts(source if kind.reads_estimates else targets[0])
     for one in sorted(made.iterdir()):
         storage_of(joined(task.outputs[0].rpartition("/")[0] or ".", one.name)).put(one)
@@ -235,30 +197,3 @@ def _summary_path(command: str, options: RunOptions, given: Sequence[str]) -> Pa
         return options.summary.with_suffix(".csv")
     folder = options.out or next((one for one in given if Path(one).is_dir()), ".")
     return Path("." if "://" in folder else folder) / f"{command}.summary.csv"
-
-
-def _write_summary(title: str, rows: Sequence[Row], path: Path) -> None:
-    from vip_factors.report.overview import Line, write_overview
-
-    path.parent.mkdir(parents=True, exist_ok=True)
-    names = [one.name for one in fields(Row) if one.name != "died"]
-    with atomic_open(path, overwrite=True) as file:
-        table = csv.writer(file)
-        table.writerow(names)
-        for row in rows:
-            values = asdict(row) | {"findings": "; ".join(row.findings), "seconds": f"{row.seconds:.1f}"}
-            table.writerow([values[name] for name in names])
-    lines = [
-        Line(
-            row.input, row.severity, row.error or row.verdict, row.findings, row.frames, row.seconds, row.told,
-            _link(row, path.parent),
-        )
-        for row in rows
-    ]  # fmt: skip
-    write_overview(title, lines, path.with_suffix(".html"))
-
-
-def _link(row: Row, folder: Path) -> str:
-    """To the page on a file, if it is there."""
-    page = Path(row.output).with_suffix(".html")
-    return os.path.relpath(page, folder) if "://" not in row.output and page.exists() else ""

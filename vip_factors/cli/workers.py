@@ -14,12 +14,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import active_children, get_context
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from vip_factors.errors import InputError
 
@@ -28,21 +28,12 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.5  # between looks at whether to stop: a recording takes many seconds
 END_S = 20.0  # until a process that was asked to end is killed: what it writes is removed by then
+SIGNAL = 128  # exit codes above it tell one
 CHILD = "from vip_factors.cli.workers import child; child()"
 Asked = Callable[[], bool]
 """Whether the work is to be given up."""
-
-
-class Future(Protocol):
-    """Of :mod:`concurrent.futures`, or of Dask."""
-
-    def result(self) -> Any:
-        """What the function returned; its exceptions, or that of a worker that was lost too often, are raised."""
-        ...
-
-    def add_done_callback(self, told: Callable[[Any], object]) -> object:
-        """Call a function with this future once it is done."""
-        ...
+Future = Any
+"""Of :mod:`concurrent.futures`, or of Dask: here they are used alike."""
 
 
 @dataclass(frozen=True)
@@ -60,34 +51,24 @@ class Place:
     memory: int | None = None
 
 
-class Workers(Protocol):
-    """They call ``function(place, task)``."""
-
-    def submit(self, function: Callable[..., Any], task: Any, other_than: str = "") -> Future:
-        """Have a task done, if possible by another worker than that of a name."""
-        ...
-
-    def stop(self) -> None:
-        """Give up all tasks; returns when those at work here have ended."""
-        ...
-
-
-class _LocalWorkers:
-    """So many tasks at a time on this machine."""
+class Workers:
+    """They call ``function(place, task)``, so many tasks at a time on this machine."""
 
     def __init__(self, jobs: int) -> None:
         self._stopped = threading.Event()
         self._threads = ThreadPoolExecutor(jobs)  # they wait for processes
 
     def submit(self, function: Callable[..., Any], task: Any, other_than: str = "") -> Future:
+        """Have a task done, if possible by another worker than that of a name."""
         return self._threads.submit(function, Place("", self._stopped.is_set), task)
 
     def stop(self) -> None:
+        """Give up all tasks; returns when those at work here have ended."""
         self._stopped.set()
         self._threads.shutdown(cancel_futures=True)
 
 
-class _ClusterWorkers:
+class _ClusterWorkers(Workers):
     """Those of a Dask cluster; a task whose worker is lost is done by another, as Dask has it."""
 
     def __init__(self, client: "Client") -> None:
@@ -146,18 +127,12 @@ def workers(jobs: int, address: str | None) -> Iterator[Workers]:
     Raises:
         InputError: as :func:`cluster`.
     """
-    if address is None:
-        yield from _stopping(_LocalWorkers(jobs))
-        return
-    with cluster(address) as client:
-        yield from _stopping(_ClusterWorkers(client))
-
-
-def _stopping(found: Workers) -> Iterator[Workers]:
-    try:
-        yield found
-    finally:
-        found.stop()
+    with nullcontext() if address is None else cluster(address) as client:
+        found = Workers(jobs) if client is None else _ClusterWorkers(client)
+        try:
+            yield found
+        finally:
+            found.stop()
 
 
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
@@ -226,27 +201,14 @@ class Ended:
     """How a process ended.
 
     Attributes:
-        code: as shells tell it.
-        out, err: what it said.
-        starved: whether for want of memory.
-        killed: whether it was ended from outside, or for want of memory.
+        code: as shells tell it; that of a killed one for want of memory.
+        out: what it said.
+        sentence: why it failed.
     """
 
     code: int
     out: str
-    err: str
-    starved: bool
-    killed: bool
-
-    @property
-    def sentence(self) -> str:
-        """Why it failed."""
-        if self.code > 128 and not self.starved:
-            name = signal.Signals(self.code - 128).name
-            more = ": out of memory, perhaps" if self.code == 128 + signal.SIGKILL else ""
-            return f"the process was ended by {name}{more}"
-        last = (self.err.strip() or f"exit code {self.code}").splitlines()[-1]
-        return f"out of memory: {last}" if self.starved else last.removeprefix("vip-factors: ")
+    sentence: str
 
 
 def run_child(place: Place, words: Sequence[str], folder: Path) -> Ended:
@@ -270,11 +232,16 @@ def run_child(place: Place, words: Sequence[str], folder: Path) -> Ended:
         finally:
             _end(process)
     out_text, err_text = (path.read_text(encoding="utf-8", errors="replace") for path in told)
-    code = process.returncode
+    code = process.returncode if process.returncode >= 0 else SIGNAL - process.returncode
+    sentence = (err_text.strip() or f"exit code {code}").splitlines()[-1].removeprefix("vip-factors: ")
     if starved:
-        err_text = f"it took more memory than its share of its worker's ({(place.memory or 0) / 1e9:.1f} GB)"
-    starved = starved or (code == 1 and "MemoryError" in err_text[-1000:])
-    return Ended(128 - code if code < 0 else code, out_text, err_text, starved, code < 0 or starved)
+        sentence = f"out of memory: it took more than its share of its worker's ({(place.memory or 0) / 1e9:.2f} GB)"
+    elif code == 1 and "MemoryError" in err_text[-1000:]:
+        code, sentence = SIGNAL + signal.SIGKILL, f"out of memory: {sentence}"
+    elif code > SIGNAL:
+        more = ": out of memory, perhaps" if code == SIGNAL + signal.SIGKILL else ""
+        sentence = f"the process was ended by {signal.Signals(code - SIGNAL).name}{more}"
+    return Ended(code, out_text, sentence)
 
 
 def _memory(number: int) -> int:

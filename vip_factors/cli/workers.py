@@ -26,12 +26,12 @@ from vip_factors.errors import InputError
 if TYPE_CHECKING:
     from distributed import Client
 
+    from vip_factors.stages.windows import Each
+
 LOOK_S = 0.5  # between looks at whether to stop: a recording takes many seconds
 END_S = 20.0  # until a process that was asked to end is killed: what it writes is removed by then
 SIGNAL = 128  # exit codes above it tell one
 CHILD = "from vip_factors.cli.workers import child; child()"
-Asked = Callable[[], bool]
-"""Whether the work is to be given up."""
 Future = Any
 """Of :mod:`concurrent.futures`, or of Dask: here they are used alike."""
 
@@ -47,7 +47,7 @@ class Place:
     """
 
     name: str
-    stopped: Asked
+    stopped: Callable[[], bool]
     memory: int | None = None
 
 
@@ -135,11 +135,8 @@ def workers(jobs: int, address: str | None) -> Iterator[Workers]:
             found.stop()
 
 
-Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
-
-
 @contextmanager
-def windows_elsewhere(jobs: int, address: str | None) -> Iterator[Each]:
+def windows_elsewhere(jobs: int, address: str | None) -> Iterator["Each"]:
     """What calls a function on each of many things, as :func:`map`, in other processes, some of them ahead.
 
     Args:

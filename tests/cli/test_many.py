@@ -87,6 +87,11 @@ def test_globs_and_lists_name_recordings_and_no_estimates(folder: Path, files) -
     ]  # fmt: skip
     (one,) = tasks("report", f"{folder}/*.mcap")
     assert one.companion == str(folder / "a.mcap")
+    for words in (["--recording", folder], [f"--recording={folder}"]):
+        (one,) = tasks("report", f"{folder}/*.mcap", *words)
+        assert (one.companion, one.words) == (str(folder / "a.mcap"), ())
+    (one,) = tasks("report", f"{folder}/*.mcap", f"--recording={folder}/monday/b.mcap")
+    assert (one.companion, len(one.words)) == ("", 1)
     (one,) = tasks("stream", folder / "monday", "--lag", 1)
     assert one.outputs == (str(folder / "monday" / "b.live.estimate.mcap"),)
     assert one.words == ("--lag", "1")

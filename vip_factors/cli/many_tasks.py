@@ -1,6 +1,5 @@
 """What one command over many files is to do: folders, globs and lists in, a task for each file."""
 
-import itertools
 import os
 import re
 from collections.abc import Iterator, Sequence
@@ -117,16 +116,16 @@ def tasks_of(command: str, prog: str, given: Sequence[str], options: RunOptions,
         InputError: if options are not understood, nothing is found, or two files would be written to one.
     """
     kind, formats = MANY[command], [one for one in given if command == "export" and _is_format(one)]
-    named = [one for one in given if one not in formats]
+    files = [one for one in given if one not in formats]
     if command == "export" and not formats:
         raise InputError("say what to write of each, by suffixes: vip-factors export FOLDER .bvh .c3d")
     import_module(f"vip_factors.cli.{command}").parsed(prog, ["some.mcap", *("some" + one for one in formats), *rest])
     companion, rest = _without_folder(rest, kind.companion)
     texts, limit = _settings_text(rest), _last_value(rest, "--fail-on", "never")
-    inputs = dict(_expanded(named, kind))  # each once
+    inputs = dict(_expanded(files, kind))  # each once
     if not inputs:
         kinds = f"estimates (*{ESTIMATE})" if kind.reads_estimates else "recordings (*.mcap)"
-        raise InputError(f"no {kinds} in {', '.join(named) or 'nothing'}")
+        raise InputError(f"no {kinds} in {', '.join(files) or 'nothing'}")
     takers: dict[str, str] = {}
     for source, root in inputs.items():
         stem = _below(source, root).removesuffix(".mcap")
@@ -136,7 +135,8 @@ def tasks_of(command: str, prog: str, given: Sequence[str], options: RunOptions,
             if (other := takers.setdefault(output, source)) != source:
                 raise InputError(f"{other} and {source} would both be written to {output}: give them in two runs")
         recording = joined(companion or root, stem.removesuffix(".estimate").removesuffix(".live") + ".mcap")
-        beside = recording if kind.companion and kind.companion not in rest and storage_of(recording).exists() else ""
+        named = not kind.companion or _last_value(rest, kind.companion, None) is not None
+        beside = recording if not named and storage_of(recording).exists() else ""
         yield Task(command, source, outputs, tuple(rest), beside, texts, options.overwrite, limit)
 
 
@@ -146,20 +146,15 @@ def _is_format(word: str) -> bool:
 
 def _without_folder(words: Sequence[str], option: str) -> tuple[str, list[str]]:
     """The folder of recordings that an option names, and the words without it."""
-    kept = list(words)
-    for number, (one, two) in enumerate(itertools.pairwise(words)):
-        if (
-            option
-            and one == option
-            and not two.lower().endswith(".mcap")
-            and (_is_elsewhere(two) or Path(two).is_dir())
-        ):
-            del kept[number : number + 2]
-            return two, kept
-    return "", kept
+    folder = _last_value(words, option, "") if option else ""
+    if folder.lower().endswith(".mcap") or not (_is_elsewhere(folder) or os.path.isdir(folder)):
+        return "", list(words)
+    number = next(number for number, word in enumerate(words) if word.partition("=")[0] == option)
+    return folder, [*words[:number], *words[number + (1 if "=" in words[number] else 2) :]]
 
 
 def _last_value(words: Sequence[str], option: str, default: Any) -> Any:
+    """What an option is given, as ``--option value`` or ``--option=value``."""
     for number in reversed(range(len(words))):
         name, given, value = words[number].partition("=")
         if name == option:

@@ -6,6 +6,7 @@ from association_samples import MODEL, Sample, in_another_world, scene
 
 from vip_factors.associate.associate import Association, associate, make_context
 from vip_factors.associate.pair_features import vote_turn
+from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.tracklets import tracklets
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError
@@ -72,8 +73,6 @@ def test_tracklets_hold_one_person_each(sample: Sample) -> None:
 
 
 def test_another_length_of_window_finds_the_same(sample: Sample, found: Association) -> None:
-    from vip_factors.associate.settings import AssociationSettings
-
     again = associate(sample.detections, MODEL, sample.motions, AssociationSettings(window_s=2.0))
     assert np.mean(again.wearer == found.wearer) > 0.98
 
@@ -112,6 +111,9 @@ def test_exchanged_sides_are_told(sample: Sample) -> None:
     swapped = replace(d, pixels=d.pixels[:, order], confidence=d.confidence[:, order]).select(wearers)
     result = associate(swapped, MODEL, sample.motions)
     assert any("left and right exchanged" in one for one in sentences(result.findings))
+    silent = associate(swapped, MODEL, sample.motions, AssociationSettings(oddities=False))
+    assert silent.findings == ()
+    assert np.array_equal(silent.wearer, result.wearer)
 
 
 def test_a_mirrored_picture_is_told(sample: Sample) -> None:

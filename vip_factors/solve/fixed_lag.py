@@ -28,7 +28,8 @@ class _Conditional:
 
     def given(self, later: Array) -> Array:
         """The variables, of the values of the later ones."""
-        solved: Array = dtrsv(self.R, self.d - self.S @ later)
+        right = self.d - self.S @ later
+        solved: Array = dtrsv(self.R, right) if len(right) else right  # of nothing at all it complains
         return solved
 
 
@@ -50,7 +51,7 @@ class _Quadratic:
         if failed:
             raise SolveError("the linear system is not determined")
         S = dtrsm(1.0, R, H[own, width:], trans_a=1)
-        d = dtrsv(R, self.vector[own], trans=1)
+        d = dtrsv(R, self.vector[own], trans=1) if width else self.vector[own]
         known = S.T @ S
         np.subtract(H[width:, width:], known, out=known)
         return _Conditional(R, S, d), _Quadratic(known, self.vector[width:] - S.T @ d)

@@ -59,7 +59,7 @@ def test_devices_and_pipes_are_no_files(run, files, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe.mcap")
     for command in ("smooth", "info", "graph", "stream"):
         assert_refused(run(command, tmp_path / "pipe.mcap"), "is a device or a pipe")
-    assert_refused(run("smooth", tmp_path), "is a folder: expected an MCAP file")
+    assert_refused(run("graph", tmp_path), "is a folder: expected an MCAP file")
     told = run("smooth", files.recording, "--overwrite", "--out", tmp_path / "pipe.mcap")
     assert_refused(told, "is a device or a pipe: give the name of a file to write")
     assert [path.name for path in tmp_path.iterdir()] == ["pipe.mcap"]

@@ -254,8 +254,9 @@ def camera_between(camera: Camera, start: float, end: float) -> Camera:
     """A camera within ``start <= time <= end``, seconds on the recordings' clock."""
     mount = camera.mount
     if mount is not None:
-        imu = mount.imu.cut(start - MARGIN_S, end + MARGIN_S)
-        mount = replace(mount, imu=imu) if len(imu) >= LEAST_SAMPLES else None
+        near = start - MARGIN_S, end + MARGIN_S
+        count = np.searchsorted(mount.imu.time, near[1], "right") - np.searchsorted(mount.imu.time, near[0], "left")
+        mount = replace(mount, imu=mount.imu.cut(*near)) if count >= LEAST_SAMPLES else None
     detections, time = camera.detections, camera.timed_detections.time
     first, last = np.searchsorted(time, start, "left"), np.searchsorted(time, end, "right")
     own = detections.select((detections.frame >= first) & (detections.frame < last))

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 OnStack = Callable[[ArrayLike], NDArray[np.float64]]
 
 
-def _found() -> Any:
+def _extension_module() -> Any:
     if os.environ.get("VIP_FACTORS_PURE"):
         return None
     try:
@@ -24,7 +24,7 @@ def _found() -> Any:
         return None
 
 
-kernels = _found()  # the extension module; None where there is none
+kernels = _extension_module()  # the extension module; None where there is none
 
 
 def compiled(of: tuple[int, ...], to: tuple[int, ...]) -> Callable[[OnStack], OnStack]:

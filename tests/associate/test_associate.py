@@ -111,7 +111,7 @@ def test_exchanged_sides_are_told(sample: Sample) -> None:
     swapped = replace(d, pixels=d.pixels[:, order], confidence=d.confidence[:, order]).select(wearers)
     result = associate(swapped, MODEL, sample.motions)
     assert any("left and right exchanged" in one for one in sentences(result.findings))
-    silent = associate(swapped, MODEL, sample.motions, AssociationSettings(oddities=False))
+    silent = associate(swapped, MODEL, sample.motions, AssociationSettings(check=False))
     assert silent.findings == ()
     assert np.array_equal(silent.wearer, result.wearer)
 

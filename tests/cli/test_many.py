@@ -57,7 +57,7 @@ def test_a_broken_file_costs_itself_and_a_second_run_keeps_what_is_there(run, fi
     told = run("evaluate", folder / "monday", "--out", folder / "figures")
     assert told.code == 0, told.err
     assert (folder / "figures" / "b.estimate.json").is_file()
-    assert rows(folder / "figures" / "evaluate.summary.csv")["b.estimate.mcap"]["told"].startswith("positions")
+    assert rows(folder / "figures" / "evaluate.summary.csv")["b.estimate.mcap"]["evaluation"].startswith("positions")
     told = run("export", folder / "monday", ".bvh", ".npz")
     assert told.code == 0, told.err
     assert {path.suffix for path in (folder / "monday").glob("b.estimate.*")} == {".mcap", ".bvh", ".npz"}

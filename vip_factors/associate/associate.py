@@ -93,7 +93,7 @@ def associate(
         result = replace(_decided(context, features, dressed, weights.logistic, settings, None), by_clothes=True)
     if context.camera is not None and settings.by_place:
         result = _with_positions(result, context, context.camera, settings.least_confidence, clothes)
-    if not settings.oddities:
+    if not settings.check:
         return result
     return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
 

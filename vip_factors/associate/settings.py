@@ -36,7 +36,7 @@ class AssociationSettings:
     by_clothes: bool = True
     """Where the recording was converted with its video, clothes count beside motion, as far as those of the surely
     found differ from others'. Off: motion alone."""
-    oddities: bool = True
+    check: bool = True
     """Whether it is told what is odd about detections: in another order, of nobody, of two who move alike. Streams find
     who is who again and again and tell none of it: a tenth of what their start takes."""
     weights: Path | None = None

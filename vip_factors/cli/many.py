@@ -18,7 +18,7 @@ import tyro
 from vip_factors.cli.many_tasks import MANY, RunOptions, Task, joined, leading, tasks_of
 from vip_factors.cli.options import FAILED as DOUBTED
 from vip_factors.cli.storage import storage_of
-from vip_factors.cli.workers import SIGNAL, Future, Place, Workers, run_child, workers
+from vip_factors.cli.workers import SIGNAL, Future, Worker, Workers, run_child, workers
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import Severity
 from vip_factors.ranges import RangeError, check_ranges
@@ -45,7 +45,7 @@ def main(command: str, prog: str, words: Sequence[str]) -> int:
         raise InputError(f"--{wrong.name} {wrong.told}") from wrong
     tasks = list(tasks_of(command, prog, given, options, rest))
     summary = _summary_path(command, options, given)
-    rows, begun = [_found(task) for task in tasks if _is_there(task)], time.monotonic()
+    rows, begun = [_existing_row(task) for task in tasks if _is_there(task)], time.monotonic()
     there = {row.input for row in rows}
     waiting = [task for task in tasks if task.source not in there]
     try:
@@ -61,8 +61,8 @@ def main(command: str, prog: str, words: Sequence[str]) -> int:
         f"{len(rows)} files in {time.monotonic() - begun:.0f} s: {sum(row.state == DONE for row in rows)} done, "
         f"{sum(row.state == THERE for row in rows)} there already, {len(failed)} failed"
     )
-    told = [(level, sum(row.weight == level for row in rows)) for level in map(str, Severity)]
-    print("verdicts: " + ", ".join(f"{count} {level.upper()}" for level, count in told if count) or "none")
+    counts = [(level, sum(row.weight == level for row in rows)) for level in map(str, Severity)]
+    print("verdicts: " + ", ".join(f"{count} {level.upper()}" for level, count in counts if count) or "none")
     for path in (summary, summary.with_suffix(".html")):
         print(path)
     return max((row.exit_code for row in rows), default=0)
@@ -81,7 +81,7 @@ def _made(output: str) -> str:
     return next(iter(each), "")
 
 
-def _found(task: Task) -> Row:
+def _existing_row(task: Task) -> Row:
     """The row of what is there already."""
     estimate = task.source if MANY[task.command].reads_estimates else task.outputs[0]
     known = {} if "://" in estimate else _facts(Path(estimate))
@@ -116,7 +116,7 @@ def _worked(tasks: Sequence[Task], options: RunOptions, done: int, count: int) -
         for task in tasks:
             left[_submit(all_workers, task, ended)] = task, 1
         while left:
-            line.show(_told(done, count, failed, time.monotonic() - begun, len(tasks) - len(left)))
+            line.show(_progress_text(done, count, failed, time.monotonic() - begun, len(tasks) - len(left)))
             try:
                 future = ended.get(timeout=1.0)
             except Empty:
@@ -139,7 +139,7 @@ def _submit(all_workers: Workers, task: Task, ended: "Queue[Future]", other_than
     return future
 
 
-def _told(done: int, count: int, failed: int, seconds: float, ended: int) -> str:
+def _progress_text(done: int, count: int, failed: int, seconds: float, ended: int) -> str:
     left = f", {seconds / ended * (count - done) / 60:.0f} min left" if ended else ""
     return f"{done} of {count} files, {failed} failed ({seconds:.0f} s{left})"
 
@@ -152,21 +152,21 @@ def _row_of(future: Future, task: Task) -> Row:
         return Row(task.source, task.outputs[0], FAILED, 1, error=sentence)
 
 
-def work(place: Place, task: Task) -> Row:
+def work(worker: Worker, task: Task) -> Row:
     """Do a task, in a process of its own; what it makes appears whole, or not at all."""
     begun = time.monotonic()
     if _is_there(task):  # whoever was lost had come to the end
-        return replace(_found(task), worker=place.name)
-    row = Row(task.source, task.outputs[0], FAILED, 2, worker=place.name)
+        return replace(_existing_row(task), worker=worker.name)
+    row = Row(task.source, task.outputs[0], FAILED, 2, worker=worker.name)
     try:
         with TemporaryDirectory(prefix="vip-factors-") as folder:
-            row = _worked_in(Path(folder), place, task, row)
+            row = _worked_in(Path(folder), worker, task, row)
     except (VipFactorsError, OSError) as error:
         row = replace(row, error=" ".join(str(error).split()))
     return replace(_limited(row, task), seconds=time.monotonic() - begun)
 
 
-def _worked_in(folder: Path, place: Place, task: Task, row: Row) -> Row:
+def _worked_in(folder: Path, worker: Worker, task: Task, row: Row) -> Row:
     kind, made = MANY[task.command], folder / "made"
     made.mkdir()
     (folder / "read").mkdir()
@@ -181,14 +181,14 @@ def _worked_in(folder: Path, place: Place, task: Task, row: Row) -> Row:
     first = [str(source), *([] if kind.output else map(str, targets))]
     if task.companion:
         words += [kind.companion, str(storage_of(task.companion).fetched(folder / "read"))]
-    ended = run_child(place, [task.command, *first, *words], folder)
+    ended = run_child(worker, [task.command, *first, *words], folder)
     if ended.code not in (0, DOUBTED):
         return replace(row, exit_code=ended.code, error=ended.sentence)
     known = _facts(source if kind.reads_estimates else targets[0])
     for one in sorted(made.iterdir()):
         storage_of(joined(task.outputs[0].rpartition("/")[0] or ".", one.name)).put(one)
-    told = ended.out.partition("\n")[0] if task.command == "evaluate" else ""
-    return replace(row, state=DONE, exit_code=ended.code, told=told, **known)
+    evaluation = ended.out.partition("\n")[0] if task.command == "evaluate" else ""
+    return replace(row, state=DONE, exit_code=ended.code, evaluation=evaluation, **known)
 
 
 def _summary_path(command: str, options: RunOptions, given: Sequence[str]) -> Path:

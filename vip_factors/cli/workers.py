@@ -37,8 +37,8 @@ Future = Any
 
 
 @dataclass(frozen=True)
-class Place:
-    """Where a function works.
+class Worker:
+    """Where a task is done.
 
     Attributes:
         name: of the worker.
@@ -52,7 +52,7 @@ class Place:
 
 
 class Workers:
-    """They call ``function(place, task)``, so many tasks at a time on this machine."""
+    """They call ``function(worker, task)``, so many tasks at a time on this machine."""
 
     def __init__(self, jobs: int) -> None:
         self._stopped = threading.Event()
@@ -60,7 +60,7 @@ class Workers:
 
     def submit(self, function: Callable[..., Any], task: Any, other_than: str = "") -> Future:
         """Have a task done, if possible by another worker than that of a name."""
-        return self._threads.submit(function, Place("", self._stopped.is_set), task)
+        return self._threads.submit(function, Worker("", self._stopped.is_set), task)
 
     def stop(self) -> None:
         """Give up all tasks; returns when those at work here have ended."""
@@ -92,12 +92,14 @@ class _ClusterWorkers(Workers):
 def _on_cluster(function: Callable[..., Any], task: Any, name: str, other_than: str) -> Any:
     from distributed import Event, Reschedule, get_client, get_worker
 
-    worker = get_worker()
-    if worker.address == other_than and len(get_client().scheduler_info(n_workers=-1)["workers"]) > 1:
+    dask_worker = get_worker()
+    if dask_worker.address == other_than and len(get_client().scheduler_info(n_workers=-1)["workers"]) > 1:
         time.sleep(LOOK_S)
         raise Reschedule  # a worker at which tasks fail soon is idle, and Dask gives it those of the others
-    limit = worker.memory_manager.memory_limit
-    return function(Place(worker.address, Event(name).is_set, limit and limit // worker.state.nthreads), task)
+    limit = dask_worker.memory_manager.memory_limit
+    return function(
+        Worker(dask_worker.address, Event(name).is_set, limit and limit // dask_worker.state.nthreads), task
+    )
 
 
 @contextmanager
@@ -208,11 +210,11 @@ class Ended:
     sentence: str
 
 
-def run_child(place: Place, words: Sequence[str], folder: Path) -> Ended:
+def run_child(worker: Worker, words: Sequence[str], folder: Path) -> Ended:
     """Run ``vip-factors`` in a process of its own, which ends with this one.
 
     Args:
-        place: where this is.
+        worker: where this is.
         words: after the program's name.
         folder: to work in; it holds what the process says, too.
     """
@@ -221,8 +223,8 @@ def run_child(place: Place, words: Sequence[str], folder: Path) -> Ended:
     with open(told[0], "wb") as out, open(told[1], "wb") as err:
         process = subprocess.Popen([sys.executable, "-c", CHILD, *words], stdin=subprocess.PIPE, stdout=out, stderr=err)
         try:
-            while process.poll() is None and not place.stopped():
-                if starved := place.memory is not None and _memory(process.pid) > place.memory:
+            while process.poll() is None and not worker.stopped():
+                if starved := worker.memory is not None and _memory(process.pid) > worker.memory:
                     process.kill()
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(LOOK_S)
@@ -232,7 +234,7 @@ def run_child(place: Place, words: Sequence[str], folder: Path) -> Ended:
     code = process.returncode if process.returncode >= 0 else SIGNAL - process.returncode
     sentence = (err_text.strip() or f"exit code {code}").splitlines()[-1].removeprefix("vip-factors: ")
     if starved:
-        sentence = f"out of memory: it took more than its share of its worker's ({(place.memory or 0) / 1e9:.2f} GB)"
+        sentence = f"out of memory: it took more than its share of its worker's ({(worker.memory or 0) / 1e9:.2f} GB)"
     elif code == 1 and "MemoryError" in err_text[-1000:]:
         code, sentence = SIGNAL + signal.SIGKILL, f"out of memory: {sentence}"
     elif code > SIGNAL:

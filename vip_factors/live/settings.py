@@ -219,7 +219,7 @@ class LiveSettings(CommonSettings, ShownLiveSettings):
     # The second of a start does not tell how clocks differ, and a stream takes its video's as it comes. Which feet
     # stand it tells from the last frames alone: held as hard as in batch they cost 14 mm of 34 (MPJPE).
     fusion: FusionSettings = field(default_factory=lambda: FusionSettings(estimate_clock=False, contact_tightening=1.0))
-    association: AssociationSettings = field(default_factory=lambda: AssociationSettings(oddities=False))
+    association: AssociationSettings = field(default_factory=lambda: AssociationSettings(check=False))
     camera_retry_s: float = 0.5  # until the first camera is looked for again that showed no wearer; then ever rarer
     spread_share: NotNegative = (
         0.02  # of what one video frame says of how detections scatter: two seconds of them count

@@ -27,7 +27,7 @@ class Row:
         findings: sentences.
         frames: of all wearers.
         seconds: of work.
-        told: of an evaluation, its first line.
+        evaluation: of an evaluation, its first line.
         error: why it failed.
         worker: who did it, on a cluster.
     """
@@ -40,7 +40,7 @@ class Row:
     findings: tuple[str, ...] = ()
     frames: int = 0
     seconds: float = 0.0
-    told: str = ""
+    evaluation: str = ""
     error: str = ""
     worker: str = ""
 

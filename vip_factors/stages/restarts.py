@@ -121,23 +121,23 @@ def _turned(stretch: Recording) -> float:
 
 
 def _headings_in(
-    stretch: Recording, names: Sequence[str], known: InitialCalibration, settings: Settings
+    stretch: Recording, names: Sequence[str], before: InitialCalibration, settings: Settings
 ) -> Array:  # fmt: skip
-    """Headings ``(S,)`` that explain a stretch; the ``known`` ones where those do as well."""
+    """Headings ``(S,)`` that explain a stretch; those ``before`` where those do as well."""
     start, end = stretch.interval
     time = np.arange(start, end, 1 / settings.calibration.start.rate)
     frames = frames_of(stretch.imus, names, time)
-    turn = rotation_z(known.headings)
+    turn = rotation_z(before.headings)
     frames = replace(
         frames, R_inertial_sensor=turn @ frames.R_inertial_sensor,
         specific_force_inertial=np.einsum("sij,tsj->tsi", turn, frames.specific_force_inertial),
     )  # fmt: skip
     search = start_search(stretch, frames, settings, known_mountings=True)
-    kept = InitialCalibration(np.zeros(len(names)), np.full(len(names), np.inf), known.R_bone_sensor)
+    kept = InitialCalibration(np.zeros(len(names)), np.full(len(names), np.inf), before.R_bone_sensor)
     turned = wrap_angle(search.best(kept, kept.R_bone_sensor).best.calibration.headings)
     jumped = replace(kept, headings=np.where(np.abs(turned) > JUMP, turned, 0.0))
     sure = search.cost(kept) - search.cost(jumped) > SURE
-    return known.headings + sure * turned
+    return before.headings + sure * turned
 
 
 def _with_jumps(pause: Pause, names: Sequence[str], jumped: Array) -> Pause:

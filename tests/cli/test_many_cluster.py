@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -19,9 +19,9 @@ BUCKET = "s3://lab"
 START_S = 120.0  # for servers to come up on a busy machine
 
 
-def until(true: object, what: str) -> None:
+def until(true: Callable[[], object], what: str) -> None:
     deadline = time.monotonic() + START_S
-    while not true():  # type: ignore[operator]
+    while not true():
         assert time.monotonic() < deadline, what
         time.sleep(0.1)
 

@@ -1,7 +1,9 @@
 // vip_factors._kernels: what takes most of the time of small problems, where NumPy's calls cost more than arithmetic.
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <nanobind/stl/string_view.h>
 
+#include "elimination.hpp"
 #include "rotations.hpp"
 #include "slices.hpp"
 
@@ -64,63 +66,114 @@ static Slices slices_in(Out<3> hessian, Out<2> gradient) {
     return {hessian.data(), gradient.data(), T, n};
 }
 
-// Every factor (t, n) of rows (t, n, m, groups · k + direct) that weighs anything.
-template <class Take>
-static void each_factor(const Slices& slices, int64_t first, int groups, int k, const In<4>& J, const In<3>& residual,
-                        const In<2>& weight, const Indices<2>& columns, Take take) {
-    const size_t T = J.shape(0), n = J.shape(1), m = J.shape(2), width = J.shape(3);
-    expect(residual.shape(0) == T && residual.shape(1) == n && residual.shape(2) == m && weight.shape(0) == T);
-    expect(weight.shape(1) == n && columns.shape(0) == n && columns.shape(1) + groups * k == width);
+// What factors (t, n) of m rows are, but for the twists that they see: residuals; confidences and the constants of the
+// loss (t or 1, n or 1); Jacobian blocks (t, n, m, c), each with its first column of a slice, and whether every factor
+// has its own item there.
+struct Factors {
+    In<3> residual;
+    In<2> confidence;
+    std::string_view loss;
+    In<2> constant;
+    nb::list blocks;
+};
+
+static double broadcast(const In<2>& values, size_t t, size_t f) {
+    return values.data()[(values.shape(0) > 1 ? t : 0) * values.shape(1) + (values.shape(1) > 1 ? f : 0)];
+}
+
+static double weight_of(const Factors& factors, size_t t, size_t f, size_t m) {  // vip_factors/terms/robust.py
+    const double confidence = broadcast(factors.confidence, t, f), *r = &factors.residual(t, f, 0);
+    if (factors.loss == "square" || confidence == 0) return confidence;
+    double square = 0;
+    for (size_t i = 0; i < m; i++) square += r[i] * r[i];
+    const double norm = std::sqrt(confidence * square), k = broadcast(factors.constant, t, f);
+    if (factors.loss == "huber") return confidence * std::min(1.0, k / std::max(norm, 1e-300));
+    return confidence / (1 + norm / k * (norm / k));
+}
+
+// Every factor that weighs anything; `lead` writes its first groups · k columns.
+template <class Lead, class Take>
+static void each_factor(const Slices& slices, int64_t first, int groups, int k, const Factors& factors, Lead lead, Take take) {
+    struct Block {
+        In<4> jacobian;
+        int64_t start, width;
+        bool each;
+    };
+    const size_t T = factors.residual.shape(0), n = factors.residual.shape(1), m = factors.residual.shape(2);
+    for (const In<2>* one : {&factors.confidence, &factors.constant})
+        expect((one->shape(0) == T || one->shape(0) == 1) && (one->shape(1) == n || one->shape(1) == 1));
     expect(first >= 0 && first + static_cast<int64_t>(T) <= slices.frames);
-    for (size_t i = 0; i < columns.size(); i++) expect(columns.data()[i] >= 0 && columns.data()[i] < slices.width);
+    std::vector<Block> blocks;
+    int64_t direct = 0;
+    for (nb::handle item : factors.blocks) {
+        const nb::tuple one = nb::cast<nb::tuple>(item);
+        blocks.push_back({nb::cast<In<4>>(one[0]), nb::cast<int64_t>(one[1]), 0, nb::cast<bool>(one[2])});
+        Block& block = blocks.back();
+        block.width = static_cast<int64_t>(block.jacobian.shape(3)), direct += block.width;
+        expect(block.jacobian.shape(0) == T && block.jacobian.shape(1) == n && block.jacobian.shape(2) == m);
+        expect(block.start >= 0 && block.start + block.width * static_cast<int64_t>(block.each ? n : 1) <= slices.width);
+    }
+    const int64_t width = groups * k + direct;
+    std::vector<double> J(m * width);
+    std::vector<int64_t> columns(direct);
     for (size_t t = 0; t < T; t++)
         for (size_t f = 0; f < n; f++) {
-            const size_t at = t * n + f;
-            const Rows rows{static_cast<int>(m), groups, k, static_cast<int>(columns.shape(1)), J.data() + at * m * width,
-                            residual.data() + at * m, columns.data() + f * columns.shape(1), weight.data()[at]};
-            if (rows.weight != 0) take(first + static_cast<int64_t>(t), t, f, rows);
-        }
-}
-
-static void add_columns(Out<3> hessian, Out<2> gradient, int64_t first, In<4> J, In<3> residual, In<2> weight,
-                        Indices<2> columns) {
-    const Slices slices = slices_in(hessian, gradient);
-    each_factor(slices, first, 0, 0, J, residual, weight, columns,
-                [&](int64_t t, size_t, size_t, const Rows& rows) { BodySums::add_direct(slices, t, rows); });
-}
-
-static void add_bones(BodySums& sums, int64_t first, int k, Indices<1> bones, In<4> J, In<3> residual, In<2> weight,
-                      Indices<2> columns) {
-    expect(bones.shape(0) == J.shape(1));
-    each_factor(sums.slices(), first, 1, k, J, residual, weight, columns,
-                [&](int64_t t, size_t, size_t f, const Rows& rows) { sums.add(t, bones(f), rows); });
-}
-
-static void add_differences(BodySums& sums, int64_t first, Indices<1> bones, In<3> arms, In<1> coefficients, In<4> J,
-                            In<3> residual, In<2> weight, Indices<2> columns) {
-    const int groups = static_cast<int>(coefficients.shape(0)), direct = static_cast<int>(J.shape(3));
-    const int width = 6 * groups + direct;
-    expect(groups <= vip::FRAMES && bones.shape(0) == J.shape(1) && J.shape(2) == 3);
-    expect(arms.shape(0) + 1 == J.shape(0) + coefficients.shape(0) && arms.shape(1) == bones.shape(0));
-    std::vector<double> whole(3 * width);
-    each_factor(sums.slices(), first, 0, 0, J, residual, weight, columns,
-                [&](int64_t t, size_t at, size_t f, Rows rows) {
-        std::fill(whole.begin(), whole.end(), 0.0);
-        for (int g = 0; g < groups; g++) {  // a twist (ω, v) moves a point by ω × arm + v
-            const double* arm = &arms(at + g, f, 0);
-            const double away[3] = {-arm[0], -arm[1], -arm[2]};
-            double crossing[9];
-            vip::hat(away, crossing);
-            for (int r = 0; r < 3; r++) {
-                for (int c = 0; c < 3; c++) whole[r * width + 6 * g + c] = coefficients(g) * crossing[3 * r + c];
-                whole[r * width + 6 * g + 3 + r] = coefficients(g);
+            const double weight = weight_of(factors, t, f, m);
+            if (weight == 0) continue;
+            lead(t, f, J.data(), width);
+            int64_t at = 0;
+            for (const Block& one : blocks) {
+                const double* from = one.jacobian.data() + (t * n + f) * m * one.width;
+                for (size_t r = 0; r < m; r++)
+                    std::copy(from + r * one.width, from + (r + 1) * one.width, J.data() + r * width + groups * k + at);
+                for (int64_t c = 0; c < one.width; c++)
+                    columns[at + c] = one.start + (one.each ? static_cast<int64_t>(f) * one.width : 0) + c;
+                at += one.width;
             }
+            take(first + static_cast<int64_t>(t), f,
+                 Rows{static_cast<int>(m), groups, k, static_cast<int>(direct), J.data(), &factors.residual(t, f, 0),
+                      columns.data(), weight});
         }
-        for (int r = 0; r < 3; r++)
-            std::copy(rows.J + r * direct, rows.J + (r + 1) * direct, whole.data() + r * width + 6 * groups);
-        rows.groups = groups, rows.k = 6, rows.J = whole.data();
-        sums.add(t, bones(f), rows);
-    });
+}
+
+static void add_columns(Out<3> hessian, Out<2> gradient, int64_t first, In<3> residual, In<2> confidence,
+                        std::string_view loss, In<2> constant, nb::list blocks) {
+    const Slices slices = slices_in(hessian, gradient);
+    each_factor(slices, first, 0, 0, {residual, confidence, loss, constant, blocks}, [](size_t, size_t, double*, int64_t) {},
+                [&](int64_t t, size_t, const Rows& rows) { BodySums::add_direct(slices, t, rows); });
+}
+
+static void add_bones(BodySums& sums, int64_t first, Indices<1> bones, In<4> by_twist, In<3> residual, In<2> confidence,
+                      std::string_view loss, In<2> constant, nb::list blocks) {
+    const size_t n = by_twist.shape(1), m = by_twist.shape(2), k = by_twist.shape(3);
+    expect(bones.shape(0) == n && by_twist.shape(0) == residual.shape(0) && n == residual.shape(1) && m == residual.shape(2));
+    each_factor(sums.slices(), first, 1, static_cast<int>(k), {residual, confidence, loss, constant, blocks},
+                [&](size_t t, size_t f, double* J, int64_t width) {
+                    for (size_t r = 0; r < m; r++) std::copy(&by_twist(t, f, r, 0), &by_twist(t, f, r, 0) + k, J + r * width);
+                },
+                [&](int64_t t, size_t f, const Rows& rows) { sums.add(t, bones(f), rows); });
+}
+
+static void add_differences(BodySums& sums, int64_t first, Indices<1> bones, In<3> arms, In<1> coefficients, In<3> residual,
+                            In<2> confidence, std::string_view loss, In<2> constant, nb::list blocks) {
+    const int groups = static_cast<int>(coefficients.shape(0));
+    expect(groups <= vip::FRAMES && bones.shape(0) == residual.shape(1) && residual.shape(2) == 3);
+    expect(arms.shape(0) + 1 == residual.shape(0) + coefficients.shape(0) && arms.shape(1) == bones.shape(0));
+    each_factor(sums.slices(), first, groups, 6, {residual, confidence, loss, constant, blocks},
+                [&](size_t t, size_t f, double* J, int64_t width) {
+                    for (int g = 0; g < groups; g++) {  // a twist (ω, v) moves a point by ω × arm + v
+                        const double* arm = &arms(t + g, f, 0);
+                        const double away[3] = {-arm[0], -arm[1], -arm[2]};
+                        double crossing[9];
+                        vip::hat(away, crossing);
+                        for (int r = 0; r < 3; r++)
+                            for (int c = 0; c < 3; c++) {
+                                J[r * width + 6 * g + c] = coefficients(g) * crossing[3 * r + c];
+                                J[r * width + 6 * g + 3 + c] = r == c ? coefficients(g) : 0.0;
+                            }
+                    }
+                },
+                [&](int64_t t, size_t f, const Rows& rows) { sums.add(t, bones(f), rows); });
 }
 
 // Coordinates of all joints together, in one frame or two: P (69, 69) between D (frames, t, 23, 3, 3); force (t, 69).
@@ -165,6 +218,62 @@ static void expand(BodySums& sums, In<4> screws) {
     sums.expand(screws.data());
 }
 
+static vip::Blas blas;
+
+// SciPy's functions, from what its Cython modules offer to others.
+static void use_blas(nb::dict functions) {
+    auto load = [&](const char* name, auto& into) {
+        nb::object capsule = functions[name];
+        into = reinterpret_cast<std::decay_t<decltype(into)>>(
+            PyCapsule_GetPointer(capsule.ptr(), PyCapsule_GetName(capsule.ptr())));
+        if (into == nullptr) throw nb::python_error();
+    };
+    load("dpotrf", blas.dpotrf), load("dtrsm", blas.dtrsm), load("dsyrk", blas.dsyrk);
+    load("dtrsv", blas.dtrsv), load("dgemv", blas.dgemv), load("dsymv", blas.dsymv);
+}
+
+static bool eliminate(Out<2> information, Out<1> vector, int width) {
+    const auto n = static_cast<int>(vector.shape(0));
+    expect(information.shape(0) == information.shape(1) && information.shape(0) == vector.shape(0) && width <= n);
+    return vip::eliminate(blas, information.data(), vector.data(), n, width);
+}
+
+// `found` (w) holds d, and then x; rows (w, n) with the stride of the matrix that they lie in.
+static void substitute(nb::ndarray<double, nb::ndim<2>, nb::device::cpu> rows, In<1> later, Out<1> found) {
+    const auto w = static_cast<int>(rows.shape(0)), n = static_cast<int>(rows.shape(1));
+    expect((w == 0 || rows.stride(1) == 1) && found.shape(0) == rows.shape(0) && later.shape(0) + found.shape(0) == rows.shape(1));
+    vip::substitute(blas, rows.data(), static_cast<int>(rows.stride(0)), n, w, const_cast<double*>(later.data()), found.data());
+}
+
+// Of a slice (N, N) the columns of the frames that there are, and of the last `shared` ones: as a quadratic in x.
+static void slice_in_coordinates(Out<2> hessian, In<1> gradient, In<1> value, int shared, Out<2> information, Out<1> vector) {
+    auto N = static_cast<int64_t>(hessian.shape(0)), n = static_cast<int64_t>(value.shape(0)), head = n - shared;
+    expect(hessian.shape(1) == hessian.shape(0) && gradient.shape(0) == hessian.shape(0) && n <= N && head >= 0);
+    expect(information.shape(0) == value.shape(0) && information.shape(1) == value.shape(0) && vector.shape(0) == value.shape(0));
+    for (int64_t i = 0; i < n; i++) {
+        const int64_t row = i < head ? i : N - n + i;
+        const double* from = hessian.data() + row * N;
+        double* into = information.data() + i * n;
+        if (i < head) std::copy(from + i, from + head, into + i);
+        std::copy(from + std::max(row, N - shared), from + N, into + std::max(i, head));
+        vector.data()[i] = gradient.data()[row];
+    }
+    int size = static_cast<int>(n);
+    if (size > 0)
+        blas.dsymv("L", &size, &vip::ONE, information.data(), &size, const_cast<double*>(value.data()), &vip::NEXT,
+                   &vip::MINUS_ONE, vector.data(), &vip::NEXT);
+}
+
+// What is known before of the first columns and of the last `shared` ones.
+static void add_before(nb::ndarray<const double, nb::ndim<2>, nb::device::cpu> before, In<1> before_vector, int shared,
+                       Out<2> information, Out<1> vector) {
+    const auto k = static_cast<int64_t>(before_vector.shape(0)), n = static_cast<int64_t>(vector.shape(0)), head = k - shared;
+    expect((k == 0 || before.stride(1) == 1) && before.shape(0) == before_vector.shape(0) && before.shape(1) == before.shape(0));
+    expect(information.shape(0) == vector.shape(0) && information.shape(1) == vector.shape(0) && 0 <= head && k <= n);
+    vip::add_upper(before.data(), before.stride(0), head, shared, information.data(), n);
+    for (int64_t i = 0; i < k; i++) vector.data()[i < head ? i : n - k + i] += before_vector.data()[i];
+}
+
 NB_MODULE(_kernels, module) {
     using released = nb::call_guard<nb::gil_scoped_release>;
     module.def("exp", &over_stack<3, 9, vip::exp>, released());
@@ -175,6 +284,11 @@ NB_MODULE(_kernels, module) {
     module.def("forward_kinematics", &forward_kinematics, released());
     module.def("screws", &screws, released());
     module.def("add_columns", &add_columns);
+    module.def("use_blas", &use_blas);
+    module.def("eliminate", &eliminate);
+    module.def("substitute", &substitute);
+    module.def("slice_in_coordinates", &slice_in_coordinates);
+    module.def("add_before", &add_before);
     nb::class_<BodySums>(module, "BodySums")
         .def("__init__", [](BodySums* self, Out<3> hessian, Out<2> gradient, int64_t first, int64_t frame,
                             Indices<1> parents, int64_t others) {

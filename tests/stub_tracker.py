@@ -37,6 +37,9 @@ def tracker_module(scene: Scene) -> types.ModuleType:
         def note_loss(self) -> None:
             pass
 
+        def note_behind(self, seconds: float) -> None:
+            pass
+
     module = types.ModuleType("vip_factors.live.tracker")
     module.FixedLagTracker = FixedLagTracker  # type: ignore[attr-defined]
     return module

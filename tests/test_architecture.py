@@ -8,12 +8,13 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
-    {"errors", "ranges", "geometry", "atomic", "findings", "compiled"},
+    {"errors", "ranges", "geometry", "atomic", "findings", "compiled", "summarised"},
     {"shown_settings", "body"},
     {"sensors"},
     {"estimate", "live_estimate"},
+    {"estimate_chunks"},
     {"simulate", "associate", "initialise", "evaluate", "io", "viz"},
-    {"problem", "solve", "detect"},
+    {"problem", "solve", "detect", "gait", "repetitions"},
     {"terms"},
     {"assembly"},
     {"factor_graph"},
@@ -41,6 +42,7 @@ FENCED = {
     "websockets": {"io"},
     "pygltflib": {"io"},
     "pythonosc": {"io"},
+    "pylsl": {"io"},
     "av": {"viz"},
     "PIL": {"viz"},
     "cv2": {"associate", "detect", "initialise", "io", "viz", "sensors"},

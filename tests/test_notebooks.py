@@ -1,17 +1,30 @@
 """The notebooks run from top to bottom, and so does the Python of the documentation."""
 
 import ast
-import importlib
 import json
 import re
+import socket
+import time
 from pathlib import Path
+from threading import Thread
 
 import pytest
+
+import vip_factors as vip
+from vip_factors.io.live.open import write_messages
+from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.scene import Scene
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.recording import simulate_recording
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = ("docs/reference/index.md", "docs/graph.md", "docs/live.md")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
-LONG = ("camera_and_drift", "factor_graph")  # half a minute each; what they import is looked up all the same
+PYTHON = [
+    page for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")) if "```python" in page.read_text("utf-8")
+]
+LONG = ("camera_and_drift", "factor_graph")  # half a minute each; the names in them are looked up all the same
 
 
 def code_cells(notebook: Path) -> list[str]:
@@ -31,16 +44,21 @@ def test_notebook_runs(notebook: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         exec(compile(source, f"{notebook.name}, code cell {number}", "exec"), namespace)
 
 
-@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
-def test_what_a_notebook_imports_is_there(notebook: Path) -> None:
-    found = [node for source in code_cells(notebook) for node in ast.walk(ast.parse(source))]
-    imports = [node for node in found if isinstance(node, ast.ImportFrom) and node.module]
-    ours = [node for node in imports if str(node.module).startswith("vip_factors")]
-    assert ours
-    for node in ours:
-        module = importlib.import_module(str(node.module))
-        for name in node.names:
-            assert hasattr(module, name.name), f"{notebook.name}: {node.module} has no {name.name}"
+def python_of(path: Path) -> list[str]:
+    if path.suffix == ".ipynb":
+        return code_cells(path)
+    return re.findall(r"^```python\n(.*?)^```$", path.read_text("utf-8"), re.MULTILINE | re.DOTALL)
+
+
+@pytest.mark.parametrize("path", [*NOTEBOOKS, *PYTHON], ids=lambda path: path.stem)
+def test_what_people_read_has_public_names_alone(path: Path) -> None:
+    for node in (node for source in python_of(path) for node in ast.walk(ast.parse(source))):
+        if isinstance(node, ast.Import):
+            assert not [one.name for one in node.names if one.name.startswith("vip_factors.")], path.name
+        elif isinstance(node, ast.ImportFrom):
+            assert not str(node.module).startswith("vip_factors"), f"{path.name}: from {node.module}"
+        elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "vip":
+            assert node.attr in vip.__all__, f"{path.name}: vip.{node.attr}"
 
 
 @pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
@@ -54,4 +72,50 @@ def test_python_of_the_documentation_runs(page: str) -> None:
     blocks = re.findall(r"^```python\n(.*?)^```$", (ROOT / page).read_text("utf-8"), re.MULTILINE | re.DOTALL)
     assert blocks
     for number, source in enumerate(blocks):
-        exec(compile(source, f"{page}, Python block {number}", "exec"), {"__name__": "__main__"})
+        if ":8080" not in source and ":5005" not in source:  # those need each other
+            exec(compile(source, f"{page}, Python block {number}", "exec"), {"__name__": "__main__"})
+
+
+def test_the_live_program_and_its_reader_run(capsys: pytest.CaptureFixture) -> None:
+    pytest.importorskip("websockets", reason="needs the extra live")
+    blocks = re.findall(
+        r"^```python\n(.*?)^```$", (ROOT / "docs" / "live.md").read_text("utf-8"), re.MULTILINE | re.DOTALL
+    )
+    (program,), (reader,) = (
+        [one for one in blocks if word in one] for word in ('"tcp://:5005"', '"ws://127.0.0.1:8080')
+    )
+    with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as other:
+        ports = [str(probe.getsockname()[1]) for probe in (one, other)]
+    program = program.replace('"tcp://:5005"', f'"tcp://:{ports[0]}", settings=ONCE').replace("8080", ports[1])
+    once = LiveSourceSettings(next_client_wait=0.0)
+
+    def run(source: str) -> None:
+        while True:
+            try:
+                exec(compile(source, "docs/live.md", "exec"), {"__name__": "__main__", "ONCE": once})
+                return
+            except ConnectionRefusedError:  # the page is not there yet
+                time.sleep(0.05)
+
+    def send() -> None:
+        scene = Scene("short", (simulate_recording(gestures(1.3), preset("sip6", gestures(0.1).skeleton)),))
+        while True:
+            try:
+                with socket.create_connection(("127.0.0.1", int(ports[0]))) as connection:
+                    write_messages(scene, connection.makefile("wb"))
+                return
+            except ConnectionRefusedError:
+                time.sleep(0.05)
+
+    threads = [
+        Thread(target=send, daemon=True),
+        Thread(target=run, args=(reader.replace("8080", ports[1]),), daemon=True),
+    ]
+    for thread in threads:
+        thread.start()
+    run(program)
+    for thread in threads:
+        thread.join(20)
+    told = capsys.readouterr().out
+    assert "the live page is at http://127.0.0.1:" in told
+    assert re.search(r"^\d\.\d+ \[-?\d", told, flags=re.MULTILINE), told

@@ -174,7 +174,7 @@ def test_wheel_holds_the_package_and_its_data(wheel: zipfile.ZipFile) -> None:
     outside = {name for name in names if not name.startswith(("vip_factors/", "vip_factors-"))}
     assert not outside, "the wheel installs something beside the package"
     kinds = {Path(name).suffix for name in names if name.startswith("vip_factors/")}
-    data = {".css", ".html", ".js", ".json", ".md", ".npz", ".sha256", ".toml", ".txt"}
+    data = {".css", ".csv", ".html", ".js", ".json", ".md", ".npz", ".sha256", ".toml", ".txt"}
     kernels = {".so"}  # where there is a compiler
     assert kinds <= {".py", ".pyi", ".typed", *kernels, *data}, "the wheel holds files of a kind that no code reads"
     assert sum(one.compress_size for one in wheel.infolist()) < 3_000_000

@@ -1,25 +1,48 @@
-"""The package in a dozen functions, for scripts and notebooks: ``import vip_factors as vip``.
+"""The package in a page of functions, for scripts and notebooks: ``import vip_factors as vip``.
 
 A recording of one wearer and a filmed scene of several are both a :class:`~vip_factors.sensors.scene.Scene` here, so
-that one set of functions does. What they are made of stays within reach: rooms may be imported directly.
+that one set of functions does. Commands of the same names call what these call.
 """
 
+from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from vip_factors.body.kinematics import Motion
+from vip_factors.detect.settings import DetectSettings
+from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.evaluate.evaluation import Evaluation
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.scene_building import CameraOptions
+from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
+from vip_factors.report.settings import ReportSettings
+from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
-from vip_factors.stages.solver import Progress
+from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+
+if TYPE_CHECKING:  # these take a while, and not every command that calls a function of this page needs them
+    from vip_factors.evaluate.evaluation import Evaluation
+    from vip_factors.factor_graph.extra import ExtraFactors
+    from vip_factors.factor_graph.graph import FactorGraph
+    from vip_factors.gait.analysis import Gait
+    from vip_factors.initialise.clock import ClockSettings
+    from vip_factors.io.live_server import LiveServer
+    from vip_factors.settings import Settings
+    from vip_factors.stages.solver import Progress
 
 StrPath = str | PathLike[str]
-SECONDS = 8.0  # of a simulated motion
+Moved = Motion | WearerEstimate | Estimate
+"""What moves: an estimate, that of one wearer, or a motion by itself."""
+GESTURES = "gestures"  # in place of a motion: the package's own
+SECONDS = 20.0  # of it
+OUT_OF_STEP_S = 3.7  # between people who show the package's own motion; no multiple of its periods
+BYSTANDER_REACH_M = 3.0  # from the middle: some pass between camera and wearers, some leave the image
+POSE_ERROR_DEG = 3.0
 
 
 def read(path: StrPath, *then: StrPath) -> Scene:
@@ -48,7 +71,7 @@ def read_estimate(path: StrPath) -> Estimate:
     return mcap_estimate.read_estimate(path)
 
 
-def write(content: Recording | Scene | WearerEstimate | Estimate, path: StrPath, overwrite: bool = False) -> Path:
+def write(content: Recording | Scene | Moved, path: StrPath, overwrite: bool = False) -> Path:
     """Write a recording, a scene or an estimate into an MCAP file, with its truth if it has one.
 
     Returns:
@@ -67,65 +90,193 @@ def write(content: Recording | Scene | WearerEstimate | Estimate, path: StrPath,
     return Path(path)
 
 
-def convert(log: StrPath, options: ImportOptions | None = None) -> Scene:
+def convert(
+    log: StrPath,
+    options: ImportOptions | None = None,
+    camera: CameraOptions | None = None,
+    *,
+    join: Sequence[StrPath] = (),
+    further_cameras: Sequence[CameraOptions] = (),
+) -> Scene:
     """A sensor log of any known format as a recording: Xsens, MVNX, OpenSense, TotalCapture, ROS 2, tables …
 
     Args:
         log: file or folder.
         options: who wore what where, and what was held at the start.
+        camera: what filmed the wearers: its file, and the 2D poses that a detector found.
+        join: recordings (.mcap) of further wearers at the same time.
+        further_cameras: that stand still at known poses.
 
     Raises:
         InputError, FileFormatError, RecordingError: if the log cannot be read or used.
     """
-    from vip_factors.io.scene_building import read_log_as_scene
+    from vip_factors.io.scene_building import add_camera, add_further_camera, join_wearers, read_log_as_scene
 
-    return read_log_as_scene(Path(log), options or ImportOptions())
+    options = options or ImportOptions()
+    scene = read_log_as_scene(Path(log), options)
+    if join:
+        others = [read_log_as_scene(Path(one), ImportOptions()) for one in join]
+        scene = join_wearers([scene, *others], options.name)
+    if camera is not None:
+        scene = add_camera(scene, camera)
+    for one in further_cameras:
+        scene = add_further_camera(scene, one)
+    return scene
+
+
+def sync(scene: Scene, settings: "ClockSettings | None" = None) -> Scene:
+    """The scene with the offset between the clocks of its video and its sensors, found from how people move.
+
+    Raises:
+        InputError, RecordingError: without a camera, or if the offset cannot be told.
+    """
+    from vip_factors.initialise.clock import find_clock_offset
+
+    found = find_clock_offset(scene, settings)
+    if not found.determined:
+        raise InputError(f"scene '{scene.name}': {found.sentence}")
+    return with_clock(scene, found.clock)
+
+
+def with_clock(scene: Scene, clock: VideoClock) -> Scene:
+    """The scene whose video's clock is so far off the sensors'."""
+    assert scene.camera is not None
+    return replace(scene, camera=replace(scene.camera, time_offset=clock.offset, time_drift=clock.drift))
+
+
+def detect(
+    video: StrPath,
+    settings: DetectSettings | None = None,
+    *,
+    out: StrPath | None = None,
+    model: StrPath | None = None,
+    keypoints: str | None = None,
+    overwrite: bool = False,
+    progress: "Progress | None" = None,
+) -> Detections:
+    """The 2D poses of everybody in a video, followed from frame to frame: what a :class:`Camera` holds.
+
+    Args:
+        video: file (.mp4, .mov …).
+        settings: thresholds and periods.
+        out: file (.json) to write them to as well, which ``convert`` and ``run`` take.
+        model: ONNX file of another pose model than BlazePose, for the keypoints.
+        keypoints: name of that model's keypoint set; told by their number if absent.
+        overwrite: whether that file may be replaced.
+        progress: called with ``"detect"`` and the fraction that is done.
+
+    Raises:
+        InputError, FileFormatError: if the video or a model cannot be read, or a package is missing.
+    """
+    from vip_factors.detect.video import detect_people, write_poses
+
+    tell = progress or (lambda stage, fraction: None)
+    poses = detect_people(
+        Path(video), settings or DetectSettings(), model=None if model is None else Path(model), keypoints=keypoints,
+        on_progress=lambda fraction: tell("detect", fraction),
+    )  # fmt: skip
+    if out is not None:
+        write_poses(Path(out), poses, overwrite)
+    return poses.detections
+
+
+Played = Motion | StrPath
+"""A motion, a motion file (.bvh …), or the word ``"gestures"`` for one that the package makes."""
 
 
 def simulate(
-    motion: Motion | StrPath | None = None,
+    motion: Played | Sequence[Played] = GESTURES,
     placement: str = "totalcapture13",
-    camera: Literal["fixed", "hand-held", "walking"] | None = None,
-    seconds: float = SECONDS,
+    camera: CameraKind | None = None,
+    seconds: float | None = None,
     seed: int = 0,
+    *,
+    settings: SceneSettings | None = None,
+    initial_pose: Literal["none", "n-pose", "t-pose"] = "n-pose",
+    pose_error_deg: float = POSE_ERROR_DEG,
+    bystanders: int = 0,
+    names: Sequence[str] = (),
+    name: str = "simulated",
 ) -> Scene:
-    """What sensors on a person would have measured, with the truth in it; and what a 2D pose detector would have found.
-
-    The person holds an N-pose first.
+    """What sensors on people would have measured, with the truth in it; and what a 2D pose detector would have found.
 
     Args:
-        motion: of the person, or a motion file (.bvh …); a motion that the package makes if absent.
+        motion: of each wearer.
         placement: name of a preset: sip6, tnt10, totalcapture13 or mvn17.
-        camera: that films the person; nothing films if absent.
-        seconds: of the package's own motion.
+        camera: that films them; nothing films if absent.
+        seconds: of the package's own motion (20 if absent); before a camera, files are repeated or cut to it too.
         seed: of all errors.
+        settings: camera, detector, and the errors of sensors; ``camera`` counts beside them.
+        initial_pose: that the wearers hold first.
+        pose_error_deg: how imperfectly, sigma of each joint and axis; 3 add up to 10 to 15 at the hands.
+        bystanders: people without sensors in the picture; they repeat the wearers' motions elsewhere, out of step.
+        names: of the wearers.
+        name: of the recording.
 
     Raises:
         InputError: for an unknown preset or camera, or a motion file that cannot be read.
     """
     from vip_factors.sensors.calibration import preset
-    from vip_factors.simulate.gestures import gestures
     from vip_factors.simulate.recording import simulate_recording
     from vip_factors.simulate.scene import Performer, simulate_scene
-    from vip_factors.simulate.scene_settings import SceneSettings
-    from vip_factors.simulate.staging import with_initial_pose
+    from vip_factors.simulate.staging import from_time, lasting, staged, with_initial_pose
 
-    if motion is None:
-        motion = gestures(seconds)
-    elif not isinstance(motion, Motion):
+    def posed(clip: Motion, number: int) -> Motion:
+        if initial_pose == "none":
+            return clip
+        return with_initial_pose(clip, initial_pose, pose_error_deg=pose_error_deg, seed=seed + number)
+
+    settings = settings or SceneSettings()
+    sources = list(motion) if isinstance(motion, Sequence) and not isinstance(motion, str) else [motion]
+    clips = [_played(source, seconds, number) for number, source in enumerate(sources)]
+    if camera is None:
+        if len(clips) > 1 or bystanders:
+            raise InputError(f"{len(clips)} wearers and {bystanders} bystanders: expected one wearer without a camera")
+        own = posed(clips[0], 0)
+        worn = preset(placement, own.skeleton)
+        recording = simulate_recording(own, worn, settings.imu, seed, name, initial_pose)
+        if names:
+            recording = replace(recording, subject=replace(recording.subject, name=names[0]))
+        return _scene(recording)
+    if bystanders < 0:
+        raise InputError(f"{bystanders} bystanders: expected 0 or more")
+    if seconds is not None:
+        clips = [lasting(clip, seconds) for clip in clips]
+    wearers = staged([posed(clip, number) for number, clip in enumerate(clips)], seed)
+    length = max(wearer.time[-1] for wearer in wearers)
+    shifts = [OUT_OF_STEP_S * (number + 1) for number in range(bystanders)]
+    passing = [from_time(lasting(clips[n % len(clips)], length + shift), shift) for n, shift in enumerate(shifts)]
+    called = [*names, *(f"wearer_{number}" for number in range(len(names) + 1, len(wearers) + 1))]
+    performers = [
+        Performer(who, own, preset(placement, own.skeleton), initial_pose)
+        for who, own in zip(called, wearers, strict=True)
+    ]
+    others = staged(passing, seed + 1, wearers, BYSTANDER_REACH_M)
+    performers += [Performer(f"bystander_{number}", own) for number, own in enumerate(others, start=1)]
+    return simulate_scene(performers, replace(settings, camera=camera), seed, name)
+
+
+def _played(source: Played, seconds: float | None, number: int) -> Motion:
+    """A motion; of the package's own one out of step with that of others."""
+    if isinstance(source, Motion):
+        return source
+    if source != GESTURES:
         from vip_factors.io.motions import read_motion
 
-        motion = read_motion(Path(motion))
-    motion = with_initial_pose(motion, "n-pose", seed=seed)
-    sites = preset(placement, motion.skeleton)
-    if camera is None:
-        return _scene(simulate_recording(motion, sites, seed=seed, name=motion.name, initial_pose="n-pose"))
-    performer = Performer("wearer_1", motion, sites, "n-pose")
-    return simulate_scene([performer], SceneSettings(camera=camera), seed, motion.name)
+        return read_motion(Path(source))
+    from vip_factors.simulate.gestures import gestures
+    from vip_factors.simulate.staging import from_time
+
+    shift = OUT_OF_STEP_S * number
+    return from_time(gestures((SECONDS if seconds is None else seconds) + shift), shift)
 
 
 def smooth(
-    recording: Recording | Scene, settings: Settings | None = None, progress: Progress | None = None
+    recording: Recording | Scene,
+    settings: "Settings | None" = None,
+    progress: "Progress | None" = None,
+    *,
+    extra_factors: "ExtraFactors | None" = None,
 ) -> Estimate:
     """Reconstruct motion, headings and mountings of the sensors, and of a filmed scene the camera and who is who.
 
@@ -133,21 +284,36 @@ def smooth(
         recording: of one wearer, or a scene.
         settings: of all rooms; the package's own if absent.
         progress: called with the name of a stage and the fraction of it that is done.
+        extra_factors: makes GTSAM factors of your own on the frames' variables (``vip.keys``), given the frames' times
+            ``(T,)`` and the number of the first of them.
 
     Raises:
         InputError, RecordingError: for a recording that cannot be used.
         SolveError: if the problem is not determined.
     """
     from vip_factors import pipeline
+    from vip_factors.settings import Settings
 
-    return pipeline.smooth(recording, settings or Settings(), progress)
+    return pipeline.smooth(recording, settings or Settings(), progress, extra_factors)
 
 
-def evaluate(estimate: WearerEstimate | Estimate, truth: Recording | Scene) -> Evaluation:
+def factor_graph(recording: Recording | Scene, settings: "Settings | None" = None) -> "FactorGraph":
+    """The factor graph of a recording before it is solved, as GTSAM has it, and values to start from.
+
+    Raises:
+        InputError, RecordingError, SolveError: as :func:`smooth`.
+    """
+    from vip_factors import pipeline
+    from vip_factors.settings import Settings
+
+    return pipeline.factor_graph(recording, settings or Settings())
+
+
+def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
     """How far an estimate is from the truth that a recording holds; printed, it begins with the most important.
 
     Args:
-        estimate: of :func:`smooth`.
+        estimate: of :func:`smooth`, or a motion on the recording's clock.
         truth: the recording with its truth.
 
     Raises:
@@ -158,8 +324,35 @@ def evaluate(estimate: WearerEstimate | Estimate, truth: Recording | Scene) -> E
     return evaluate_scene(_estimate(estimate), _scene(truth))
 
 
+def gait(estimate: Moved, recording: Recording | Scene | None = None) -> "tuple[Gait, ...]":
+    """How each wearer walked: events, strides, figures with their ±, joint angles over the cycle.
+
+    Args:
+        estimate: of one wearer or several.
+        recording: that it was made from: sensors on the feet tell events and lengths better than a motion does.
+
+    Raises:
+        InputError: if the two are not of the same wearers.
+    """
+    from vip_factors.gait.analysis import gaits_of
+
+    return gaits_of(_estimate(estimate), None if recording is None else _scene(recording))
+
+
+def repetitions(estimate: WearerEstimate | Estimate) -> tuple[WearerRepetitions, ...]:
+    """Squats, lunges, jumps and curls of each wearer: times, depth, tempo, ranges, symmetry, jump height, with their ±.
+
+    Args:
+        estimate: of one wearer or several.
+
+    Raises:
+        InputError: if one has no frames.
+    """
+    return all_repetitions(_estimate(estimate))
+
+
 def export(
-    estimate: WearerEstimate | Estimate,
+    estimate: Moved,
     path: StrPath,
     settings: ExportSettings | None = None,
     overwrite: bool = False,
@@ -183,9 +376,99 @@ def export(
     return export_file(_estimate(estimate), Path(path), settings or ExportSettings(), overwrite)
 
 
+def report(
+    estimate: Moved,
+    path: StrPath,
+    recording: Recording | Scene | None = None,
+    *,
+    truth: Recording | Scene | None = None,
+    settings: ReportSettings | None = None,
+    overwrite: bool = False,
+) -> Path:
+    """Write an estimate as one HTML page for people.
+
+    Args:
+        estimate: of one wearer or several.
+        path: of the page.
+        recording: what it was made from: then the page tells of sensors and video too.
+        truth: a recording whose truth counts, if it is not the one above.
+        settings: how much goes into the page.
+        overwrite: whether an existing file may be replaced.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: if they do not belong together, or the file may not be written.
+    """
+    from vip_factors.report.page import write_report
+
+    scene, true = (None if one is None else _scene(one) for one in (recording, truth))
+    write_report(_estimate(estimate), path, scene, true, settings, overwrite)
+    return Path(path)
+
+
+def serve(worn: Recording | Scene, port: int = 8080, host: str = "127.0.0.1", token: str = "") -> "LiveServer":
+    """A web page that shows a stream's answers as they are written to it, and has them as JSON; to be closed at last.
+
+    Args:
+        worn: who wears what, as the stream has it.
+        port: of this machine, where the page is.
+        host: address that is listened to: this machine alone, or 0.0.0.0 for those in all its networks.
+        token: that readers from other machines need; one is made if it is empty.
+
+    Raises:
+        InputError: if a package is missing, or the port is taken.
+    """
+    from vip_factors.io.live_server import LiveServer
+    from vip_factors.report.live_page import live_page
+
+    return LiveServer(_scene(worn), live_page(_scene(worn)), port, host, token)
+
+
+def picture(
+    shown: Moved | Recording | Scene,
+    path: StrPath,
+    recording: Recording | Scene | None = None,
+    *,
+    title: str | None = None,
+    poses: int = 6,
+    overwrite: bool = False,
+) -> Path:
+    """Draw a filmstrip (.png): poses in a row, or frames of the video with the bodies over them.
+
+    Args:
+        shown: an estimate, a motion, or a recording with its truth.
+        path: of the picture.
+        recording: what an estimate was made from: sensors, video and truth are drawn too.
+        title: above the picture.
+        poses: how many, evenly over the time.
+        overwrite: whether an existing file may be replaced.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: if there is nothing to draw, or the file may not be written.
+    """
+    from vip_factors.viz.picture import filmstrip, scene_filmstrip
+
+    own = shown if isinstance(shown, Recording | Scene) else recording
+    scene = None if own is None else _scene(own)
+    estimate = None if isinstance(shown, Recording | Scene) else _estimate(shown)
+    if scene is not None and scene.camera is not None and not isinstance(shown, WearerEstimate | Motion):
+        scene_filmstrip(scene, estimate, Path(path), frames=poses, title=title, overwrite=overwrite)
+    else:
+        one, worn = None if estimate is None else estimate.only_wearer, None if scene is None else scene.wearers[0]
+        filmstrip(one, worn, None, Path(path), poses=poses, title=title, overwrite=overwrite)
+    return Path(path)
+
+
 def _scene(recording: Recording | Scene) -> Scene:
     return recording if isinstance(recording, Scene) else Scene(recording.name, (recording,))
 
 
-def _estimate(estimate: WearerEstimate | Estimate) -> Estimate:
+def _estimate(estimate: Moved) -> Estimate:
+    if isinstance(estimate, Motion):
+        estimate = WearerEstimate(estimate.name, "motion", estimate, {})
     return estimate if isinstance(estimate, Estimate) else Estimate.of_one(estimate)

@@ -1,21 +1,31 @@
 """What the estimators return: motion, calibration, how sure they are, and how the solve went. Plain data."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from vip_factors.body.hinges import HingeEstimate
+from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint_angles
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.model_errors import LENGTH
+from vip_factors.body.model_errors import FILMED, LENGTH, UNFILMED, ModelErrors, shape_factor
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding, Verdict, verdict
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel, VideoClock
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.summarised import Summarised
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
+TABLES = ("positions", "angles")  # of an estimate as columns
 KEPT = 0.8  # of the prior's standard deviation: what is no surer than this was hardly measured
 
 
@@ -161,8 +171,8 @@ class StartChoice:
     doubtful: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class WearerEstimate:
+@dataclass(frozen=True, repr=False)
+class WearerEstimate(Summarised):
     """What was reconstructed of one wearer.
 
     Attributes:
@@ -195,6 +205,24 @@ class WearerEstimate:
     sensor_places: tuple[SensorPlaceEstimate, ...] = ()
     findings: tuple[Finding, ...] = ()
     start: StartChoice | None = None
+
+    def summary(self) -> list[str]:
+        """Whose motion, how long, and from what."""
+        motion = self.motion
+        return [
+            f"{motion.name}",
+            f"motion: {len(motion)} frames at {motion.rate:g} Hz, {len(motion) / motion.rate:.1f} s",
+            f"method: {self.method}, from {len(self.sensors)} sensors",
+            f"standard deviations: {'none: ask with covariance=True' if self.covariance is None else 'in it'}",
+        ]
+
+    def joint_angles(self) -> JointAngles:
+        """Joint angles in degrees, after the International Society of Biomechanics."""
+        return joint_angles(self.motion)
+
+    def positions(self) -> Array:
+        """Where the joints are, ``(T, 24, 3)`` metres in the world (z up), in the order of ``JOINT_NAMES``."""
+        return self.motion.state.p_world_joint
 
     def frames(self, which: slice) -> "WearerEstimate":
         """The estimate of some consecutive frames; what all frames share is as it was."""
@@ -257,8 +285,8 @@ class CameraEstimate:
         return VideoClock(self.time_offset, self.time_drift)
 
 
-@dataclass(frozen=True)
-class Estimate:
+@dataclass(frozen=True, repr=False)
+class Estimate(Summarised):
     """What was reconstructed of one wearer or several, in one world if a camera saw them.
 
     Attributes:
@@ -326,100 +354,115 @@ class Estimate:
         Raises:
             InputError: if there are several.
         """
-        if len(self.wearers) != 1:
+        return self.wearer()
+
+    def wearer(self, name: str | None = None) -> WearerEstimate:
+        """The estimate of the wearer of a name, or of the only one.
+
+        Raises:
+            InputError: if there is none of that name, or no name is given and there are several.
+        """
+        found = [one for one in self.wearers if name is None or one.motion.name == name]
+        if len(found) != 1:
             names = ", ".join(f"'{one.motion.name}'" for one in self.wearers) or "none"
-            raise InputError(f"estimate '{self.name}' has {len(self.wearers)} wearers ({names}): expected one")
-        return self.wearers[0]
+            asked = "one" if name is None else f"'{name}'"
+            raise InputError(f"estimate '{self.name}' has {len(self.wearers)} wearers ({names}): expected {asked}")
+        return found[0]
+
+    def summary(self) -> list[str]:
+        """Verdict and findings, and each wearer in a line."""
+        wearers = (f"{one.motion.name}: {', '.join(one.summary()[1:3])}" for one in self.wearers)
+        findings = (f"{one.severity}: {one}" for one in self.all_findings)
+        return [f"estimate '{self.name}', {self.method}", *wearers, f"verdict: {self.verdict}", *findings]
+
+    def joint_angles(self, wearer: str | None = None) -> JointAngles:
+        """Joint angles of a wearer (the only one, without a name) in degrees, after the International Society of
+        Biomechanics.
+        """
+        return self.wearer(wearer).joint_angles()
+
+    def positions(self, wearer: str | None = None) -> Array:
+        """Where the joints of a wearer are, ``(T, 24, 3)`` metres in the world (z up), ordered as ``JOINT_NAMES``."""
+        return self.wearer(wearer).positions()
+
+    def columns(self, wearer: str | None = None, tables: Collection[str] = TABLES) -> dict[str, Array]:
+        """A wearer as columns ``(T,)`` of a table: ``time_s``, positions ``…_x_m`` and joint angles ``…_deg``.
+
+        Standard deviations (``…_sd_m``, ``…_sd_deg``) follow where there are any; ``…_shape_sd_deg`` is what is left of
+        an angle's once its mean, where its zero lies, is removed.
+        """
+        one = self.wearer(wearer)
+        columns = {"time_s": one.motion.time}
+        if "positions" in tables:
+            columns |= _position_columns(one, UNFILMED if self.camera is None else FILMED)
+        return columns | (_angle_columns(one) if "angles" in tables else {})
+
+    def to_dataframe(self, wearer: str | None = None) -> "pandas.DataFrame":
+        """The columns of :meth:`columns` as a pandas table over ``time_s``; of several wearers, over ``wearer`` too.
+
+        Raises:
+            InputError: without pandas.
+        """
+        pandas = _package("pandas")
+        names = [one.motion.name for one in self.wearers] if wearer is None else [wearer]
+        frames = {name: pandas.DataFrame(self.columns(name)).set_index("time_s") for name in names}
+        return frames[names[0]] if len(names) == 1 else pandas.concat(frames, names=["wearer"])
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """All wearers as a dataset of poses, with the dimensions of ``movement``: time, space, keypoints, individuals.
+
+        ``position`` is in metres, ``confidence`` is not known (NaN), ``joint_angle`` (time, angles, individuals) in
+        degrees. Wearers whom no camera saw together have times of their own, at which the others are NaN.
+
+        Raises:
+            InputError: without xarray.
+        """
+        xarray = _package("xarray")
+        each = []
+        for one in self.wearers:
+            angles, p = one.joint_angles(), one.positions()
+            coordinates = {
+                "time": one.motion.time, "space": list("xyz"), "keypoints": list(JOINT_NAMES),
+                "individuals": [one.motion.name], "angles": list(angles.names),
+            }  # fmt: skip
+            variables = {
+                "position": (("time", "space", "keypoints", "individuals"), p.swapaxes(1, 2)[..., None]),
+                "confidence": (("time", "keypoints", "individuals"), np.full((*p.shape[:2], 1), np.nan)),
+                "joint_angle": (("time", "angles", "individuals"), angles.degrees[..., None]),
+            }
+            each.append(xarray.Dataset(variables, coordinates))
+        whole = xarray.concat(each, "individuals", join="outer")
+        fps = self.wearers[0].motion.rate
+        return whole.assign_attrs(fps=fps, time_unit="seconds", source_software="vip_factors", ds_type="poses")
 
 
-@dataclass(frozen=True)
-class EstimateChunks:
-    """An estimate of any length, which need not be in memory at once.
-
-    Attributes:
-        head: all but the frames: its wearers' motions have none, and its camera's path is the first pose.
-        frames: how many each wearer will have.
-        camera_poses: how many the camera will have: one if it stands still.
-        chunks: estimates of consecutive frames in the order of time, made as they are asked for, once. Their reports
-            are of the solves that made them; their detections follow those of the chunk before.
-        closed: makes the head with what is known of the whole once all chunks were made (findings, headings over time,
-            who is who); None if the head has that already.
-    """
-
-    head: Estimate
-    frames: tuple[int, ...]
-    chunks: Iterator[Estimate]
-    camera_poses: int = 1
-    closed: Callable[[], Estimate] | None = None
-
-    @classmethod
-    def of(cls, estimate: Estimate) -> "EstimateChunks":
-        """A whole estimate as one chunk."""
-        wearers, camera, none = estimate.wearers, estimate.camera, slice(0, 0)
-        without = tuple(replace(one, reports=()) for one in wearers)
-        return cls(
-            replace(
-                estimate,
-                wearers=tuple(one.frames(none) for one in wearers),
-                camera=None if camera is None else camera.start,
-            ),
-            tuple(len(one.motion) for one in wearers),
-            iter([replace(estimate, wearers=without, reports=())]),
-            1 if camera is None else len(camera.path),
-        )
-
-    def with_findings(self, findings: tuple[Finding, ...]) -> "EstimateChunks":
-        """The same, with findings of the whole before its own."""
-        return self._changed(lambda one: replace(one, findings=(*findings, *one.findings)))
-
-    def changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
-        """The same with a change of the head and of every chunk."""
-        return replace(self._changed(change), chunks=map(change, self.chunks))
-
-    def _changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
-        closed = self.closed
-        return replace(self, head=change(self.head), closed=None if closed is None else lambda: change(closed()))
-
-    def whole(self) -> Estimate:
-        """All chunks together, in memory."""
-        chunks = list(self.chunks)
-        head = self.closed() if self.closed is not None else self.head
-        cameras = [one.camera for one in chunks if one.camera is not None]
-        return replace(
-            head,
-            wearers=tuple(
-                _joined_wearer(*own) for own in zip(head.wearers, *(one.wearers for one in chunks), strict=True)
-            ),
-            camera=None if head.camera is None else _joined_camera(head.camera, cameras),
-            reports=(*head.reports, *(report for one in chunks for report in one.reports)),
-        )
+def _package(name: str) -> Any:
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise InputError(f"{name} is not installed: pip install 'vip-factors[tables]'") from error
 
 
-def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstimate:
-    R, p = (
-        np.concatenate([getattr(one.motion, name) for one in chunks]) for name in ("R_parent_child", "p_world_pelvis")
-    )
-    covariances = [one.covariance for one in chunks if one.covariance is not None]
-    known = len(covariances) == len(chunks)
-    joints, root = ([getattr(one, name) for one in covariances] for name in ("joints", "root"))
-    return replace(
-        head,
-        motion=replace(head.motion, R_parent_child=R, p_world_pelvis=p),
-        covariance=PoseCovariance(np.concatenate(joints), np.concatenate(root)) if known else None,
-        residuals={kind: np.concatenate([one.residuals[kind] for one in chunks]) for kind in head.residuals},
-        reports=(*head.reports, *(report for one in chunks for report in one.reports)),
-    )
+def _position_columns(wearer: WearerEstimate, errors: ModelErrors) -> dict[str, Array]:
+    p = wearer.positions()
+    columns = {f"{name}_{axis}_m": p[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")}
+    if wearer.covariance is not None:
+        root = np.diagonal(wearer.covariance.root, axis1=1, axis2=2)[:, None]
+        bones = {one.bone for one in wearer.calibration.values()}
+        sigma = np.sqrt(root + errors.positions(bones)[:, None] ** 2)
+        columns |= {
+            f"{name}_{axis}_sd_m": sigma[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")
+        }
+    return columns
 
 
-def _joined_camera(head: CameraEstimate, chunks: Sequence[CameraEstimate]) -> CameraEstimate:
-    paths = [one.path for one in chunks]
-    covariances = [one.covariance for one in chunks if one.covariance is not None]
-    residuals = [one.residual_px for one in chunks if one.residual_px is not None]
-    moves = any(len(one) > 1 for one in paths)
-    together = [np.concatenate([getattr(one, name) for one in paths]) for name in vars(head.path)]
-    return replace(
-        head,
-        path=CameraPath(*together) if moves else paths[0],
-        covariance=np.concatenate(covariances) if moves and len(covariances) == len(chunks) else chunks[0].covariance,
-        residual_px=np.concatenate(residuals) if len(residuals) == len(chunks) else None,
-    )
+def _angle_columns(wearer: WearerEstimate) -> dict[str, Array]:
+    angles = wearer.joint_angles()
+    columns = {f"{name}_deg": one for name, one in zip(angles.names, angles.degrees.T, strict=True)}
+    if wearer.covariance is not None:
+        sigmas = joint_angle_sigmas(wearer.motion, wearer.covariance.joints).T
+        for angle, one in zip(angles.definitions, sigmas, strict=True):
+            if np.isfinite(one).all():
+                shape = shape_factor(angle.joint) * one
+                columns |= {f"{angle.name}_sd_deg": one, f"{angle.name}_shape_sd_deg": shape}
+    return columns

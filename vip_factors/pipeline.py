@@ -7,12 +7,14 @@ coarse frames; then windows are solved at the full rate. What is short is one wi
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import zip_longest
 
 from threadpoolctl import threadpool_limits
 
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, EstimateChunks
+from vip_factors.estimate import Estimate
+from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.findings import Finding
@@ -112,7 +114,16 @@ def _each_solved(
                 "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
             )
         alone = [smooth_wearer(one, settings, on_progress, extra, each) for one in source.wearers]
+        if len(alone) > 1:  # several are told apart by who they are; one has the recording's name
+            alone = [one.changed(partial(_named, name)) for one, name in zip(alone, source.head.names, strict=True)]
     return _each_in_own_world(source.head.name, alone, findings, settings)
+
+
+def _named(name: str, estimate: Estimate) -> Estimate:
+    """The estimate of one wearer under another name."""
+    one = estimate.only_wearer
+    about = (replace(said, wearer=name) if said.wearer == one.motion.name else said for said in one.findings)
+    return replace(estimate, wearers=(replace(one, motion=replace(one.motion, name=name), findings=tuple(about)),))
 
 
 def _each_in_own_world(

@@ -13,8 +13,9 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import knot_weights
 from vip_factors.solve import chain_system
+from vip_factors.solve.chain_elimination import ChainElimination, last_marginals
 from vip_factors.solve.chain_system import frame_keys, knot_key
-from vip_factors.solve.elimination import eliminate, last_marginals
+from vip_factors.solve.elimination import eliminate
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
 
@@ -64,7 +65,9 @@ def test_knots_that_are_passed_are_eliminated_early_and_nothing_changes(
     assert knot_key(0, 1) in early
     piecewise = eliminate(equations.stretches(0.1)).optimize()
     later = [knot_key(1, knot) for knot in range(1, len(problem.wearers[1].heading_knots))]
+    by_frame = ChainElimination(equations, 0.1).step()
     for key in [*frame_keys(0, problem.frames), *later, *objective.static_keys]:
+        np.testing.assert_allclose(by_frame.at(key), whole.at(key), atol=1e-7 * np.abs(whole.at(key)).max())
         np.testing.assert_allclose(piecewise.at(key), whole.at(key), atol=1e-7 * np.abs(whole.at(key)).max())
     for key, block in last_marginals(equations, objective.static_keys).items():
         np.testing.assert_allclose(block, shared[key], atol=1e-6 * np.abs(block).max())

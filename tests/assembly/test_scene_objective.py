@@ -14,7 +14,8 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.variables import CAMERA, scene_layout
-from vip_factors.solve.elimination import chain_marginals, last_marginals
+from vip_factors.solve.chain_elimination import last_marginals
+from vip_factors.solve.elimination import chain_marginals
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
 

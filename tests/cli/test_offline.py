@@ -84,7 +84,7 @@ def test_whole_programs_without_a_network(tmp_path: Path) -> None:
     can = shutil.which("unshare") and subprocess.run([*ALONE, "true"], check=False, capture_output=True).returncode == 0
 
     def program(*words: object) -> None:
-        command = [*(ALONE if can else []), sys.executable, "-m", "vip_factors.cli.main", *map(str, words)]
+        command = [*(ALONE if can else []), sys.executable, "-m", "vip_factors", *map(str, words)]
         done = subprocess.run(
             command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False, timeout=600
         )

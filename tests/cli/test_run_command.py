@@ -80,6 +80,15 @@ def test_a_known_offset_and_found_poses_leave_steps_out(tmp_path: Path) -> None:
     assert smooth.inputs == convert.outputs
 
 
+def test_found_poses_need_no_video(tmp_path: Path) -> None:
+    given = RunOptions((Path("xsens"),), detections=Path("poses.json"), camera=Path("c.toml"), video_rate=30.0)
+    check(given)
+    convert, sync, *_ = steps(given, tmp_path)
+    assert convert.words[-6:] == ("--detections", "poses.json", "--camera", "c.toml", "--video-rate", "30.0")
+    assert convert.inputs[1:] == (Path("poses.json"), Path("c.toml"))
+    assert sync.name == "sync"
+
+
 def test_the_steps_of_two_wearers(tmp_path: Path) -> None:
     given = options(tmp_path)
     given = RunOptions(log=(Path("a"), Path("b")), placement=("a.toml", "b.toml"), video=given.video)
@@ -98,6 +107,8 @@ def test_the_steps_of_two_wearers(tmp_path: Path) -> None:
         (RunOptions(log=(Path("a"), Path("b")), placement=("a.toml",)), "2 --log and 1 --placement"),
         (RunOptions(log=(Path("a"),), static_camera=True, time_offset_s=1.0), "--static-camera, --time-offset-s given"),
         (RunOptions(log=(Path("a"),), video=Path("no.mp4")), "no such video"),
+        (RunOptions(log=(Path("a"),), detections=Path("d")), "give --camera"),
+        (RunOptions(log=(Path("a"),), detections=Path("d"), camera=Path("c"), overlay=True), "--overlay given without"),
         (RunOptions(log=(Path("a"),), video=Path(__file__), detections=Path("d"), overlay=True), "--overlay"),
         (RunOptions(log=(Path("a"),), video=Path(__file__), field_of_view_deg=180.0), "between 0 and 180"),
     ],

@@ -49,7 +49,7 @@ def test_a_recording_is_played_into_all_sinks(run: Callable, scene: Path, tmp_pa
     assert done.code == 0, done.err
     lines = [json.loads(line) for line in done.out.splitlines()]
     assert [line["frame"] for line in lines] == list(range(FRAMES))
-    assert lines[0]["findings"] == ["the stream has begun"]
+    assert lines[0]["findings"][0]["text"] == "the stream has begun"
     told = done.err.splitlines()
     assert told[0] == "care: the stream has begun"
     assert f"{FRAMES} frames; update: median 5.0 ms" in told[1]
@@ -78,6 +78,19 @@ def test_avatars_get_poses(run: Callable, scene: Path) -> None:
     done = run("stream", scene, "--vmc", "nowhere")
     assert done.code == 2
     assert "host:port" in done.err
+
+
+@pytest.mark.usefixtures("stubbed")
+def test_a_live_page_says_where_it_is_and_for_whom(run: Callable, scene: Path, tmp_path: Path) -> None:
+    pytest.importorskip("websockets", reason="needs the extra live")
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        port = probe.getsockname()[1]
+    done = run("stream", scene, "--web", port)
+    assert done.code == 0, done.err
+    assert f"note: the live page is at http://127.0.0.1:{port}/, for this machine alone" in done.err
+    (tmp_path / "token").write_text("correct horse\n")
+    done = run("stream", scene, "--web", port, "--web-host", "0.0.0.0", "--token-file", tmp_path / "token")
+    assert f":{port}/?token=…, for whoever has the token; nothing is encrypted" in done.err
 
 
 @pytest.mark.usefixtures("stubbed")
@@ -255,8 +268,13 @@ def test_a_rerun_file_that_is_lost_is_no_success(
 
 
 class Silent:
+    behind_s = 0.0
+
     def note_loss(self) -> None:
         self.lost = True
+
+    def note_behind(self, seconds: float) -> None:
+        self.behind_s = seconds
 
     def push(self, sample: object) -> list[LiveEstimate]:
         return []
@@ -294,6 +312,12 @@ def test_the_tracker_learns_of_samples_that_were_dropped() -> None:
     session = Session(tracker, [], [], StatusLine(False))
     session.take(LiveLoss("the tracker does not keep up"))
     assert tracker.lost
+
+
+def test_the_tracker_learns_how_long_a_sample_has_waited() -> None:
+    tracker = Silent()
+    Session(tracker, [], [], StatusLine(False)).take(next(iter(live_samples(live_scene(0.1)))), 0.25)
+    assert tracker.behind_s == 0.25
 
 
 def test_an_interrupt_waits_for_the_update_to_end() -> None:

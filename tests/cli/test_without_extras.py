@@ -18,6 +18,7 @@ EXTRAS = (
     "optuna",
     "PIL",
     "pygltflib",
+    "pylsl",
     "pythonosc",
     "websockets",
 )
@@ -48,6 +49,8 @@ def unasked(source: Path | None, tell: Callable[[str], None]) -> None:
         ("view RECORDING --video film.gif", "film"),
         ("stream ws://127.0.0.1:0", "live"),
         ("stream RECORDING --vmc 127.0.0.1:39539", "live"),
+        ("stream RECORDING --web 8080", "live"),
+        ("stream RECORDING --lsl body", "lsl"),
         ("tune RECORDING", "tune"),
         ("smooth RECORDING --cluster tcp://127.0.0.1:1 --summary all.csv --out OUT", "cluster"),
         ("smooth s3://lab/walk.mcap", "cluster"),

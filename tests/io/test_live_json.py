@@ -1,70 +1,124 @@
-"""JSON lines of a tracker's answers."""
+"""JSON lines of a tracker's answers, and the schema that says what is in them."""
 
+import importlib.util
 import io
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from live_answers import LAG, answer, answers, live_scene
 
+from vip_factors.body.joint_angles import joint_angles
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.live_json import LiveJsonSink
 from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.scene import Scene
+
+DATA_SCHEMAS = Path(__file__).parents[2] / "data_schemas"
 
 
-def lines_of(*estimates: object) -> list[dict]:
+def lines_of(scene: Scene, *estimates: object) -> list[dict]:
     stream = io.StringIO()
-    sink = LiveJsonSink(stream)
+    sink = LiveJsonSink(stream, scene)
     for one in estimates:
         sink.write(one)
-    sink.close()
     assert stream.getvalue().endswith("\n")
     return [json.loads(line) for line in stream.getvalue().splitlines()]
 
 
-def test_there_is_a_line_a_frame_with_the_poses_in_it() -> None:
+def of_joints(pose: dict, key: str) -> np.ndarray:
+    assert tuple(pose["joints"]) == JOINT_NAMES
+    return np.array([joint[key] for joint in pose["joints"].values()])
+
+
+def test_there_is_a_line_a_frame_with_joints_by_name() -> None:
     scene = live_scene(0.5)
     given = list(answers(scene))
-    lines = lines_of(*given)
-    assert [line["frame"] for line in lines] == list(range(len(given)))
+    lines = lines_of(scene, *given)
+    assert [(line["version"], line["frame"]) for line in lines] == [(1, number) for number in range(len(given))]
     assert [one["name"] for one in lines[0]["wearers"]] == ["ann", "bob"]
     assert lines[0]["wearers"][0]["smoothed"] is None
+    motions = [one.truth.motion for one in scene.wearers]
+    angles = [joint_angles(one) for one in motions]
     for line, estimate in zip(lines[LAG:], given[LAG:], strict=True):
-        for told, wearer in zip(line["wearers"], estimate.wearers, strict=True):
-            for kind in ("newest", "smoothed"):
-                pose = getattr(wearer, kind)
-                R = matrix_from_quaternion(np.array(told[kind]["rotations"]), Order.WXYZ)
-                np.testing.assert_allclose(R, pose.R_parent_child, atol=5e-5)
-                np.testing.assert_allclose(told[kind]["root"], pose.p_world_pelvis, atol=1e-4)
+        for number, (told, wearer) in enumerate(zip(line["wearers"], estimate.wearers, strict=True)):
+            for kind, frame in (("newest", estimate.frame), ("smoothed", estimate.frame - LAG)):
+                pose, state = getattr(wearer, kind), motions[number].state
+                for key, R in (
+                    ("rotation_wxyz", pose.R_parent_child), ("orientation_wxyz", state.R_world_bone[frame])
+                ):  # fmt: skip
+                    found = matrix_from_quaternion(of_joints(told[kind], key), Order.WXYZ)
+                    np.testing.assert_allclose(found, R, atol=5e-5)
+                np.testing.assert_allclose(of_joints(told[kind], "position"), state.p_world_joint[frame], atol=1e-4)
                 assert told[kind]["time"] == pytest.approx(pose.time, abs=1e-6)
-                np.testing.assert_allclose(np.deg2rad(told[kind]["sigma_deg"]), np.sqrt(1e-3), atol=1e-4)
-        R = matrix_from_quaternion(np.array(line["camera"]["smoothed"]["rotation"]), Order.WXYZ)
+                np.testing.assert_allclose(np.deg2rad(of_joints(told[kind], "sigma_deg")), np.sqrt(1e-3), atol=1e-4)
+                off = [told[kind]["angles_deg"][name] for name in angles[number].names] - angles[number].degrees[frame]
+                assert np.abs((off + 180) % 360 - 180).max() < 0.01
+        R = matrix_from_quaternion(np.array(line["camera"]["smoothed"]["orientation_wxyz"]), Order.WXYZ)
         np.testing.assert_allclose(R, estimate.smoothed_camera.R_world_camera, atol=5e-5)
         assert line["update_ms"] == 5.0
-    assert [line.get("preliminary", False) for line in lines] == [one.preliminary for one in given]
+    assert [line["preliminary"] for line in lines] == [one.preliminary for one in given]
 
 
-def test_headings_are_told_when_they_change() -> None:
-    first = answer(live_scene(0.1, 1), 0)
-    heard = [line["wearers"][0].get("headings_deg") for line in lines_of(first, first)]
-    assert len(heard[0]) == 13
-    assert heard[1] is None
-    head = SensorCalibration(np.deg2rad(400.0), np.eye(3), np.deg2rad(2.0))
-    turned = replace(first.wearers[0], calibration={**first.wearers[0].calibration, "head": head})
-    assert lines_of(first, replace(first, wearers=(turned,)))[1]["wearers"][0]["headings_deg"] == {"head": [40.0, 2.0]}
+def test_every_answer_is_whole() -> None:
+    scene = live_scene(0.1, 1)
+    first = answer(scene, 0)
+    for line in lines_of(scene, first, first):
+        assert len(line["wearers"][0]["headings_deg"]) == 13
+        assert line["verdict"] == "care"
+        assert line["findings"] == [{"kind": "text", "severity": "care", "text": "the stream has begun"}]
 
 
 def test_what_is_not_known_is_null_or_absent_and_every_line_is_json() -> None:
-    bare = answer(live_scene(0.1, 1, filmed=False), 0, covariance=False)
+    scene = live_scene(0.1, 1, filmed=False)
+    bare = answer(scene, 0, covariance=False)
     wearer = bare.wearers[0]
-    unknown = {"head": SensorCalibration(0.0, np.eye(3))}  # NaN: its sigma is not estimated
+    unknown = {"head": SensorCalibration(np.deg2rad(400.0), np.eye(3))}  # NaN: its sigma is not estimated
     nowhere = replace(wearer.newest, p_world_pelvis=np.full(3, np.nan))
-    line = lines_of(replace(bare, wearers=(replace(wearer, newest=nowhere, calibration=unknown, detection=None),)))[0]
+    given = replace(bare, wearers=(replace(wearer, newest=nowhere, calibration=unknown, detection=None),))
+    line = lines_of(scene, given)[0]
     assert "camera" not in line
     told = line["wearers"][0]
-    assert told["headings_deg"] == {"head": [0.0, None]}
-    assert told["newest"]["root"] == [None, None, None]
-    assert "sigma_deg" not in told["newest"]
+    assert told["headings_deg"] == {"head": {"heading": 40.0, "sigma": None}}
+    assert told["newest"]["joints"]["head"]["position"] == [None, None, None]
+    assert "sigma_deg" not in told["newest"]["joints"]["head"]
     assert told["detection"] is None
-    assert line["findings"] == ["the stream has begun"]
+
+
+def test_the_body_believed_counts() -> None:
+    scene = live_scene(0.1, 1)
+    given = answer(scene, 0)
+    longer = replace(
+        scene.wearers[0].subject.body(), p_parent_joint=1.1 * scene.wearers[0].subject.body().p_parent_joint
+    )
+    changed = replace(given, wearers=(replace(given.wearers[0], skeleton=longer),))
+    before, after = (of_joints(line["wearers"][0]["newest"], "position") for line in lines_of(scene, given, changed))
+    np.testing.assert_allclose(after - after[0], 1.1 * (before - before[0]), atol=3e-4)
+
+
+def test_the_schema_is_that_of_the_lines() -> None:
+    jsonschema = pytest.importorskip("jsonschema", reason="needs the extra dev")
+    schema = json.loads((DATA_SCHEMAS / "live_answer.schema.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    for one in schema["$defs"].values():
+        one["additionalProperties"] = False  # readers let new keys pass; here all have to be declared
+    validator = jsonschema.Draft202012Validator(schema)
+    full, bare = live_scene(0.3), live_scene(0.3, 1, filmed=False)
+    for scene, covariance in ((full, True), (bare, False)):
+        for line in lines_of(scene, answer(scene, 0, covariance), answer(scene, LAG + 1, covariance)):
+            validator.validate(line)
+    wrong = lines_of(full, answer(full, 0))[0]
+    del wrong["wearers"][0]["newest"]["joints"]["left_knee"]
+    assert not validator.is_valid(wrong)
+
+
+def test_the_schema_is_generated() -> None:
+    pytest.importorskip("grpc_tools", reason="regenerating the schemas needs grpcio-tools (extra dev)")
+    spec = importlib.util.spec_from_file_location("generate", DATA_SCHEMAS / "generate.py")
+    generate = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(generate)
+    told = generate.ANSWER_SCHEMA.read_text(encoding="utf-8")
+    assert told == generate.answer_schema(), "run python data_schemas/generate.py"

@@ -106,6 +106,17 @@ def test_losses_are_said_once_a_second_and_told_every_ten_and_at_the_end() -> No
     assert not told.again
 
 
+@pytest.mark.parametrize("drops", [True, False])
+def test_what_is_late_has_waited_but_nothing_of_a_file(drops: bool) -> None:
+    clock = Clock()
+    queue = LiveQueue(8, drops, clock)
+    for clock.now in (1.0, 1.5):
+        queue.put(imu(clock.now))
+    clock.now = 2.0
+    waited = [queue.waited_s for _ in range(2) if queue.get()]
+    assert waited == ([1.0, 0.5] if drops else [0.0, 0.0])
+
+
 def test_findings_are_never_dropped() -> None:
     queue = LiveQueue(1)
     for number in range(5):

@@ -21,8 +21,9 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live.settings import VmcPose
-from vip_factors.io.live_vmc import DATAGRAM, UNITY_BONES, LiveVmcSink, check_vmc
+from vip_factors.io.bone_names import UNITY_BONES
+from vip_factors.io.live.settings import SentPose
+from vip_factors.io.live_vmc import DATAGRAM, LiveVmcSink, check_vmc
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import stream_head
 
@@ -112,15 +113,15 @@ def check_joints(heard: Marionette, pose: LivePose, skeleton: Any) -> None:
 MESSAGES = 3 + len(UNITY_BONES)
 
 
-@pytest.mark.parametrize("kind", list(VmcPose))
-def test_joints_lie_where_the_estimate_has_them(kind: VmcPose) -> None:
+@pytest.mark.parametrize("kind", list(SentPose))
+def test_joints_lie_where_the_estimate_has_them(kind: SentPose) -> None:
     scene = live_scene(0.5)
     with marionettes(2) as heard:
         sink = LiveVmcSink(f"127.0.0.1:{heard[0].port}", stream_head(scene), kind)
         assert list(sink.ports.values()) == [one.port for one in heard]
         for estimate in answers(scene):
             sink.write(estimate)
-        frames = 31 if kind is VmcPose.NEWEST else 31 - LAG
+        frames = 31 if kind is SentPose.NEWEST else 31 - LAG
         for number, one in enumerate(heard):
             assert len(one.wait(frames * MESSAGES)) == frames * MESSAGES
             check_joints(one, getattr(estimate.wearers[number], kind.value), scene.wearers[number].subject.body())

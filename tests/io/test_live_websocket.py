@@ -1,14 +1,18 @@
 """The source over WebSocket on this machine: what arrives, and clients that err."""
 
 import socket
+import time
 from dataclasses import replace
+from threading import Event
 
 import pytest
 from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, short_walk
 
 from vip_factors.errors import InputError
+from vip_factors.io.live import websocket
 from vip_factors.io.live.open import live_messages, open_source
-from vip_factors.io.live.streams import NetworkSource
+from vip_factors.io.live.session import Client, Session
+from vip_factors.io.live.streams import NetworkSource, listen
 from vip_factors.sensors.scene import Scene
 
 connect = pytest.importorskip("websockets.sync.client", reason="needs the extra live").connect
@@ -101,23 +105,37 @@ def test_a_client_that_speaks_no_websocket_is_told() -> None:
         with Background(send_scene, url(source), short_walk()):
             received(source)
     assert len(told) == 2
-    assert all("did not open a WebSocket" in one.sentence for one in told)
+    assert "no header came" in told[0].sentence
+    assert "did not open a WebSocket" in told[1].sentence
 
 
-def test_a_second_client_at_a_time_is_sent_away() -> None:
+def test_a_second_client_waits_until_the_first_has_gone() -> None:
     scene = short_walk()
-    header, *messages = live_messages(scene)
+    messages = list(live_messages(scene))
+    with listening(WS, replace(PATIENT, next_client_wait=1.0)) as source:
+        with connect(url(source)) as client:
+            client.send(messages[0])
+            source.setup  # noqa: B018
+            second = Background(send_scene, url(source), scene)
+            second.__enter__()
+            for message in messages[1:]:
+                client.send(message)
+        second.__exit__()
+        setup, samples, sentences = received(source)
+    assert_arrived(scene, setup, samples[: len(messages) - 1])
+    assert_arrived(scene, setup, samples[len(messages) - 1 :])
+    assert ["has left after" in one for one in sentences] == [True, True]
+
+
+def test_a_message_may_come_in_pieces_and_a_ping_is_answered() -> None:
+    scene = short_walk()
     with listening(WS) as source:
         with connect(url(source)) as client:
-            client.send(header)
-            source.setup  # noqa: B018
-            assert sent_away(url(source)) == 1013
-            for message in messages:
-                client.send(message)
-        setup, samples, sentences = received(source)
+            for message in live_messages(scene):
+                client.send([message[:5], message[5:]])
+            assert client.ping().wait(20)
+        setup, samples, _ = received(source)
     assert_arrived(scene, setup, samples)
-    (told,) = sentences
-    assert "another client is connected" in told
 
 
 def test_a_client_that_vanishes_is_told_and_may_come_back() -> None:
@@ -136,12 +154,41 @@ def test_a_client_that_vanishes_is_told_and_may_come_back() -> None:
     assert len(sentences) == 2
 
 
+def test_an_answer_that_cannot_be_sent_ends_that_client_only() -> None:
+    class Gone:
+        ended, pending, problem = False, 0, ""
+
+        def feed(self, data: bytes) -> list[bytes]:
+            raise BrokenPipeError(32, "Broken pipe")
+
+    client = Client(Session(print, print), "a client")
+    assert listen(client, lambda: b"data", QUICK, Event(), Gone()) == "the connection was lost (Broken pipe)"
+
+
+def test_who_goes_on_sending_after_the_goodbye_is_not_listened_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(websocket, "GOODBYE_WAIT", 0.2)
+    scene, told = short_walk(), []
+    with listening(WS, on_finding=told.append) as source:
+        with socket.create_connection(source.address) as flooding:
+            key = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
+            flooding.sendall(f"GET / HTTP/1.1\r\nHost: here\r\n{key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
+            frame = bytes([0x82, 0x85, 0, 0, 0, 0]) + b"\x0a\x03Ada"  # a message before the header
+            with pytest.raises(OSError, match=r"reset|pipe"):  # noqa: PT012
+                while True:
+                    flooding.sendall(frame)
+                    time.sleep(0.01)
+        with Background(send_scene, url(source), scene):
+            setup, samples, _ = received(source)
+    assert_arrived(scene, setup, samples)
+    assert "before its header" in told[0].sentence
+
+
 def test_a_port_in_use_is_an_input_error() -> None:
     with listening(WS) as source, pytest.raises(InputError, match="cannot listen there"), open_source(url(source)):
         pass
 
 
 def test_without_the_library_the_pip_line_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "websockets.sync.server", None)
+    monkeypatch.setitem(__import__("sys").modules, "websockets.server", None)
     with pytest.raises(InputError, match=r"pip install 'vip-factors\[live\]'"), listening(WS):
         pass

@@ -14,7 +14,7 @@ from vip_factors.report.page import write_report
 from vip_factors.report.settings import ReportSettings
 
 VIEWER = Path(vip_factors.__file__).parent / "report" / "viewer"
-SOURCES = ("viewer.js", "world.js", "body.js", "charts.js")
+SOURCES = ("viewer.js", "stage.js", "report.js", "live.js", "world.js", "body.js", "charts.js")
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 SOFTWARE_GL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 QUIET = (

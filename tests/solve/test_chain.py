@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import SolveError
+from vip_factors.solve.chain_elimination import last_covariance
 from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, chain_step, is_one_chain, static_key
-from vip_factors.solve.elimination import chain_marginals, eliminate, last_covariance
+from vip_factors.solve.elimination import chain_marginals, eliminate
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
 T, D, S = 7, 3, 2

@@ -13,7 +13,8 @@ from scene_sample import estimate_of, scene_sample
 
 from vip_factors import pipeline
 from vip_factors.cli.main import main
-from vip_factors.estimate import CameraEstimate, Estimate, EstimateChunks, PoseCovariance
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
+from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.start_candidates import StartSettings

@@ -67,7 +67,7 @@ def test_a_set_up_that_cannot_tell_as_much_as_is_promised_is_told(
 ) -> None:
     bones = [f"{side}_{joint}" for joint in joints for side in ("left", "right")]
     calibration = {one: SensorCalibration(0.0, np.eye(3), bone=one) for one in bones}
-    wearer: Any = SimpleNamespace(name="Ada", calibration=calibration)
+    wearer: Any = SimpleNamespace(motion=SimpleNamespace(name="Ada"), calibration=calibration)
     found = list(precision_findings(wearer, FILMED if filmed else UNFILMED, filmed))
     assert len(found) == bool(told)
     for one in found:

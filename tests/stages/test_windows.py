@@ -11,7 +11,8 @@ import pytest
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
+from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.initialise.sensor_faults import SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings

@@ -35,9 +35,11 @@ STUDIES = {
     "real": "real:Real",
     "catalogue": "catalogue:Catalogue",
     "walk": "walk:Walk",
+    "gait": "gait_study:GaitStudy",
     "fuzz": "fuzz.run:Fuzz",
     "train-prior": "train_prior:TrainPrior",
     "train-body": "train_prior:TrainBody",
+    "train-gait": "gait_train:TrainGait",
     "train-association": "train_association:TrainAssociation",
 }
 

@@ -1,82 +1,169 @@
-"""How long a reconstruction takes, by its stages, and how much memory it needs."""
+"""Seconds and memory of a reconstruction and milliseconds of a stream's update, by what there is more or less of."""
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from time import perf_counter
+from operator import attrgetter
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Annotated
+
+import numpy as np
 
 from tests.studies.processes import apart, peak_memory
-from tests.studies.study import MB, Study, Tell, table
-from vip_factors.cli.options import Flag
+from tests.studies.stream_latency import Latency, measure
+from tests.studies.study import MB, Study, Tell, columns, table
+from vip_factors.cli.options import Flag, Output
+from vip_factors.errors import VipFactorsError
+from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
-from vip_factors.simulate.staging import with_initial_pose
+from vip_factors.simulate.staging import from_time, placed, with_initial_pose
 
 THESIS_S = 450.0  # 3.4.1: 1,000 frames of six sensors, 20 iterations in MATLAB, one core
 HOLD_S = 2.0
+APART_M = 1.2  # between people who stand side by side
+LATER_S = 2.9  # that each is in the gestures behind the one before: who moves as another cannot be told
 AFTERWARDS = "how sure, and findings"
-# Placement, whether a hand-held camera films, frames at 60 Hz; the last one for its memory.
-RUNS = (
-    ("sip6", False, 1000), ("totalcapture13", False, 1000), ("totalcapture13", True, 1000),
-    ("totalcapture13", False, 10_000),
-)  # fmt: skip
+PLACEMENTS = {6: "sip6", 13: "totalcapture13", 17: "mvn17"}
+AXES = ("frames", "wearers", "strangers", "sensors", "cameras", "cores")
 
 
 @dataclass(frozen=True)
-class PipelineTime:
-    """The whole pipeline on one wearer.
+class Load:
+    """What is reconstructed: frames at 60 Hz, people with and without sensors, sensors of each, cameras (the first
+    in somebody's hands, further ones on tripods), and the cores that may be used."""
+
+    frames: int = 1000
+    wearers: int = 1
+    strangers: int = 0
+    sensors: int = 13
+    cameras: int = 1
+    cores: int = 1
+
+
+@dataclass(frozen=True)
+class LoadTime:
+    """What one load took.
 
     Attributes:
-        placement, filmed: which sensors, and whether a hand-held camera films.
-        frames: of the estimate.
+        load: what there was of everything.
         recording_seconds: how long the recording lasts.
-        seconds: of the pipeline.
+        seconds, cpu_seconds: of the pipeline.
+        elimination: of it seconds in which linear systems were eliminated: no solution of these problems needs less.
         stages: seconds of each stage, in order, with the number of iterations of those that are solves.
         before, peak: resident memory in bytes: with the recording in memory, and of everything.
+        stream: what updates of the same scene as a stream took; None if it was not fed.
+        nothing: seconds of an update that does nothing: of samples that are only handed over.
     """
 
-    placement: str
-    filmed: bool
-    frames: int
+    load: Load
     recording_seconds: float
     seconds: float
+    cpu_seconds: float
+    elimination: float
     stages: tuple[tuple[str, float, int], ...]
     before: int
     peak: int
-
-    @property
-    def name(self) -> str:
-        return f"{self.placement}{' and a hand-held camera' if self.filmed else ''}, {self.frames} frames"
+    stream: Latency | None = None
+    nothing: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class Speed(Study):
-    """Seconds by stage, and peak memory, on simulated walks."""
+    """Seconds, memory and a stream's updates against length, wearers, sensors, cameras and cores, and their floors."""
 
+    vary: tuple[str, ...] = ("frames", "wearers", "sensors", "cameras")
+    """Of what there is more and less: frames, wearers, strangers, sensors, cameras, cores."""
+    long: Flag = False
+    """Also 10,000 and 100,000 frames."""
+    stream: Flag = False
+    """Also feed each scene to the tracker, sample by sample."""
+    picture: Annotated[Path | None, Output()] = None
+    """Draw the curves into this file."""
     quick: Flag = False
     """A few frames and iterations only."""
 
-    def rows(self, tell: Tell) -> Iterator[PipelineTime]:
-        for done, (placement, filmed, frames) in enumerate(RUNS[1:3] if self.quick else RUNS):
-            tell("speed", done / len(RUNS))
-            yield apart(timed, placement, filmed, 200 if self.quick else frames, 1 if self.quick else None)
+    def loads(self) -> list[Load]:
+        """One thousand frames of one wearer, and what differs from it in one number."""
+        values = {
+            "frames": (1000, 10_000, 100_000) if self.long else (500, 1000, 2000),
+            "wearers": (1, 2, 4),
+            "strangers": (0, 3, 8),
+            "sensors": tuple(PLACEMENTS),
+            "cameras": (0, 1, 4),
+            "cores": tuple(n for n in (1, 2, 4, 8) if n <= (os.cpu_count() or 1)),
+        }
+        loads = [replace(Load(), **{axis: value}) for axis in self.vary for value in values[axis]]
+        return list(dict.fromkeys([Load(frames=200)] if self.quick else [Load(), *loads]))
 
-    def tables(self, rows: Sequence[PipelineTime]) -> Iterator[str]:
-        """All runs beside the thesis's time, then the stages of each."""
-        lines: list[list[object]] = [
-            [one.name, one.seconds, f"{one.seconds / one.recording_seconds:.2f}", f"{one.peak / MB:.0f}",
-             f"{one.before / MB:.0f}"] for one in rows
-        ]  # fmt: skip
-        thesis = ["thesis, sip6, 1000 frames, 20 iterations", THESIS_S, "", "", ""]
-        yield table(["", "s", "s a second", "peak memory MB", "of it before"], [*lines, thesis])
+    def rows(self, tell: Tell) -> Iterator[LoadTime]:
+        loads = self.loads()
+        for done, load in enumerate(loads):
+            tell("speed", done / len(loads))
+            yield apart(timed, load, 1 if self.quick else None, self.stream and load.cameras == 1)
+
+    def tables(self, rows: Sequence[LoadTime]) -> Iterator[str]:
+        """All loads beside the thesis's time, then the stages of each; the picture is drawn where one is asked for."""
+        yield columns(rows, {
+            **{axis: attrgetter(f"load.{axis}") for axis in AXES},
+            "s": lambda one: one.seconds, "CPU s": lambda one: one.cpu_seconds,
+            "of it elimination": lambda one: one.elimination, "memory MB": lambda one: f"{one.peak / MB:.0f}",
+            "of it before": lambda one: f"{one.before / MB:.0f}",
+        })  # fmt: skip
+        yield f"The thesis took {THESIS_S:g} s for 20 iterations of 1,000 frames of six sensors without a camera."
+        fed = [one for one in rows if one.stream is not None]
+        if fed:
+            yield table(
+                ["stream", "nothing ms", "median ms", "95 %", "99 %", "worst"],
+                [[_name(one.load), f"{1e3 * one.nothing:.3f}", *(f"{1e3 * value:.1f}" for value in _quantiles(one))]
+                 for one in fed],
+            )  # fmt: skip
         for one in rows:
-            yield f"By stage: {one.name}"
+            yield f"By stage: {_name(one.load)}"
             yield table(["stage", "s", "iterations"], [[name, s, count or ""] for name, s, count in one.stages])
+        if self.picture is not None:
+            draw(rows, self.picture)
+
+
+def _name(load: Load) -> str:
+    return ", ".join(f"{getattr(load, axis)} {axis}" for axis in AXES)
+
+
+def _quantiles(one: LoadTime) -> list[float]:
+    assert one.stream is not None
+    return list(one.stream.cpu_seconds.values())
+
+
+def draw(rows: Sequence[LoadTime], path: Path) -> None:
+    """Curves of what was varied: seconds, and below them the floor."""
+    from matplotlib.figure import Figure
+
+    base, curves = rows[0].load, list[tuple[str, list[LoadTime]]]()
+    for axis in AXES:
+        alike = [one for one in rows if replace(one.load, **{axis: getattr(base, axis)}) == base]
+        if len(alike) > 1:
+            curves.append((axis, sorted(alike, key=attrgetter(f"load.{axis}"))))
+    figure = Figure((3.2 * max(len(curves), 1), 3.2), layout="constrained")
+    panes = figure.subplots(1, max(len(curves), 1), squeeze=False, sharey=True)[0]
+    for pane, (axis, ones) in zip(panes, curves, strict=False):
+        x = [getattr(one.load, axis) for one in ones]
+        pane.plot(x, [one.seconds for one in ones], "o-", label="all")
+        pane.plot(x, [one.elimination for one in ones], "s--", label="elimination alone")
+        pane.set(xlabel=axis, xticks=x, ylim=(0, None))
+        if axis == "frames":
+            pane.set(xscale="log", yscale="log", ylim=(None, None)) if max(x) > 20 * min(x) else None
+    panes[0].set_ylabel("s")
+    if curves:
+        panes[0].legend(frameon=False)
+    figure.savefig(path)
 
 
 @dataclass
@@ -95,24 +182,56 @@ class StageClock:
         self.last = now
 
 
-def timed(placement: str, filmed: bool, frames: int, iterations: int | None = None) -> PipelineTime:
-    """The pipeline on a walk, in a process of its own; with fewer iterations than its settings' where told so."""
+def scene_of(load: Load) -> Scene:
+    """People who make gestures side by side, each somewhat later than the one before."""
+    performers, people = list[Performer](), load.wearers + load.strangers
+    seconds = (load.frames - 1) / Settings().frame_rate - HOLD_S
+    for number in range(people):
+        late = LATER_S * number
+        motion = with_initial_pose(from_time(gestures(seconds + late), late), "t-pose", HOLD_S)
+        motion = placed(motion, 0.4 * number,
+                        (0.0, APART_M * (number - (people - 1) / 2)))  # fmt: skip
+        sensors = preset(PLACEMENTS[load.sensors], motion.skeleton) if number < load.wearers else None
+        performers.append(Performer(f"person{number + 1}", motion, sensors, "t-pose"))
+    if not load.cameras:
+        return Scene("gestures", tuple(
+            simulate_recording(one.motion, one.placement, initial_pose="t-pose", seed=number)
+            for number, one in enumerate(performers) if one.placement is not None
+        ))  # fmt: skip
+    return simulate_scene(performers, SceneSettings(camera="hand-held", cameras=load.cameras))
+
+
+def timed(load: Load, iterations: int | None = None, stream: bool = False) -> LoadTime:
+    """One load, in a process of its own; with fewer iterations than the settings' where told so."""
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: load.cores])
     settings = Settings()
     if iterations is not None:
         settings = replace(settings, solve=replace(settings.solve, max_iterations=iterations))
-    motion = with_initial_pose(gestures((frames - 1) / settings.frame_rate - HOLD_S), "t-pose", HOLD_S)
-    sensors = preset(placement, motion.skeleton)
-    if filmed:
-        scene = simulate_scene([Performer("wearer", motion, sensors, "t-pose")], SceneSettings(camera="hand-held"))
-    else:
-        scene = Scene("walk", (simulate_recording(motion, sensors, initial_pose="t-pose"),))
-    before, clock, begin = peak_memory(), StageClock(), perf_counter()
+    scene = scene_of(load)
+    before, clock, begin, cpu = peak_memory(), StageClock(), perf_counter(), process_time()
     estimate = smooth(scene, settings, clock)
     clock(AFTERWARDS, 1.0)
-    solves: dict[str, list[int]] = {}
+    seconds, cpu, peak = perf_counter() - begin, process_time() - cpu, peak_memory()
+    solves, elimination = dict[str, list[int]](), 0.0
     for report in (*estimate.reports, *(one for wearer in estimate.wearers for one in wearer.reports)):
         solves.setdefault(report.stage, []).append(len(report.iterations))
+        elimination += sum(one.seconds.get("eliminate", 0.0) for one in report.iterations)
     stages = tuple((name, s, solves[name].pop(0) if solves.get(name) else 0) for name, s in clock.seconds)
-    found, seconds = estimate.wearers[0].motion, perf_counter() - begin
-    lasts = len(found) / found.rate
-    return PipelineTime(placement, filmed, len(found), lasts, seconds, stages, before, peak_memory())
+    found = estimate.wearers[0].motion
+    updates = _streamed(scene) if stream else (None, 0.0)
+    return LoadTime(load, len(found) / found.rate, seconds, cpu, elimination, stages, before, peak, *updates)
+
+
+def _streamed(scene: Scene) -> tuple[Latency | None, float]:
+    """What updates take, and what handing over the samples of one does."""
+    samples, setup, settings = list(live_samples(scene)), stream_head(scene), LiveSettings()
+    begin = process_time()
+    for sample in samples:
+        np.asarray(sample.time)
+    frames = settings.frame_rate * (samples[-1].time - samples[0].time)
+    nothing = (process_time() - begin) / frames
+    try:
+        return measure(samples, setup, settings, lambda time: None), nothing
+    except VipFactorsError:  # too short for an answer
+        return None, nothing

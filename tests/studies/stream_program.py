@@ -40,7 +40,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.scene_settings import CameraKind
 from vip_factors.viz.rerun_file import is_whole
 
-COMMAND = (sys.executable, "-m", "vip_factors.cli.main")
+COMMAND = (sys.executable, "-m", "vip_factors")
 SOURCE = "tcp://127.0.0.1:0"  # a free port, which the program tells
 LISTEN_S = 120.0  # that it may take to listen
 END_S = 600.0  # and to complete its files: Rerun's file has three minutes by itself
@@ -149,10 +149,11 @@ class StreamProgram:
             self.said.append(line.decode(errors="replace").rstrip())
 
     def _read(self, stream: IO[bytes]) -> None:
-        for line in stream:
-            now = time.monotonic()
-            answer = json.loads(line)
-            self._take(answer, now - self._begun - answer["time"])
+        with stream:  # closed even where an answer cannot be taken: the program must not wait for a reader
+            for line in stream:
+                now = time.monotonic()
+                answer = json.loads(line)
+                self._take(answer, now - self._begun - answer["time"])
 
 
 class Brake:
@@ -243,11 +244,12 @@ class Answers:
 
     def take(self, answer: dict[str, Any], age: float) -> None:
         pose, answered = answer["wearers"][0]["newest"], float(answer["time"])
-        R = matrix_from_quaternion(np.array(pose["rotations"]), Order.WXYZ)
+        joints = pose["joints"]
+        R = matrix_from_quaternion(np.array([one["rotation_wxyz"] for one in joints.values()]), Order.WXYZ)
         with self.lock:
             self.rows.append((answered, age))
-            self.poses.append(LivePose(float(pose["time"]), R, np.array(pose["root"])))
-            self.said += [(answered + age, sentence) for sentence in answer.get("findings", ())]
+            self.poses.append(LivePose(float(pose["time"]), R, np.array(joints["pelvis"]["position"])))
+            self.said += [(answered + age, one["text"]) for one in answer["findings"]]
 
     def good_after(self, end: float) -> float:
         """Seconds from ``end`` (s) until the first of two seconds in which all answers were in time."""

@@ -18,10 +18,17 @@ from tests.studies.gait import (
     stride_errors,
     video_motion,
 )
+from tests.studies.gait_study import GaitStudy, GaitTrial
+from tests.studies.gait_train import TrainGait
+from tests.studies.gait_truth import gaitmap_truth, geneva_truth, treadmill_truth
+from tests.studies.real import converted
+from tests.studies.real_recordings import real_recordings
+from tests.studies.study import markdown, run
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
+from vip_factors.gait.events import events_of_sensor
 from vip_factors.geometry.rotations import rotation_x
 
 
@@ -130,3 +137,38 @@ def test_bends_are_read_from_the_videos_joints(tmp_path: Path) -> None:
     assert found.time == pytest.approx([3.0, 3.0 + 1 / 30])
     assert found.flexion["left_knee"] == pytest.approx([90.0, 90.0])
     assert found.flexion["right_elbow"] == pytest.approx([0.0, 0.0])
+
+
+def test_feet_alone_strike_and_leave_when_markers_say(data_folder: Path) -> None:
+    truth = gaitmap_truth(data_folder / "gaitmap_feet")
+    (known,) = (one for one in real_recordings(data_folder) if one.name == "gaitmap_feet")
+    recording = converted(known, data_folder)
+    for site in recording.placement.sites:
+        found = events_of_sensor(recording.imus[site.sensor], site.R_bone_sensor)
+        true = truth.events[site.bone.partition("_")[0]]
+        assert found is not None
+        for own, others in ((found.strike, true.strike), (found.off, true.off)):
+            away = 1000 * np.array([np.abs(own - one).min() for one in others])
+            assert np.median(away) < 25
+            assert np.quantile(away, 0.9) < 50
+
+
+def test_references_of_gait_are_read(data_folder: Path, tmp_path: Path) -> None:
+    walk = geneva_truth(data_folder / "geneva_gait" / "P02_Gait_09")
+    first, second = walk.events["left"].strike[:2]
+    assert 1.0 < second - first < 1.4
+    assert 1.2 < walk.length("left", first + 0.3, second + 0.3) < 1.5
+    assert walk.late_s["RF"] < -0.02
+    belt = treadmill_truth(data_folder / "xsens_treadmill_optical")
+    assert len(belt.events["left"].strike) == len(belt.events["left"].off) == 52
+    assert 0.8 < belt.length("left", 30.2, 31.5) < 1.3
+    assert np.isnan(belt.length("left", 3.0, 4.0))
+    study = TrainGait(data=data_folder, out=tmp_path / "reference.csv")
+    assert "| comfortable | 1.23 | 4 | 44 |" in markdown(study, run(study))
+    shipped = Path(__file__).parents[2] / "vip_factors" / "gait" / "data" / "reference.csv"
+    assert (tmp_path / "reference.csv").read_text() == shipped.read_text()
+
+
+def test_a_walk_becomes_a_line() -> None:
+    trial = GaitTrial("a walk", "all", (0.01, -0.03), (0.02,), 1, 0, 4, (0.002,), (0.03, np.nan))
+    assert "| a | all | 1 | 20.0 / 29.0 (-10.0) |" in markdown(GaitStudy(data=Path()), [trial])

@@ -68,21 +68,17 @@ class CompiledSliceAccumulator(SliceAccumulator):
         self, eq: BoneEquations | DifferenceEquations | DenseEquations, blocks: Sequence[JacobianBlock], body: Any,
         by_twist: Array | None = None,
     ) -> None:  # fmt: skip
-        placed, shape = self.placed(blocks, eq), eq.residual.shape
-        ranges = [(self._start(one.range.chain, one.ahead) + one.range.start, one.jacobian.shape[3], one.block.each)
-                  for one in placed]  # fmt: skip
-        columns = _columns(shape[1], tuple(ranges))
-        parts = [one.jacobian for one in placed]
-        if by_twist is not None and body is not None:
-            parts.insert(0, by_twist)
-        J = np.concatenate([*parts, np.zeros((*shape, 0))], axis=3)
-        rows = J, eq.residual, eq.weight, columns
+        placed = [
+            (one.jacobian, self._start(one.range.chain, one.ahead) + one.range.start, one.block.each)
+            for one in self.placed(blocks, eq)
+        ]
+        rows = eq.residual, _of_each(eq.confidence), eq.loss.loss.value, _of_each(eq.loss.k), placed
         if body is None:
             kernels.add_columns(self._hessian, self._gradient, eq.first, *rows)
         elif isinstance(eq, DifferenceEquations):
-            body.add_differences(eq.first, np.array(eq.bones), eq.arms, eq.coefficients, *rows)
-        elif by_twist is not None and isinstance(eq, BoneEquations):
-            body.add_bones(eq.first, by_twist.shape[3], np.array(eq.bones), *rows)
+            body.add_differences(eq.first, _numbers(eq.bones), eq.arms, eq.coefficients, *rows)
+        elif isinstance(eq, BoneEquations):
+            body.add_bones(eq.first, _numbers(eq.bones), by_twist, *rows)
 
     def _start(self, chain: int, ahead: int) -> int:
         """First column of a chain's frame, or of what all frames share, in a slice."""
@@ -108,10 +104,11 @@ class CompiledSliceAccumulator(SliceAccumulator):
                 add_mean(self, eq, chain, ahead, D, force)
 
 
+def _of_each(values: np.ndarray | float) -> Array:
+    """What factors ``(t, n)`` have, as it is broadcast to them."""
+    return np.asarray(values, dtype=float).reshape(np.shape(values) or (1, 1))
+
+
 @cache
-def _columns(factors: int, ranges: tuple[tuple[int, int, bool], ...]) -> np.ndarray:
-    """Columns ``(n, c)`` of each factor's blocks, of their first columns, widths and whether each has its own item."""
-    items = np.arange(factors)[:, None]
-    found = [np.zeros((factors, 0), dtype=np.int64)]
-    found += [start + each * width * items + np.arange(width) for start, width, each in ranges]
-    return np.concatenate(found, axis=1)
+def _numbers(bones: tuple[int, ...]) -> np.ndarray:
+    return np.array(bones)

@@ -172,9 +172,14 @@ def _constraints(problem: AssignmentProblem) -> LinearConstraint:
             np.concatenate([np.ones(E), -np.ones(len(first))]), 0.0,
         )  # fmt: skip
     dear = np.flatnonzero(problem.edge_cost > 0)
-    a, b = problem.edges[dear].T
-    row, one = np.arange(len(dear)), np.ones(len(dear))
-    rows.add(np.tile(row, 3), np.concatenate([a, b, H + dear]), np.concatenate([one, one, -one]), 1.0)
+    for near, far in (problem.edges[dear].T, problem.edges[dear].T[::-1]):
+        # a choice and one of a wearer in another frame: their product, which nobody would choose without
+        key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
+        first, ones = np.unique(key, return_index=True)[1], np.ones(len(dear))
+        rows.add(
+            np.concatenate([np.arange(len(first)), key, key]), np.concatenate([near[first], far, H + dear]),
+            np.concatenate([np.ones(len(first)), ones, -ones]), 1.0,
+        )  # fmt: skip
     return rows.constraint()
 
 

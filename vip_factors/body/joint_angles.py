@@ -15,7 +15,7 @@ J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both 
 are zero in the anatomical posture, of a body whose limbs are straight in it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -143,10 +143,14 @@ def joint_angles(motion: Motion) -> JointAngles:
     by itself: read the shoulder's ``flexion`` and ``adduction`` there. These and ``internal_rotation`` are not ISB's
     but those of gait models, and undetermined in turn with the arm stretched out sideways.
     """
-    R = segment_orientations(motion)
-    angles = np.concatenate([_angles(joint, _between(joint, R)) for joint in _JOINTS], axis=1)
-    angles[:, 0] = np.unwrap(angles[:, 0])
-    return JointAngles(motion.time, ANGLE_DEFINITIONS, np.rad2deg(angles))
+    degrees = angles_of_segments(segment_orientations(motion))
+    degrees[:, 0] = np.unwrap(degrees[:, 0], period=360.0)
+    return JointAngles(motion.time, ANGLE_DEFINITIONS, degrees)
+
+
+def angles_of_segments(R_room_segment: Array) -> Array:
+    """The angles ``(T, N)`` in degrees, all within ±180, of :func:`segment_orientations` ``(T, 24, 3, 3)``."""
+    return np.rad2deg(np.concatenate([_angles(joint, _between(joint, R_room_segment)) for joint in _JOINTS], axis=1))
 
 
 def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
@@ -231,3 +235,31 @@ def segment_orientations(motion: Motion) -> Array:
 def mirrored(R: Array) -> Array:
     """Rotations ``(..., 3, 3)`` of the other side's segments, in the same axes."""
     return _MIRROR @ R @ _MIRROR
+
+
+# A joint's angles are between two segments; of the trunk any bone does.
+_CHEST = ("spine1", "spine2", "spine3", "left_collar", "right_collar", "neck")
+_BETWEEN = {
+    "hip": (("pelvis",), ("{}_hip",)),
+    "knee": (("{}_hip",), ("{}_knee",)),
+    "ankle": (("{}_knee",), ("{}_ankle", "{}_foot")),
+    "shoulder": (_CHEST, ("{}_shoulder",)),
+    "elbow": (("{}_shoulder",), ("{}_elbow",)),
+    "wrist": (("{}_elbow",), ("{}_wrist", "{}_hand")),
+    "neck": (_CHEST, ("head",)),
+    "trunk": (("pelvis",), _CHEST),
+    "pelvis": (("pelvis",), ("pelvis",)),
+}
+
+
+def is_measured(bones: Collection[str] | None, angle: str) -> bool:
+    """Whether both segments of an angle have sensors on the named bones; yes if nobody knows these.
+
+    ``angle`` is one side's, ``left_hip_flexion``, or both sides', ``hip_flexion``.
+    """
+    if bones is None:
+        return True
+    side, _, rest = angle.partition("_")
+    sides, name = ((side,), rest) if side in ("left", "right") else (("left", "right"), angle)
+    ends = _BETWEEN[name.partition("_")[0]]
+    return all(any(one.format(side) in bones for one in end) for end in ends for side in sides)

@@ -120,13 +120,13 @@ class ConvertOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Convert a log as the command line's arguments say."""
     options = parse(ConvertOptions, prog, arguments)
+    from vip_factors.api import convert
     from vip_factors.atomic import check_target
     from vip_factors.cli.info_text import recording_text, scene_text
     from vip_factors.cli.terminal import waiting
     from vip_factors.errors import InputError
     from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording, write_scene
-    from vip_factors.io.scene_building import add_camera, add_further_camera, join_wearers, read_log_as_scene
 
     if options.template is not None:
         _write_templates(options)
@@ -138,14 +138,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     further = [_further_options(options, *one) for one in options.further_camera]
     known = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
     with waiting(f"reading {options.log}"):
-        scene = read_log_as_scene(options.log, ImportOptions(**known))
-        if options.join:
-            others = [read_log_as_scene(path, ImportOptions()) for path in options.join]
-            scene = join_wearers([scene, *others], options.name)
-        if camera is not None:
-            scene = add_camera(scene, camera)
-        for one in further:
-            scene = add_further_camera(scene, one)
+        scene = convert(options.log, ImportOptions(**known), camera, join=options.join, further_cameras=further)
         if scene.camera is None and len(scene.wearers) == 1:
             write_recording(scene.wearers[0], options.out, overwrite=options.overwrite)
             text = recording_text(scene.wearers[0])

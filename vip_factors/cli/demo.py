@@ -36,7 +36,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(DemoOptions, prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
-    from vip_factors.cli.simulate import GESTURES, SimulateOptions, simulated
+    from vip_factors.cli.simulate import SimulateOptions, simulated
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.evaluate.evaluation import evaluate
     from vip_factors.io.mcap_estimate_writer import write_estimate
@@ -58,7 +58,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         tell("simulating", 0.0)
         errors = SimulateSettings(heading_offset_deg=HEADING_OFFSET_DEG, mounting_error_deg=MOUNTING_ERROR_DEG)
         recording = simulated(
-            SimulateOptions(GESTURES, Path(), options.placement, options.seed, seconds=options.seconds, errors=errors)
+            SimulateOptions("gestures", Path(), options.placement, options.seed, seconds=options.seconds, errors=errors)
         )
         write_recording(recording, files["recording.mcap"], options.overwrite)
         whole = smooth(recording, Settings(frame_rate=options.frame_rate), tell)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -58,9 +58,9 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(DetectOptions, prog, arguments)
     from vip_factors.atomic import check_target
-    from vip_factors.cli.terminal import progress_bar
+    from vip_factors.cli.terminal import note, progress_bar
+    from vip_factors.detect.video import Stretch, detect_people, write_overlay, write_poses
     from vip_factors.errors import InputError
-    from vip_factors.io.detections.formats import write_mmpose
 
     if options.keypoints is not None and options.model is None:
         raise InputError("--keypoints given without --model: BlazePose has its own 33")
@@ -70,45 +70,19 @@ def main(prog: str, arguments: Sequence[str]) -> None:
             check_target(target, options.overwrite)
     with progress_bar() as tell:
         began = time.perf_counter()
-        poses = _detected(options, lambda fraction: tell("looking for people", fraction))
+        poses = detect_people(
+            options.video, options.settings, Stretch(options.start_s, options.end_s, options.every),
+            model=options.model, keypoints=options.keypoints, blazepose=options.blazepose, threads=options.threads,
+            on_message=note, on_progress=lambda fraction: tell("looking for people", fraction),
+        )  # fmt: skip
         seconds = time.perf_counter() - began
-        about = _about(options, poses)
-        write_mmpose(out, poses.keypoints, poses.frames, poses.facts.time, about, options.overwrite)
+        write_poses(out, poses, options.overwrite)
         if options.overlay is not None:
-            from vip_factors.detect.video import write_overlay
-
             write_overlay(options.overlay, poses, options.overwrite, lambda fraction: tell("drawing them", fraction))
     print(poses_text(poses, seconds))
     for path in (out, options.overlay):
         if path is not None:
             print(path)
-
-
-def _detected(options: DetectOptions, on_progress: Any) -> "VideoPoses":
-    from vip_factors.cli.terminal import note
-    from vip_factors.detect.blazepose import check_interpreter
-    from vip_factors.detect.model_files import blazepose_files
-    from vip_factors.detect.onnx_pose import OnnxPose
-    from vip_factors.detect.tracks import blazepose_tracker, usual_threads
-    from vip_factors.detect.video import Stretch, detect_video
-
-    threads = options.threads or usual_threads()
-    model = OnnxPose(options.model, threads, options.keypoints) if options.model is not None else None
-    check_interpreter()
-    tracker = blazepose_tracker(blazepose_files(options.blazepose, note), options.settings, threads)
-    stretch = Stretch(options.start_s, options.end_s, options.every)
-    return detect_video(options.video, tracker, options.settings, stretch, model, on_progress)
-
-
-def _about(options: DetectOptions, poses: "VideoPoses") -> dict[str, Any]:
-    """What the file says of itself, for people."""
-    facts = poses.facts
-    return {
-        "detector": "BlazePose" if options.model is None else options.model.name,
-        "video": facts.path.name,
-        "video_size": [facts.width, facts.height],
-        "video_rate_hz": round(facts.rate, 4),
-    }
 
 
 def poses_text(poses: "VideoPoses", seconds: float) -> str:

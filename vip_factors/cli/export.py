@@ -16,8 +16,8 @@ from vip_factors.io.export.settings import ExportSettings
 class ExportOptions(ManyOptions):
     """Write an estimate into files of other programs; the suffix tells the format.
 
-    .bvh and .glb are for animation programs; .npz holds poses as AMASS has them, .pkl poses, camera and 2D poses as
-    3DPW has them.
+    .bvh, .glb and .fbx (through Blender) are for animation programs; .npz holds poses as AMASS has them, .pkl poses,
+    camera and 2D poses as 3DPW has them.
 
     Several wearers in a format that holds one person get a file each: walk.npz becomes walk.Ada.npz and walk.Bea.npz.
     """

@@ -120,13 +120,13 @@ def estimate_text(estimate: WearerEstimate, only_estimate: bool = True) -> str:
     lines = [f"estimate '{estimate.name}', method {estimate.method}", motion_text(estimate.motion)]
     lines += verdict_lines(Estimate.of_one(estimate)) if only_estimate else []
     lines += start_lines(estimate.start)
-    lines.append(f"  covariance: {'yes' if estimate.covariance is not None else 'no'}")
+    lines.append(f"  standard deviations: {'yes' if estimate.covariance is not None else 'no'}")
     lines += [f"  {report_text(report)}" for report in estimate.reports]
     for kind, values in estimate.residuals.items():
         finite = values[np.isfinite(values)]
         if len(finite):
             lines.append(
-                f"  residual {kind}: median {np.median(finite):.2f}, 95 % below {np.quantile(finite, 0.95):.2f}"
+                f"  unexplained {kind}: median {np.median(finite):.2f}, 95 % below {np.quantile(finite, 0.95):.2f}"
             )
     if estimate.body is not None:
         lines += [f"  {line}" for line in body_lines(estimate.body)]
@@ -180,12 +180,12 @@ def body_lines(body: BodyEstimate) -> list[str]:
     """A table of lengths, before and after, in millimetres, then the hinges in degrees."""
     lines = []
     if body.names:
-        rows = [("length (mm)", "prior", "found", "")]
+        rows = [("length (mm)", "before", "found", "")]
         values = zip(
             body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, body.keeps_prior, strict=True
         )
         for name, prior, prior_sigma, found, sigma, keeps in values:
-            kept = "keeps its prior" if keeps else ""
+            kept = "hardly told by the data" if keeps else ""
             rows.append((name, with_sigma(1e3 * prior, 1e3 * prior_sigma), with_sigma(1e3 * found, 1e3 * sigma), kept))
         lines += aligned(rows, left=1)
     before = {one.joint: one for one in body.prior_hinges}

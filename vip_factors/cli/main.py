@@ -34,6 +34,8 @@ COMMANDS = {
     "evaluate": "compare an estimate with the truth",
     "export": "write an estimate into files of other programs: the suffix tells the format",
     "report": "write an estimate as one page for people: findings, angles, the motion to turn around",
+    "gait": "tell how somebody walked: strides, their figures and joint angles over the cycle, as tables",
+    "repetitions": "tell squats, lunges, jumps and curls: times, depth, tempo, ranges, symmetry, jump height",
     "view": "look at recordings and estimates in Rerun",
     "train": "learn from recordings with truth where a detector puts its keypoints",
     "tune": "find weights of factors on recordings with truth, by Bayesian optimisation",
@@ -161,10 +163,6 @@ def _help() -> str:
             f"{PROGRAM} --completion bash (zsh, fish) a script with which the shell completes commands and options.",
         ]
     )
-
-
-if __name__ == "__main__":
-    sys.exit(main())
 
 
 STANDARD_OUTPUT = "standard output"

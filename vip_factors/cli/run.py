@@ -9,13 +9,17 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from vip_factors import __version__
 from vip_factors.cli.options import FailOn, Flag, Output, fail_on, parse
 from vip_factors.errors import InputError, VipFactorsError
+from vip_factors.ranges import MaybeRate
+
+if TYPE_CHECKING:
+    from vip_factors.estimate import Estimate
 
 # Phones that film with their main camera: 60 to 65 degrees along the longer side, a little less when they steady it.
 FIELD_OF_VIEW_DEG = 60.0
@@ -59,7 +63,8 @@ class RunOptions:
     It does what these commands do, one after another, and keeps each one's file in a folder: detect, convert, sync,
     smooth, report, export. What is there already is used again, unless its inputs or options have changed.
 
-    Several wearers: say --log and --placement once for each, in the same order. Without --video: the sensors alone.
+    Several wearers: say --log and --placement once for each, in the same order. With --detections the video itself is
+    not needed, and with neither of the two the sensors are alone.
     """
 
     log: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
@@ -85,7 +90,9 @@ class RunOptions:
     time_offset_s: float | None = None
     """Seconds to add to the video's times to get the sensors', if you know them; absent, sync finds them."""
     detections: Path | None = None
-    """2D poses of the video that another detector found, instead of detecting."""
+    """2D poses that were found before, instead of detecting: without --video, --camera is needed beside them."""
+    video_rate: MaybeRate = None
+    """Frames a second of these, if neither they nor a video tell their times."""
     overlay: Flag = False
     """Also write poses.mp4, the video with the 2D poses drawn over it."""
     detect_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
@@ -105,19 +112,36 @@ class RunOptions:
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parse(RunOptions, prog, arguments)
-    check(options)
-    folder = options.out or usual_folder(options)
-    folder.mkdir(parents=True, exist_ok=True)
     began = time.perf_counter()
-    if options.video is not None and options.camera is None:
-        guess_camera(options.video, options.field_of_view_deg, folder / "camera.toml")
-    for step in steps(options, folder):
-        take(step, folder / "steps", options.overwrite)
+    folder = _run_steps(options)
     print(f"{time.perf_counter() - began:.1f} s in all, files in {folder}")
     if options.fail_on != "never":
         from vip_factors.io.mcap_estimate import read_estimate
 
         fail_on(options.fail_on, read_estimate(folder / ESTIMATE).verdict)
+
+
+def run(options: RunOptions) -> "Estimate":
+    """From a video (or 2D poses) and sensor logs to motion, exports and a report, as the command does; steps are told.
+
+    Raises:
+        InputError: for options that cannot be, or with the name of the step that failed.
+    """
+    from vip_factors.io.mcap_estimate import read_estimate
+
+    return read_estimate(_run_steps(options) / ESTIMATE)
+
+
+def _run_steps(options: RunOptions) -> Path:
+    """All that is asked for; the folder that it is in."""
+    check(options)
+    folder = options.out or usual_folder(options)
+    folder.mkdir(parents=True, exist_ok=True)
+    if options.video is not None and options.camera is None:
+        guess_camera(options.video, options.field_of_view_deg, folder / "camera.toml")
+    for step in steps(options, folder):
+        take(step, folder / "steps", options.overwrite)
+    return folder
 
 
 def check(options: RunOptions) -> None:
@@ -135,10 +159,14 @@ def check(options: RunOptions) -> None:
         )
     if options.video is None:
         usual = RunOptions()
-        of_video = ("camera", "static_camera", "field_of_view_deg", "time_offset_s", "detections", "overlay")
+        poses = options.detections is not None
+        of_poses = () if poses else ("camera", "static_camera", "time_offset_s", "video_rate")
+        of_video = (*of_poses, "field_of_view_deg", "overlay")
         given = [f"--{name.replace('_', '-')}" for name in of_video if getattr(options, name) != getattr(usual, name)]
         if given:
-            raise InputError(f"{', '.join(given)} given without --video")
+            raise InputError(f"{', '.join(given)} given without --video{'' if poses else ' or --detections'}")
+        if poses and options.camera is None:
+            raise InputError("--detections given without --video: its camera is not known, give --camera FILE.toml")
     elif not options.video.is_file():
         raise InputError(f"{options.video}: no such video file")
     if options.detections is not None and (options.overlay or options.detect_options):
@@ -179,11 +207,12 @@ def steps(options: RunOptions, folder: Path) -> Iterator[Step]:
     recording = folder / "recording.mcap"
     filmed: Words = ()
     seen: tuple[Path, ...] = ()
-    if options.video is not None:
-        if options.detections is None:
+    if options.video is not None or options.detections is not None:
+        if options.video is not None and options.detections is None:
             yield _detect(options, options.video, folder)
         poses, camera = options.detections or folder / "poses.json", options.camera or folder / "camera.toml"
-        filmed, seen = _has_camera(options, options.video, poses, camera), (options.video, poses, camera)
+        video = () if options.video is None else (options.video,)
+        filmed, seen = _has_camera(options, poses, camera), (*video, poses, camera)
     if len(each) == 1:
         words, inputs = each[0]
         yield Step("convert", "convert", _put(words, recording, *more, *filmed), (*inputs, *seen), (recording,))
@@ -194,7 +223,7 @@ def steps(options: RunOptions, folder: Path) -> Iterator[Step]:
         join = [word for part in parts[1:] for word in ("--join", str(part))]
         words = (str(parts[0]), str(recording), *join, *filmed)
         yield Step("convert", "convert", words, (*parts, *seen), (recording,))
-    if options.video is not None and options.time_offset_s is None:
+    if seen and options.time_offset_s is None:
         synced = folder / "synced.mcap"
         hint = "if you know the offset, give it as --time-offset-s"
         yield Step("sync", "sync", (str(recording), "--out", str(synced)), (recording,), (synced,), hint, True)
@@ -235,8 +264,10 @@ def _put(words: Words, recording: Path, *more: str) -> Words:
     return (words[0], str(recording), *words[1:], *more)
 
 
-def _has_camera(options: RunOptions, video: Path, poses: Path, camera: Path) -> Words:
-    words = ("--video", str(video), "--detections", str(poses), "--camera", str(camera))
+def _has_camera(options: RunOptions, poses: Path, camera: Path) -> Words:
+    video = () if options.video is None else ("--video", str(options.video))
+    rate = () if options.video_rate is None else ("--video-rate", str(options.video_rate))
+    words = (*video, "--detections", str(poses), "--camera", str(camera), *rate)
     still = ("--static-camera",) if options.static_camera else ()
     known = () if options.time_offset_s is None else ("--time-offset-s", str(options.time_offset_s))
     return (*words, *still, *known)

@@ -13,15 +13,10 @@ from vip_factors.ranges import NotNegativeInt, Range, Rate
 from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
 
 if TYPE_CHECKING:
-    from vip_factors.body.kinematics import Motion
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
     from vip_factors.simulate.scene_settings import SceneSettings
 
-SECONDS = 20.0  # of the package's own motion
-GESTURES = "gestures"  # in place of a file: the package's own motion
-OUT_OF_STEP_S = 3.7  # between people who show the package's own motion; no multiple of its periods
-BYSTANDER_REACH_M = 3.0  # from the middle: some pass between camera and wearers, some leave the image
 PresetName = Literal["sip6", "tnt10", "totalcapture13", "mvn17"]
 CameraName = Literal["none", "fixed", "hand-held", "walking"]
 
@@ -143,40 +138,20 @@ def _write_scene(options: SimulateOptions) -> str:
 
 def simulated(options: SimulateOptions) -> "Recording":
     """The recording that the options ask for."""
-    from vip_factors.sensors.calibration import preset
-    from vip_factors.simulate.recording import simulate_recording
-
-    motion = _posed(_motion(options.motion, options, 0), options, 0)
-    settings = SimulateSettings.noise_free() if options.noise_free else options.errors
-    placement = preset(options.placement, motion.skeleton)
-    return simulate_recording(motion, placement, settings, options.seed, options.out.stem, options.initial_pose)
+    return simulated_scene(options).wearers[0]
 
 
 def simulated_scene(options: SimulateOptions) -> "Scene":
     """The scene that the options ask for."""
-    from vip_factors.sensors.calibration import preset
-    from vip_factors.simulate.scene import Performer, simulate_scene
-    from vip_factors.simulate.staging import from_time, lasting, staged
+    from vip_factors.api import simulate
 
-    if options.video.bystanders < 0:
-        raise InputError(f"{options.video.bystanders} bystanders: expected 0 or more")
-    sources = (options.motion, *options.video.also)
-    clips = [_motion(source, options, number) for number, source in enumerate(sources)]
-    if options.seconds is not None:
-        clips = [lasting(clip, options.seconds) for clip in clips]
-    wearers = staged([_posed(clip, options, number) for number, clip in enumerate(clips)], options.seed)
-    length = max(wearer.time[-1] for wearer in wearers)
-    passing = []
-    for number in range(options.video.bystanders):
-        shift = OUT_OF_STEP_S * (number + 1)
-        passing.append(from_time(lasting(clips[number % len(clips)], length + shift), shift))
-    passing = list(staged(passing, options.seed + 1, wearers, BYSTANDER_REACH_M))
-    performers = [
-        Performer(f"wearer_{number}", motion, preset(options.placement, motion.skeleton), options.initial_pose)
-        for number, motion in enumerate(wearers, start=1)
-    ]
-    performers += [Performer(f"bystander_{number}", motion) for number, motion in enumerate(passing, start=1)]
-    return simulate_scene(performers, _scene_settings(options), options.seed, options.out.stem)
+    camera = None if options.video.camera == "none" else options.video.camera
+    own = (options.motion, *options.video.also)
+    return simulate(
+        own, options.placement, camera, options.seconds, options.seed,
+        settings=_scene_settings(options), initial_pose=options.initial_pose, pose_error_deg=options.pose_error_deg,
+        bystanders=options.video.bystanders, name=options.out.stem,
+    )  # fmt: skip
 
 
 def _scene_settings(options: SimulateOptions) -> "SceneSettings":
@@ -185,7 +160,7 @@ def _scene_settings(options: SimulateOptions) -> "SceneSettings":
     video = options.video
     perfect = options.noise_free
     return SceneSettings(
-        camera=video.camera,  # type: ignore[arg-type]  # "none" makes no scene
+        camera="fixed" if video.camera == "none" else video.camera,
         video_rate=video.video_rate,
         width=video.image[0],
         height=video.image[1],
@@ -200,28 +175,4 @@ def _scene_settings(options: SimulateOptions) -> "SceneSettings":
         pose_error_m=0.0 if perfect else SceneSettings.pose_error_m,
         imu=SimulateSettings.noise_free() if perfect else options.errors,
         detector=DetectorSettings.noise_free() if perfect else options.detector,
-    )
-
-
-def _motion(source: str, options: SimulateOptions, number: int) -> "Motion":
-    """A motion file, or the package's own motion, out of step with that of others."""
-    from vip_factors.io.motions import read_motion
-    from vip_factors.simulate.gestures import gestures
-    from vip_factors.simulate.staging import from_time
-
-    if source != GESTURES:
-        return read_motion(Path(source))
-    shift = OUT_OF_STEP_S * number
-    seconds = SECONDS if options.seconds is None else options.seconds
-    return from_time(gestures(seconds + shift), shift)
-
-
-def _posed(motion: "Motion", options: SimulateOptions, number: int) -> "Motion":
-    """The motion after the calibration pose that was asked for, held in each wearer's own way."""
-    from vip_factors.simulate.staging import with_initial_pose
-
-    if options.initial_pose == "none":
-        return motion
-    return with_initial_pose(
-        motion, options.initial_pose, pose_error_deg=options.pose_error_deg, seed=options.seed + number
     )

@@ -14,13 +14,13 @@ from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, ManyOptions
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
-from vip_factors.io.live.settings import LiveSourceSettings, VmcPose
+from vip_factors.io.live.settings import LiveSourceSettings, SentPose
 from vip_factors.ranges import Port
 from vip_factors.shown_settings import ShownLiveSettings
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
-    from vip_factors.cli.stream_session import Interrupts, Session
+    from vip_factors.cli.stream_session import Interrupts, Session, Sink
     from vip_factors.cli.terminal import StatusLine
     from vip_factors.io.live.source import LiveSource
     from vip_factors.io.live_mcap import LiveMcapSink
@@ -60,11 +60,17 @@ class StreamOptions(ManyOptions):
     """Port on which Rerun's viewers may connect."""
     rerun_host: str = "127.0.0.1"
     """Address of it: 127.0.0.1 for viewers on this machine, 0.0.0.0 for those in all its networks."""
+    web: Port | None = None
+    """Port of a live page for browsers; /stream there is a WebSocket with the answers as JSON, /lines has lines."""
+    web_host: str = "127.0.0.1"
+    """Address of it: 127.0.0.1 for this machine, 0.0.0.0 for its networks, with the token that is told or given."""
+    lsl: str | None = None
+    """Name of an outlet of the Lab Streaming Layer."""
     vmc: str | None = None
     """Send VMC messages for avatars to host:port (Unity, Unreal, Blender, VSeeFace … listen on 39539); of several
     wearers the second is sent to the next port, and so on."""
-    vmc_pose: VmcPose = VmcPose.NEWEST
-    """Pose that is sent: the newest, or the smoothed one, a lag later but without corrections."""
+    sent_pose: SentPose = SentPose.NEWEST
+    """Pose that these two send: the newest, or the smoothed one, a lag later but without corrections."""
     real_time: Flag = False
     """Play a recording back in its own time instead of as fast as it can be tracked."""
     follow: Flag = False
@@ -81,7 +87,8 @@ class StreamOptions(ManyOptions):
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
     token_file: Path | None = None
-    """File with a secret that senders must have in their header; or the environment variable VIP_FACTORS_TOKEN."""
+    """File with a secret that senders must have in their header, and readers beyond this machine; or the environment
+    variable VIP_FACTORS_TOKEN."""
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
 
 
@@ -133,6 +140,14 @@ def _check(options: StreamOptions) -> None:
         from vip_factors.io.live_vmc import check_vmc
 
         check_vmc(options.vmc)
+    if options.web is not None:
+        from vip_factors.io.live.websocket import check_websockets
+
+        check_websockets("--web")
+    if options.lsl is not None:
+        from vip_factors.io.live_lsl import checked_lsl
+
+        checked_lsl()
 
 
 def _run(
@@ -160,10 +175,11 @@ def _run(
         file = _file(options, settings, setup, stack)
         viewers = _viewers(options, settings, setup, stack)
         avatars = _avatars(options, setup, stack, line)
-        json = [LiveJsonSink(sys.stdout)] if options.json else []
-        session = Session(tracker, [*json, *([file] if file is not None else []), *avatars], viewers, line)
+        others = _others(options, settings, setup, stack, line)
+        json = [LiveJsonSink(sys.stdout, setup)] if options.json else []
+        session = Session(tracker, [*json, *([file] if file is not None else []), *avatars, *others], viewers, line)
         for item in interrupts.until_asked(iter(source)):
-            session.take(item)
+            session.take(item, source.waited_s)
             if session.over:
                 _silence_stdout()
                 break
@@ -214,11 +230,31 @@ def _avatars(options: StreamOptions, setup: "Scene", stack: ExitStack, line: "St
         return []
     from vip_factors.io.live_vmc import LiveVmcSink
 
-    sink = LiveVmcSink(options.vmc, setup, options.vmc_pose)
+    sink = LiveVmcSink(options.vmc, setup, options.sent_pose)
     stack.callback(sink.close)
     if len(sink.ports) > 1:
         line.note(f"note: VMC messages: {', '.join(f'{name} on port {port}' for name, port in sink.ports.items())}")
     return [sink]
+
+
+def _others(
+    options: StreamOptions, settings: "LiveSettings", setup: "Scene", stack: ExitStack, line: "StatusLine"
+) -> "list[Sink]":
+    """The live page, and the outlet for labs."""
+    sinks: list[Sink] = []
+    if options.web is not None:
+        from vip_factors.api import serve
+        from vip_factors.io.live.open import read_token
+
+        token = read_token(options.token_file)
+        server = stack.enter_context(serve(setup, options.web, options.web_host, token))
+        line.note(f"note: {server.listens}")
+        sinks.append(server)
+    if options.lsl is not None:
+        from vip_factors.io.live_lsl import LiveLslSink
+
+        sinks.append(LiveLslSink(options.lsl, setup, settings.frame_rate, options.sent_pose))
+    return sinks
 
 
 def _conclude(

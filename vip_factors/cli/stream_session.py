@@ -35,6 +35,9 @@ class Tracker(Protocol):
     def note_loss(self) -> None:
         """Samples that were sent do not come, because the tracker did not keep up."""
 
+    def note_behind(self, seconds: float) -> None:
+        """The next sample has waited for so long."""
+
 
 class Sink(Protocol):
     """Where estimates go."""
@@ -135,8 +138,8 @@ class Session:
         self._pending: list[Finding] = []  # findings of the source, for the next answer to carry
         self._looked = -LINE_S
 
-    def take(self, item: LiveItem) -> None:
-        """One item of the source."""
+    def take(self, item: LiveItem, waited_s: float = 0.0) -> None:
+        """One item of the source, which has waited for so many seconds."""
         if isinstance(item, LiveFinding):
             if isinstance(item, LiveLoss):
                 self._tracker.note_loss()
@@ -148,6 +151,7 @@ class Session:
         if isinstance(item, VideoFrame):
             for viewer in self._viewers:
                 viewer.write_video(item)
+        self._tracker.note_behind(waited_s)
         self._give(self._tracker.push(item))
 
     def finish(self) -> None:

@@ -1,7 +1,7 @@
 """``vip-factors sync``: how far the video's clock is off the sensors', and a scene that says so."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -44,6 +44,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     )
     from math import isfinite
 
+    from vip_factors.api import with_clock
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import waiting
     from vip_factors.errors import InputError
@@ -78,8 +79,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         clock = found.clock if seconds is None else VideoClock(seconds)
     if options.dry_run:
         return
-    camera = replace(scene.camera, time_offset=clock.offset, time_drift=clock.drift)
-    write_scene(replace(scene, camera=camera), out, overwrite=options.overwrite)
+    write_scene(with_clock(scene, clock), out, overwrite=options.overwrite)
     print(out)
 
 

@@ -9,20 +9,23 @@ between, and tells nothing until it is wide again.
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from vip_factors.atomic import atomic_path
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
+from vip_factors.detect import blazepose as blazepose_models
+from vip_factors.detect import model_files, tracks
 from vip_factors.detect.onnx_pose import OnnxPose, box_around
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Track, Tracker
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.detections.formats import TrackedPose
+from vip_factors.io.detections.formats import TrackedPose, write_mmpose
 from vip_factors.io.video import VideoFacts, iterate_frames, video_facts
+from vip_factors.sensors.detections import Detections
 from vip_factors.viz.images import draw_pose
 
 WIDTHS = ("shoulder", "hip")
@@ -110,12 +113,25 @@ class VideoPoses:
         keypoints: of the poses.
         frames: everybody in each of the video's frames; nobody where no one looked.
         looked: indices of the frames that were looked at.
+        detector: name of the model.
     """
 
     facts: VideoFacts
     keypoints: KeypointSet
     frames: list[list[TrackedPose]]
     looked: range
+    detector: str = "BlazePose"
+
+    @property
+    def detections(self) -> Detections:
+        """All of them as a camera's."""
+        people = [(frame, one) for frame, poses in enumerate(self.frames) for one in poses]
+        none = np.zeros((0, len(self.keypoints)))
+        confidence = np.stack([one.confidence for _, one in people]) if people else none
+        pixels = np.stack([one.pixels for _, one in people]) if people else np.zeros((*none.shape, 2))
+        pixels = np.where(confidence[..., None] > 0, pixels, np.nan)
+        frame = np.array([number for number, _ in people], int)
+        return Detections(self.keypoints, self.facts.time, frame, pixels, confidence)
 
     @property
     def tracks(self) -> list[int]:
@@ -158,6 +174,55 @@ def detect_video(
     least = min(math.ceil(settings.least_s * rate), len(looked))  # a short video has no longer tracks
     tidy = _tidied(somebody, keypoints, least, max(1, round(settings.turn_s * rate)))
     return VideoPoses(facts, keypoints, tidy, looked)
+
+
+def detect_people(
+    path: Path,
+    settings: DetectSettings,
+    stretch: Stretch | None = None,
+    *,
+    model: Path | None = None,
+    keypoints: str | None = None,
+    blazepose: Path | None = None,
+    threads: int | None = None,
+    on_message: Callable[[str], None] = lambda sentence: None,
+    on_progress: Callable[[float], None] = lambda fraction: None,
+) -> VideoPoses:
+    """Poses of everybody in a video by BlazePose, or their keypoints by another model.
+
+    Args:
+        path, settings, stretch, on_progress: as of :func:`detect_video`.
+        model: ONNX file.
+        keypoints: name of its keypoint set; told by their number if None.
+        blazepose: wheel of mediapipe or folder with BlazePose's files; they are fetched once if None.
+        threads: of the processor; as many as there are, up to four, if None.
+        on_message: called with what is fetched.
+
+    Raises:
+        InputError, FileFormatError: if the video or a model cannot be read, or a package is missing.
+    """
+    threads = threads or tracks.usual_threads()
+    other = OnnxPose(model, threads, keypoints) if model is not None else None
+    blazepose_models.check_interpreter()
+    tracker = tracks.blazepose_tracker(model_files.blazepose_files(blazepose, on_message), settings, threads)
+    found = detect_video(path, tracker, settings, stretch, other, on_progress)
+    return found if model is None else replace(found, detector=model.name)
+
+
+def write_poses(path: Path, poses: VideoPoses, overwrite: bool = False) -> None:
+    """Write them into a file (.json) as MMPose does, with the keypoints' names and the frames' times.
+
+    Raises:
+        InputError: if the file exists.
+    """
+    facts = poses.facts
+    about = {
+        "detector": poses.detector,
+        "video": facts.path.name,
+        "video_size": [facts.width, facts.height],
+        "video_rate_hz": round(facts.rate, 4),
+    }
+    write_mmpose(path, poses.keypoints, poses.frames, facts.time, about, overwrite)
 
 
 def _followed(images: Iterator, tracker: Tracker) -> Iterator[tuple[int, np.ndarray, list[Track]]]:

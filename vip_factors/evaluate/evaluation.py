@@ -47,6 +47,7 @@ from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.camera_path import MotionPair, PathPair, move_motion, scene_gauge, yaw
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene, SceneTruth
+from vip_factors.summarised import Summarised
 
 SHOWN = 3  # names of sensors in a sentence
 
@@ -55,8 +56,8 @@ class EvaluationWarning(UserWarning):
     """Something that could not be compared, and why."""
 
 
-@dataclass(frozen=True)
-class Evaluation:
+@dataclass(frozen=True, repr=False)
+class Evaluation(Summarised):
     """How good an estimate is, of one wearer or of a scene; what does not apply is empty.
 
     Attributes:

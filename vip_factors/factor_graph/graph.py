@@ -19,7 +19,7 @@ from vip_factors.problem.layout import Layout
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve.levenberg_marquardt import SolveSettings
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,14 @@ class FactorGraph:
     def state_at(self, values: gtsam.Values) -> SceneState:
         """The state that values stand for."""
         return state_of(values, self.state, self.variables)
+
+    def solved(self, settings: SolveSettings | None = None) -> SceneState:
+        """Where the package's own solver ends, which sums the terms of all frames at once; it starts at the values.
+
+        Raises:
+            SolveError: if the problem is not determined.
+        """
+        return levenberg_marquardt(SceneObjective(self.problem), self.state, settings or SolveSettings())[0]
 
     @property
     def factor_counts(self) -> Counter[str]:

@@ -1,22 +1,203 @@
-"""A fixed-lag tracker's answers as JSON lines: one object a frame, on one line, for programs in any language.
+"""A fixed-lag tracker's answers as JSON, for programs in any language: one object a frame, whole in itself.
 
-``data_schemas/README.md`` says what the keys mean.
+The classes here say what is in it: what is written is made of them, and ``data_schemas/live_answer.schema.json`` is
+generated from them by ``python data_schemas/generate.py``. Beside the type of a key its annotation has the words for
+people, how many numbers a list has, which values are allowed, or the keys of an object with words for each.
 """
 
 import json
-from typing import IO, Any
+from collections.abc import Iterator
+from typing import IO, Annotated, Any, NotRequired, TypedDict
 
 import numpy as np
 
+from vip_factors.body.joint_angles import ANGLE_DEFINITIONS, R_WORLD_ISB, angles_of_segments, segment_axes
+from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
 from vip_factors.errors import naming_file
 from vip_factors.estimate import PoseCovariance
-from vip_factors.findings import Finding, sentences, verdict
+from vip_factors.findings import Finding, verdict
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
+from vip_factors.sensors.scene import Scene
 
+VERSION = 1  # of the format: keys may be added to it; a key that goes, or means something else, makes another one
 QUATERNION_DIGITS, METRE_DIGITS, DEGREE_DIGITS = 5, 4, 2  # 0.001°, a tenth of a millimetre, 0.01°
 TIME_DIGITS = 6
+ANGLE_NAMES = tuple(one.name for one in ANGLE_DEFINITIONS)
+ANGLE_WORDS = {one.name: f"positive: {one.positive}" for one in ANGLE_DEFINITIONS}
+JOINT_WORDS = {
+    name: f"on the bone of {JOINT_NAMES[parent]}" if parent >= 0 else "the root"
+    for name, parent in zip(JOINT_NAMES, PARENTS, strict=True)
+}
+
+Number = float | None  # what is not finite, or not known, is null
+Seconds = Annotated[float, "seconds from the start of the stream"]
+Metres = Annotated[list[Number], 3, "x, y, z in metres; world axes, z up"]
+Quaternion = Annotated[list[Number], 4, "w, x, y, z"]
+
+
+class JointAnswer(TypedDict):
+    """A joint, and the bone of the same name that it moves."""
+
+    position: Annotated[Metres, "p_world_joint"]
+    orientation_wxyz: Annotated[Quaternion, "R_world_bone; axes at rest: x to the wearer's left, y up, z forward"]
+    rotation_wxyz: Annotated[Quaternion, "R_parent_child, against the bone above; of the pelvis R_world_pelvis"]
+    sigma_deg: NotRequired[Annotated[Number, "standard deviation of rotation_wxyz in degrees, where it is estimated"]]
+
+
+class PoseAnswer(TypedDict):
+    """A wearer at an instant."""
+
+    time: Seconds
+    joints: Annotated[dict[str, JointAnswer], JOINT_WORDS, "SMPL's joints, parents first"]
+    angles_deg: Annotated[dict[str, Number], ANGLE_WORDS, "joint angles as the ISB recommends, in degrees within ±180"]
+    root_sigma: NotRequired[Annotated[list[Number], 3, "standard deviations of the pelvis' x, y, z in metres"]]
+
+
+class HeadingAnswer(TypedDict):
+    """How far a sensor's own north is turned about the vertical."""
+
+    heading: Annotated[Number, "R_world_inertial = rotation_z(heading), in degrees within ±180"]
+    sigma: Annotated[Number, "standard deviation in degrees"]
+
+
+class WearerAnswer(TypedDict):
+    """One wearer; wearers come in the same order in all answers."""
+
+    name: Annotated[str, "the subject's name"]
+    newest: Annotated[PoseAnswer, "the pose at the answer's time"]
+    smoothed: Annotated[PoseAnswer | None, "the pose one lag earlier, which changes no more; null before the first"]
+    headings_deg: Annotated[dict[str, HeadingAnswer], "by sensor"]
+    detection: Annotated[int | None, "index of the person in the newest video frame who is the wearer; null: not seen"]
+
+
+class CameraPoseAnswer(TypedDict):
+    """The camera at an instant; its axes: x to the right of the image, y down, z forward."""
+
+    time: Seconds
+    position: Annotated[Metres, "p_world_camera"]
+    orientation_wxyz: Annotated[Quaternion, "R_world_camera"]
+    sigma_deg: NotRequired[Annotated[list[Number], 3, "standard deviations in degrees about the camera's axes"]]
+    position_sigma: NotRequired[Annotated[list[Number], 3, "standard deviations in metres along the camera's axes"]]
+
+
+class CameraAnswer(TypedDict):
+    """The first camera."""
+
+    newest: Annotated[CameraPoseAnswer | None, "at the answer's time"]
+    smoothed: Annotated[CameraPoseAnswer | None, "one lag earlier"]
+
+
+class FindingAnswer(TypedDict):
+    """Something that was noticed."""
+
+    kind: Annotated[str, "a name that all findings of a kind share"]
+    severity: Annotated[str, ("note", "care", "doubt"), "how much it bears on the use of the results"]
+    text: Annotated[str, "a sentence"]
+
+
+class Answer(TypedDict):
+    """The answer to one frame."""
+
+    version: Annotated[int, (VERSION,), "of this format"]
+    frame: Annotated[int, "number of the frame, from 0"]
+    time: Seconds
+    wearers: list[WearerAnswer]
+    camera: NotRequired[Annotated[CameraAnswer, "absent without a camera"]]
+    findings: Annotated[list[FindingAnswer], "of what has happened since the answer before"]
+    verdict: Annotated[str, ("good", "care", "doubt"), "by all findings so far"]
+    preliminary: Annotated[bool, "the calibration is still that of the first second: bones may be turned wrong"]
+    update_ms: Annotated[Number, "what the update took, milliseconds of wall time"]
+
+
+class LiveJsonEncoder:
+    """Makes objects of answers.
+
+    Args:
+        setup: of the stream.
+    """
+
+    def __init__(self, setup: Scene) -> None:
+        self._bodies = [_Body(one.subject.body()) for one in setup.wearers]
+        self._found: dict[str, Finding] = {}  # the last of each kind
+
+    def encode(self, estimate: LiveEstimate) -> Answer:
+        """The object of one answer."""
+        self.note(estimate)
+        told = Answer(
+            version=VERSION,
+            frame=estimate.frame,
+            time=round(estimate.time, TIME_DIGITS),
+            wearers=[self._wearer(number, one) for number, one in enumerate(estimate.wearers)],
+            findings=[_finding(one) for one in estimate.findings],
+            verdict=str(verdict(self._found.values()).severity),
+            preliminary=estimate.preliminary,
+            update_ms=_rounded(1e3 * estimate.seconds, 3),
+        )
+        if estimate.camera is not None or estimate.smoothed_camera is not None:
+            told["camera"] = CameraAnswer(newest=_camera(estimate.camera), smoothed=_camera(estimate.smoothed_camera))
+        return told
+
+    def note(self, estimate: LiveEstimate) -> None:
+        """Take the findings of an answer into the verdict, without making an object of it."""
+        self._found |= {one.kind: one for one in estimate.findings}
+
+    @property
+    def findings(self) -> list[FindingAnswer]:
+        """The last finding of each kind so far."""
+        return [_finding(one) for one in self._found.values()]
+
+    def _wearer(self, number: int, wearer: LiveWearerEstimate) -> WearerAnswer:
+        if wearer.skeleton is not None and wearer.skeleton is not self._bodies[number].skeleton:
+            self._bodies[number] = _Body(wearer.skeleton)
+        poses = [one for one in (wearer.newest, wearer.smoothed) if one is not None]
+        newest, *smoothed = self._bodies[number].poses(poses)
+        headings = {}
+        for sensor, one in wearer.calibration.items():
+            heading = float(one.heading_at(np.array([wearer.newest.time]))[0])
+            degrees = np.rad2deg([np.angle(np.exp(1j * heading)), one.heading_sigma])
+            headings[sensor] = HeadingAnswer(heading=_rounded(degrees[0], 1), sigma=_rounded(degrees[1], 1))
+        return WearerAnswer(
+            name=wearer.name, newest=newest, smoothed=smoothed[0] if smoothed else None, headings_deg=headings,
+            detection=wearer.detection,
+        )  # fmt: skip
+
+
+class _Body:
+    """What all poses of a skeleton share."""
+
+    def __init__(self, skeleton: Skeleton) -> None:
+        self.skeleton = skeleton
+        self._R_bone_segment = segment_axes(skeleton)
+
+    def poses(self, poses: list[LivePose]) -> Iterator[PoseAnswer]:
+        """All at once: the cost of each is that of its calls."""
+        R = np.stack([one.R_parent_child for one in poses])
+        state = forward_kinematics(self.skeleton, R, np.stack([one.p_world_pelvis for one in poses]))
+        degrees = angles_of_segments(R_WORLD_ISB.T @ state.R_world_bone @ self._R_bone_segment)
+        rows = zip(
+            poses, _list(state.p_world_joint, METRE_DIGITS), _quaternions(state.R_world_bone), _quaternions(R),
+            _list(degrees, DEGREE_DIGITS), strict=True,
+        )  # fmt: skip
+        for pose, positions, orientations, rotations, angles in rows:
+            joints = {
+                name: JointAnswer(position=position, orientation_wxyz=orientation, rotation_wxyz=rotation)
+                for name, position, orientation, rotation in zip(
+                    JOINT_NAMES, positions, orientations, rotations, strict=True
+                )
+            }
+            told = PoseAnswer(
+                time=round(pose.time, TIME_DIGITS), joints=joints,
+                angles_deg=dict(zip(ANGLE_NAMES, angles, strict=True)),
+            )  # fmt: skip
+            if pose.joint_covariance is not None and pose.root_covariance is not None:
+                sigma = PoseCovariance(pose.joint_covariance, pose.root_covariance).joint_sigma
+                for name, value in zip(JOINT_NAMES, _list(np.rad2deg(sigma), DEGREE_DIGITS), strict=True):
+                    joints[name]["sigma_deg"] = value
+                told["root_sigma"] = _list(_sigmas(pose.root_covariance), METRE_DIGITS)
+            yield told
 
 
 class LiveJsonSink:
@@ -24,12 +205,12 @@ class LiveJsonSink:
 
     Args:
         stream: open for writing text; it is not closed.
+        setup: of the stream.
     """
 
-    def __init__(self, stream: IO[str]) -> None:
+    def __init__(self, stream: IO[str], setup: Scene) -> None:
         self._stream = stream
-        self._found: dict[str, Finding] = {}  # the last of each kind
-        self._headings: dict[str, dict[str, list[float | None]]] = {}  # as last told, by wearer and sensor
+        self._encoder = LiveJsonEncoder(setup)
 
     def write(self, estimate: LiveEstimate) -> None:
         """One line.
@@ -38,76 +219,29 @@ class LiveJsonSink:
             BrokenPipeError: if nobody reads any more.
             OSError: if the lines cannot be written, to a file on a full disk say.
         """
-        line = json.dumps(self._object(estimate), separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+        line = as_text(self._encoder.encode(estimate))
         with naming_file("standard output"):
             self._stream.write(line + "\n")
             self._stream.flush()
 
-    def close(self) -> None:
-        """Nothing is left to write."""
 
-    def _object(self, estimate: LiveEstimate) -> dict[str, Any]:
-        told: dict[str, Any] = {
-            "frame": estimate.frame,
-            "time": round(estimate.time, TIME_DIGITS),
-            "wearers": [self._wearer(one) for one in estimate.wearers],
-        }
-        if estimate.camera is not None or estimate.smoothed_camera is not None:
-            told["camera"] = {"newest": _camera(estimate.camera), "smoothed": _camera(estimate.smoothed_camera)}
-        if estimate.findings:
-            told["findings"] = list(sentences(estimate.findings))
-            self._found |= {one.kind: one for one in estimate.findings}
-            told["verdict"] = verdict(self._found.values()).severity
-        if estimate.preliminary:
-            told["preliminary"] = True
-        told["update_ms"] = _rounded(1e3 * estimate.seconds, 3)
-        return told
-
-    def _wearer(self, wearer: LiveWearerEstimate) -> dict[str, Any]:
-        told: dict[str, Any] = {
-            "name": wearer.name,
-            "newest": _pose(wearer.newest),
-            "smoothed": _pose(wearer.smoothed) if wearer.smoothed is not None else None,
-        }
-        changed = self._changed_headings(wearer)
-        if changed:
-            told["headings_deg"] = changed
-        told["detection"] = wearer.detection
-        return told
-
-    def _changed_headings(self, wearer: LiveWearerEstimate) -> dict[str, list[float | None]]:
-        """Heading and standard deviation of the sensors whose numbers are no longer those last told."""
-        now: dict[str, list[float | None]] = {}
-        for sensor, one in wearer.calibration.items():
-            heading = float(one.heading_at(np.array([wearer.newest.time]))[0])
-            numbers = np.rad2deg([np.angle(np.exp(1j * heading)), one.heading_sigma])
-            now[sensor] = [_rounded(float(value), 1) for value in numbers]
-        before = self._headings.get(wearer.name, {})
-        self._headings[wearer.name] = now
-        return {sensor: numbers for sensor, numbers in now.items() if before.get(sensor) != numbers}
+def as_text(answer: Answer) -> str:
+    """An answer on one line."""
+    return json.dumps(answer, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
 
 
-def _pose(pose: LivePose) -> dict[str, Any]:
-    told: dict[str, Any] = {
-        "time": round(pose.time, TIME_DIGITS),
-        "rotations": _list(quaternion_from_matrix(pose.R_parent_child, Order.WXYZ), QUATERNION_DIGITS),
-        "root": _list(pose.p_world_pelvis, METRE_DIGITS),
-    }
-    if pose.joint_covariance is not None and pose.root_covariance is not None:
-        sigma = PoseCovariance(pose.joint_covariance, pose.root_covariance).joint_sigma
-        told["sigma_deg"] = _list(np.rad2deg(sigma), DEGREE_DIGITS)
-        told["root_sigma"] = _list(_sigmas(pose.root_covariance), METRE_DIGITS)
-    return told
+def _finding(finding: Finding) -> FindingAnswer:
+    return FindingAnswer(kind=finding.kind, severity=str(finding.severity), text=str(finding))
 
 
-def _camera(pose: LiveCameraPose | None) -> dict[str, Any] | None:
+def _camera(pose: LiveCameraPose | None) -> CameraPoseAnswer | None:
     if pose is None:
         return None
-    told: dict[str, Any] = {
-        "time": round(pose.time, TIME_DIGITS),
-        "rotation": _list(quaternion_from_matrix(pose.R_world_camera, Order.WXYZ), QUATERNION_DIGITS),
-        "position": _list(pose.p_world_camera, METRE_DIGITS),
-    }
+    told = CameraPoseAnswer(
+        time=round(pose.time, TIME_DIGITS),
+        position=_list(pose.p_world_camera, METRE_DIGITS),
+        orientation_wxyz=_quaternions(pose.R_world_camera),
+    )
     if pose.covariance is not None:
         sigma = _sigmas(pose.covariance)
         told["sigma_deg"] = _list(np.rad2deg(sigma[:3]), DEGREE_DIGITS)
@@ -117,6 +251,10 @@ def _camera(pose: LiveCameraPose | None) -> dict[str, Any] | None:
 
 def _sigmas(covariance: Array) -> Array:
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _quaternions(R: Array) -> Any:
+    return _list(quaternion_from_matrix(R, Order.WXYZ), QUATERNION_DIGITS)
 
 
 def _list(values: Array, digits: int) -> Any:
@@ -129,5 +267,5 @@ def _list(values: Array, digits: int) -> Any:
     return known.tolist()
 
 
-def _rounded(value: float, digits: int) -> float | None:
-    return round(value, digits) + 0.0 if np.isfinite(value) else None
+def _rounded(value: float, digits: int) -> Number:
+    return round(float(value), digits) + 0.0 if np.isfinite(value) else None

@@ -15,23 +15,12 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live.settings import VmcPose
+from vip_factors.io.bone_names import UNITY_BONES
+from vip_factors.io.live.settings import SentPose
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.scene import Scene
 
 DATAGRAM = 1400  # bytes: a larger one is cut up on its way, and lost with any of its pieces
-
-_MIDDLE = {
-    "pelvis": "Hips", "spine1": "Spine", "spine2": "Chest", "spine3": "UpperChest", "neck": "Neck", "head": "Head",
-}  # fmt: skip
-_LIMBS = {
-    "hip": "UpperLeg", "knee": "LowerLeg", "ankle": "Foot", "foot": "Toes", "collar": "Shoulder",
-    "shoulder": "UpperArm", "elbow": "LowerArm", "wrist": "Hand",
-}  # fmt: skip
-UNITY_BONES: Mapping[str, str] = _MIDDLE | {
-    f"{side}_{joint}": f"{side.capitalize()}{bone}" for side in ("left", "right") for joint, bone in _LIMBS.items()
-}
-"""Our joints by the names of Unity's ``HumanBodyBones``; of our hand bones, stiff with the wrists, it has none."""
 
 
 class LiveVmcSink:
@@ -49,7 +38,7 @@ class LiveVmcSink:
         InputError: for a target that is no host and port, a host that is not known, or without the package for OSC.
     """
 
-    def __init__(self, target: str, setup: Scene, pose: VmcPose = VmcPose.NEWEST) -> None:
+    def __init__(self, target: str, setup: Scene, pose: SentPose = SentPose.NEWEST) -> None:
         host, port = check_vmc(target, len(setup.wearers))
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
@@ -71,7 +60,7 @@ class LiveVmcSink:
     def write(self, estimate: LiveEstimate) -> None:
         """The messages of one frame; none of a wearer whose pose is not known yet."""
         for number, wearer in enumerate(estimate.wearers):
-            pose = wearer.newest if self._pose is VmcPose.NEWEST else wearer.smoothed
+            pose = wearer.newest if self._pose is SentPose.NEWEST else wearer.smoothed
             if pose is None or not np.isfinite(pose.p_world_pelvis).all():
                 continue
             for datagram in _bundles(_messages(pose, wearer.skeleton or self._skeletons[number])):

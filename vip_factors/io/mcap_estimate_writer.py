@@ -19,9 +19,9 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import (
     CameraEstimate,
     Estimate,
-    EstimateChunks,
     WearerEstimate,
 )
+from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_estimate as on
 from vip_factors.io import mcap_messages as codecs

@@ -10,9 +10,10 @@ from vip_factors.errors import InputError
 from vip_factors.findings import Finding
 from vip_factors.live.finding_log import FindingLog
 from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
-from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video
+from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video, oriented
 from vip_factors.live.settings import AssemblySettings
 from vip_factors.live.source_clocks import Admitted, SensorPresence, StreamClocks
+from vip_factors.sensors.imu_stream import AttitudeFilter
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 
@@ -105,6 +106,7 @@ class FrameAssembler:
         self._clocks = StreamClocks(len(columns), len(cameras), self._settings)
         self._presence = SensorPresence(self._labels, self._settings, self._log)
         self._buffer = SensorBuffer(len(columns))
+        self._attitudes = [AttitudeFilter() for _ in columns]
         self._videos = VideoQueue()
         self._unknown: set[str] = set()
         self._first_sample = math.inf  # s; of the stream's, where the grid begins
@@ -151,7 +153,8 @@ class FrameAssembler:
         if column is None:
             self._refuse_unknown(f"sensor '{_short(sample.sensor)}' of '{_short(sample.carrier)}'")
             return []
-        checked = checked_imu(sample)
+        known = oriented(sample, self._attitudes[column])
+        checked = checked_imu(known) if isinstance(known, ImuSample) else known
         if isinstance(checked, str):
             self._refuse("unusable", column, self._labels[column], "sample", checked)
             return []

@@ -1,7 +1,9 @@
 """From the smoother's state to the estimates that users get, which follow it without jumping."""
 
 import time as clock
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 
@@ -92,6 +94,7 @@ class EstimateBuilder:
         self._findings: list[Finding] = []
         self._newest: Array | None = None  # covariance of the newest frame
         self._smoothed: Array | None = None
+        self._sums: Iterator[Array | None] | None = None  # the next of the smoothed frame, on its way
         self._shared: Array | None = None
         self._next_covariance = 0  # frame
         self._newest_told, self._smoothed_told = self._filters()
@@ -110,6 +113,7 @@ class EstimateBuilder:
     def reset(self) -> None:
         """Another smoother answers from here on: what was computed of the last one is not of its variables."""
         self._newest = self._smoothed = self._shared = None
+        self._sums = None
 
     def initial_estimates(self, tracking: Tracking, begin: float, first: int) -> list[LiveEstimate]:
         """Answers to the frames that tracking began with, from the number ``first`` on."""
@@ -157,10 +161,16 @@ class EstimateBuilder:
     def _measure(self, smoother: LagSmoother, newest: int) -> None:
         """Covariances: of the newest frame each time, of the rest now and then."""
         self._newest = smoother.covariance(newest)
-        if newest >= self._next_covariance or self._shared is None:
-            self._next_covariance = newest + self._settings.covariance_every
+        every = self._settings.covariance_every
+        if self._shared is None or (self._sums is None and newest >= self._next_covariance):
+            self._next_covariance = newest + every
             self._shared = smoother.shared_covariance() if smoother.problem.layout.static_width else np.zeros((0, 0))
-            self._smoothed = smoother.covariance(max(smoother.numbers[0], newest - self._lag))
+            self._sums = smoother.covariance_in_steps(max(smoother.numbers[0], newest - self._lag))
+        # A few steps with each update: all at once take as long as the update does.
+        steps = None if self._smoothed is None else -(-(self._lag + 2) * self._settings.solve_every // every)
+        for found in islice(self._sums or (), steps):
+            if found is not None:
+                self._smoothed, self._sums = found, None
 
     def _filters(self) -> tuple[AnswerFilter, AnswerFilter]:
         share = min(1.0, 1 / (self._settings.answer_filter_s * self._settings.frame_rate + 1e-9))

@@ -13,7 +13,7 @@ from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem,
 from vip_factors.problem.state import CameraPoses, SceneState
 from vip_factors.problem.variables import scene_layout
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.frames import ImuFrames
+from vip_factors.sensors.frames import POSE_S, ImuFrames
 
 
 @dataclass(frozen=True)
@@ -193,4 +193,5 @@ def _imu_frames(
     names: tuple[str, ...], time: np.ndarray, parts: tuple[Array, ...], columns: np.ndarray, step: float
 ) -> ImuFrames:
     R, seen, force, whole = (part[:, columns] for part in parts)
-    return ImuFrames(names, time, R, seen, force, whole, step)
+    begins = np.arange(len(time)) == 0 if len(time) * step < POSE_S else np.zeros(0, bool)  # too short for a silence
+    return ImuFrames(names, time, R, seen, force, whole, step, begins)

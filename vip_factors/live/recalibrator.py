@@ -45,7 +45,7 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.solve.elimination import last_covariance
+from vip_factors.solve.chain_elimination import last_covariance
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
@@ -151,8 +151,12 @@ class RecalibrationProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
-            start_new_session=True,  # Ctrl-C is for the program that tracks
+            # Ctrl-C is for the program that tracks. A group, not a session, of its own: Linux shares processors out to
+            # sessions first (autogroups, sched(7)), and between these niceness says nothing.
+            process_group=0,
         )
+        if hasattr(os, "setpriority"):  # from without: its imports alone take a second
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITE)
         self._end = weakref.finalize(self, _ended, self._process)
 
     def submit(
@@ -203,8 +207,6 @@ def _end_with(parent: int) -> None:
 
 def main() -> None:
     """Solve what comes through standard input until it ends."""
-    if hasattr(os, "nice"):
-        os.nice(POLITE)
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer

@@ -6,7 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, exp, log, transpose
-from vip_factors.sensors.imu_stream import FORCE_LIMIT, GAP_FACTOR, LATEST_S, ROTATION_TOLERANCE
+from vip_factors.sensors.imu_stream import (
+    FORCE_LIMIT,
+    GAP_FACTOR,
+    LATEST_S,
+    RATE_LIMIT,
+    ROTATION_TOLERANCE,
+    AttitudeFilter,
+)
 from vip_factors.sensors.live import ImuSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 
@@ -29,13 +36,30 @@ class CheckedImu:
     specific_force_inertial: tuple[float, float, float]
 
 
+def oriented(sample: ImuSample, attitude: AttitudeFilter) -> ImuSample | str:
+    """The sample with an orientation, found from its angular rate if it has none; or what is wrong with it."""
+    if sample.R_inertial_sensor is not None or sample.angular_rate is None or sample.specific_force is None:
+        return sample
+    time = _checked_time(sample.time)
+    if isinstance(time, str):
+        return time
+    rate, force = _numbers(sample.angular_rate, (3,)), _numbers(sample.specific_force, (3,))
+    if rate is None or force is None:
+        return f"{'an angular rate' if rate is None else 'a specific force'} is not three finite numbers"
+    if max(map(abs, rate)) > RATE_LIMIT:
+        fastest = f"an angular rate of {max(map(abs, rate)):.3g} rad/s: expected at most {RATE_LIMIT:g}"
+        return f"{fastest}; check the unit (rad/s, not degrees per second)"
+    R = attitude.orientation(time, np.array(force), np.array(rate))
+    return "they came after newer ones" if R is None else replace(sample, R_inertial_sensor=R)
+
+
 def checked_imu(sample: ImuSample) -> CheckedImu | str:
     """The sample's numbers, or what is wrong with them."""
     time = _checked_time(sample.time)
     if isinstance(time, str):
         return time
     if sample.R_inertial_sensor is None:
-        return "they carry no orientation"
+        return "they carry no orientation, nor angular rate and specific force to find it from"
     R = _numbers(sample.R_inertial_sensor, (3, 3))
     if R is None:
         return "an orientation is not a (3, 3) matrix of finite numbers"

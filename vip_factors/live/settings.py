@@ -193,6 +193,18 @@ class SlipSettings:
 
 
 @dataclass(frozen=True)
+class PaceSettings:
+    """When fewer frames are solved, because the tracker is behind a stream that goes on by itself."""
+
+    # s that all samples of late have waited: what a busy core makes them wait now and then is shorter, and an answer
+    # that is a third of a second late is late for whoever watches.
+    behind_s: float = 0.1
+    after_s: NotNegative = 0.25  # of the stream, all of it behind: a burst of late packets is over by then
+    widest: int = 4  # frames to each update, at most: 15 solved each second
+    recover_s: NotNegative = 5.0  # of the stream in time, before one frame less: what was too much may be so again
+
+
+@dataclass(frozen=True)
 class RelinearisationSettings:
     """Which frames of the lag are linearised anew."""
 
@@ -227,8 +239,10 @@ class LiveSettings(CommonSettings, ShownLiveSettings):
     start_iterations: NotNegativeInt = 2  # over the first frames, from where the batch stages put them
     # Over which answers make up for what is believed anew of the past; else they tremble by some millimetres.
     answer_filter_s: NotNegative = 0.1
-    # Frames to each update; those between are predicted, by how their sensors turned. Video comes 30 times a second.
-    solve_every: int = 2
+    # Frames to each update; those between are predicted, by how their sensors turned. Of one wearer every frame can be
+    # solved: an update takes half of the time between two at 60 Hz.
+    solve_every: int = 1
+    pace: PaceSettings = field(default_factory=PaceSettings)
     covariance_every: int = 12  # frames between covariances of the smoothed pose, which cost 4 ms
     assembly: AssemblySettings = field(default_factory=AssemblySettings)
     online_association: OnlineAssociationSettings = field(default_factory=OnlineAssociationSettings)

@@ -1,7 +1,7 @@
 """The fixed-lag smoother of a stream: what is linearised when, and where all variables stand."""
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +57,7 @@ class LagSmoother:
         self._beginning = 0  # number of the very first frame
         # Frames that tracking goes on from, where something is known from before them.
         self._continued = 0 if information is None else round(settings.lag_s * settings.frame_rate) + REACH
+        self._waits = False  # whether what moved was not linearised anew in the last update
         self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
         self._epoch: dict[int, int] = {}  # of each frame: how many such steps lie before it
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
@@ -131,7 +132,11 @@ class LagSmoother:
         """
         newest = self.numbers[-1]
         fresh = next(one.frame.number for one in self._frames if one.linearised is None or one.frame.number == newest)
-        start = min(fresh - REACH, self._first_moved(), newest if first is None else first)
+        start = min(fresh - REACH, newest if first is None else first)
+        # What moved may wait for one update, if this one has video to take in: the longest are then no longer.
+        self._waits = first is not None and not self._waits
+        if not self._waits:
+            start = min(start, self._first_moved())
         start = max(start, self._frames[0].frame.number)
         kept = [self._at(number) for number in range(start, newest + 1)]
         state = stacked([one.state for one in kept], self.shared)
@@ -167,6 +172,11 @@ class LagSmoother:
         """Marginal covariance ``(w, w)`` of a frame's coordinates."""
         assert self._solution is not None
         return self._solution.covariance(number)
+
+    def covariance_in_steps(self, number: int) -> Iterator[Array | None]:
+        """The same of the solution that there is now, a step at a time; None until the last one."""
+        assert self._solution is not None
+        return self._solution.covariance_in_steps(number)
 
     @property
     def shared_coordinates(self) -> Array:

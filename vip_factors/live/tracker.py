@@ -15,6 +15,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.estimates import EstimateBuilder
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, video_of
+from vip_factors.live.pace import SolvePace
 from vip_factors.live.prediction import continued, corrections
 from vip_factors.live.recalibrator import Recalibration, Recalibrator
 from vip_factors.live.settings import LiveSettings
@@ -42,8 +43,9 @@ class FixedLagTracker:
         settings: of all rooms.
         extra_factors: makes GTSAM factors of your own, asked with each new frame's time and number; they may see it,
             the two before it, and what all frames share. See :data:`~vip_factors.factor_graph.extra.ExtraFactors`.
-        real_time: whether samples come by themselves. A calibration found anew is then taken up when it is there;
-            else it is waited for, and the answers are the same each time.
+        real_time: whether samples come by themselves. A calibration found anew is then taken up when it is there, and
+            fewer frames are solved while the tracker is behind (:meth:`note_behind`); else it is waited for, and the
+            answers are the same each time.
     """
 
     def __init__(
@@ -70,6 +72,8 @@ class FixedLagTracker:
         self._next_continuation = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
         self._recalibrator = Recalibrator(head, settings, real_time)
+        self._pace = SolvePace(settings.solve_every, rate, settings.pace)
+        self._real_time, self._behind_s = real_time, 0.0
         self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
 
     def push(self, sample: LiveSample) -> list[LiveEstimate]:
@@ -82,6 +86,10 @@ class FixedLagTracker:
     def note_loss(self) -> None:
         """Samples were sent, but dropped on their way here, as answers took too long: no sensor is to blame."""
         self._assembler.note_loss()
+
+    def note_behind(self, seconds: float) -> None:
+        """The next sample has waited so long to be pushed; of those that wait for too long fewer frames are solved."""
+        self._behind_s = seconds if self._real_time else 0.0
 
     def finish(self) -> list[LiveEstimate]:
         """The end of the stream: answers to the last frames."""
@@ -115,7 +123,8 @@ class FixedLagTracker:
         tracking, waited = self._tracking, self._recalibrator.waited_s
         try:
             covariance = self._estimates.root_covariance(len(self.head.wearers))
-            self._estimates.add_findings(*tracking.step(measured, self._lag, covariance))
+            self._estimates.add_findings(*self._pace.step(measured.time, self._behind_s))
+            self._estimates.add_findings(*tracking.step(measured, self._lag, covariance, self._pace.solve_every))
             if tracking.moved:
                 self._recalibrator.leave_out(tracking.moved, measured.frame)
                 if self._found is not None:
@@ -230,12 +239,14 @@ class FixedLagTracker:
         if newest < self._next_try or len(self._paths) < self._start_frames - self._lag:
             return False
         problem = tracking.smoother.problem
-        with_people = sum(len(one.video.pixels) > 0 for one in video_of(self._recent))
-        unseen = self.settings.fusion.use_camera and not problem.has_views and with_people > SOME_VIDEO
-        used = {column for columns in problem.sensors for column in columns}
-        seen = np.stack([one.orientation_valid for one in self._recent]).mean(axis=0)
-        come = any(share > MEASURES and column not in used for column, share in enumerate(seen[: self._worn]))
-        return unseen or come
+        unseen = self.settings.fusion.use_camera and not problem.has_views
+        if unseen and sum(len(one.video.pixels) > 0 for one in video_of(self._recent)) > SOME_VIDEO:
+            return True
+        unused = sorted(set(range(self._worn)) - {column for columns in problem.sensors for column in columns})
+        if not unused:
+            return False
+        seen = np.stack([one.orientation_valid[unused] for one in self._recent]).mean(axis=0)
+        return bool(np.any(seen > MEASURES))
 
     def _started_again(self, tracking: Tracking) -> Tracking:
         """Tracking anew with the last second and all that is known; as it was, if that brings nothing."""

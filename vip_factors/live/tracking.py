@@ -139,13 +139,16 @@ class Tracking:
         frames = [self.smoother.frame(number) for number in self.smoother.numbers]
         return any(view.seen.any() for frame in frames for views in frame.views if views is not None for view in views)
 
-    def step(self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array]) -> list[Finding]:
+    def step(
+        self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array], solve_every: int
+    ) -> list[Finding]:
         """One frame more.
 
         Args:
             measured: in the new frame.
             lag: frames to keep behind it.
             root_covariance: of where each wearer is, as of late.
+            solve_every: frames to each update.
 
         Returns:
             What is odd in it.
@@ -171,7 +174,8 @@ class Tracking:
         ]
         self._changed += changed
         self._unsolved += 1
-        self.solved = self._unsolved >= self._settings.solve_every or bool(changed and not self._was_seen)
+        in_step = bool(changed and not self._was_seen)  # with the video: an update sooner
+        self.solved = self._unsolved + in_step >= solve_every
         if self.solved:
             smoother.update(min(self._changed, default=None))
             self._learn()
@@ -320,6 +324,9 @@ class Tracking:
         """What the smoothed frame teaches of the detectors."""
         smoother = self.smoother
         oldest = smoother.numbers[0]
+        views = smoother.frame(oldest).views
+        if not any(view.seen.any() for of_camera in views if of_camera is not None for view in of_camera):
+            return
         model, state = smoother.scene(oldest)
         for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
             body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)

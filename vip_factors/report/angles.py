@@ -1,18 +1,18 @@
-"""Joint angles over time, both sides over each other, with their ranges; and steps, where somebody walks."""
+"""Joint angles over time, both sides over each other, with their ranges."""
 
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint_angles
+from vip_factors.body.joint_angles import JointAngles, is_measured, joint_angle_sigmas, joint_angles
 from vip_factors.body.mannequin import Side
 from vip_factors.body.model_errors import shape_factor
+from vip_factors.gait.analysis import bones_with_sensors
 from vip_factors.geometry.rotations import Array
-from vip_factors.report.blocks import Block, Charts, Heading, Paragraph, Section, Table, Tile, Tiles
+from vip_factors.report.blocks import Block, Charts, Heading, Paragraph, Section, Table
 from vip_factors.report.charts import SIDE_COLOURS, Line, time_chart
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.steps import Walk, walk_of
-from vip_factors.report.words import UNKNOWN, capital, joint_words, plus_minus, with_unit
+from vip_factors.report.words import UNKNOWN, capital, joint_words, with_unit
 
 PAIRED = (
     "hip_flexion", "knee_flexion", "ankle_dorsiflexion", "hip_adduction", "hip_internal_rotation", "shoulder_flexion",
@@ -44,7 +44,7 @@ def angles_section(material: Material) -> Section:
 
 def _wearer(wearer: Wearer, with_camera: bool) -> list[Block]:
     angles = joint_angles(wearer.estimate.motion)
-    sigmas, bones = _sigmas(angles, wearer), bones_with_sensors(wearer)
+    sigmas, bones = _sigmas(angles, wearer), bones_with_sensors(wearer.estimate, wearer.recording)
     measured = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK)}
     blocks: list[Block] = []
     if bones is None:
@@ -56,7 +56,7 @@ def _wearer(wearer: Wearer, with_camera: bool) -> list[Block]:
             )
         )
     blocks.append(_charts(angles, sigmas, [name for name in measured if measured[name]]))
-    blocks += [*_ranges(angles, sigmas, measured), *_walk(wearer)]
+    blocks += _ranges(angles, sigmas, measured)
     guessed = [name for name in measured if not measured[name]]
     if guessed:
         from_what = "the video alone, and" if with_camera else "nothing but"
@@ -147,62 +147,3 @@ def _range(values: Array) -> tuple[float, float]:
 def _words(ends: tuple[float, float]) -> tuple[str, str]:
     low, high = ends
     return f"{low:z.0f}° … {high:z.0f}°", f"{high - low:.0f}°"
-
-
-def _walk(wearer: Wearer) -> list[Block]:
-    walk = walk_of(wearer.estimate.motion)
-    if walk is None:
-        return []
-    tiles = [
-        Tile("Steps", str(len(walk.steps)), f"{_of(walk, 'left')} left, {_of(walk, 'right')} right"),
-        Tile(
-            "Cadence", plus_minus(walk.cadence, walk.cadence_spread), "steps a minute (median, ± half the middle half)"
-        ),
-    ]
-    tiles += [
-        Tile(f"{capital(side)} foot", with_unit(walk.strides[side], "m", 2),
-             f"stride; its step takes {walk.step_times[side]:.2f} s (medians)")
-        for side, _ in SIDES
-        if side in walk.strides
-    ]  # fmt: skip
-    return [
-        Tiles(tuple(tiles)),
-        Paragraph(
-            "Steps are told from the feet of the reconstructed motion, which come to rest and leave again; on a "
-            "treadmill the strides are those over the belt if the feet were taken to rest on it.",
-            small=True,
-        ),
-    ]
-
-
-def _of(walk: Walk, side: str) -> int:
-    return sum(one.side == side for one in walk.steps)
-
-
-# A joint's angles are between two segments; of the trunk any bone does.
-_CHEST = ("spine1", "spine2", "spine3", "left_collar", "right_collar", "neck")
-_BETWEEN = {
-    "hip": (("pelvis",), ("{}_hip",)),
-    "knee": (("{}_hip",), ("{}_knee",)),
-    "ankle": (("{}_knee",), ("{}_ankle", "{}_foot")),
-    "shoulder": (_CHEST, ("{}_shoulder",)),
-    "elbow": (("{}_shoulder",), ("{}_elbow",)),
-    "trunk": (("pelvis",), _CHEST),
-    "pelvis": (("pelvis",), ("pelvis",)),
-}
-
-
-def bones_with_sensors(wearer: Wearer) -> set[str] | None:
-    """Names of the bones that sensors which were used sit on; None if neither recording nor estimate tells."""
-    used = set(wearer.estimate.sensors)
-    if wearer.recording is not None:
-        return {site.bone for site in wearer.recording.placement.sites if site.sensor in used}
-    return {one.bone for one in wearer.estimate.sensor_places} or None
-
-
-def is_measured(bones: set[str] | None, angle: str) -> bool:
-    """Whether both segments of an angle, such as ``hip_flexion``, have sensors on both sides; yes if nobody knows."""
-    if bones is None:
-        return True
-    ends = _BETWEEN[angle.partition("_")[0]]
-    return all(any(name.format(side) in bones for name in end) for end in ends for side in ("left", "right"))

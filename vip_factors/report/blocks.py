@@ -111,12 +111,12 @@ class Image:
 
 @dataclass(frozen=True)
 class Picture:
-    """Images side by side with a headline, text, and the time that they show."""
+    """Images side by side with a headline, text, and the time that they show; None if they show no single one."""
 
     images: tuple[Image, ...]
     headline: str
     text: str
-    time: float
+    time: float | None
 
 
 @dataclass(frozen=True)

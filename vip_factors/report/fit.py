@@ -26,7 +26,7 @@ def fit_section(material: Material) -> Section:
     ]
     charts = [_residual_chart(material, kind) for kind in KINDS] + [_reprojection_chart(material)]
     shown = tuple(one for one in charts if one is not None)
-    blocks += [Charts(shown)] if shown else [Paragraph("The file holds no residuals.")]
+    blocks += [Charts(shown)] if shown else [Paragraph("The file does not hold what was left unexplained.")]
     for wearer in material.wearers:
         blocks += _sensor_table(wearer, len(material.wearers))
     blocks += _reprojection_table(material)

@@ -55,7 +55,7 @@ def motion_data(material: Material, settings: ReportSettings) -> dict[str, objec
         "centre": [round(float(one), 3) for one in (low + high) / 2],
         "extent": round(float((high - low).max()), 3),
         "bodies": [{**_body(one, time, of), "mesh": mesh} for one, mesh in zip(bodies, numbers, strict=True)],
-        "meshes": [_mesh(one) for one in skins],
+        "meshes": [mesh_data(one) for one in skins],
         "camera": _camera(material, time),
     }
 
@@ -78,16 +78,19 @@ def _at(motion: Motion, time: Array) -> tuple[Array, Array]:
 
 
 def _body(one: _Shown, time: Array, of: int) -> dict[str, object]:
-    rotations, places = _at(one.motion, time)
-    colours = sides_of(one.index, of)
+    return body_data(one.name, one.motion.skeleton, (one.index, of), one.ghost) | poses_data(*_at(one.motion, time))
+
+
+def body_data(name: str, skeleton: Skeleton, number: tuple[int, int], ghost: bool = False) -> dict[str, object]:
+    """A body without its poses; ``number`` is which of how many it is, for its colours."""
+    colours = sides_of(*number)
     return {
-        "name": one.name,
-        "ghost": one.ghost,
-        "mark": wearer_mark(one.index, of),
+        "name": name,
+        "ghost": ghost,
+        "mark": wearer_mark(*number),
         "parents": list(PARENTS),
-        "offsets": [_rounded(offset) for offset in one.motion.skeleton.p_parent_joint],
-        "colours": [TRUTH if one.ghost else colours[side_of(bone)] for bone in range(len(PARENTS))],
-        **_poses(rotations, places),
+        "offsets": [_rounded(offset) for offset in skeleton.p_parent_joint],
+        "colours": [TRUTH if ghost else colours[side_of(bone)] for bone in range(len(PARENTS))],
     }
 
 
@@ -100,7 +103,7 @@ def _number(skeleton: Skeleton, skins: list[Skeleton]) -> int:
     return len(skins) - 1
 
 
-def _mesh(skeleton: Skeleton) -> dict[str, str]:
+def mesh_data(skeleton: Skeleton) -> dict[str, str]:
     """The skin: tenths of millimetres, triangles, the four bones that move a vertex most with their shares of 255, and
     the joint rotations in which it was made.
     """
@@ -118,7 +121,8 @@ def _mesh(skeleton: Skeleton) -> dict[str, str]:
     }
 
 
-def _poses(R: Array, p: Array) -> dict[str, str]:
+def poses_data(R: Array, p: Array) -> dict[str, object]:
+    """Rotations ``(T, …, 3, 3)`` and places ``(T, 3)`` at frames."""
     return {"rotations": _quaternions(R), "positions": _base64(p.astype("<f4"))}
 
 
@@ -131,7 +135,7 @@ def _camera(material: Material, time: Array) -> dict[str, object] | None:
     if path is None or model is None:
         return None
     there = path.at(time)
-    return {"corners": corners(model), **_poses(there.R_world_camera, there.p_world_camera)}
+    return {"corners": corners(model), **poses_data(there.R_world_camera, there.p_world_camera)}
 
 
 def corners(model: CameraModel) -> list[list[float]]:

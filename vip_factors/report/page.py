@@ -17,10 +17,12 @@ from vip_factors.report.angles import angles_section
 from vip_factors.report.blocks import Section
 from vip_factors.report.fit import fit_section
 from vip_factors.report.found import found_section
+from vip_factors.report.gait import gait_section
 from vip_factors.report.material import Material, material
 from vip_factors.report.moments import moments_section, png, strip
 from vip_factors.report.motion_data import motion_data
 from vip_factors.report.recorded import made_section, recorded_section
+from vip_factors.report.repetitions import repetitions_section
 from vip_factors.report.settings import ReportSettings
 from vip_factors.report.summary import summary_section
 from vip_factors.report.words import listed
@@ -87,7 +89,8 @@ def report_page(given: Material, settings: ReportSettings, progress: Progress | 
     """The page as HTML; see :func:`write_report`."""
     report_progress = progress or (lambda stage, fraction: None)
     makers: tuple[Callable[[], Section | None], ...] = (
-        lambda: summary_section(given), lambda: angles_section(given),
+        lambda: summary_section(given), lambda: angles_section(given), lambda: gait_section(given),
+        lambda: repetitions_section(given),
         lambda: moments_section(given, settings.moments), lambda: fit_section(given), lambda: found_section(given),
         lambda: recorded_section(given), lambda: made_section(given),
     )  # fmt: skip
@@ -102,7 +105,7 @@ def report_page(given: Material, settings: ReportSettings, progress: Progress | 
         subtitle="" if names == given.estimate.name else names,
         before=(summary,),
         after=tuple(rest),
-        motion=_json(data),
+        motion=as_json(data),
         strip=png(strip(given)),
         shown_rate=float(str(data["rate"])),
         with_camera=data["camera"] is not None,
@@ -128,7 +131,7 @@ def packaged(name: str) -> Markup:
     return Markup((files(ROOM) / name).read_text(encoding="utf-8"))
 
 
-def _json(data: object) -> Markup:
+def as_json(data: object) -> Markup:
     """JSON that may stand in a page: nothing in it can end the element that holds it."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     return Markup(text.replace("<", "\\u003c"))

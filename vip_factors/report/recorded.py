@@ -135,7 +135,7 @@ GLOSSARY = (
     ("heading", "the direction about the vertical that a sensor takes for zero"),
     ("mounting", "how a sensor is turned on the segment that it is strapped to"),
     ("±", "one standard deviation: about two of three values lie within, nearly all within twice of it"),
-    ("difference, residual", "what was measured less what the reconstructed motion would have measured"),
+    ("difference, what is unexplained", "what was measured less what the reconstructed motion would have measured"),
     ("95 % below", "only one value in twenty is larger"),
     ("px", "pixels of the video's image"),
 )

@@ -217,6 +217,19 @@ def sensor_site(
     return SensorSite(sensor or site_name, site.bone, p_bone_sensor, R_bone_sensor, mounting_sigma)
 
 
+def placement_of(rule: Placement | Mapping[str, str] | str, skeleton: Skeleton) -> Placement:
+    """Where sensors sit, as it is said by name: a preset, or site → sensor.
+
+    Raises:
+        InputError: for an unknown preset or site.
+    """
+    if isinstance(rule, Placement):
+        return rule
+    if isinstance(rule, str):
+        return preset(rule, skeleton)
+    return Placement(tuple(sensor_site(site, skeleton, sensor) for site, sensor in rule.items()))
+
+
 def site_name(site: SensorSite, skeleton: Skeleton) -> str | None:
     """Which of the :data:`SITES` a sensor sits at, on a skeleton; None if it was put elsewhere on the bone."""
     here = {name: sensor_site(name, skeleton).p_bone_sensor for name, one in SITES.items() if one.bone == site.bone}

@@ -6,8 +6,9 @@ With it, the keypoints of a moving body in a camera's image, and how far they li
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
@@ -55,6 +56,41 @@ class Detections:
         """No video frame of a detector that answers with these keypoints."""
         K = len(keypoints)
         return cls(keypoints, np.zeros(0), np.zeros(0, int), np.zeros((0, K, 2)), np.zeros((0, K)))
+
+    @classmethod
+    def from_arrays(
+        cls, time: ArrayLike, pixels: ArrayLike, keypoints: str | KeypointSet, confidence: ArrayLike | None = None
+    ) -> "Detections":
+        """2D poses from arrays that have all video frames.
+
+        Args:
+            time: ``(F,)`` seconds of the video frames.
+            pixels: ``(F, P, K, 2)`` of ``P`` people at most, or ``(F, K, 2)`` of one; NaN where nobody or nothing is.
+            keypoints: name of the keypoint set: coco17, openpose18, body25, halpe26 …
+            confidence: ``(F, P, K)`` or ``(F, K)`` in [0, 1]; one wherever there is a keypoint, if absent.
+
+        Raises:
+            InputError: for an unknown keypoint set.
+            RecordingError: for arrays that do not belong together.
+        """
+        keypoints = keypoint_set(keypoints) if isinstance(keypoints, str) else keypoints
+        at, when = np.asarray(pixels, float), np.asarray(time, float)
+        at = at[:, None] if at.ndim == 3 else at
+        if at.ndim != 4 or at.shape[0] != len(when) or at.shape[2:] != (len(keypoints), 2):
+            raise RecordingError(
+                f"2D poses {np.shape(pixels)} at {len(when)} times: expected ({len(when)}, people, "
+                f"{len(keypoints)}, 2) of keypoint set {keypoints.name}"
+            )
+        sure = np.ones(at.shape[:3]) if confidence is None else np.asarray(confidence, float)
+        if sure.size != at.size // 2:
+            raise RecordingError(
+                f"2D poses {np.shape(pixels)} with confidence {sure.shape}: expected one of each point"
+            )
+        sure = sure.reshape(at.shape[:3])
+        found = np.all(np.isfinite(at), axis=-1) & (sure > 0)
+        frame, person = np.nonzero(found.any(axis=-1))
+        at, sure = np.where(found[..., None], at, np.nan), np.where(found, sure, 0.0)
+        return cls(keypoints, when, frame, at[frame, person], sure[frame, person])
 
     def __len__(self) -> int:
         return len(self.frame)

@@ -139,6 +139,16 @@ class ImuStream:
         return replace(self, **measured)  # type: ignore[arg-type]  # all but the name
 
 
+def rotations_of(orientation: Array) -> Array:
+    """Rotations ``(N, 3, 3)`` of such, or of unit quaternions w, x, y, z ``(N, 4)``; NaN where a quaternion is none."""
+    if orientation.ndim != 2 or orientation.shape[1] != 4:
+        return orientation  # a stream says what is wrong with it
+    finite = np.all(np.isfinite(orientation), axis=1)
+    R = np.full((len(orientation), 3, 3), np.nan)
+    R[finite] = matrix_from_quaternion(orientation[finite], Order.WXYZ)
+    return R
+
+
 def rate_of(time: Array) -> float:
     """Samples per second of samples at times ``(N,)``: one over the median step (0 for a single sample)."""
     return float(1 / np.median(np.diff(time))) if len(time) > 1 else 0.0
@@ -249,6 +259,58 @@ def _checked(stream: ImuStream, settings: AttitudeSettings) -> tuple[Array, Arra
                 f"carried over more than {settings.longest_gap:g} s; cut the recording there, or export orientations"
             )
     return stream.specific_force, stream.angular_rate
+
+
+class AttitudeFilter:
+    """Orientation of one sensor while its samples arrive: VQF as :func:`with_orientation` has it, looking back only.
+
+    Tilt is there with the first samples; what the gyroscope reads at rest is learnt in the first seconds, and until
+    then the heading drifts more than it does afterwards.
+    """
+
+    def __init__(self, settings: AttitudeSettings | None = None) -> None:
+        self._settings = settings or AttitudeSettings()
+        self._first: list[tuple[float, Array, Array]] = []
+
+    def orientation(self, time: float, specific_force: Array, angular_rate: Array) -> Array | None:
+        """``R_inertial_sensor`` ``(3, 3)`` at a sample: seconds, ``(3,)`` m/s², ``(3,)`` rad/s.
+
+        None for a sample that is not newer than the one before. After a gap, or where time has stepped back, that is
+        longer than a heading can be carried over, a new one begins.
+        """
+        if self._first and abs(time - self._last[0]) > self._settings.longest_gap:
+            self._first = []
+        if self._first and time <= self._last[0]:
+            return None
+        if len(self._first) < max(RATE_TOLD_AT):
+            self._first.append((time, specific_force, angular_rate))
+            if len(self._first) in RATE_TOLD_AT:
+                self._begin()
+                return self._estimated()
+        self._take(time, specific_force, angular_rate)
+        return self._estimated()
+
+    def _begin(self) -> None:
+        """All samples so far, now that the step between them is better known."""
+        from vqf import VQF
+
+        self._step = float(np.median(np.diff([time for time, _, _ in self._first]))) if len(self._first) > 1 else 0.01
+        self._filter = VQF(self._step, tauAcc=self._settings.tilt_time)
+        self._last = self._first[0][0] - self._step, self._first[0][2]
+        for sample in self._first:
+            self._take(*sample)
+
+    def _take(self, time: float, specific_force: Array, angular_rate: Array) -> None:
+        before, rate = self._last
+        turned = (rate + angular_rate) / 2 * ((time - before) / self._step)  # as much as in the real step
+        self._filter.update(np.ascontiguousarray(turned), np.ascontiguousarray(specific_force))
+        self._last = time, angular_rate
+
+    def _estimated(self) -> Array:
+        return matrix_from_quaternion(self._filter.getQuat6D(), Order.WXYZ)
+
+
+RATE_TOLD_AT = (1, 2, 8, 32)  # samples after which a stream's rate is looked at
 
 
 def _rate_over_step(angular_rate: Array) -> Array:

@@ -23,6 +23,7 @@ class ImuSample:
         time: seconds from the start of the stream.
         R_inertial_sensor: ``(3, 3)`` orientation in this sensor's own inertial frame, whose z is up.
         specific_force: ``(3,)`` m/s² in the sensor frame, gravity included.
+        angular_rate: ``(3,)`` rad/s in the sensor frame; with specific force it stands in for an orientation.
     """
 
     carrier: str
@@ -30,6 +31,7 @@ class ImuSample:
     time: float
     R_inertial_sensor: Array | None = None
     specific_force: Array | None = None
+    angular_rate: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -82,7 +84,7 @@ def stream_head(scene: Scene) -> Scene:
         RecordingError: for a wearer none of whose sensors is placed, and for a name that two carriers share.
     """
     for one in scene.wearers:
-        if not one.placed:
+        if not (one.placed or (one.placement.sites and not one.imus)):  # without a sample yet, who wears what is known
             raise nothing_placed(one.name, one.imus)
     wearers = tuple(replace(one, name=scene.name, imus={}, truth=None, notes="") for one in scene.wearers)
     cameras = [_camera_head(one) for one in scene.cameras]
@@ -123,9 +125,9 @@ def live_samples(scene: Scene) -> Iterable[LiveSample]:
     streams += [(camera.name, camera.mount.imu) for camera in scene.cameras if camera.mount is not None]
     for carrier, stream in streams:
         for n, time in enumerate(stream.time):
-            R = None if stream.R_inertial_sensor is None else stream.R_inertial_sensor[n]
-            force = None if stream.specific_force is None else stream.specific_force[n]
-            samples.append(ImuSample(carrier, stream.name, float(time), R, force))
+            measured = (stream.R_inertial_sensor, stream.specific_force, stream.angular_rate)
+            own = (None if values is None else values[n] for values in measured)
+            samples.append(ImuSample(carrier, stream.name, float(time), *own))
     for camera in scene.cameras:
         detections = camera.timed_detections
         for frame, time in enumerate(detections.time):

@@ -1,16 +1,20 @@
 """A recording: who wore what, and what the sensors said."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from vip_factors.body.anthropometry import LengthPrior, LikelyBody, likely_body
 from vip_factors.body.hinges import HingeEstimate, HingePrior
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
-from vip_factors.errors import RecordingError
-from vip_factors.sensors.calibration import Calibration, Placement
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.errors import InputError, RecordingError
+from vip_factors.sensors.calibration import Calibration, Placement, placement_of
+from vip_factors.sensors.imu_stream import ImuStream, rotations_of, with_orientation
+from vip_factors.summarised import Summarised
 
 DEFAULT_STATURE_M = 1.72  # of logs whose wearers nobody measured, for their sensors' places
 
@@ -93,8 +97,8 @@ class Truth:
             raise RecordingError(f"truth of unknown bones {', '.join(unknown)}: expected some of SMPL's")
 
 
-@dataclass(frozen=True)
-class Recording:
+@dataclass(frozen=True, repr=False)
+class Recording(Summarised):
     """Everything measured in one session of one wearer.
 
     Attributes:
@@ -128,10 +132,95 @@ class Recording:
                 f"recording '{self.name}': initial pose '{self.initial_pose}': expected t-pose, n-pose or none"
             )
 
+    @classmethod
+    def worn(
+        cls,
+        placement: Placement | Mapping[str, str] | str,
+        subject: Subject | None = None,
+        initial_pose: str = "none",
+        name: str = "recording",
+    ) -> "Recording":
+        """Who wears what, before the first sample: what a stream begins with.
+
+        Args:
+            placement: name of a preset (``"sip6"`` …), or site → sensor name.
+            subject: the wearer; one of whom nothing is known if absent.
+            initial_pose: ``"t-pose"``, ``"n-pose"`` or ``"none"``.
+            name: of the recording.
+
+        Raises:
+            InputError: for an unknown preset or site.
+            RecordingError: for an unknown pose.
+        """
+        subject = subject or Subject()
+        notes = subject.body_note
+        return cls(name, subject, {}, placement_of(placement, subject.body()), initial_pose, notes=notes)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        time: ArrayLike | Mapping[str, ArrayLike],
+        *,
+        orientation: Mapping[str, ArrayLike] | None = None,
+        acceleration: Mapping[str, ArrayLike] | None = None,
+        gyroscope: Mapping[str, ArrayLike] | None = None,
+        placement: Placement | Mapping[str, str] | str | None = None,
+        subject: Subject | None = None,
+        initial_pose: str = "none",
+        name: str = "recording",
+    ) -> "Recording":
+        """A recording from arrays, each by the sensor's name.
+
+        Samples that are not finite become gaps. Sensors without orientation get theirs from gyroscope and acceleration
+        (VQF, no magnetometer).
+
+        Args:
+            time: ``(N,)`` seconds, of all sensors or by sensor.
+            orientation: ``(N, 3, 3)`` R_inertial_sensor, in a frame of the sensor's own whose z is up, or ``(N, 4)``
+                the same as unit quaternions w, x, y, z.
+            acceleration: ``(N, 3)`` m/s² in the sensor's axes, gravity included (a resting sensor reads +9.81 up).
+            gyroscope: ``(N, 3)`` rad/s in the sensor's axes.
+            placement: name of a preset, or site → sensor name; absent, the sensors have the names of their sites.
+            subject: the wearer; one of whom nothing is known if absent.
+            initial_pose: held at the start: ``"t-pose"``, ``"n-pose"`` or ``"none"``.
+            name: of the recording.
+
+        Raises:
+            InputError: for an unknown preset or site, or a placed sensor without samples.
+            RecordingError: for samples that cannot be used: shapes, units, times.
+        """
+        measured = [dict(one or {}) for one in (acceleration, orientation, gyroscope)]
+        sensors = list(dict.fromkeys(sensor for one in measured for sensor in one))
+        head = cls.worn({one: one for one in sensors} if placement is None else placement, subject, initial_pose, name)
+        absent = [site.sensor for site in head.placement.sites if site.sensor not in sensors]
+        if absent:
+            raise InputError(f"placed sensors without samples: {', '.join(absent)}; sensors are {', '.join(sensors)}")
+        streams = {}
+        for sensor in sensors:
+            own = time.get(sensor) if isinstance(time, Mapping) else time
+            if own is None:
+                raise InputError(f"sensor '{sensor}' has no times: expected them by the sensors' names")
+            force, R, rate = (np.asarray(one[sensor], float) if sensor in one else None for one in measured)
+            R = None if R is None else rotations_of(R)
+            streams[sensor] = with_orientation(ImuStream.from_samples(sensor, np.asarray(own, float), force, R, rate))
+        return replace(head, imus=streams)
+
     @property
     def placed(self) -> list[str]:
         """Names of the sensors that have both samples and a place on the body, in the placement's order."""
         return [site.sensor for site in self.placement.sites if site.sensor in self.imus]
+
+    def summary(self) -> list[str]:
+        """Who wore what, and how long."""
+        rates = [stream.rate for stream in self.imus.values()]
+        lasts = f", {self.interval[0]:.1f} to {self.interval[1]:.1f} s, {np.median(rates):.0f} Hz" if rates else ""
+        return [
+            f"recording '{self.name}'",
+            f"subject: {self.subject.name}, initial pose {self.initial_pose}",
+            f"sensors: {len(self.imus)}{lasts}",
+            f"placed: {', '.join(self.placed or (site.sensor for site in self.placement.sites)) or 'none'}",
+            f"truth: {'none' if self.truth is None else 'in it'}",
+        ]
 
     @property
     def interval(self) -> tuple[float, float]:

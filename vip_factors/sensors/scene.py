@@ -15,6 +15,7 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
+from vip_factors.summarised import Summarised
 
 CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its edges
 UNKNOWN_MOUNTING_SIGMA = np.pi  # nobody said how it sits: the data have to tell
@@ -50,8 +51,8 @@ class Video:
     images: Mapping[int, bytes] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class Camera:
+@dataclass(frozen=True, repr=False)
+class Camera(Summarised):
     """One camera and what a detector found in its frames.
 
     Attributes:
@@ -77,6 +78,16 @@ class Camera:
     video: Video | None = None
     time_drift: float = 0.0
     keypoint_offsets: KeypointOffsets | None = None
+
+    def summary(self) -> list[str]:
+        """What it is, and what was detected in its video."""
+        found, known = self.detections, "" if self.known_path is None else ", pose known"
+        stands = f"{'moves' if self.moving else 'stands still'}{known}"
+        return [
+            f"camera '{self.name}'",
+            f"image: {self.model.width} by {self.model.height} pixels, {stands}",
+            f"detected: {len(found)} 2D poses ({found.keypoints.name}) in {len(found.time)} video frames",
+        ]
 
     @property
     def keypoints(self) -> KeypointSet:
@@ -122,8 +133,8 @@ class SceneTruth:
         return VideoClock(self.time_offset, self.time_drift)
 
 
-@dataclass(frozen=True)
-class Scene:
+@dataclass(frozen=True, repr=False)
+class Scene(Summarised):
     """Everything measured at one time.
 
     Attributes:
@@ -144,6 +155,12 @@ class Scene:
     camera: Camera | None = None
     truth: SceneTruth | None = None
     further_cameras: tuple[Camera, ...] = ()
+
+    def summary(self) -> list[str]:
+        """Its wearers and cameras, a line each."""
+        told = [line for one in self.wearers for line in (f"wearer: {one.subject.name}", *one.summary()[2:])]
+        cameras = (", ".join(one.summary()[1:]) for one in self.cameras)
+        return [f"scene '{self.name}'", *told, *(f"camera: {one}" for one in cameras)]
 
     @property
     def names(self) -> list[str]:

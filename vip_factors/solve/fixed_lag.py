@@ -7,27 +7,44 @@ is linearised anew, a late measurement put in), what all frames share may wander
 the oldest frame cost a few products. It knows nothing of bodies.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg.blas import dtrsm, dtrsv
-from scipy.linalg.lapack import dpotrf
 
+from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.slices import REACH
+from vip_factors.solve.slices import REACH, eliminated
 
 
 @dataclass(frozen=True)
 class _Conditional:
-    """``R x + S y = d`` of some variables ``x`` and all that are eliminated after them, ``y``."""
+    """``R x + S y = d`` of some variables ``x`` and all that are eliminated after them, ``y``.
 
-    R: Array
-    S: Array
+    ``rows`` hold ``R``, of which only what lies on and above the diagonal counts, and ``S``.
+    """
+
+    rows: Array
     d: Array
+
+    @property
+    def R(self) -> Array:
+        """``(w, w)``."""
+        return self.rows[:, : len(self.d)]
+
+    @property
+    def S(self) -> Array:
+        """``(w, m)``."""
+        return self.rows[:, len(self.d) :]
 
     def given(self, later: Array) -> Array:
         """The variables, of the values of the later ones."""
+        if kernels is not None:
+            found = self.d.copy()
+            kernels.substitute(self.rows, later, found)
+            return found
         right = self.d - self.S @ later
         solved: Array = dtrsv(self.R, right) if len(right) else right  # of nothing at all it complains
         return solved
@@ -41,20 +58,21 @@ class _Quadratic:
     vector: Array
 
     def without(self, width: int) -> tuple[_Conditional, "_Quadratic"]:
-        """Its first variables, given all others, and what it says of those.
+        """Its first variables, given all others, and what it says of those; what there was is changed.
 
         Raises:
             SolveError: if they are not determined.
         """
         own, H = slice(0, width), self.information
-        R, failed = dpotrf(H[own, own])
-        if failed:
-            raise SolveError("the linear system is not determined")
-        S = dtrsm(1.0, R, H[own, width:], trans_a=1)
+        if kernels is not None:
+            if not kernels.eliminate(H, self.vector, width):
+                raise SolveError("the linear system is not determined")
+            return _Conditional(H[own], self.vector[own]), _Quadratic(H[width:, width:], self.vector[width:])
+        rest = np.array(H[width:, width:])
+        R, S_transposed = eliminated(H[own, own], np.array(H[own, width:]), rest)
         d = dtrsv(R, self.vector[own], trans=1) if width else self.vector[own]
-        known = S.T @ S
-        np.subtract(H[width:, width:], known, out=known)
-        return _Conditional(R, S, d), _Quadratic(known, self.vector[width:] - S.T @ d)
+        rows = np.hstack([R, S_transposed.T])
+        return _Conditional(rows, d), _Quadratic(rest, self.vector[width:] - S_transposed @ d)
 
 
 @dataclass(frozen=True)
@@ -113,6 +131,9 @@ class FixedLagChain:
 
     def _add(self, before: _Quadratic, information: Array, vector: Array) -> None:
         """What the frames before say of the first ones of a slice, and of what is shared."""
+        if kernels is not None:
+            kernels.add_before(before.information, before.vector, self._static, information, vector)
+            return
         ahead, start = len(before.vector) - self._static, len(vector) - self._static
         frames, shared = slice(0, ahead), slice(start, None)
         vector[frames] += before.vector[:ahead]
@@ -146,7 +167,7 @@ class FixedLagChain:
         """
         rest = self._frames[max(self._frames)].rest
         ahead = len(rest.vector) - self._static
-        last, _ = _Quadratic(rest.information[ahead:, ahead:], rest.vector[ahead:]).without(self._static)
+        last, _ = _Quadratic(rest.information[ahead:, ahead:].copy(), rest.vector[ahead:].copy()).without(self._static)
         return LagSolution(self._frames, last, self._width)
 
 
@@ -175,31 +196,38 @@ class LagSolution:
         return np.asarray(half.T @ half)
 
     def covariance(self, number: int) -> Array:
-        """Marginal covariance ``(w, w)`` of a frame; the later it is, the less it costs.
+        """Marginal covariance ``(w, w)`` of a frame; the later it is, the less it costs."""
+        *_, found = self.covariance_in_steps(number)
+        assert found is not None
+        return found
+
+    def covariance_in_steps(self, number: int) -> Iterator[Array | None]:
+        """The same in as many steps as there are frames from there on, and one; None until the last one.
 
         With ``R`` the triangular factor of all, it is ``YᵀY`` for ``RᵀY = E``, with ``E`` the variable's columns: one
         substitution forwards. No information matrix is inverted, so an accelerometer's double integration costs no
         digits.
         """
         w, newest = self._width, max(self._eliminated)
-        total, own = np.zeros((w, w)), np.eye(w)
-        later, shared = np.zeros((REACH * w, w)), np.zeros((len(self.shared), w))
+        total, own, shared = np.zeros((w, w)), np.eye(w), np.zeros((len(self.shared), w))
+        later = np.zeros((min(REACH, newest - number) * w, w))
         for at in range(number, newest + 1):
-            one, ahead = self._eliminated[at], min(REACH, newest - at) * w
+            one, ahead = self._eliminated[at], len(later)
             Y = _forward(one.frame, own)
-            total += Y.T @ Y
-            owed = one.frame.S.T @ Y
-            later[:ahead] -= owed[:ahead]
-            shared -= owed[ahead:]
+            total = total + Y.T @ Y
+            behind = np.concatenate([later, shared]) - one.frame.S.T @ Y
+            later, shared = behind[:ahead], behind[ahead:]
             if one.shared is not None:
                 Y = _forward(one.shared, shared)
                 total += Y.T @ Y
-                owed = one.shared.S.T @ Y
-                later[:ahead] -= owed[:ahead]
-                shared = -owed[ahead:]
-            own, later = later[:w], np.concatenate([later[w:], np.zeros((w, w))])
+                behind = np.concatenate([later, np.zeros_like(shared)]) - one.shared.S.T @ Y
+                later, shared = behind[:ahead], behind[ahead:]
+            yield None
+            own, later = later[:w], later[w:]
+            if at + 1 + REACH <= newest:
+                later = np.concatenate([later, np.zeros((w, w))])
         Y = _forward(self._last, shared)
-        return np.asarray(total + Y.T @ Y)
+        yield total + Y.T @ Y
 
 
 def _forward(conditional: _Conditional, right: Array) -> Array:

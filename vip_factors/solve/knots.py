@@ -92,22 +92,27 @@ class KnotSystem:
         self, graph: gtsam.GaussianFactorGraph, start: int, stop: int, static_key: int, damping: float
     ) -> Iterator[int]:
         """Append all that is left to say of the knots that no frame from ``stop`` on sees; yields their keys."""
-        S = self.columns
         for k, key in enumerate(self.keys, start=1):
             if not self._passed(k, stop) or self._passed(k, start):
                 continue
-            weight = self.weights[:, k]
-            H = _weighed(weight**2, self.own[:, :, :S]) + np.diag(self.diagonal[k] + damping * self.damping)
-            g = _weighed(weight, self.gradient) + self.knot_gradient[k]
+            H, g, static, following = self.of_later(k, damping)
             graph.push_back(gtsam.HessianFactor(key, H, -g, 0.0))
-            static = np.zeros(self.own.shape[1:])
-            static[:, S:] = _weighed(weight, self.own[:, :, S:])
-            if k == 1:
-                static[:, :S] = self._neighbours(0)
             graph.push_back(coupling_factor(key, static_key, static))
-            if k < len(self.keys):
-                graph.push_back(coupling_factor(key, self.keys[k], self._neighbours(k)))
+            if following is not None:
+                graph.push_back(coupling_factor(key, self.keys[k], following))
             yield key
+
+    def of_later(self, k: int, damping: float) -> tuple[Array, Array, Array, Array | None]:
+        """Of the ``k``-th knot, a later one: blocks ``(S, S)`` with itself, ``(S, s)`` with the static group and
+        ``(S, S)`` with the next knot, if there is one; and the gradient ``(S,)``, as the second."""
+        S, weight = self.columns, self.weights[:, k]
+        H = _weighed(weight**2, self.own[:, :, :S]) + np.diag(self.diagonal[k] + damping * self.damping)
+        static = np.zeros(self.own.shape[1:])
+        static[:, S:] = _weighed(weight, self.own[:, :, S:])
+        if k == 1:
+            static[:, :S] = self._neighbours(0)
+        following = self._neighbours(k) if k < len(self.keys) else None
+        return H, _weighed(weight, self.gradient) + self.knot_gradient[k], static, following
 
     def _neighbours(self, k: int) -> Array:
         """Block of a knot with the next one."""

@@ -14,6 +14,7 @@ import numpy as np
 from vip_factors.errors import SolveError
 from vip_factors.estimate import Iteration, SolveReport
 from vip_factors.geometry.rotations import Array
+from vip_factors.solve.chain_elimination import ChainElimination, is_dense
 from vip_factors.solve.chain_system import ChainSystem, chain_step, is_one_chain
 from vip_factors.solve.elimination import LinearSystem, eliminate
 
@@ -111,7 +112,7 @@ def levenberg_marquardt(
         iterations.append(Iteration(after if accepted else before, used, accepted, clock.seconds))
         if not accepted:
             if delta is None:
-                raise SolveError(f"{stage}: the system stays singular at damping {used:.1e}; is a variable unobserved?")
+                raise SolveError(f"{stage}: the data do not determine everything that is looked for")
             converged = True
         else:
             converged = before - after <= settings.relative_decrease * before
@@ -127,6 +128,8 @@ def _step(system: LinearSystem, damping: float) -> Step | None:
     if isinstance(system, ChainSystem) and is_one_chain(system):
         return chain_step(system.chains[0], damping)
     try:
+        if isinstance(system, ChainSystem) and is_dense(system):
+            return ChainElimination(system, damping).step()
         return eliminate(system.stretches(damping)).optimize()
     except SolveError:
         return None

@@ -4,11 +4,39 @@ A slice is a quadratic in its frame, the two after it, and what all frames share
 """
 
 import numpy as np
-from scipy.linalg.blas import dsymv
+from scipy.linalg import cython_blas, cython_lapack
+from scipy.linalg.blas import dsymv, dsyrk, dtrsm
+from scipy.linalg.lapack import dpotrf
 
+from vip_factors.compiled import kernels
+from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 
+if kernels is not None:
+    kernels.use_blas({**cython_lapack.__pyx_capi__, **cython_blas.__pyx_capi__})
+
 REACH = 2  # frames that a factor reaches ahead of its first one
+
+
+def eliminated(own: Array, others: Array, rest: Array) -> tuple[Array, Array]:
+    """The first variables of a quadratic eliminated: ``R`` ``(w, w)``, and ``Sᵀ`` ``(n, w)``, of ``R x + S y``.
+
+    Args:
+        own, others: ``(w, w)`` and ``(w, n)`` of the variables with themselves, of which the upper triangle counts, and
+            with the others; ``others`` is changed.
+        rest: ``(n, n)`` in C's order: what is known of the others beside; its upper triangle becomes what is left.
+
+    Raises:
+        SolveError: if the variables are not determined.
+    """
+    R, failed = dpotrf(own)
+    if failed:
+        raise SolveError("the linear system is not determined")
+    if not others.size:  # of which BLAS complains
+        return R, others.T
+    S_transposed = dtrsm(1.0, R, others.T, side=1, overwrite_b=1)
+    dsyrk(-1.0, S_transposed, 1.0, rest.T, lower=1, overwrite_c=1)
+    return R, S_transposed
 
 
 class Slices:
@@ -46,8 +74,12 @@ class Slices:
         """One slice as ``½ xᵀ H x − vectorᵀ x`` of coordinates: ``H`` ``(n, n)`` and ``vector`` ``(n,)``.
 
         The slice is a quadratic in steps from the coordinates ``value`` ``(n,)`` of its frame, of those of the next two
-        that are there, and of what all frames share. ``H`` may be the slice's own memory.
+        that are there, and of what all frames share. Of ``H`` what lies on and above the diagonal counts.
         """
+        if kernels is not None:
+            information, vector = np.empty((len(value), len(value))), np.empty(len(value))
+            kernels.slice_in_coordinates(self.hessian[t], self.gradient[t], value, self.static, information, vector)
+            return information, vector
         H, gradient, frames = self.hessian[t], self.gradient[t], len(value) - self.static
         if len(value) < self.width:
             seen = np.concatenate([np.arange(frames), np.arange(self.width - self.static, self.width)])

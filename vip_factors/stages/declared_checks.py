@@ -30,6 +30,7 @@ from vip_factors.stages.solver import Solver
 
 LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder", "elbow", "wrist", "hand")}  # bones
 SHOWN = {"legs": ("knee", "ankle", "heel", "toe"), "arms": ("elbow", "wrist")}  # keypoints that their sensors move
+LIKELIER = "the recording is much likelier so"  # what speaks for an exchange, beside what is seen
 LEAST_FRAMES = 15  # of the recording, and of the video
 SAMPLE = 300  # video frames looked at
 # Median misfit of the limbs' keypoints with sides exchanged, of what it is as placed, and share of the frames in which
@@ -91,7 +92,7 @@ def against_declared(
             words = {"declared": recording.initial_pose, "better": other}
             return Finding("other pose", recording.subject.name, numbers={"nats": gain}, words=words), None
     if found:
-        return None, _exchange(found, f"{nats:.0f} nats likelier", nats)
+        return None, _exchange(found, LIKELIER, nats)
     doubtful = [one for one in likeliest if one.gain > -least]
     if camera is None or not doubtful:
         return None, None

@@ -23,7 +23,7 @@ from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, CommonSettings
-from vip_factors.solve.elimination import last_marginals
+from vip_factors.solve.chain_elimination import last_marginals
 from vip_factors.stages.calibration_start import search_start
 from vip_factors.stages.decode import with_sigmas
 from vip_factors.stages.drift import with_found_drift

@@ -15,7 +15,8 @@ import numpy as np
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import JOINT_COUNT
-from vip_factors.estimate import Estimate, EstimateChunks, PoseCovariance, WearerEstimate
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
+from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration

@@ -19,7 +19,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
-from vip_factors.solve.elimination import last_marginals
+from vip_factors.solve.chain_elimination import last_marginals
 from vip_factors.stages.association import (
     associate_cameras,
     associate_cameras_again,

@@ -29,7 +29,8 @@ from vip_factors.problem.variables import DETECTOR
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings, Settings, flatten
-from vip_factors.solve.elimination import chain_marginals, last_marginals
+from vip_factors.solve.chain_elimination import last_marginals
+from vip_factors.solve.elimination import chain_marginals
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.decode import (
     SceneCovariance,
@@ -136,7 +137,7 @@ def precision_findings(wearer: WearerEstimate, errors: ModelErrors, filmed: bool
     if told:
         better = ["a camera"] * (not filmed) + ["a sensor on every limb's bone"] * (filmed or bool(unmeasured))
         words = {"camera": "a" if filmed else "no", "told": " and ".join(told), "better": " and ".join(better)}
-        yield Finding("precision", wearer.name, numbers={"sensors": len(wearer.calibration)}, words=words)
+        yield Finding("precision", wearer.motion.name, numbers={"sensors": len(wearer.calibration)}, words=words)
 
 
 def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Settings) -> WearerEstimate:

@@ -25,7 +25,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource, SceneSource
 from vip_factors.settings import Settings
-from vip_factors.stages.declared_checks import against_declared
+from vip_factors.stages.declared_checks import LIKELIER, against_declared
 
 
 def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[SceneSource, tuple[Finding, ...]]:
@@ -120,7 +120,7 @@ def exchange_finding(
         "done": "the first two are taken for one another" if done else advice,
     }
     words["pair"] += "".join(f", {pair(one)}" for one in exchange.others)
-    words["evidence"] = exchange.evidence or f"{exchange.nats:.0f} nats likelier"
+    words["evidence"] = exchange.evidence or LIKELIER
     numbers = {"nats": exchange.nats}
     subject = recording.placed[exchange.sensors[0]]
     kind = "sides exchanged" if exchange.evidence else "sensors exchanged"

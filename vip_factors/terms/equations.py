@@ -13,7 +13,7 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import OwnerId
-from vip_factors.terms.robust import SQUARE, RobustLoss
+from vip_factors.terms.robust import SQUARE, Loss, RobustLoss
 
 AT_THE_FIRST_KNOT = -1
 
@@ -47,6 +47,8 @@ class Residuals:
     @property
     def weight(self) -> Array:
         """Weights ``(t, n)`` on the squared residuals in the normal equations."""
+        if self.loss.loss is Loss.SQUARE:
+            return np.broadcast_to(self.confidence, self.residual.shape[:2])
         return self.confidence * self.loss.weight(self.norm)
 
 
@@ -226,8 +228,9 @@ class Term(Generic[At]):
         """The equations of the factors whose first frame lies in a stretch, as much as they count."""
         for one in self.of_first(at, first):
             if self.every_frame:  # share times the cost: what is far off is forgiven as before
-                share = at.frame_share(first)
-                one = replace(one, confidence=one.confidence * share, loss=one.loss.tempered(share))
+                share = at.frame_share(first)  # the equations are new, and nobody else's yet: no copy of them
+                object.__setattr__(one, "confidence", one.confidence * share)
+                object.__setattr__(one, "loss", one.loss.tempered(share))
             yield one
 
     def within(self, at: At, frames: slice) -> Iterator[Equations]:

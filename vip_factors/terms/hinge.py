@@ -10,11 +10,12 @@ By a right perturbation of the joint ``∂e/∂δ = −aᵀ R [d]×``, that is `
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
 from vip_factors.body.hinges import HINGES, ROWS, TILTS
-from vip_factors.geometry.rotations import Array, hat
+from vip_factors.geometry.rotations import Array, hat, transpose
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import SQUARE, RobustLoss
@@ -40,33 +41,43 @@ class HingeSettings:
         return np.radians(sigmas)
 
 
+_JOINT = np.array([hinge.index for hinge in HINGES for _ in hinge.square.T])  # of each row
+_OF_HINGE = np.array([number for number, hinge in enumerate(HINGES) for _ in hinge.square.T])
+_SQUARE = np.concatenate([hinge.square.T for hinge in HINGES])  # (ROWS, 3)
+_SQUARE_HAT = hat(_SQUARE)
+_EACH = np.arange(ROWS)
+
+
+@lru_cache(maxsize=16)  # they seldom change, and a stream asks often
+def _axes(tilts: bytes) -> tuple[Array, Array]:
+    """Of the hinge of each row, in the bone above: its direction ``(ROWS, 3)``, and by its tilt ``(ROWS, 3, 2)``."""
+    pairs = list(zip(HINGES, np.frombuffer(tilts).reshape(-1, 2), strict=True))
+    directions = np.array([hinge.direction(tilt) for hinge, tilt in pairs])
+    return directions[_OF_HINGE], np.array([hinge.direction_by_tilt(tilt) for hinge, tilt in pairs])[_OF_HINGE]
+
+
 def hinge_residual(R_parent_child: Array, variables: Array) -> Array:
     """``(t, ROWS)``, about radians, of joint rotations ``(t, 24, 3, 3)`` and the variables: tilts of the axes, then
     offsets.
     """
-    tilts, offsets = variables[:TILTS].reshape(-1, 2), variables[TILTS:]
-    found = np.empty((len(R_parent_child), ROWS))
-    for hinge, tilt in zip(HINGES, tilts, strict=True):
-        axis = hinge.direction(tilt)
-        found[:, hinge.rows] = axis @ R_parent_child[:, hinge.index] @ hinge.square - offsets[hinge.rows]
-    return found
+    axes, _ = _axes(variables[:TILTS].tobytes())
+    along = (R_parent_child[:, _JOINT] @ _SQUARE[..., None])[..., 0]
+    return np.asarray(np.einsum("ri,tri->tr", axes, along) - variables[TILTS:])
 
 
-def hinge_jacobians(R_parent_child: Array, variables: Array) -> tuple[tuple[Array, ...], Array]:
-    """Derivatives of :func:`hinge_residual`: by each hinge's joint ``(t, ROWS, 3)``, and by the variables ``(t, ROWS,
-    HINGE_VARIABLES)``.
+def hinge_jacobians(R_parent_child: Array, variables: Array) -> tuple[Array, Array]:
+    """Derivatives of :func:`hinge_residual`: by each hinge's joint ``(HINGES, t, ROWS, 3)``, and by the variables ``(t,
+    ROWS, HINGE_VARIABLES)``.
     """
-    count, tilts = len(R_parent_child), variables[:TILTS].reshape(-1, 2)
+    count, R, (axes, by_tilts) = len(R_parent_child), R_parent_child[:, _JOINT], _axes(variables[:TILTS].tobytes())
     by_joints = np.zeros((len(HINGES), count, ROWS, 3))
+    axes_in_child = axes[:, None] @ R  # (t, ROWS, 1, 3)
+    by_joints[_OF_HINGE, :, _EACH] = (axes_in_child @ transpose(_SQUARE_HAT))[:, :, 0].swapaxes(0, 1)
     by_variables = np.zeros((count, ROWS, len(variables)))
-    by_variables[:, np.arange(ROWS), TILTS + np.arange(ROWS)] = -1.0
-    for number, (hinge, tilt) in enumerate(zip(HINGES, tilts, strict=True)):
-        R = R_parent_child[:, hinge.index]
-        axis_in_child = hinge.direction(tilt) @ R  # (t, 3)
-        by_joints[number, :, hinge.rows] = (hat(hinge.square.T) @ axis_in_child[:, None, :, None])[..., 0]
-        by_tilt = (R @ hinge.square).swapaxes(1, 2) @ hinge.direction_by_tilt(tilt)
-        by_variables[:, hinge.rows, 2 * number : 2 * number + 2] = by_tilt
-    return tuple(by_joints), by_variables
+    by_variables[:, _EACH, TILTS + _EACH] = -1.0
+    along = (R @ _SQUARE[..., None]).swapaxes(2, 3)
+    by_variables[:, _EACH[:, None], 2 * _OF_HINGE[:, None] + np.arange(2)] = (along @ by_tilts)[:, :, 0]
+    return by_joints, by_variables
 
 
 def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
@@ -77,10 +88,9 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     R, whitening = at.state.R_parent_child[first], 1 / settings.sigmas
 
     def blocks() -> tuple[JacobianBlock, ...]:
-        by_joints, by_variables = hinge_jacobians(R, at.state.hinges)
-        scaled = [(whitening[:, None] * J)[:, None] for J in (*by_joints, by_variables)]
-        names = [*(one.joint for one in HINGES), "hinges"]
-        return tuple(JacobianBlock(at.owner, name, J) for name, J in zip(names, scaled, strict=True))
+        scaled = [whitening[:, None] * J for J in hinge_jacobians(R, at.state.hinges)]
+        by_joints = (JacobianBlock(at.owner, one.joint, J[:, None]) for one, J in zip(HINGES, scaled[0], strict=True))
+        return *by_joints, JacobianBlock(at.owner, "hinges", scaled[1][:, None])
 
     residual = (whitening * hinge_residual(R, at.state.hinges))[:, None]
     yield DenseEquations(first.start, residual, 1.0, settings.loss, blocks)

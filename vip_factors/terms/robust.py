@@ -1,6 +1,6 @@
 """Robust losses: what they cost, and what they weigh."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import cast
 
@@ -26,7 +26,9 @@ class RobustLoss:
 
     def tempered(self, share: Array | float) -> "RobustLoss":
         """``share`` times this loss, of residuals that are scaled by its root."""
-        return replace(self, k=cast(float, self.k * np.sqrt(share)))  # of each frame, where shares are
+        if self.loss is Loss.SQUARE:
+            return self
+        return RobustLoss(self.loss, cast(float, self.k * np.sqrt(share)))  # of each frame, where shares are
 
     def weight(self, norm: Array) -> Array:
         """Factor on the squared residual in the normal equations (IRLS), for norms of any shape."""

@@ -13,12 +13,13 @@ import trimesh
 from animated import TENTH_MM, any_pose, filmed, zup
 from scipy.spatial.transform import Rotation
 
-from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, angle_between, rotation_x
+from vip_factors.io.bone_names import bone_names
 from vip_factors.io.export.animation import GltfBuffer
-from vip_factors.io.export.files import bone_names, export
+from vip_factors.io.export.files import export
 from vip_factors.io.export.settings import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis
 from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
 
@@ -252,6 +253,30 @@ def test_names_and_one_wearer_without_a_camera(tmp_path: Path) -> None:
     glb = Glb(path)
     assert [glb.names[node] for node in glb.json["skins"][0]["joints"]] == list(bone_names(BoneNames.HUMANIK))
     assert "cameras" not in glb.json or not glb.json["cameras"]
+
+
+@pytest.mark.parametrize(
+    ("names", "left_knee", "spine3"),
+    [
+        (BoneNames.SMPL, "left_knee", "spine3"),
+        (BoneNames.HUMANIK, "LeftLeg", "Spine2"),
+        (BoneNames.MIXAMO, "mixamorig:LeftLeg", "mixamorig:Spine2"),
+        (BoneNames.UNITY, "LeftLowerLeg", "UpperChest"),
+        (BoneNames.UNREAL, "calf_l", "spine_03"),
+    ],
+)
+def test_bones_have_the_names_of_other_programs(names: BoneNames, left_knee: str, spine3: str) -> None:
+    found = bone_names(names)
+    assert len(set(found)) == len(found)
+    assert (found[joint_index("left_knee")], found[joint_index("spine3")]) == (left_knee, spine3)
+
+
+def test_without_blender_there_is_no_fbx(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", "")
+    monkeypatch.setitem(sys.modules, "bpy", None)
+    with pytest.raises(InputError, match="pip install bpy"):
+        export(any_pose(), tmp_path / "a.fbx")
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_package_that_is_missing_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

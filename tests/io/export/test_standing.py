@@ -31,10 +31,13 @@ def walker() -> Motion:
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("standing")
-    estimate = Estimate("walk", "VIP", (WearerEstimate("Ada", "VIP", walker(), {}),))
     for suffix in ("bvh", "glb", "trc", "mot", "c3d"):
-        export(estimate, folder / f"a.{suffix}")
+        export(_estimate(), folder / f"a.{suffix}")
     return folder
+
+
+def _estimate() -> Estimate:
+    return Estimate("walk", "VIP", (WearerEstimate("Ada", "VIP", walker(), {}),))
 
 
 def test_files_have_their_lowest_point_at_their_zero(folder: Path) -> None:
@@ -62,12 +65,16 @@ def test_opensims_pelvis_is_a_legs_length_above_its_ground(folder: Path) -> None
 @pytest.mark.programs
 def test_blender_shows_the_body_on_its_floor(folder: Path) -> None:
     bpy = pytest.importorskip("bpy")
-    for name, read in (("bvh", bpy.ops.import_anim.bvh), ("glb", bpy.ops.import_scene.gltf)):
+    export(_estimate(), folder / "a.fbx")
+    readers = {
+        "bvh": bpy.ops.import_anim.bvh, "glb": bpy.ops.import_scene.gltf, "fbx": bpy.ops.import_scene.fbx,
+    }  # fmt: skip
+    for name, read in readers.items():
         bpy.ops.wm.read_factory_settings(use_empty=True)
         scene = bpy.context.scene
         scene.render.fps = 15
         read(filepath=str(folder / f"a.{name}"))
-        first = 1 if name == "bvh" else 0
+        first = 0 if name == "glb" else 1
         lowest = []
         for frame in FRAMES:
             scene.frame_set(frame + first)

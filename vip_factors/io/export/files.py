@@ -1,5 +1,5 @@
 """An estimate written in the format that a file's suffix tells, at another frame rate if asked; what may be chosen of
-the file, whatever its format; names of bones, and the turn to a world with Y up.
+the file, whatever its format; and the turn to a world with Y up.
 """
 
 import re
@@ -16,36 +16,15 @@ from scipy.interpolate import make_interp_spline
 from vip_factors.atomic import atomic_path, check_target
 from vip_factors.body.joint_angles import R_WORLD_ISB
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.settings import BoneNames, ExportSettings
+from vip_factors.io.export.settings import ExportSettings
 
 DEFAULT = ExportSettings()
 R_YUP_WORLD = R_WORLD_ISB.T
 """x stays, z becomes y, y becomes -z: what Blender and glTF do. At rest a body then faces z, its left along x."""
-
-
-_HUMANIK_MIDDLE = {
-    "pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head",
-}  # fmt: skip
-_HUMANIK_LIMBS = {
-    "hip": "UpLeg", "knee": "Leg", "ankle": "Foot", "foot": "ToeBase", "collar": "Shoulder", "shoulder": "Arm",
-    "elbow": "ForeArm", "wrist": "Hand", "hand": "HandMiddle1",
-}  # fmt: skip
-
-
-def bone_names(names: BoneNames) -> tuple[str, ...]:
-    """Of the 24 bones, in the order of the joints."""
-    return JOINT_NAMES if names is BoneNames.SMPL else tuple(map(_humanik, JOINT_NAMES))
-
-
-def _humanik(joint: str) -> str:
-    side, _, bone = joint.partition("_")
-    return f"{side.capitalize()}{_HUMANIK_LIMBS[bone]}" if bone else _HUMANIK_MIDDLE[joint]
-
 
 FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # in names of files, on one system or another
 
@@ -78,6 +57,7 @@ class ExportFormat:
 FORMATS: dict[str, ExportFormat] = {
     ".bvh": ExportFormat("animation:write_bvh", "skeleton and motion, for animation programs"),
     ".glb": ExportFormat("animation:write_gltf", "bodies that move, and the camera's path", True, "pygltflib"),
+    ".fbx": ExportFormat("fbx:write_fbx", "the same as .glb, written by Blender", True, "pygltflib"),
     ".npz": ExportFormat("smpl:write_amass", "poses and root path, as AMASS has them"),
     ".csv": ExportFormat("tables:write_csv", "joint positions and joint angles, as a table"),
     ".trc": ExportFormat("tables:write_trc", "joint centres and keypoints as markers, for OpenSim"),

@@ -12,6 +12,9 @@ class BoneNames(StrEnum):
 
     SMPL = "smpl"
     HUMANIK = "humanik"
+    MIXAMO = "mixamo"
+    UNITY = "unity"
+    UNREAL = "unreal"
 
 
 class UpAxis(StrEnum):
@@ -56,6 +59,7 @@ class ExportSettings:
     """Recording (.mcap) that the estimate was made from: a .pkl takes its 2D poses and the times of the video frames
     from it; no other format needs it."""
     bone_names: BoneNames = BoneNames.SMPL
-    """Names of the bones in .bvh and .glb: smpl (pelvis, left_hip, …), those of all other files of this package, or
-    humanik (Hips, LeftUpLeg, …) which MotionBuilder, Mixamo, Unity and retargeting add-ons map by themselves."""
+    """Names of the bones in .bvh, .glb and .fbx: smpl (pelvis, left_hip, …), those of all other files of this package;
+    humanik (Hips, LeftUpLeg, …), which MotionBuilder and retargeting add-ons map by themselves; mixamo (the same
+    after mixamorig:), unity (its Humanoid's), unreal (its mannequins': thigh_l, …)."""
     bvh: BvhSettings = field(default_factory=BvhSettings)

@@ -11,16 +11,14 @@ import numpy as np
 from vip_factors.body.joint_angles import (
     R_WORLD_ISB,
     JointAngles,
-    joint_angle_sigmas,
     joint_angles,
     mirrored,
     segment_orientations,
 )
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.model_errors import FILMED, UNFILMED, ModelErrors, shape_factor
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
-from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.estimate import TABLES, Estimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import (
     Array,
@@ -34,52 +32,19 @@ from vip_factors.geometry.rotations import (
 )
 from vip_factors.io.export.settings import ExportSettings
 
-TABLES = ("positions", "angles")
-
 
 def write_csv(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write one wearer's table: of ``walk.positions.csv`` or ``walk.angles.csv`` what its name says, else both in one.
 
-    Positions are in the world, z up. Standard deviations (``…_sd_deg``, ``…_sd_m``) follow where the estimate has them;
-    ``…_shape_sd_deg`` is what is left of an angle's once its mean, where its zero lies, is removed.
+    The columns are those of :meth:`~vip_factors.estimate.Estimate.columns`.
     """
-    wearer = estimate.wearers[0]
     # The file's temporary name has the words of the one that it will get.
     named = [table for table in TABLES if table in path.name.lower().split(".")] or TABLES
-    columns: dict[str, Array] = {"time_s": wearer.motion.time}
-    if "positions" in named:
-        columns |= _positions(wearer, UNFILMED if estimate.camera is None else FILMED)
-    if "angles" in named:
-        columns |= _angles(wearer)
+    columns = estimate.columns(tables=named)
     digits = [4 if name.endswith("_deg") else 6 for name in columns]
     with path.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(columns) + "\n")
         np.savetxt(file, np.column_stack(list(columns.values())), [f"%.{number}f" for number in digits], ",")
-
-
-def _positions(wearer: WearerEstimate, errors: ModelErrors) -> Mapping[str, Array]:
-    p = wearer.motion.state.p_world_joint
-    columns = {f"{name}_{axis}_m": p[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")}
-    if wearer.covariance is not None:
-        root = np.diagonal(wearer.covariance.root, axis1=1, axis2=2)[:, None]
-        bones = {one.bone for one in wearer.calibration.values()}
-        sigma = np.sqrt(root + errors.positions(bones)[:, None] ** 2)
-        columns |= {
-            f"{name}_{axis}_sd_m": sigma[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")
-        }
-    return columns
-
-
-def _angles(wearer: WearerEstimate) -> Mapping[str, Array]:
-    angles = joint_angles(wearer.motion)
-    columns = {f"{name}_deg": one for name, one in zip(angles.names, angles.degrees.T, strict=True)}
-    if wearer.covariance is not None:
-        sigmas = joint_angle_sigmas(wearer.motion, wearer.covariance.joints).T
-        for angle, one in zip(angles.definitions, sigmas, strict=True):
-            if np.isfinite(one).all():
-                shape = shape_factor(angle.joint) * one
-                columns |= {f"{angle.name}_sd_deg": one, f"{angle.name}_shape_sd_deg": shape}
-    return columns
 
 
 _SIDES = {

@@ -59,10 +59,18 @@ class Deframer:
         self._largest = largest
         self._buffer = bytearray()
 
+    ended = False  # the bytes never say so themselves
+
     @property
     def pending(self) -> int:
         """Bytes of a message that is not whole yet."""
         return len(self._buffer)
+
+    @property
+    def problem(self) -> str:
+        """A clause about what is wrong with an end here; empty between two messages."""
+        left = self.pending
+        return f"the stream ended in the middle of a message, {left} bytes after its beginning" if left else ""
 
     def feed(self, data: bytes) -> Iterator[bytes]:
         """The messages that these bytes complete, one after the other; to be iterated to the end.
@@ -110,9 +118,10 @@ def sample_message(sample: LiveSample, start_ns: int = 0, frame: int = 0) -> Liv
             message.detections.people.add(pixels=pixels.ravel(), confidence=confidence)
         return message
     message.imu.sensor = sample.sensor
-    force, R = sample.specific_force, sample.R_inertial_sensor
+    R = sample.R_inertial_sensor
     wxyz = None if R is None else quaternion_from_matrix(R, Order.WXYZ).tolist()
-    fill_sample(message.imu, None if force is None else force.tolist(), wxyz)
+    force, rate = (None if one is None else one.tolist() for one in (sample.specific_force, sample.angular_rate))
+    fill_sample(message.imu, force, wxyz, rate)
     return message
 
 
@@ -129,7 +138,7 @@ def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str 
         time = (time_ns_of(message.timestamp) - start_ns) / NS_PER_S
     else:
         raise FileFormatError(f"'{carrier}', sensor '{name}': a sample has no time: expected seconds or a timestamp")
-    R = force = None
+    R = None
     if message.HasField("orientation_wxyz"):
         R = rotation_of(message.orientation_wxyz)
         if R is None:
@@ -137,10 +146,11 @@ def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str 
                 f"'{carrier}', sensor '{name}': a sample's orientation at {time:.3f} s is no unit quaternion (within "
                 f"{UNIT_TOLERANCE:.0%}): it is left out"
             )
-    if message.HasField("specific_force"):
-        v = message.specific_force
-        force = np.array((v.x, v.y, v.z))
-    return ImuSample(carrier, name, time, R, force)
+    force, rate = (
+        np.array((vector.x, vector.y, vector.z)) if message.HasField(field) else None
+        for field, vector in (("specific_force", message.specific_force), ("angular_rate", message.angular_rate))
+    )
+    return ImuSample(carrier, name, time, R, force, rate)
 
 
 def rotation_of(message: QuaternionWxyz) -> Array | None:

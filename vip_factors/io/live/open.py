@@ -12,7 +12,7 @@ from vip_factors.errors import InputError
 from vip_factors.io.live.messages import delimited, header_message, sample_message
 from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import LiveSource
-from vip_factors.io.live.streams import StandardInputSource, TcpSenderSource, TcpServerSource
+from vip_factors.io.live.streams import LOCAL, StandardInputSource, TcpSenderSource, TcpServerSource
 from vip_factors.io.live.websocket import WebSocketSource
 from vip_factors.sensors.live import LiveFinding, LiveSample, VideoFrame, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
@@ -89,7 +89,6 @@ def _when_due(
         yield sample
 
 
-LOCAL = "127.0.0.1"
 EXPECTED = (
     "an MCAP file, - for standard input, tcp://:port or ws://:port to listen at 127.0.0.1, tcp://host:port or "
     "ws://host:port to listen elsewhere, or "

@@ -31,6 +31,9 @@ class LiveQueue:
         limit: of waiting samples.
         drops: False makes :meth:`put` wait instead of dropping.
         clock: monotonic seconds.
+
+    Attributes:
+        waited_s: seconds that the item got last had waited; 0 where the reader waits as well, as nothing is late then.
     """
 
     def __init__(self, limit: int, drops: bool = True, clock: Callable[[], float] = time.monotonic) -> None:
@@ -39,10 +42,11 @@ class LiveQueue:
         self._clock = clock
         self._changed = Condition()
         self._number = count()
-        # Each with its number of arrival, so that the three together keep the order.
-        self._frames: deque[tuple[int, LiveItem]] = deque()
-        self._imu: deque[tuple[int, LiveItem]] = deque()
-        self._findings: deque[tuple[int, LiveItem]] = deque()
+        # Each with its number of arrival, so that the three together keep the order, and the time of it.
+        self._frames: deque[tuple[int, float, LiveItem]] = deque()
+        self._imu: deque[tuple[int, float, LiveItem]] = deque()
+        self._findings: deque[tuple[int, float, LiveItem]] = deque()
+        self.waited_s = 0.0
         self._lost = {VideoFrame: 0, ImuSample: 0}  # since it was told last
         self._losing = False  # whether some were since it was said last
         self._said = self._reported = -float("inf")
@@ -56,7 +60,7 @@ class LiveQueue:
         """Append an item; does nothing once the queue is closed."""
         with self._changed:
             if isinstance(item, LiveFinding):
-                self._findings.append((next(self._number), item))
+                self._findings.append((next(self._number), self._clock(), item))
                 if len(self._findings) > MOST_FINDINGS:
                     self._findings.popleft()
             else:
@@ -65,7 +69,7 @@ class LiveQueue:
                 if self._closed:
                     return
                 kind = self._frames if isinstance(item, VideoFrame) else self._imu
-                kind.append((next(self._number), item))
+                kind.append((next(self._number), self._clock(), item))
                 if self._waiting > self._limit:
                     self._drop()
             self._changed.notify_all()
@@ -82,7 +86,8 @@ class LiveQueue:
             waiting = [kind for kind in (self._frames, self._imu, self._findings) if kind]
             if not waiting:
                 return None
-            _, item = min(waiting, key=lambda kind: kind[0][0]).popleft()
+            _, arrived, item = min(waiting, key=lambda kind: kind[0][0]).popleft()
+            self.waited_s = self._clock() - arrived if self._drops else 0.0
             self._changed.notify_all()
             return item
 
@@ -110,7 +115,7 @@ class LiveQueue:
         while len(self._imu) > left:
             self._lose(self._imu)
 
-    def _lose(self, kind: deque[tuple[int, LiveItem]]) -> None:
+    def _lose(self, kind: deque[tuple[int, float, LiveItem]]) -> None:
         self._lost[VideoFrame if kind is self._frames else ImuSample] += 1
         self._losing = True
         kind.popleft()
@@ -181,6 +186,11 @@ class LiveSource(ABC):
         self._queue.close()
         self._close()
         self._thread.join(JOIN)
+
+    @property
+    def waited_s(self) -> float:
+        """Seconds that the item given last had waited for whoever iterates."""
+        return self._queue.waited_s
 
     @property
     def listens(self) -> str:

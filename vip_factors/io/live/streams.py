@@ -10,6 +10,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from ipaddress import ip_address
 from threading import Event
+from typing import TYPE_CHECKING, Any
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.messages import Deframer
@@ -17,6 +18,9 @@ from vip_factors.io.live.session import Client, ClientError, Pace, Session
 from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import POLL, LiveSource
 from vip_factors.sensors.live import LiveFinding
+
+if TYPE_CHECKING:
+    from vip_factors.io.live.websocket import WebSocket
 
 PIECE = 64 * 1024  # bytes at a time: what a pipe holds
 
@@ -26,6 +30,8 @@ def listen(
     receive: Callable[[], bytes | None],
     settings: LiveSourceSettings,
     stop: Event,
+    framing: "Deframer | WebSocket | None" = None,
+    take: Callable[[Client, Any], None] = Client.take,
     may_be_late: bool = False,
     network: bool = True,
 ) -> str:
@@ -36,10 +42,12 @@ def listen(
         receive: the next bytes, none at the end of the stream, or None after :data:`POLL` seconds without any.
         settings: limits.
         stop: set when nothing more is wanted.
+        framing: makes messages of the bytes; None: they are delimited.
+        take: gives a client one of them.
         may_be_late: whether a header that does not come is told instead of ending it.
         network: whether the sender's pace is limited.
     """
-    deframer = Deframer(settings.largest_message)
+    framing = framing or Deframer(settings.largest_message)
     pace = Pace(settings.largest_rate if network else float("inf"))
     whole = time.monotonic()  # when nothing of a message was pending
     begun, told = time.monotonic(), False
@@ -52,23 +60,22 @@ def listen(
             client.report("late", f"{sentence}; still waiting for it")
         if network and time.monotonic() - whole > settings.message_wait:
             return f"a message was not whole {settings.message_wait:g} s after its first byte"
-        try:
-            data = receive()
-        except OSError as error:
-            return f"the connection was lost ({error.strerror or error})"
-        if data is None:
-            client.flush()
-            whole = whole if deframer.pending else time.monotonic()
-            continue
-        if not data:
-            return _end(client, deframer)
         before = client.messages
         try:
-            for message in deframer.feed(data):
-                client.take(message)
+            data = receive()
+            if data is None:
+                client.flush()
+                whole = whole if framing.pending else time.monotonic()
+                continue
+            for message in framing.feed(data):  # which may answer, too
+                take(client, message)
+        except OSError as error:
+            return f"the connection was lost ({error.strerror or error})"
         except (FileFormatError, ClientError) as error:
             return str(error)  # where the next message would begin is not known
-        if not deframer.pending or client.messages > before:
+        if not data or framing.ended:
+            return framing.problem or ("" if client.has_header else "the stream ended before a header came")
+        if not framing.pending or client.messages > before:
             whole = time.monotonic()
         wait = pace.take(client.messages - before)
         if wait:
@@ -76,12 +83,6 @@ def listen(
             stop.wait(wait)
             whole += wait
     return ""
-
-
-def _end(client: Client, deframer: Deframer) -> str:
-    if deframer.pending:
-        return f"the stream ended in the middle of a message, {deframer.pending} bytes after its beginning"
-    return "" if client.has_header else "the stream ended before a header came"
 
 
 class StandardInputSource(LiveSource):
@@ -132,10 +133,35 @@ def _is_file(descriptor: int | None) -> bool:
         return False
 
 
+LOCAL = "127.0.0.1"
 BACKLOG = 8  # clients that wait unheard; the system refuses more
 RETRY = 1.0  # seconds between two attempts to reach a sender that was lost
 # A sender whose cable was pulled says nothing any more; the system asks after a while, and gives up.
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}  # seconds, seconds, times; by the system's names
+
+
+def listening_socket(host: str, port: int, name: str) -> socket.socket:
+    """A socket that listens; ``name`` is what it is called in sentences.
+
+    Raises:
+        InputError: if it cannot, because the port is in use or the address is none of this machine's.
+    """
+    try:
+        family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((host, port), family=family, backlog=BACKLOG)
+    except OSError as error:
+        raise InputError(
+            f"{name}: cannot listen there ({error.strerror or error}): choose another port, or a host of this "
+            "machine: 127.0.0.1 for programs on it, 0.0.0.0 for all"
+        ) from error
+
+
+def is_local(host: str) -> bool:
+    """Whether an address, or a name, is this machine's for itself alone."""
+    try:
+        return host == "localhost" or ip_address(host).is_loopback
+    except ValueError:  # a name
+        return False
 
 
 class NetworkSource(LiveSource):
@@ -177,7 +203,7 @@ class NetworkSource(LiveSource):
             return ""
         host, port = self.address
         where = f"listening at {self.scheme}://{f'[{host}]' if ':' in host else host}:{port}"
-        if host == "localhost" or ip_address(host).is_loopback:
+        if is_local(host):
             return f"{where}, to senders on this machine alone"
         who = "whoever has the token" if self._token else "everybody: no token is asked for (--token-file)"
         networks = "all networks of this machine" if ip_address(host).is_unspecified else "the network of that address"
@@ -187,27 +213,10 @@ class NetworkSource(LiveSource):
         """The socket that listens.
 
         Raises:
-            InputError: if it cannot, because the port is in use or the address is none of this machine's.
+            InputError: if it cannot.
         """
-        host, port = self._where
-        try:
-            family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
-            self._listening = socket.create_server((host, port), family=family, backlog=BACKLOG)
-        except OSError as error:
-            raise InputError(
-                f"{self.name}: cannot listen there ({error.strerror or error}): choose another port, or a host of this "
-                "machine: 127.0.0.1 for senders on it, 0.0.0.0 for all"
-            ) from error
+        self._listening = listening_socket(*self._where, self.name)
         return self._listening
-
-    def _dismiss(self, client: Client, reason: str) -> None:
-        """The last words about a client of a port, whose stream ended for a ``reason``, or without one."""
-        more = self._settings.next_client_wait > 0 or not client.has_header
-        awaits = "; waiting for the next client" if more else ""
-        if reason:
-            client.leave(f"{reason}; its connection is closed{awaits}")
-        else:
-            client.leave(f"it has left after {client.messages:,} messages{awaits}" if awaits else "")
 
 
 class TcpServerSource(NetworkSource):
@@ -231,9 +240,22 @@ class TcpServerSource(NetworkSource):
                 continue
             client = Client(self._session, f"{self.name}, client {peer[0]}:{peer[1]}")
             with connection:
-                reason = listen(client, receiver(connection), self._settings, self._stop)
+                reason = self._follow(client, connection)
             self._dismiss(client, reason)
             gone = time.monotonic() if client.has_header else gone
+
+    def _follow(self, client: Client, connection: socket.socket) -> str:
+        """A clause about why the client's stream ended; empty if it ended between two messages."""
+        return listen(client, receiver(connection), self._settings, self._stop)
+
+    def _dismiss(self, client: Client, reason: str) -> None:
+        """The last words about a client of a port, whose stream ended for a ``reason``, or without one."""
+        more = self._settings.next_client_wait > 0 or not client.has_header
+        awaits = "; waiting for the next client" if more else ""
+        if reason:
+            client.leave(f"{reason}; its connection is closed{awaits}")
+        else:
+            client.leave(f"it has left after {client.messages:,} messages{awaits}" if awaits else "")
 
     def _close(self) -> None:
         if self._listening is not None:

@@ -1,27 +1,154 @@
-"""Live messages over WebSocket: one binary message is one LiveMessage."""
+"""The server's side of WebSocket, and live messages over it: one binary message is one LiveMessage.
+
+The protocol is the library's; socket and thread are those of whoever listens.
+"""
 
 import logging
 import socket
 import time
+from collections.abc import Iterator
 from contextlib import suppress
-from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.session import Client, ClientError, Pace
-from vip_factors.io.live.source import POLL
-from vip_factors.io.live.streams import NetworkSource
+from vip_factors.io.live.session import Client
+from vip_factors.io.live.streams import PIECE, TcpServerSource, listen, receiver
 
 if TYPE_CHECKING:
-    from websockets.sync.server import Server, ServerConnection
+    from websockets.http11 import Request
 
-GRACE = 1.0  # seconds for the connection before to end: a client that comes back may be quicker than its old one
-CLOSE_WAIT = 1.0  # seconds that a client may take to say goodbye
-BUSY, REFUSED, TOO_LARGE = 1013, 1008, 1009  # close codes: try again later, policy violation, message too big
+GOODBYE_WAIT = 1.0  # seconds that a client may take to answer a goodbye
+GOING, REFUSED = 1001, 1008  # close codes: going away, policy violation
 REASON_BYTES = 120  # a close frame holds 123
 
 
-class WebSocketSource(NetworkSource):
+def check_websockets(name: str) -> None:
+    """Whether the library is there.
+
+    Raises:
+        InputError: if it is not.
+    """
+    try:
+        import websockets.server  # noqa: F401
+    except ImportError as error:
+        raise InputError(f"{name}: needs the library websockets: pip install 'vip-factors[live]'") from error
+
+
+class WebSocket:
+    """One client's connection, from its HTTP request on.
+
+    Args:
+        connection: its socket, which stays the caller's.
+        largest: bytes of a message.
+    """
+
+    def __init__(self, connection: socket.socket, largest: int) -> None:
+        from websockets.server import ServerProtocol
+
+        self._connection = connection
+        self._largest = largest
+        self._protocol: Any = ServerProtocol(max_size=largest, logger=_silent_logger())
+        self._parts: list[bytes] = []  # of a message in several frames
+        self._text = False
+
+    @property
+    def pending(self) -> int:
+        """Bytes of a message, or of the request, that is not whole yet."""
+        return len(self._protocol.reader.buffer) + sum(map(len, self._parts))
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more comes."""
+        from websockets.protocol import State
+
+        return self._protocol.handshake_exc is not None or self._protocol.state in (State.CLOSING, State.CLOSED)
+
+    @property
+    def problem(self) -> str:
+        """A clause about why it ended; empty if it has not, or with a goodbye."""
+        from websockets.exceptions import PayloadTooBig
+
+        if not self.ended:
+            return ""
+        if self._protocol.handshake_exc is not None:
+            return f"it did not open a WebSocket ({self._protocol.handshake_exc})"
+        if isinstance(self._protocol.parser_exc, PayloadTooBig):
+            return (
+                f"a message was larger than {self._largest:,} bytes: either it is no live message, or the setting "
+                "largest_message must grow"
+            )
+        said = self._protocol.close_rcvd
+        if self._protocol.parser_exc is None and said is not None and said.code in (1000, 1001, 1005):
+            return ""
+        return f"the connection was lost ({self._protocol.parser_exc or said})"
+
+    def feed(self, data: bytes) -> Iterator[bytes | str]:
+        """The messages that these bytes, none at the end, complete; whoever asks for a WebSocket gets it."""
+        for event in self.events(data):
+            if isinstance(event, bytes | str):
+                yield event
+            else:
+                self.accept(event)
+
+    def events(self, data: bytes) -> "Iterator[Request | bytes | str]":
+        """The request and the messages that these bytes, none at the end, complete."""
+        from websockets.frames import Opcode
+
+        if data:
+            self._protocol.receive_data(data)
+        else:
+            self._protocol.receive_eof()
+        for event in self._protocol.events_received():
+            opcode = getattr(event, "opcode", None)
+            if opcode is None:
+                yield event
+            elif opcode in (Opcode.TEXT, Opcode.BINARY, Opcode.CONT):
+                self._text = opcode is Opcode.TEXT or (opcode is Opcode.CONT and self._text)
+                self._parts.append(bytes(event.data))
+                if event.fin:
+                    whole, self._parts = b"".join(self._parts), []
+                    yield whole.decode(errors="replace") if self._text else whole
+        self._flush()
+
+    def accept(self, request: "Request") -> None:
+        """Open it."""
+        self._protocol.send_response(self._protocol.accept(request))
+        self._flush()
+
+    def send(self, text: str) -> None:
+        """A text message.
+
+        Raises:
+            OSError: if it cannot be sent whole.
+        """
+        self._protocol.send_text(text.encode())
+        self._flush()
+
+    def close(self, code: int = GOING, reason: str = "") -> None:
+        """Say goodbye, if it is open, and wait a moment for the answer; never fails."""
+        from websockets.protocol import State
+
+        with suppress(OSError, EOFError):
+            if self._protocol.state is State.OPEN:
+                self._protocol.send_close(code, reason.encode()[:REASON_BYTES].decode(errors="ignore"))
+                self._flush()
+                self._connection.settimeout(GOODBYE_WAIT)
+                until = time.monotonic() + GOODBYE_WAIT  # of one who goes on sending
+                while not self._protocol.close_rcvd and (data := self._connection.recv(PIECE)):
+                    list(self.events(data))
+                    if time.monotonic() > until:
+                        return
+
+    def _flush(self) -> None:
+        for data in self._protocol.data_to_send():
+            if data:
+                self._connection.sendall(data)
+            else:
+                with suppress(OSError):  # the other side has gone
+                    self._connection.shutdown(socket.SHUT_WR)
+
+
+class WebSocketSource(TcpServerSource):
     """Listens on a port; one client at a time, and the next when it has gone.
 
     A message that cannot be used is left out; its end is known, so the ones after it are read on.
@@ -30,127 +157,14 @@ class WebSocketSource(NetworkSource):
     scheme = "ws"
 
     def _open(self) -> None:
-        try:
-            from websockets.sync.server import serve
-        except ImportError as error:
-            raise InputError(f"{self.name}: needs the library websockets: pip install 'vip-factors[live]'") from error
-        self._busy = Lock()
-        self._gone: float | None = None  # when the last client that had a header went
-        self._failure: Exception | None = None
-        self._opening: set[ServerConnection] = set()
-        self._server: Server = serve(
-            self._serve,
-            sock=self._listen(),
-            compression=None,  # numbers of sensors hardly shrink, and the thread must stay cheap
-            open_timeout=self._settings.header_wait,
-            close_timeout=CLOSE_WAIT,
-            max_size=self._settings.largest_message,
-            create_connection=self._connection_class(),
-            logger=_silent_logger(),
-        )
+        check_websockets(self.name)
+        super()._open()
 
-    def _read(self) -> None:
-        accepting = Thread(target=self._server.serve_forever, name=f"{self.name}, connections", daemon=True)
-        accepting.start()
-        try:
-            while not self._stop.wait(POLL) and self._failure is None:
-                gone = self._gone
-                if gone is not None and time.monotonic() - gone > self._settings.next_client_wait:
-                    break
-        finally:
-            self._stop.set()  # the clients' threads see it within POLL
-            for connection in list(self._opening):
-                with suppress(OSError):
-                    connection.socket.shutdown(socket.SHUT_RDWR)
-            self._server.shutdown()
-            accepting.join(CLOSE_WAIT)
-        if self._failure is not None:
-            raise self._failure
-
-    def _serve(self, connection: "ServerConnection") -> None:
-        """Follow one client, in a thread of its own."""
-        client = Client(self._session, _peer(self.name, connection))
-        if not self._busy.acquire(timeout=GRACE):
-            client.leave("it is sent away, as another client is connected")
-            connection.close(BUSY, "another client is connected")
-            return
-        left, self._gone = self._gone, None  # nobody is waited for while this one is here
-        try:
-            reason = self._follow(client, connection)
-            if self._stop.is_set():
-                client.leave()
-            else:
-                self._dismiss(client, reason)
-                if reason:
-                    connection.close(REFUSED, reason.encode()[:REASON_BYTES].decode(errors="ignore"))
-        except Exception as error:  # raised in the thread that iterates
-            self._failure = error
-        finally:
-            self._gone = time.monotonic() if client.has_header or left is not None else None
-            self._busy.release()
-
-    def _follow(self, client: Client, connection: "ServerConnection") -> str:
-        """A clause about why the client's stream ended; empty if it said goodbye."""
-        from websockets.exceptions import ConnectionClosed, ConnectionClosedOK
-
-        begun, pace = time.monotonic(), Pace(self._settings.largest_rate)
-        while not self._stop.is_set():
-            if not client.has_header and time.monotonic() - begun > self._settings.header_wait:
-                return f"no header came within {self._settings.header_wait:g} s"
-            try:
-                data = connection.recv(POLL)
-            except TimeoutError:
-                client.flush()
-                continue
-            except ConnectionClosedOK:
-                return "" if client.has_header else "it left without sending a header"
-            except ConnectionClosed as error:
-                if error.sent is None or error.sent.code != TOO_LARGE:
-                    return f"the connection was lost ({error})"
-                return (
-                    f"a message was larger than {self._settings.largest_message:,} bytes: either it is no live "
-                    "message, or the setting largest_message must grow"
-                )
-            try:
-                take_message(client, data)
-            except ClientError as error:
-                return str(error)
-            wait = pace.take()
-            if wait:
-                rate = self._settings.largest_rate
-                client.report("pace", f"it sends more than {rate:g} messages a second and has to wait")
-                self._stop.wait(wait)
-        return ""
-
-    def _connection_class(self) -> "type[ServerConnection]":
-        """Connections that speak of a client which never speaks WebSocket; the library keeps silent about it."""
-        from websockets.protocol import State
-        from websockets.sync.server import ServerConnection
-
-        report, name, stop, opening = self._session.report, self.name, self._stop, self._opening
-        most = self._settings.clients
-
-        class Connection(ServerConnection):
-            def handshake(self, *args: Any, **keywords: Any) -> None:
-                problem = ""
-                opening.add(self)
-                try:
-                    if len(opening) > most:
-                        raise ConnectionError(f"{most} others are opening one")
-                    super().handshake(*args, **keywords)
-                    if self.protocol.state is not State.OPEN:
-                        problem = str(getattr(self.protocol, "handshake_exc", None) or "refused")
-                except Exception as error:
-                    problem = str(error) or type(error).__name__
-                    raise
-                finally:
-                    opening.discard(self)
-                    if problem and not stop.is_set():
-                        report(
-                            f"{_peer(name, self)}: it did not open a WebSocket ({problem}); its connection is closed"
-                        )
-
-        return Connection
+    def _follow(self, client: Client, connection: socket.socket) -> str:
+        web = WebSocket(connection, self._settings.largest_message)
+        reason = listen(client, receiver(connection), self._settings, self._stop, web, take_message)
+        web.close(REFUSED if reason else GOING, reason)
+        return reason
 
 
 def take_message(client: Client, data: str | bytes) -> None:
@@ -166,14 +180,6 @@ def take_message(client: Client, data: str | bytes) -> None:
         client.take(data)
     except FileFormatError as error:
         client.report("no message", f"a message is left out: {error}")
-
-
-def _peer(name: str, connection: "ServerConnection") -> str:
-    try:
-        host, port = connection.remote_address[:2]
-    except (OSError, ValueError):
-        return f"{name}, a client"
-    return f"{name}, client {host}:{port}"
 
 
 def _silent_logger() -> logging.Logger:

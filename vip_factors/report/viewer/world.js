@@ -6,7 +6,8 @@ import {
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { Body, Poses, skinOf } from "./body.js";
 
-const FRUSTUM_M = 0.6, TRACK_HEIGHT = 0.004, CAMERA_COLOUR = "#4a5563", GROUND = "#f6f7f9";
+const FRUSTUM_M = 0.6, TRACK_HEIGHT = 0.004;
+const LIGHT = { ground: "#f6f7f9", major: "#c3cad3", minor: "#dfe3e8", wire: "#4a5563" };
 
 export class World {
   constructor(canvas, data, changed) {
@@ -16,13 +17,14 @@ export class World {
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.renderer.shadowMap.enabled = true;
     this.scene = new Scene();
-    this.scene.background = new Color(GROUND);
-    this.scene.fog = new Fog(GROUND, 12 + data.extent, 30 + 3 * data.extent);
+    this.scene.fog = new Fog(LIGHT.ground, 12 + data.extent, 30 + 3 * data.extent);
+    this.wire = new LineBasicMaterial();
     const meshes = data.meshes.map((one) => ({ skin: skinOf(one), pose: one.pose }));
     this.bodies = data.bodies.map((one) => new Body(one, meshes[one.mesh]));
     this.bodies.forEach((body) => this.scene.add(body.root));
     this.#ground();
     if (data.camera) this.#filming();
+    this.paint(LIGHT);
     this.eye = new PerspectiveCamera(38, 1, 0.05, 500);
     this.eye.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.eye, canvas);
@@ -74,11 +76,18 @@ export class World {
     this.controls.update();
   }
 
+  /** Further away, if those who are followed do not all fit into the picture any more. */
+  back() {
+    const { target } = this.controls, away = this.eye.position.clone().sub(target), least = this.#distance();
+    if (this.follows && away.length() < least) this.eye.position.copy(target).add(away.setLength(least));
+  }
+
   #distance() {
     const own = this.bodies.filter((_, index) => !this.data.bodies[index].ghost);
     const middle = this.middle();
     const spread = Math.max(...own.map((body) => body.place.distanceTo(middle)));
-    return 2.9 + 2.1 * spread;
+    const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
+    return 2.9 + 2.1 * spread * (width ? Math.max(1, height / width) : 1);
   }
 
   render() {
@@ -102,15 +111,32 @@ export class World {
     return at.z > 1 ? null : [((at.x + 1) / 2) * width, ((1 - at.y) / 2) * height];
   }
 
+  /** Colours of the ground, of its lines, and of the camera's. */
+  paint({ ground, major, minor, wire }) {
+    this.scene.background = new Color(ground);
+    this.scene.fog.color.set(ground);
+    this.wire.color.set(wire);
+    this.ground.remove(this.grid);
+    this.grid = new GridHelper(this.tiles, this.tiles, major, minor);
+    this.grid.rotation.x = Math.PI / 2;
+    this.ground.add(this.grid);
+  }
+
+  /** The ground under whoever walks away over a floor that is still being found. */
+  stand() {
+    const middle = this.middle();
+    this.ground.position.set(Math.round(middle.x), Math.round(middle.y), this.data.floor);
+  }
+
   #ground() {
     const { floor, centre, extent } = this.data;
-    const size = 2 * Math.ceil(extent / 2) + 10;
-    const grid = new GridHelper(size, size, "#c3cad3", "#dfe3e8");
-    grid.rotation.x = Math.PI / 2;
-    grid.position.set(Math.round(centre[0]), Math.round(centre[1]), floor);
-    const shadows = new Mesh(new PlaneGeometry(4 * size, 4 * size), new ShadowMaterial({ opacity: 0.16 }));
-    shadows.position.copy(grid.position).setZ(floor - 0.002);
+    this.tiles = 2 * Math.ceil(extent / 2) + 10;
+    this.ground = new Object3D();
+    this.ground.position.set(Math.round(centre[0]), Math.round(centre[1]), floor);
+    const shadows = new Mesh(new PlaneGeometry(4 * this.tiles, 4 * this.tiles), new ShadowMaterial({ opacity: 0.16 }));
+    shadows.position.setZ(-0.002);
     shadows.receiveShadow = true;
+    this.ground.add(shadows);
     this.sun = new DirectionalLight("#ffffff", 2.2);
     this.sun.castShadow = true;
     this.sun.shadow.mapSize.set(1024, 1024);
@@ -118,7 +144,7 @@ export class World {
     Object.assign(this.sun.shadow.camera, { left: -reach, right: reach, top: reach, bottom: -reach, far: 30 });
     this.sun.shadow.bias = -0.001;
     this.sun.shadow.normalBias = 0.03;
-    this.scene.add(grid, shadows, new HemisphereLight("#ffffff", "#cfcac2", 2.6), this.sun, this.sun.target);
+    this.scene.add(this.ground, new HemisphereLight("#ffffff", "#cfcac2", 2.6), this.sun, this.sun.target);
     this.bodies.forEach((body, index) => {
       if (!this.data.bodies[index].ghost) this.scene.add(this.#track(body.poses, this.data.bodies[index].mark));
     });
@@ -139,12 +165,11 @@ export class World {
     const [a, b] = corners;  // a hat over the upper edge: which way up it was held
     const peak = a.clone().add(b).multiplyScalar(0.5).setY(a.y - 0.25 * a.distanceTo(b));
     points.push(a, peak, peak, b);
-    const material = new LineBasicMaterial({ color: CAMERA_COLOUR });
     this.filming = new Object3D();
-    this.filming.add(new LineSegments(new BufferGeometry().setFromPoints(points), material));
+    this.filming.add(new LineSegments(new BufferGeometry().setFromPoints(points), this.wire));
     this.filmed = new Poses(this.data.camera, 1);
     const path = [];
     for (let at = 0; at < this.data.frames; at++) path.push(new Vector3().fromArray(this.filmed.positions, 3 * at));
-    this.scene.add(this.filming, new Line(new BufferGeometry().setFromPoints(path), material));
+    this.scene.add(this.filming, new Line(new BufferGeometry().setFromPoints(path), this.wire));
   }
 }

@@ -1,0 +1,56 @@
+"""``vip-factors repetitions``: a table to read, tables for programs and a picture; and a section of the report."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from exercises import exercises
+
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.repetitions.files import write_repetitions
+from vip_factors.repetitions.repetitions import all_repetitions
+from vip_factors.report.material import Material
+from vip_factors.report.repetitions import repetitions_section
+
+KINDS = ("squat", "squat", "jump")
+
+
+@pytest.fixture(scope="module")
+def made() -> Estimate:
+    return Estimate.of_one(WearerEstimate("exercises", "SIP", exercises(KINDS), {}))
+
+
+def test_files_of_an_estimate(run: Callable, made: Estimate, tmp_path: Path) -> None:
+    write_estimate(made, tmp_path / "gym.estimate.mcap")
+    told = run("repetitions", tmp_path / "gym.estimate.mcap")
+    assert told.code == 0
+    assert told.out.startswith("exercises: 2 squats, 1 jump\n")
+    folder = tmp_path / "gym.estimate.repetitions"
+    with (folder / "repetitions.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["kind"] for row in rows] == list(KINDS)
+    assert float(rows[2]["flight_height_m"]) == pytest.approx(0.3, abs=0.03)
+    assert rows[0]["flight_height_m"] == rows[0]["depth_sd_m"] == ""
+    whole = json.loads((folder / "repetitions.json").read_text(encoding="utf-8"))
+    assert whole["exercises"][0]["depth_m"]["sigma"] is None
+    assert (folder / "repetitions.png").stat().st_size > 10_000
+    assert run("repetitions", tmp_path / "gym.estimate.mcap").code == 2
+    assert run("repetitions", tmp_path / "gym.estimate.mcap", "--overwrite").code == 0
+    assert run("repetitions", tmp_path / "gym.estimate.mcap", "-o", tmp_path / "gym.estimate.mcap").code == 2
+
+
+def test_two_of_one_name_are_refused(made: Estimate, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="different names"):
+        write_repetitions(all_repetitions(made) * 2, tmp_path)
+
+
+def test_the_report_has_a_section_only_of_those_who_exercise(made: Estimate) -> None:
+    section = repetitions_section(Material(made))
+    assert section is not None
+    assert section.id == "repetitions"
+    standing = Estimate.of_one(WearerEstimate("a", "SIP", exercises(("squat",)), {}))
+    assert repetitions_section(Material(standing)) is None

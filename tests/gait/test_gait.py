@@ -1,0 +1,193 @@
+"""Strikes, toe-offs and strides of a walk that is known by construction; turns are no part of means."""
+
+import csv
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulated_walk import STANCE, STRIDE_M, STRIDE_S, WIDTH_M, strikes, walk
+
+import vip_factors as vip
+from vip_factors.body.kinematics import Motion
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
+from vip_factors.gait.analysis import Gait, gait_of, gaits_of
+from vip_factors.gait.events import SIDES, events_of_motion, events_of_sensor
+from vip_factors.gait.files import write_gait
+from vip_factors.gait.reference import reference_at, references
+from vip_factors.gait.travel import travel_of_sensor
+from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+from vip_factors.simulate.recording import simulate_recording
+
+SECONDS, TURN_AT = 12.0, 5.2
+
+
+@pytest.fixture(scope="module")
+def motion() -> Motion:
+    return walk(SECONDS, TURN_AT)
+
+
+@pytest.fixture(scope="module")
+def recording(motion: Motion) -> Recording:
+    return simulate_recording(motion, preset("mvn17", motion.skeleton), seed=1)
+
+
+def estimate_of(motion: Motion, recording: Recording | None = None) -> WearerEstimate:
+    known = {} if recording is None or recording.truth is None else recording.truth.calibration
+    sensors = () if recording is None else tuple(recording.placed)
+    return WearerEstimate("walker", "SIP", motion, known or {}, sensors=sensors)
+
+
+@pytest.fixture(scope="module")
+def gait(motion: Motion, recording: Recording) -> Gait:
+    return gait_of(estimate_of(motion, recording), recording)
+
+
+def nearest_ms(found: np.ndarray, true: np.ndarray) -> np.ndarray:
+    return 1000 * np.array([found[np.argmin(np.abs(found - one))] - one for one in true])
+
+
+@pytest.mark.parametrize("side", SIDES)
+@pytest.mark.parametrize("treadmill", [False, True])
+def test_events_by_the_legs(side: str, treadmill: bool) -> None:
+    found = events_of_motion(walk(8.0, treadmill=treadmill), side)
+    true = strikes(side, 8.0)
+    true = true[(true > 0.8) & (true < 7.5)]
+    assert np.abs(nearest_ms(found.strike, true)).max() < 60
+    assert np.ptp(nearest_ms(found.strike, true)) < 10
+    assert np.abs(nearest_ms(found.off, true + STANCE * STRIDE_S)[:-1]).max() < 60
+    assert not found.by_sensor
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_events_by_a_foot_sensor(side: str, recording: Recording) -> None:
+    site = next(one for one in recording.placement.sites if one.bone == f"{side}_ankle")
+    assert recording.truth is not None
+    assert recording.truth.calibration is not None
+    stream, R = recording.imus[site.sensor], recording.truth.calibration[site.sensor].R_bone_sensor
+    true = strikes(side, SECONDS)
+    true = true[(true > 0.8) & (true < SECONDS - 1)]
+    for one in (stream, replace(stream, angular_rate=None)):  # some log orientation alone
+        found = events_of_sensor(one, R)
+        assert found is not None
+        assert found.by_sensor
+        assert np.abs(nearest_ms(found.strike, true)).max() < 25
+        assert np.abs(nearest_ms(found.off, true + STANCE * STRIDE_S)).max() < 35
+        assert np.all((found.rest > found.strike) & (found.off < found.strike))
+    assert events_of_sensor(stream.cut(0.0, 0.5), R) is None
+
+
+def test_turns_are_no_part_of_means(gait: Gait) -> None:
+    turning = [one for one in gait.strides if one.end > TURN_AT + 0.3 and one.start < TURN_AT + 1.1]
+    assert len(turning) >= 3
+    assert all(one.left_out for one in turning)
+    assert all(one.end < TURN_AT + 0.7 or one.start > TURN_AT + 0.7 for one in gait.counted)
+    assert len(gait.counted) >= 10
+
+
+def test_figures_are_those_of_the_walk(gait: Gait) -> None:
+    true = {"time": STRIDE_S, "length": STRIDE_M, "speed": STRIDE_M / STRIDE_S, "cadence": 120 / STRIDE_S,
+            "width": WIDTH_M, "step_time": STRIDE_S / 2, "step_length": STRIDE_M / 2, "stance": STANCE * STRIDE_S,
+            "swing_percent": 100 * (1 - STANCE), "double_support_percent": 100 * (2 * STANCE - 1)}  # fmt: skip
+    for name, value in true.items():
+        for side in ("left", "right", "both"):
+            found = gait.figure(name, side)
+            assert found is not None
+            assert found.mean == pytest.approx(value, rel=0.1 if "support" in name else 0.04), (name, side)
+            assert abs(found.mean - value) < 3 * max(found.sigma, 0.01 * value), (name, side)
+        difference = gait.figure(name, "difference")
+        assert difference is not None
+        assert abs(difference.mean) < 3 * max(difference.sigma, 0.01 * value), name
+    angle, clearance = gait.figure("strike_angle"), gait.figure("clearance")
+    assert angle is not None
+    assert angle.mean == pytest.approx(20, abs=4)
+    assert clearance is not None
+    assert 0.0 < clearance.mean < 0.15
+
+
+def test_curves_are_over_the_cycle(motion: Motion, recording: Recording, gait: Gait) -> None:
+    known = {(one.angle, one.side): one for one in gait.curves}
+    knee = known["left_knee_flexion", "left"]
+    assert len(knee.mean) == 101
+    assert 0.6 < np.argmax(knee.mean) / 100 < 0.9  # knees are bent most in the swing
+    assert ("right_knee_flexion", "left") not in known
+    assert known["pelvis_rotation", "left"].mean == pytest.approx(np.zeros(101), abs=8)
+    covariance = PoseCovariance(np.tile(4e-4 * np.eye(3), (len(motion), 24, 1, 1)), np.zeros((len(motion), 3, 3)))
+    surer = gait_of(replace(estimate_of(motion, recording), covariance=covariance), recording)
+    wide = next(one for one in surer.curves if (one.angle, one.side) == ("left_knee_flexion", "left"))
+    assert surer.with_covariance
+    assert np.all(wide.sigma > knee.sigma)
+
+
+def test_who_does_not_walk_has_no_strides() -> None:
+    still = walk(2.0)
+    still = replace(still, R_parent_child=np.repeat(still.R_parent_child[:1], 200, axis=0),
+                    p_world_pelvis=np.repeat(still.p_world_pelvis[:1], 200, axis=0))  # fmt: skip
+    for one in (still, still.frames(slice(0, 2))):
+        none = gait_of(estimate_of(one))
+        assert not none.strides
+        assert not none.figures
+        assert not none.curves
+
+
+def test_a_foot_sensor_measures_its_way() -> None:
+    """Across a floor with a still foot at both ends; the landing's blow is too short for the samples."""
+    time = np.arange(0.0, 2.0, 0.01)
+    u = np.clip((time - 0.5) / 0.6, 0, 1)
+    p = 1.4 * u**3 * (10 - 15 * u + 6 * u**2)
+    force = np.stack([np.gradient(np.gradient(p, time), time), 0 * time, 9.81 + 0 * time], axis=1)
+    force[111:113, 0] += (100.0, -85.0)  # 0.15 m/s too much
+    stream = ImuStream("foot", time, force, np.tile(np.eye(3), (len(time), 1, 1)))
+    length, sigma = travel_of_sensor(stream, np.array([0.3, 1.6]))
+    assert length[0] == pytest.approx(1.4, abs=0.03)
+    assert 0.0 < sigma[0] < 0.2
+    assert np.isnan(travel_of_sensor(replace(stream, specific_force=None), np.array([0.3, 1.6]))[0]).all()
+
+
+def test_files_hold_it_all(gait: Gait, tmp_path: Path) -> None:
+    folder = tmp_path / "gait"
+    written = write_gait([gait], folder)
+    assert [one.name for one in written] == ["strides.csv", "figures.csv", "curves.csv", "gait.json", "gait.png"]
+    with (folder / "strides.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(gait.strides)
+    assert sum(int(row["counted"]) for row in rows) == len(gait.counted)
+    assert float(rows[0]["length_m"]) == pytest.approx(gait.strides[0].values["length"], abs=1e-3)
+    held = json.loads((folder / "gait.json").read_text())
+    assert held["units"]["speed"] == "m/s"
+    assert len(held["strides"]) == len(gait.strides)
+    assert held["figures"][0]["quantity"] == "time"
+    feet = replace(gait, bones=frozenset({"left_ankle", "right_ankle"}))  # between which no joint is
+    assert "gait.png" not in [one.name for one in write_gait([feet], tmp_path / "feet")]
+    assert ",0,left," in (tmp_path / "feet" / "curves.csv").read_text()
+    with pytest.raises(InputError, match="exists"):
+        write_gait([gait], folder)
+    plain = replace(gait, curves=())
+    two = write_gait([plain, replace(plain, name="Bea")], folder)
+    assert {one.name for one in two} >= {"walker.strides.csv", "Bea.gait.json"}
+    with pytest.raises(InputError, match="different names"):
+        write_gait([gait, gait], folder)
+
+
+def test_references_are_of_a_similar_speed() -> None:
+    assert {one.angle for one in references()} == {"hip_flexion", "knee_flexion", "ankle_dorsiflexion"}
+    slow, usual = reference_at(0.8, "left_knee_flexion"), reference_at(1.2, "right_knee_flexion")
+    assert slow is not None
+    assert usual is not None
+    assert slow.speed < usual.speed
+    assert 50 < usual.mean.max() < 75
+    assert reference_at(2.5, "knee_flexion") is None
+    assert reference_at(1.2, "elbow_flexion") is None
+
+
+def test_wearers_belong_to_recordings(motion: Motion, recording: Recording) -> None:
+    (one,) = vip.gait(estimate_of(motion, recording), recording)
+    assert one.feet["left"].by_sensor
+    assert not vip.gait(estimate_of(motion))[0].feet["left"].by_sensor
+    both = Estimate("two", "SIP", (estimate_of(motion), estimate_of(motion)))
+    with pytest.raises(InputError, match="2 wearers"):
+        gaits_of(both, vip.Scene("one", (recording,)))

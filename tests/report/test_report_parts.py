@@ -1,0 +1,57 @@
+"""Which angles are measured, what charts keep, and the gait of who walks."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+from simulated_walk import walk
+
+from vip_factors.body.joint_angles import is_measured
+from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.gait.analysis import bones_with_sensors
+from vip_factors.report.blocks import Pictures, Table
+from vip_factors.report.charts import Line, thinned, time_chart
+from vip_factors.report.gait import gait_section
+from vip_factors.report.material import Material
+from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.recording import Recording, Subject
+
+
+def test_angles_without_sensors_are_known_as_such() -> None:
+    motion = walk(0.1)
+    placement = preset("totalcapture13", motion.skeleton)
+    legs = replace(placement, sites=tuple(one for one in placement.sites if one.bone in (
+        "pelvis", "left_hip", "right_hip", "left_knee", "right_knee")))  # fmt: skip
+    sensors = tuple(one.sensor for one in legs.sites)
+    estimate = WearerEstimate("legs", "SIP", motion, {}, sensors=sensors)
+    bones = bones_with_sensors(estimate, Recording("legs", Subject(), {}, placement))
+    told = {name: is_measured(bones, f"{name}_flexion") for name in ("hip", "knee", "ankle", "elbow", "trunk")}
+    assert told == {"hip": True, "knee": True, "ankle": False, "elbow": False, "trunk": False}
+    assert is_measured(None, "elbow_flexion")
+
+
+def test_charts_keep_peaks_and_gaps() -> None:
+    time = np.arange(20_000) / 60
+    values = np.sin(time)
+    values[12_345] = 5.0
+    values[3_000:3_400] = np.nan
+    thin = thinned(time, values)[1]
+    assert len(thin) < 1000
+    assert np.nanmax(thin) == 5.0
+    assert np.isnan(thin).any()
+    chart = time_chart("t", [Line('a "quoted" & <odd> name', time, values, "#000000")], "°")
+    assert chart is not None
+    (curve,) = json.loads(chart.numbers)["curves"]
+    assert None in curve["values"]
+    assert max(value for value in curve["values"] if value is not None) == 5.0
+    assert "<odd>" not in chart.svg
+    assert time_chart("t", [Line("a", time, np.full(len(time), np.nan), "#000000")]) is None
+
+
+def test_who_walks_has_a_section() -> None:
+    section = gait_section(Material(Estimate.of_one(WearerEstimate("walk", "SIP", walk(6.0), {}))))
+    assert section is not None
+    (table,) = (one for one in section.blocks if isinstance(one, Table))
+    assert [row[0] for row in table.rows][:2] == ["Stride time, s", "Stride length, m"]
+    assert any(isinstance(one, Pictures) for one in section.blocks)
+    assert gait_section(Material(Estimate.of_one(WearerEstimate("stand", "SIP", walk(0.5), {})))) is None

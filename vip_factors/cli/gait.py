@@ -1,0 +1,90 @@
+"""``vip-factors gait``: how somebody walked, as tables, JSON and a picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.errors import InputError
+
+if TYPE_CHECKING:
+    from vip_factors.estimate import Estimate
+    from vip_factors.gait.analysis import Gait
+    from vip_factors.sensors.scene import Scene
+
+
+@dataclass(frozen=True)
+class GaitOptions:
+    """Find foot strikes, toe-offs and strides, and write their figures: strides.csv, figures.csv, curves.csv (joint
+    angles over the cycle), gait.json and gait.png.
+
+    With the recording, sensors on the feet tell events and lengths; without it, or without such sensors, the motion of
+    the legs does.
+    """
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE|RECORDING")]
+    """Estimate (.mcap), or a recording (.mcap), which is reconstructed first."""
+    recording: Path | None = None
+    """Recording (.mcap) that the estimate was made from; the estimate's own file if the recording is in it."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Folder to write to, made if need be; beside the first file, ending in .gait, if not given."""
+    overwrite: Flag = False
+    """Replace files that exist."""
+
+
+def parsed(prog: str, arguments: Sequence[str]) -> GaitOptions:
+    """The options in the words after the command."""
+    return parse(GaitOptions, prog, arguments)
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parsed(prog, arguments)
+    from vip_factors.cli.terminal import progress_bar
+    from vip_factors.gait.analysis import gaits_of
+    from vip_factors.gait.files import write_gait
+
+    with progress_bar() as tell:
+        tell("reading", 0.0)
+        estimate, scene = _read(options)
+        if estimate is None:
+            assert scene is not None
+            from vip_factors.pipeline import smooth
+
+            estimate = smooth(scene, progress=tell)
+        gaits = gaits_of(estimate, scene)
+    if not any(one.strides for one in gaits):
+        raise InputError(f"{options.source}: nobody walks in it: no foot takes two steps")
+    for gait in gaits:
+        _print_summary(gait)
+    for path in write_gait(gaits, options.out or beside(options.source, ".gait"), options.overwrite):
+        print(path)
+
+
+def _read(options: GaitOptions) -> "tuple[Estimate | None, Scene | None]":
+    from vip_factors.io import mcap_estimate, mcap_recording
+    from vip_factors.io.mcap_reader import read_contents
+
+    contents = read_contents(
+        options.source, lambda channel: mcap_estimate.is_read(channel) or mcap_recording.is_read(channel)
+    )
+    measured = any(topic in ("/recording/info", "/scene/info") for topic in contents.topics)
+    scene = mcap_recording.read_scene(options.recording if options.recording is not None else contents) \
+        if measured or options.recording is not None else None  # fmt: skip
+    if measured and not any(topic.startswith("/estimate") for topic in contents.topics):
+        return None, scene
+    return mcap_estimate.read_estimate(contents), scene
+
+
+def _print_summary(gait: "Gait") -> None:
+    by = {True: "foot sensors", False: "the motion of the legs"}
+    told = " and ".join(dict.fromkeys(by[one.by_sensor] for one in gait.feet.values()))
+    print(f"{gait.name}: {len(gait.strides)} strides, {len(gait.counted)} of them in the means; events by {told}")
+    for name in ("speed", "cadence", "time", "length"):
+        one = gait.figure(name)
+        if one is not None:
+            mean, sigma = (f"{value:.{one.quantity.decimals}f}" for value in (one.mean, one.sigma))
+            print(f"  {one.quantity.words}: {mean} ± {sigma} {one.quantity.unit}")

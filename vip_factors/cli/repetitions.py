@@ -1,0 +1,53 @@
+"""``vip-factors repetitions``: squats, lunges, jumps and curls, with their figures, as tables, JSON and a picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.repetitions.settings import RepetitionSettings
+
+
+@dataclass(frozen=True)
+class RepetitionOptions:
+    """Find squats, lunges, jumps and curls, and write when each began and ended, its depth, tempo, ranges and symmetry:
+    repetitions.csv, repetitions.json and repetitions.png.
+
+    Standard deviations are told of an estimate that was made with smooth --covariance.
+    """
+
+    estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
+    """Estimate (.mcap)."""
+    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    """Folder to write to, made if need be; beside the estimate, ending in .repetitions, if not given."""
+    overwrite: Flag = False
+    """Replace files that exist."""
+    settings: Annotated[RepetitionSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
+        default_factory=RepetitionSettings
+    )
+
+
+def parsed(prog: str, arguments: Sequence[str]) -> RepetitionOptions:
+    """The options in the words after the command."""
+    return parse(RepetitionOptions, prog, arguments)
+
+
+def main(prog: str, arguments: Sequence[str]) -> None:
+    """Run the command."""
+    options = parsed(prog, arguments)
+    from vip_factors.cli.terminal import waiting
+    from vip_factors.io.mcap_estimate import read_estimate
+    from vip_factors.repetitions.files import summary, table, write_repetitions
+    from vip_factors.repetitions.repetitions import all_repetitions
+
+    with waiting(f"reading {options.estimate.name}"):
+        found = all_repetitions(read_estimate(options.estimate), options.settings)
+    for one in found:
+        print(f"{one.name}: {summary(one.repetitions) or 'no repetitions'}")
+        if one.repetitions:
+            print(table(one.repetitions))
+    for path in write_repetitions(found, options.out or beside(options.estimate, ".repetitions"), options.overwrite):
+        print(path)

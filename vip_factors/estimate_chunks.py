@@ -1,0 +1,103 @@
+"""An estimate of any length, made and handed on in chunks of consecutive frames, and put together again."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
+from vip_factors.findings import Finding
+from vip_factors.sensors.camera_path import CameraPath
+
+
+@dataclass(frozen=True)
+class EstimateChunks:
+    """An estimate of any length, which need not be in memory at once.
+
+    Attributes:
+        head: all but the frames: its wearers' motions have none, and its camera's path is the first pose.
+        frames: how many each wearer will have.
+        camera_poses: how many the camera will have: one if it stands still.
+        chunks: estimates of consecutive frames in the order of time, made as they are asked for, once. Their reports
+            are of the solves that made them; their detections follow those of the chunk before.
+        closed: makes the head with what is known of the whole once all chunks were made (findings, headings over time,
+            who is who); None if the head has that already.
+    """
+
+    head: Estimate
+    frames: tuple[int, ...]
+    chunks: Iterator[Estimate]
+    camera_poses: int = 1
+    closed: Callable[[], Estimate] | None = None
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> "EstimateChunks":
+        """A whole estimate as one chunk."""
+        wearers, camera, none = estimate.wearers, estimate.camera, slice(0, 0)
+        without = tuple(replace(one, reports=()) for one in wearers)
+        return cls(
+            replace(
+                estimate,
+                wearers=tuple(one.frames(none) for one in wearers),
+                camera=None if camera is None else camera.start,
+            ),
+            tuple(len(one.motion) for one in wearers),
+            iter([replace(estimate, wearers=without, reports=())]),
+            1 if camera is None else len(camera.path),
+        )
+
+    def with_findings(self, findings: tuple[Finding, ...]) -> "EstimateChunks":
+        """The same, with findings of the whole before its own."""
+        return self._changed(lambda one: replace(one, findings=(*findings, *one.findings)))
+
+    def changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
+        """The same with a change of the head and of every chunk."""
+        return replace(self._changed(change), chunks=map(change, self.chunks))
+
+    def _changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
+        closed = self.closed
+        return replace(self, head=change(self.head), closed=None if closed is None else lambda: change(closed()))
+
+    def whole(self) -> Estimate:
+        """All chunks together, in memory."""
+        chunks = list(self.chunks)
+        head = self.closed() if self.closed is not None else self.head
+        cameras = [one.camera for one in chunks if one.camera is not None]
+        return replace(
+            head,
+            wearers=tuple(
+                _joined_wearer(*own) for own in zip(head.wearers, *(one.wearers for one in chunks), strict=True)
+            ),
+            camera=None if head.camera is None else _joined_camera(head.camera, cameras),
+            reports=(*head.reports, *(report for one in chunks for report in one.reports)),
+        )
+
+
+def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstimate:
+    R, p = (
+        np.concatenate([getattr(one.motion, name) for one in chunks]) for name in ("R_parent_child", "p_world_pelvis")
+    )
+    covariances = [one.covariance for one in chunks if one.covariance is not None]
+    known = len(covariances) == len(chunks)
+    joints, root = ([getattr(one, name) for one in covariances] for name in ("joints", "root"))
+    return replace(
+        head,
+        motion=replace(head.motion, R_parent_child=R, p_world_pelvis=p),
+        covariance=PoseCovariance(np.concatenate(joints), np.concatenate(root)) if known else None,
+        residuals={kind: np.concatenate([one.residuals[kind] for one in chunks]) for kind in head.residuals},
+        reports=(*head.reports, *(report for one in chunks for report in one.reports)),
+    )
+
+
+def _joined_camera(head: CameraEstimate, chunks: Sequence[CameraEstimate]) -> CameraEstimate:
+    paths = [one.path for one in chunks]
+    covariances = [one.covariance for one in chunks if one.covariance is not None]
+    residuals = [one.residual_px for one in chunks if one.residual_px is not None]
+    moves = any(len(one) > 1 for one in paths)
+    together = [np.concatenate([getattr(one, name) for one in paths]) for name in vars(head.path)]
+    return replace(
+        head,
+        path=CameraPath(*together) if moves else paths[0],
+        covariance=np.concatenate(covariances) if moves and len(covariances) == len(chunks) else chunks[0].covariance,
+        residual_px=np.concatenate(residuals) if len(residuals) == len(chunks) else None,
+    )

@@ -1,0 +1,247 @@
+"""Gait of an estimate: strides, means and how sure they are, left against right, joint angles over the cycle."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.joint_angles import joint_angle_sigmas, joint_angles
+from vip_factors.body.model_errors import shape_factor
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.gait.events import SIDES, FootEvents, events_of_motion, events_of_sensor
+from vip_factors.gait.strides import QUANTITIES, Quantity, Stride, strides_of
+from vip_factors.gait.travel import LEAST_RATE_HZ, travel_of_sensor
+from vip_factors.geometry.quaternions import interpolate_points
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Scene
+
+CYCLE = np.arange(101.0)  # per cent
+# What all strides of a recording are off by together, one standard deviation, as walks of six people with a reference
+# showed: strikes and toe-offs by another sensor or another definition of contact, s; lengths as shares of them, by legs
+# whose hips swing less in the estimate than they do, or by sensors whose blows are clipped; and what lies between the
+# feet or below the toes, by headings, mountings and soles. Half of it differs between the sides.
+EVENT_S, LENGTH_BY_LEGS, LENGTH_BY_SENSOR = 0.02, 0.06, 0.015
+SHARED = {"width": 0.09, "clearance": 0.01, "strike_angle": 4.0}  # m, m, degrees
+LENGTHS = ("length", "speed", "step_length", "width")  # of which the sides do not differ in it
+FEWEST = 3  # strides of a foot, for a mean
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A number of all strides that count.
+
+    Attributes:
+        quantity: what it is of.
+        side: ``left``, ``right``, ``both``, or ``difference``: left less right.
+        count: of strides.
+        mean: of them.
+        variability: standard deviation from stride to stride; NaN of a difference.
+        sigma: standard deviation of the mean: of the strides, and of what all of them share.
+    """
+
+    quantity: Quantity
+    side: str
+    count: int
+    mean: float
+    variability: float
+    sigma: float
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A joint angle over the cycle, from strike to strike of one side.
+
+    Attributes:
+        angle: name of the joint angle, such as ``left_knee_flexion``.
+        side: whose cycle it is.
+        count: of strides.
+        mean, variability: ``(101,)`` degrees, and their standard deviation from stride to stride.
+        sigma: ``(101,)`` of the mean: of the strides, and of the estimate's own covariance where it has one.
+    """
+
+    angle: str
+    side: str
+    count: int
+    mean: Array
+    variability: Array
+    sigma: Array
+
+
+@dataclass(frozen=True)
+class Gait:
+    """How somebody walked.
+
+    Attributes:
+        name: whose gait.
+        feet: events by side.
+        strides: all, in the order of time; those with a reason in ``left_out`` are in no mean.
+        figures: of each quantity: left, right, both, difference.
+        curves: of all joint angles, each over the cycle of its own side; of the trunk over both.
+        with_covariance: whether the bands of the curves hold what the estimate itself is unsure of.
+        bones: that sensors sat on; angles between others are guesses. None if nobody knows.
+    """
+
+    name: str
+    feet: dict[str, FootEvents]
+    strides: tuple[Stride, ...]
+    figures: tuple[Figure, ...]
+    curves: tuple[Curve, ...]
+    with_covariance: bool
+    bones: frozenset[str] | None = None
+
+    @property
+    def counted(self) -> tuple[Stride, ...]:
+        """Those that means are of."""
+        return tuple(one for one in self.strides if not one.left_out)
+
+    def figure(self, quantity: str, side: str = "both") -> Figure | None:
+        """One of the figures; None if too few strides tell it."""
+        return next((one for one in self.figures if (one.quantity.name, one.side) == (quantity, side)), None)
+
+
+def gait_of(estimate: WearerEstimate, recording: Recording | None = None, name: str = "") -> Gait:
+    """The gait of a wearer.
+
+    Args:
+        estimate: of the wearer.
+        recording: that it was made from: the feet's own sensors tell events and lengths better than a motion does.
+        name: of the wearer; the motion's if empty.
+    """
+    sensors = {side: found for side in SIDES if (found := _foot_sensor(estimate, recording, side)) is not None}
+    feet, travel = dict[str, FootEvents](), dict[str, tuple[Array, Array]]()
+    for side in SIDES:
+        events = events_of_sensor(*sensors[side]) if side in sensors else None
+        if events is not None and sensors[side][0].rate < LEAST_RATE_HZ and _has_shank(recording, side):
+            events = None  # all sensors of the legs together tell better when it was than one between two samples
+        feet[side] = events_of_motion(estimate.motion, side) if events is None else _during(events, estimate)
+        if events is not None:
+            travel[side] = travel_of_sensor(sensors[side][0], feet[side].rest)
+    strides = strides_of(estimate.motion, feet, travel)
+    counted = [one for one in strides if not one.left_out]
+    return Gait(
+        name or estimate.motion.name, feet, strides, _figures(counted), _curves(estimate, counted),
+        estimate.covariance is not None, bones_with_sensors(estimate, recording),
+    )  # fmt: skip
+
+
+def gaits_of(estimate: Estimate, scene: Scene | None = None) -> tuple[Gait, ...]:
+    """The gait of each wearer; ``scene`` is what the estimate was made from.
+
+    Raises:
+        InputError: if they do not hold the same number of wearers.
+    """
+    recordings = scene.wearers if scene is not None else (None,) * len(estimate.wearers)
+    if len(recordings) != len(estimate.wearers):
+        raise InputError(
+            f"estimate of {len(estimate.wearers)} wearers beside a recording of {len(recordings)}: expected the same"
+        )
+    return tuple(
+        gait_of(one, recording, "" if recording is None else recording.subject.name)
+        for one, recording in zip(estimate.wearers, recordings, strict=True)
+    )
+
+
+def _during(events: FootEvents, estimate: WearerEstimate) -> FootEvents:
+    """Those of which the motion tells everything."""
+    time = estimate.motion.time
+    inside = (events.off >= time[0]) & (events.rest <= time[-1])
+    return FootEvents(events.off[inside], events.strike[inside], events.rest[inside], events.by_sensor)
+
+
+def _foot_sensor(estimate: WearerEstimate, recording: Recording | None, side: str) -> tuple[ImuStream, Array] | None:
+    if recording is None:
+        return None
+    bones = (f"{side}_ankle", f"{side}_foot")
+    for site in recording.placement.sites:
+        if site.bone in bones and site.sensor in recording.imus and site.sensor in estimate.calibration:
+            return recording.imus[site.sensor], estimate.calibration[site.sensor].R_bone_sensor
+    return None
+
+
+def bones_with_sensors(estimate: WearerEstimate, recording: Recording | None) -> frozenset[str] | None:
+    """Names of the bones that sensors which were used sit on; None if neither recording nor estimate tells."""
+    if recording is not None:
+        return frozenset(one.bone for one in recording.placement.sites if one.sensor in estimate.sensors)
+    return frozenset(one.bone for one in estimate.sensor_places) or None
+
+
+def _has_shank(recording: Recording | None, side: str) -> bool:
+    if recording is None:
+        return False
+    return any(one.bone == f"{side}_knee" and one.sensor in recording.imus for one in recording.placement.sites)
+
+
+def _figures(strides: Sequence[Stride]) -> tuple[Figure, ...]:
+    found = []
+    for quantity in QUANTITIES:
+        sides = {side: _figure(quantity, side, [one for one in strides if one.side == side]) for side in SIDES}
+        both = _figure(quantity, "both", strides)
+        known = {side: one for side, one in sides.items() if one is not None}
+        found += [*known.values(), *([both] if both is not None else [])]
+        if len(known) == len(SIDES):
+            left, right = (known[side] for side in SIDES)
+            random = [one.variability / np.sqrt(one.count) for one in (left, right)]
+            own = 0.0 if quantity.name in LENGTHS else _shared(quantity, strides) / 2
+            sigma = float(np.linalg.norm([*random, own, own]))
+            found.append(
+                Figure(quantity, "difference", min(left.count, right.count), left.mean - right.mean, np.nan, sigma)
+            )
+    return tuple(found)
+
+
+def _figure(quantity: Quantity, side: str, strides: Sequence[Stride]) -> Figure | None:
+    values = np.array([one.values[quantity.name] for one in strides])
+    values = values[np.isfinite(values)]
+    if len(values) < FEWEST:
+        return None
+    spread = float(np.std(values, ddof=1))
+    sigma = np.hypot(spread / np.sqrt(len(values)), _shared(quantity, strides))
+    return Figure(quantity, side, len(values), float(np.mean(values)), spread, float(sigma))
+
+
+def _shared(quantity: Quantity, strides: Sequence[Stride]) -> float:
+    """What all strides are off by together, one standard deviation; cycles of one kind of event have none of it."""
+    name, values = quantity.name, [one.values for one in strides]
+    if name.removesuffix("_percent") in ("step_time", "stance", "swing", "double_support"):
+        return EVENT_S if quantity.unit == "s" else 100 * EVENT_S / float(np.mean([one["time"] for one in values]))
+    if name in ("length", "speed", "step_length"):
+        by_sensor = name != "step_length" and np.mean([one.by_sensor for one in strides]) > 0.5
+        return float(np.nanmean([one[name] for one in values]) * (LENGTH_BY_SENSOR if by_sensor else LENGTH_BY_LEGS))
+    return SHARED.get(name, 0.0)
+
+
+def _curves(estimate: WearerEstimate, strides: Sequence[Stride]) -> tuple[Curve, ...]:
+    angles = joint_angles(estimate.motion)
+    sigmas = np.zeros_like(angles.degrees)
+    if estimate.covariance is not None:
+        factors = np.array([shape_factor(one.joint) for one in angles.definitions])
+        sigmas = np.nan_to_num(factors * joint_angle_sigmas(estimate.motion, estimate.covariance.joints))
+    curves = []
+    for side in SIDES:
+        own = [one for one in strides if one.side == side]
+        columns = [
+            k for k, name in enumerate(angles.names) if not name.startswith("left_" if side == "right" else "right_")
+        ]
+        if len(own) < FEWEST:
+            continue
+        at = np.stack([one.start + CYCLE / 100 * (one.end - one.start) for one in own])
+        values, unsure = (
+            interpolate_points(angles.time, one[:, columns], at.ravel()).reshape(*at.shape, -1)
+            for one in (_unwrapped(angles.degrees), sigmas)
+        )
+        turning = angles.names.index("pelvis_rotation")  # which way somebody walks is no part of it
+        values[..., columns.index(turning)] -= values[..., columns.index(turning)].mean(axis=1, keepdims=True)
+        spread = values.std(axis=0, ddof=1)
+        sigma = np.hypot(spread / np.sqrt(len(own)), unsure.mean(axis=0))
+        curves += [
+            Curve(angles.names[column], side, len(own), values[..., k].mean(axis=0), spread[:, k], sigma[:, k])
+            for k, column in enumerate(columns)
+        ]
+    return tuple(curves)
+
+
+def _unwrapped(degrees: Array) -> Array:
+    return np.unwrap(degrees, axis=0, period=360.0)

@@ -1,0 +1,168 @@
+"""Gait as files: tables of strides, figures and curves (CSV), all of it (JSON), and a picture of the curves (PNG)."""
+
+import csv
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vip_factors.atomic import atomic_open, check_target
+from vip_factors.body.joint_angles import is_measured
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
+from vip_factors.errors import InputError
+from vip_factors.gait.analysis import CYCLE, Curve, Gait
+from vip_factors.gait.reference import SOURCE, reference_at
+from vip_factors.gait.strides import QUANTITIES
+from vip_factors.viz.charts import GRID, INK, SOFT_INK, Figure, page, panel, save, write
+from vip_factors.viz.colours import hexadecimal
+
+NAMES = ("strides.csv", "figures.csv", "curves.csv", "gait.json", "gait.png")
+DRAWN = (
+    "hip_flexion", "knee_flexion", "ankle_dorsiflexion", "hip_adduction", "hip_internal_rotation", "ankle_inversion",
+    "pelvis_tilt", "pelvis_obliquity", "pelvis_rotation", "trunk_flexion", "trunk_lateral_bending",
+    "trunk_axial_rotation",
+)  # fmt: skip
+COLUMNS, CELL, MARGIN = 3, (390.0, 270.0), 60.0
+COLOURS = {"left": hexadecimal(ESTIMATE_COLOURS[Side.LEFT]), "right": hexadecimal(ESTIMATE_COLOURS[Side.RIGHT])}
+BELOW = "#c9ced6"  # what references are drawn in: grey, beneath
+
+
+def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> list[Path]:
+    """Write all files of some wearers into a folder, which is made if need be; each complete or not at all.
+
+    Those of several wearers begin with their names.
+
+    Raises:
+        InputError: if a file is there already and may not be replaced, or two wearers have one name.
+    """
+    names = [one.name for one in gaits]
+    if len(gaits) > 1 and len(set(names)) < len(names):
+        raise InputError(f"wearers {', '.join(names)}: expected different names, for files of their own")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file: expected a folder for the tables")
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for gait in gaits:
+        begin = f"{gait.name.replace('/', '_')}." if len(gaits) > 1 else ""
+        strides, figures, curves, whole, picture = paths = [folder / f"{begin}{name}" for name in NAMES]
+        for path in paths:
+            check_target(path, overwrite)
+        _write_table(strides, _stride_rows(gait), overwrite)
+        _write_table(figures, _figure_rows(gait), overwrite)
+        _write_table(curves, _curve_rows(gait), overwrite)
+        with atomic_open(whole, "w", overwrite) as file:
+            file.write(json.dumps(as_json(gait), indent=1, allow_nan=False) + "\n")
+        written += paths[:-1]
+        figure = curves_figure(gait)
+        if figure is not None:
+            save(figure, picture, overwrite)
+            written.append(picture)
+    return written
+
+
+def _write_table(path: Path, rows: Iterable[Sequence[object]], overwrite: bool) -> None:
+    with atomic_open(path, "w", overwrite) as file:
+        csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def _stride_rows(gait: Gait) -> Iterable[list[object]]:
+    columns = [f"{one.name}_{one.unit}".replace("/", "_per_").replace("%", "").rstrip("_") for one in QUANTITIES]
+    yield ["side", "strike_s", "toe_off_s", "next_strike_s", *columns, "turn_deg", "counted", "left_out", "length_by"]
+    for one in gait.strides:
+        values = [_number(one.values[quantity.name], quantity.decimals + 1) for quantity in QUANTITIES]
+        times = [f"{time:.4f}" for time in (one.start, one.off, one.end)]
+        by = "foot sensor" if one.by_sensor else "motion"
+        yield [one.side, *times, *values, f"{one.turn_deg:.1f}", int(not one.left_out), one.left_out, by]
+
+
+def _figure_rows(gait: Gait) -> Iterable[list[object]]:
+    yield ["quantity", "unit", "side", "strides", "mean", "sigma", "variability"]
+    for one in gait.figures:
+        values = [_number(value, one.quantity.decimals + 1) for value in (one.mean, one.sigma, one.variability)]
+        yield [one.quantity.name, one.quantity.unit, one.side, one.count, *values]
+
+
+def _curve_rows(gait: Gait) -> Iterable[list[object]]:
+    yield ["angle", "measured", "cycle_of", "strides", "percent", "mean_deg", "sigma_deg", "variability_deg"]
+    for one in gait.curves:
+        measured = "" if gait.bones is None else int(is_measured(gait.bones, one.angle))
+        for percent, *values in zip(CYCLE, one.mean, one.sigma, one.variability, strict=True):
+            yield [one.angle, measured, one.side, one.count, int(percent), *(f"{value:.3f}" for value in values)]
+
+
+def _number(value: float, decimals: int) -> str:
+    """Nothing for what is not known."""
+    return f"{value:.{decimals}f}" if np.isfinite(value) else ""
+
+
+def as_json(gait: Gait) -> dict[str, Any]:
+    """All of it, in what JSON can hold; null for what is not known."""
+    return _plain(
+        {
+            "name": gait.name,
+            "events": {side: {**vars(one)} for side, one in gait.feet.items()},
+            "strides": [vars(one) for one in gait.strides],
+            "units": {one.name: one.unit for one in QUANTITIES},
+            "figures": [{**vars(one), "quantity": one.quantity.name} for one in gait.figures],
+            "curves": [vars(one) for one in gait.curves],
+            "curves_with_covariance": gait.with_covariance,
+            "bones_with_sensors": None if gait.bones is None else sorted(gait.bones),
+        }
+    )
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(inner) for inner in value]
+    if isinstance(value, float | np.floating):
+        return round(float(value), 5) if np.isfinite(value) else None
+    return value
+
+
+def curves_figure(gait: Gait) -> Figure | None:
+    """A picture of joint angles over the cycle, both sides over each other, with references beneath.
+
+    None if there is none that sensors measured.
+    """
+    drawn = [name for name in DRAWN if is_measured(gait.bones, name) and _curves_of(gait, name)]
+    if not drawn:
+        return None
+    rows = -(-len(drawn) // COLUMNS)
+    figure = page(COLUMNS * CELL[0] + MARGIN, rows * CELL[1] + 110)
+    speed = gait.figure("speed")
+    about = "" if speed is None else f", {speed.mean:.2f} ± {speed.sigma:.2f} m/s"
+    write(figure, (30, 40), f"{gait.name}: joint angles over the cycle{about}", 22, weight="bold")
+    known = None
+    for number, name in enumerate(drawn):
+        row, column = divmod(number, COLUMNS)
+        left, top = MARGIN + column * CELL[0], 70 + row * CELL[1]
+        axes = panel(figure, (left, top + 30, left + CELL[0] - 60, top + CELL[1] - 30))
+        axes.set_title(name.replace("_", " ") + ", °", loc="left", size=14, color=INK)
+        axes.tick_params(labelsize=11)
+        axes.grid(color=GRID)
+        axes.set_xlim(0, 100)
+        below = reference_at(speed.mean, name) if speed is not None else None
+        if below is not None:
+            known = below
+            axes.fill_between(CYCLE, below.mean - below.sd, below.mean + below.sd, color=BELOW, alpha=0.6, linewidth=0)
+        for curve in _curves_of(gait, name):
+            colour = COLOURS[curve.side]
+            axes.plot(CYCLE, curve.mean, color=colour, linewidth=2)
+            for spread, alpha in ((curve.variability, 0.15), (curve.sigma, 0.25)):
+                band = curve.mean - spread, curve.mean + spread
+                axes.fill_between(CYCLE, *band, color=colour, alpha=alpha, linewidth=0)
+    words = "mean, its ± (dark) and from stride to stride (pale); 0 and 100 %: foot strike of the same side"
+    if known is not None:
+        words += f"\ngrey: {known.people} healthy adults at {known.speed:.2f} m/s ({SOURCE})"
+    for number, (side, colour) in enumerate(COLOURS.items()):
+        write(figure, (30 + 50 * number, rows * CELL[1] + 90), side, 14, colour, weight="bold")
+    write(figure, (140, rows * CELL[1] + 90), words, 12, SOFT_INK, va="top" if known is None else "center")
+    return figure
+
+
+def _curves_of(gait: Gait, name: str) -> list[Curve]:
+    return [one for one in gait.curves if one.angle in (name, f"{one.side}_{name}")]

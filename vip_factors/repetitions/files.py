@@ -1,0 +1,181 @@
+"""Repetitions as a table for people, as files (CSV, JSON), and as a picture of what they were told from (PNG)."""
+
+import csv
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vip_factors.atomic import atomic_open, check_target
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
+from vip_factors.errors import InputError
+from vip_factors.repetitions.repetitions import Measured, Repetition, WearerRepetitions
+from vip_factors.repetitions.signals import SIDES
+from vip_factors.viz.charts import GRID, INK, SOFT_INK, page, panel, save, seconds_axis, write
+from vip_factors.viz.colours import hexadecimal
+
+NAMES = ("repetitions.csv", "repetitions.json", "repetitions.png")
+KIND_COLOURS = {"squat": "#3e6ebe", "lunge": "#965abe", "jump": "#e27828", "curl": "#289650"}
+COLOURS = {"left": hexadecimal(ESTIMATE_COLOURS[Side.LEFT]), "right": hexadecimal(ESTIMATE_COLOURS[Side.RIGHT])}
+UNKNOWN_CELL = "\u2013"  # a dash
+WIDTH, ROW_HEIGHT, MARGIN = 1400.0, 210.0, 90.0
+
+
+def summary(repetitions: Sequence[Repetition]) -> str:
+    """``6 squats, 2 jumps``."""
+    kinds = [one.kind for one in repetitions]
+    return ", ".join(
+        f"{kinds.count(kind)} {kind}{'s' if kinds.count(kind) > 1 else ''}" for kind in KIND_COLOURS if kind in kinds
+    )
+
+
+HEAD = ("", "kind", "side", "from s", "to s", "down / hold / up s", "depth cm", "flexed °", "left less right °",
+        "flight s", "height cm by flight", "by rise")  # fmt: skip
+
+
+def rows(repetitions: Sequence[Repetition]) -> list[tuple[str, ...]]:
+    """Cells of a table for people, a row each, below :data:`HEAD`; each kind is numbered for itself."""
+    told = list[tuple[str, ...]]()
+    for number, one in numbered(repetitions):
+        tempo = " / ".join(_short(value, 1) for value in (one.down_s, one.hold_s, one.up_s))
+        told.append((
+                str(number), one.kind, one.side, f"{one.start:.1f}", f"{one.end:.1f}", tempo,
+                measured_words(one.depth_m, 100), measured_words(one.depth_deg),
+                measured_words(one.left_less_right_deg), _short(one.flight_s, 2),
+                measured_words(one.flight_height_m, 100), measured_words(one.rise_m, 100),
+            ))  # fmt: skip
+    return told
+
+
+def numbered(repetitions: Sequence[Repetition]) -> Iterator[tuple[int, Repetition]]:
+    """Each with its number among those of its kind, from 1."""
+    for position, one in enumerate(repetitions):
+        yield sum(other.kind == one.kind for other in repetitions[: position + 1]), one
+
+
+def table(repetitions: Sequence[Repetition]) -> str:
+    """For a terminal: columns under each other."""
+    lines = [HEAD, *rows(repetitions)]
+    widths = [max(len(line[column]) for line in lines) for column in range(len(HEAD))]
+    return "\n".join(
+        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
+    )
+
+
+def measured_words(one: Measured, times: float = 1.0) -> str:
+    """``35 ± 2``; the ± is left out where it is not known, a dash stands for what there is not."""
+    text = _short(times * one.value, 0)
+    return f"{text} ± {times * one.sigma:.0f}" if np.isfinite(one.sigma) and np.isfinite(one.value) else text
+
+
+def _short(value: float, decimals: int) -> str:
+    return f"{value:z.{decimals}f}" if np.isfinite(value) else UNKNOWN_CELL
+
+
+def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwrite: bool = False) -> list[Path]:
+    """Write table, JSON and picture of all wearers into a folder, made if need be; each complete or not at all.
+
+    Raises:
+        InputError: if a file is there already and may not be replaced, the folder is a file, or two wearers have one
+            name.
+    """
+    names = [one.name for one in wearers]
+    if len(set(names)) < len(names):
+        raise InputError(f"wearers {', '.join(names)}: expected different names, to tell their repetitions apart")
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{folder} is a file: expected a folder for the tables")
+    folder.mkdir(parents=True, exist_ok=True)
+    numbers, whole, picture = paths = [folder / name for name in NAMES]
+    for path in paths:
+        check_target(path, overwrite)
+    lines = [{"wearer": one.name, **as_columns(each)} for one in wearers for each in one.repetitions]
+    with atomic_open(numbers, "w", overwrite) as file:
+        writer = csv.DictWriter(file, list(dict.fromkeys(["wearer", *(key for one in lines for key in one)])))
+        writer.writeheader()
+        writer.writerows(lines)
+    with atomic_open(whole, "w", overwrite) as file:
+        file.write(
+            json.dumps({one.name: [_plain(asdict(each)) for each in one.repetitions] for one in wearers}, indent=1)
+        )
+        file.write("\n")
+    draw_repetitions(wearers, picture, overwrite)
+    return paths
+
+
+def as_columns(one: Repetition) -> dict[str, object]:
+    """Columns of a table of numbers: standard deviations follow as ``…_sd_…``, nothing stands for what is not known."""
+    units = {"start": "start_s", "turn": "turn_s", "end": "end_s"}
+    columns: dict[str, object] = {}
+    for name, value in vars(one).items():
+        if isinstance(value, dict):
+            for angle, each in value.items():
+                columns |= _pair(f"{angle}_range_deg", each)
+        elif isinstance(value, Measured):
+            columns |= _pair(name, value)
+        else:
+            columns[units.get(name, name)] = _cell(value) if isinstance(value, float) else value
+    return columns
+
+
+def _pair(name: str, one: Measured) -> dict[str, object]:
+    quantity, _, unit = name.rpartition("_")
+    return {name: _cell(one.value), f"{quantity}_sd_{unit}": _cell(one.sigma)}
+
+
+def _cell(value: float) -> str:
+    return f"{value:.4f}" if np.isfinite(value) else ""
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(inner) for key, inner in value.items()}
+    if isinstance(value, float):
+        return round(value, 5) if np.isfinite(value) else None
+    return value
+
+
+def draw_repetitions(wearers: Sequence[WearerRepetitions], path: Path, overwrite: bool = False) -> None:
+    """A picture (PNG): how high hips and mass are and how far knees and elbows bend, repetitions shaded and numbered.
+
+    Raises:
+        InputError: if the file exists and must not be overwritten, or is not named ``.png``.
+    """
+    height = 60 + 3 * ROW_HEIGHT
+    figure = page(WIDTH, height * len(wearers) + 30)
+    for number, one in enumerate(wearers):
+        _draw_wearer(figure, number * height, one)
+    save(figure, path, overwrite)
+
+
+def _draw_wearer(figure: Any, top: float, one: WearerRepetitions) -> None:
+    signals, time = one.signals, one.signals.time
+    write(figure, (30, top + 36), f"{one.name}: {summary(one.repetitions) or 'no repetitions'}", 22, weight="bold")
+    floor = float(np.median(signals.lower_foot))
+    panels = (
+        ("pelvis above the lower foot, and centre of mass above the floor (dark), m",
+         [(signals.reach, COLOURS["left"]), (signals.mass_height - floor, INK)]),
+        ("knee flexion, °", [(signals.flexion(side, "knee"), COLOURS[side]) for side in SIDES]),
+        ("elbow flexion, °", [(signals.flexion(side, "elbow"), COLOURS[side]) for side in SIDES]),
+    )  # fmt: skip
+    for row, (title, curves) in enumerate(panels):
+        begin = top + 60 + row * ROW_HEIGHT
+        axes = panel(figure, (MARGIN, begin + 30, WIDTH - 30, begin + ROW_HEIGHT - 32))
+        axes.set_title(title, loc="left", size=14, color=SOFT_INK)
+        axes.tick_params(labelsize=12)
+        axes.grid(color=GRID)
+        for values, colour in curves:
+            axes.plot(time, values, color=colour, linewidth=1.6)
+        seconds_axis(axes, float(time[0]), float(time[-1]))
+        for number, each in numbered(one.repetitions):
+            if (each.kind == "curl") != (row == 2):
+                continue
+            axes.axvspan(each.start, each.end, color=KIND_COLOURS[each.kind], alpha=0.18, linewidth=0)
+            axes.axvline(each.turn, color=KIND_COLOURS[each.kind], linewidth=1)
+            if row != 1:
+                axes.annotate(
+                        f" {each.kind} {number}", (each.turn, 0.98), xycoords=("data", "axes fraction"), ha="left",
+                        va="top", size=12, color=KIND_COLOURS[each.kind],
+                    )  # fmt: skip

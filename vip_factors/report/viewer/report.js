@@ -1,0 +1,76 @@
+// The report: a time that the 3D view, the slider and the charts share.
+import { charts } from "./charts.js";
+import { find, Stage } from "./stage.js";
+
+export function showReport() {
+  const data = JSON.parse(find("motion").textContent);
+  const [slider, play, clock, speed] = ["slider", "play", "clock", "speed"].map(find);
+  const last = data.frames - 1;
+  let place = 0, playing = false, before = 0;
+  const stage = new Stage(data), { world } = stage;
+
+  function setPlace(to) {
+    place = Math.min(Math.max(to, 0), last);
+    const time = data.start + place / data.rate;
+    slider.value = String(place);
+    clock.textContent = `${time.toFixed(2)} s`;
+    if (world) {
+      world.place = place;
+      world.show(place);
+    }
+    drawn.forEach((chart) => chart.show(time));
+    stage.draw();
+  }
+
+  const setTime = (time) => setPlace((time - data.start) * data.rate);
+
+  function setPlaying(to) {
+    playing = to && last > 0;
+    play.textContent = playing ? "Pause" : "Play";
+    if (!playing) return;
+    if (place >= last) setPlace(0);
+    before = performance.now();
+    requestAnimationFrame(step);
+  }
+
+  function step(now) {
+    if (!playing) return;
+    setPlace(place + ((now - before) / 1000) * data.rate * Number(speed.value));
+    before = now;
+    if (place >= last) setPlaying(false);
+    else requestAnimationFrame(step);
+  }
+
+  const drawn = charts((time, chosen) => {
+    if (chosen) setPlaying(false);
+    if (!playing) setTime(time);
+  });
+  slider.max = String(last);
+  slider.step = "any";
+  slider.addEventListener("input", () => {
+    setPlaying(false);
+    setPlace(Number(slider.value));
+  });
+  play.addEventListener("click", () => setPlaying(!playing));
+  for (const button of document.querySelectorAll("button[data-time]")) {
+    button.addEventListener("click", () => {
+      setPlaying(false);
+      setTime(Number(button.dataset.time));
+      find("motion-section").scrollIntoView();
+    });
+  }
+  if (world) {
+    find("canvas").addEventListener("keydown", (event) => {
+      if (event.key === " ") {
+        event.preventDefault();
+        setPlaying(!playing);
+      }
+    });
+  }
+  setTime(data.shown);
+  stage.begin();
+  Object.assign(document.body.dataset, {
+    viewer: "ready", webgl: world ? "yes" : "no", frames: String(data.frames), charts: String(drawn.length),
+    bodies: String(data.bodies.length),
+  });
+}

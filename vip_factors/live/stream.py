@@ -106,14 +106,18 @@ class Stream:
         sure: Array = found.astype(float) if confidence is None else np.asarray(confidence, float)
         return self.take(VideoFrame(camera or cameras[0], time, at, sure))
 
-    def take(self, item: LiveItem) -> list[LiveEstimate]:
-        """What a source brings: a sample, or a sentence about those that were lost, which the next answer carries."""
+    def take(self, item: LiveItem, waited_s: float = 0.0) -> list[LiveEstimate]:
+        """What a source brings: a sample, or a sentence about those that were lost, which the next answer carries.
+
+        Of samples that have waited for too long, in a stream in real time, fewer frames are solved (``settings.pace``).
+        """
         if isinstance(item, LiveFinding):
             if isinstance(item, LiveLoss):
                 self._tracker.note_loss()
             if not (isinstance(item, LiveLoss) and item.again):
                 self._pending.append(bare(item.sentence))
             return []
+        self._tracker.note_behind(waited_s)
         return self._told(self._tracker.push(item))
 
     def finish(self) -> list[LiveEstimate]:
@@ -177,4 +181,6 @@ def stream(
         )
         played = Path(source).is_file() and not real_time and not follow  # as fast as it can be tracked
         tracked = Stream(opened.setup, settings, extra_factors, real_time=not played)
-        yield from tracked.answers(opened)
+        for item in opened:
+            yield from tracked.take(item, opened.waited_s)
+        yield from tracked.finish()

@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 from vip_factors.associate.settings import AssociationSettings
 from vip_factors.initialise.sensor_assignment import AssignmentSettings
 from vip_factors.initialise.sensor_faults import AccelerometerSettings, SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges
-from vip_factors.shown_settings import ShownCalibration, ShownFusion, ShownOfBoth, ShownSettings, ShownWindows
+from vip_factors.shown_settings import ShownOfBoth, ShownSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
 
@@ -18,9 +18,18 @@ LEAST_OVERLAPS = 2  # to a window: one at each end
 
 
 @dataclass(frozen=True)
-class CalibrationSettings(ShownCalibration):
-    """What is done about headings and mountings."""
+class CalibrationSettings:
+    """What is found about sensors and body."""
 
+    # Sensors drift apart by tens of degrees.
+    estimate_headings: bool = True
+    """Find how sensors are turned about the vertical; off where they agree already."""
+    # A calibration pose is held 10–15° off.
+    estimate_mountings: bool = True
+    """Find how sensors sit on their bones; off where that was measured."""
+    # People of one stature differ by 3–6 % in each length.
+    estimate_body: bool = True
+    """Find the lengths of the body, where a camera sees it."""
     # The axes of elbows and knees as variables: carrying angles are personal. Off: the usual axes.
     estimate_hinges: bool = True
     # Where on their bones sensors sit as variables, where a camera sees the wearer: an arm that is assumed pulls the
@@ -44,9 +53,16 @@ class CalibrationSettings(ShownCalibration):
 
 
 @dataclass(frozen=True)
-class FusionSettings(ShownFusion):
+class FusionSettings:
     """What is done with a camera, where the recording has one."""
 
+    use_camera: bool = True
+    """Off: the body-worn sensors alone, each wearer by itself (SIP)."""
+    camera_imu: bool = True
+    """Off: the sensor on the camera is not used."""
+    # Two numbers for a recording, and within 2 ms where clocks agree. Off: as whoever made the recording has them.
+    estimate_clock: bool = True
+    """Find how far the video's clock is off, within some milliseconds, and how it drifts."""
     # Rounds of association and fusion: the second knows camera, headings and mountings (thesis 4.3).
     rounds: int = 2
     # More solves at most, while the detector turns out much better than believed: true 2D poses, say.
@@ -63,9 +79,13 @@ class FusionSettings(ShownFusion):
 
 
 @dataclass(frozen=True)
-class WindowSettings(ShownWindows):
+class WindowSettings:
     """How a long recording is solved without all of it in memory: in overlapping windows, after its calibration."""
 
+    # What is shorter is calibrated by all of its coarse frames (four minutes before a camera take 3 GB), and its
+    # sensors' clocks and accelerometers are looked over first, which wants the whole.
+    above_s: float = 300.0
+    """What is longer, in seconds, is calibrated from stretches of it, and read window by window."""
     use: bool = True  # off: every recording is solved at once, in 0.4 MB a frame
     # Of what is solved at the full rate together: 3,600 frames, 1 GB; overlaps are solved twice, so shorter windows
     # take longer.
@@ -113,6 +133,9 @@ class CommonSettings(ShownOfBoth):
     camera: CameraFactorSettings = field(default_factory=CameraFactorSettings)
     association: AssociationSettings = field(default_factory=AssociationSettings)
     solve: SolveSettings = field(default_factory=SolveSettings)
+    floor: Literal["found", "none"] | float = "found"
+    """Where z = 0 is: under the soles, or where a known camera pose has it (found); where the camera was put at the
+    start (none); at this height in metres in the world of a known camera pose (-0.74: its board lay on a table)."""
 
     def __post_init__(self) -> None:
         check_ranges(self)
@@ -129,6 +152,8 @@ class CommonSettings(ShownOfBoth):
 class Settings(CommonSettings, ShownSettings):
     """All settings of the pipeline."""
 
+    assign: bool = False
+    """Take sensors for one another that are found in each other's places."""
     # Standard deviations are told with what models leave out (body/model_errors.py). Off: those of the solution alone.
     model_errors: bool = True
     accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)

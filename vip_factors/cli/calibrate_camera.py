@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
@@ -26,7 +26,9 @@ class CalibrateCameraOptions:
     the same board lie there, unmoved, stand in one world; a checkerboard needs an odd and an even number for that.
     """
 
-    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|FOLDER|CAMERA.toml")]
+    common: ClassVar = ("checkerboard", "charuco", "square_m", "floor", "overwrite")
+
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|FOLDER|CAMERA")]
     """Video, or folder of images; or a camera file, to which --floor-image adds where the camera stands."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml"), Output(".toml")]
     """Camera file to write."""

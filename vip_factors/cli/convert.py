@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
@@ -29,6 +29,8 @@ class ConvertOptions:
     Several cameras: all but the first stand still where their camera files say (calibrate-camera --floor, with the
     same board in the same place for all of them).
     """
+
+    common: ClassVar = ("placement", "stature_m", "initial_pose", "detections", "camera")
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
     """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from vip_factors.cli.options import Flag, parse
 from vip_factors.errors import InputError
@@ -13,6 +13,8 @@ from vip_factors.ranges import NotNegativeInt, Range, Rate
 @dataclass(frozen=True)
 class DemoOptions:
     """Simulate a walk with unknown headings and careless mountings, reconstruct it, compare it, draw it."""
+
+    common: ClassVar = ("out", "placement", "seconds", "overwrite")
 
     out: Path = Path("vip_factors_demo")
     """Folder for the files; made if absent."""

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -24,6 +24,8 @@ class DetectOptions:
 
     The model is BlazePose, 33 keypoints, whose files are fetched once with pip; --model takes any other as ONNX.
     """
+
+    common: ClassVar = ("out", "overlay", "model", "overwrite")
 
     video: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]
     """Video (.mp4, .mov …)."""

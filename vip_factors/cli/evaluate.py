@@ -4,7 +4,7 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -24,6 +24,8 @@ class EvaluateOptions(ManyOptions):
     Of scenes also the camera, who was assigned to what, and how the wearers stand to each other. The first five
     lines tell the most important, and in which alignment. Limbs of which the truth knows nothing are left out.
     """
+
+    common: ClassVar = ("truth", "json", "jobs", "overwrite")
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""

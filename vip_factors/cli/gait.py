@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -24,6 +24,8 @@ class GaitOptions:
     With the recording, sensors on the feet tell events and lengths; without it, or without such sensors, the motion of
     the legs does.
     """
+
+    common: ClassVar = ("recording", "out", "overwrite")
 
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE|RECORDING")]
     """Estimate (.mcap), or a recording (.mcap), which is reconstructed first."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -25,6 +25,8 @@ class GraphOptions:
     Every setting of the pipeline is an option (--help-all tells them); --settings reads them from a file, and options
     win over it.
     """
+
+    common: ClassVar = ("picture", "frame", "settings", "overwrite")
 
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files."""

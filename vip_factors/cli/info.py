@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 
@@ -20,6 +20,8 @@ class InfoOptions:
     Of a scene also what filmed it, and how much of whom a detector saw there. Of a recording without a camera that
     lasts more than five minutes the file's index tells, and its samples are not read.
     """
+
+    common: ClassVar = ("sites", "picture")
 
     file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")] = None
     """Recording or estimate (.mcap), or motion (.bvh …)."""

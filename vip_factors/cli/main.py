@@ -19,27 +19,29 @@ PROGRAM = "vip-factors"
 BAD_INPUT = 2
 # Name → one line. The module of the same name (with _ for -) holds ``main(prog, arguments)``, imported when asked for.
 COMMANDS = {
-    "demo": "reconstruct a recording that the package makes itself, and draw it",
-    "convert": "bring foreign sensor logs, 2D poses and a camera into one recording (MCAP)",
-    "detect": "find the 2D poses of everybody in a video, for convert --detections",
-    "run": "from a video and sensor logs to motion, exports and a report, in one command",
-    "calibrate-camera": "find a camera's focal length and distortion, and the floor, from views of a board",
+    "demo": "reconstruct a recording that the package makes itself",
+    "convert": "bring sensor logs, 2D poses and a camera into one recording",
+    "detect": "find the 2D poses of everybody in a video",
+    "run": "from a video and sensor logs to motion and a report",
+    "calibrate-camera": "find a camera's focal length, distortion and the floor",
     "info": "say what a recording, a scene or an estimate holds",
-    "body": "write the body that was found into a file, for the next recording of the same person",
-    "simulate": "make a recording, or a filmed scene, with known truth from motions",
+    "body": "write the body that was found into a file, for the next time",
+    "simulate": "make a recording, or a filmed scene, with known truth",
     "sync": "find the offset between the clocks of video and sensors",
     "smooth": "reconstruct: motion, headings, mountings, camera, who is who",
-    "graph": "draw the factor graph of a recording: variables and factors, by kind, with counts",
-    "stream": "track sensors and detections as they arrive: a file that grows, the network, standard input",
+    "graph": "draw the factor graph of a recording, with counts",
+    "stream": "track sensors and detections as they arrive",
     "evaluate": "compare an estimate with the truth",
-    "export": "write an estimate into files of other programs: the suffix tells the format",
-    "report": "write an estimate as one page for people: findings, angles, the motion to turn around",
-    "gait": "tell how somebody walked: strides, their figures and joint angles over the cycle, as tables",
-    "repetitions": "tell squats, lunges, jumps and curls: times, depth, tempo, ranges, symmetry, jump height",
+    "export": "write an estimate into files of other programs",
+    "report": "write an estimate as one page for people",
+    "gait": "tell how somebody walked: strides, figures, joint angles",
+    "repetitions": "tell squats, lunges, jumps and curls, and jump heights",
     "view": "look at recordings and estimates in Rerun",
-    "train": "learn from recordings with truth where a detector puts its keypoints",
-    "tune": "find weights of factors on recordings with truth, by Bayesian optimisation",
+    "train": "learn where a detector puts its keypoints",
+    "tune": "find weights of factors on recordings with truth",
 }
+# Named by ``--help``; told, as all are, by ``--help-all``.
+FURTHER = ("calibrate-camera", "body", "simulate", "sync", "evaluate", "graph", "train", "tune")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -85,8 +87,8 @@ def _run(given: list[str]) -> int:
 
 
 def _dispatched(given: list[str]) -> int:
-    if not given or given[0] in ("-h", "--help", "help"):
-        print(_help())
+    if not given or given[0] in ("-h", "--help", "--help-all", "help"):
+        print(_help(every="--help-all" in given))
         return 0 if given else BAD_INPUT
     if given[0] == "--version":
         print(f"{PROGRAM} {__version__}")
@@ -146,21 +148,21 @@ def _sentence(error: Exception) -> str:
     return " ".join(text.split())
 
 
-def _help() -> str:
-    width = max(map(len, COMMANDS))
-    lines = [
-        f"usage: {PROGRAM} COMMAND [OPTIONS]",
-        "",
-        "Body-worn inertial sensors and one camera in, 3D human motion out.",
-        "",
-    ]
-    lines += [f"  {name:<{width}}  {line}" for name, line in COMMANDS.items()]
+def _help(every: bool) -> str:
+    """A screen, or every command."""
+    shown = COMMANDS if every else {name: line for name, line in COMMANDS.items() if name not in FURTHER}
+    more = [] if every else [f"More: {', '.join(FURTHER)}"]
     return "\n".join(
         [
-            *lines,
+            f"usage: {PROGRAM} COMMAND [OPTIONS]",
             "",
-            f"{PROGRAM} COMMAND --help tells a command's options, --help-all all of them; --version the version;",
-            f"{PROGRAM} --completion bash (zsh, fish) a script with which the shell completes commands and options.",
+            "Body-worn inertial sensors and one camera in, 3D human motion out.",
+            "",
+            *(f"  {name:<{max(map(len, shown))}}  {line}" for name, line in shown.items()),
+            "",
+            *more,
+            "COMMAND --help tells its usual options, --help-all all of them;",
+            "--version the version; --completion bash (zsh, fish) a script for the shell.",
         ]
     )
 

@@ -2,15 +2,15 @@
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, make_dataclass
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn, TypeVar, cast, get_args, get_type_hints
+from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_type_hints
 
 import tyro
 
+from vip_factors.cli.help import HELP, HELP_ALL, screen
 from vip_factors.errors import InputError
 from vip_factors.findings import Severity, Verdict
 from vip_factors.ranges import Range, RangeError, check_ranges
@@ -35,9 +35,6 @@ def fail_on(limit: FailOn, verdict: Verdict) -> None:
         raise SystemExit(FAILED)
 
 
-HELP, HELP_ALL = ("-h", "--help"), "--help-all"
-
-
 def parse(
     options: type[Options],
     prog: str,
@@ -56,9 +53,12 @@ def parse(
 
     Raises:
         InputError: for a number that is out of its range, or an output that is an input or of another suffix.
-        SystemExit: after ``--help`` or ``--help-all`` (0) and for options that do not fit (2), which stderr is told.
+        SystemExit: after ``--help``, a screen of the options that the class names in ``common``, or ``--help-all`` (0),
+            and for options that do not fit (2), which stderr is told.
     """
     config = [tyro.conf.EnumChoicesFromValues, *([] if none_is_a_value else [tyro.conf.DisallowNone])]
+    if hasattr(options, "common"):
+        _tell_short_help(arguments, prog, options)
     words = [HELP[1] if word == HELP_ALL else word for word in arguments]
     try:
         given = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
@@ -91,8 +91,7 @@ def parse_with_settings(
 ) -> tuple[Options, Any]:
     """As :func:`parse`, of a command that also takes every setting of a tree of settings.
 
-    Those are hundreds: ``--help`` tells the command's own options and a few settings, without importing the rest;
-    ``--help-all`` tells all.
+    Those are hundreds: ``--help`` tells a few of them, without importing the rest; ``--help-all`` tells all.
 
     Args:
         options: the command's own options.
@@ -104,8 +103,7 @@ def parse_with_settings(
     Returns:
         The command's own options, and the settings.
     """
-    if asks_for_short_help(arguments):
-        tell_short_help(_with_tree(options, shown), prog, none_is_a_value)
+    _tell_short_help(arguments, prog, options, shown)
     module, name = tree.split(":")
     settings = getattr(import_module(module), name)()
     if any(one.name == "configuration" for one in fields(cast(Any, options))):
@@ -119,21 +117,11 @@ def parse_with_settings(
     return cast(Options, found), found.tree
 
 
-def asks_for_short_help(arguments: Sequence[str]) -> bool:
-    """Whether help is asked for, but not all of it."""
-    return HELP_ALL not in arguments and any(word in HELP for word in arguments)
-
-
-def tell_short_help(options: type, prog: str, none_is_a_value: bool = True) -> NoReturn:
-    """Print the help of a part of a command's options, and how to get the rest.
-
-    Raises:
-        SystemExit: 0, always.
-    """
-    with suppress(SystemExit):
-        parse(options, prog, HELP[1:], none_is_a_value=none_is_a_value)
-    print(f"All options: {prog} {HELP_ALL}")
-    raise SystemExit(0)
+def _tell_short_help(arguments: Sequence[str], prog: str, *options: type) -> None:
+    """If help is asked for, but not all of it."""
+    if HELP_ALL not in arguments and any(word in HELP for word in arguments):
+        print(screen(prog, *options))
+        raise SystemExit(0)
 
 
 def _with_tree(options: type, tree: type) -> type:

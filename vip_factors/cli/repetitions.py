@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import tyro
 
@@ -18,6 +18,8 @@ class RepetitionOptions:
 
     Standard deviations are told of an estimate that was made with smooth --covariance.
     """
+
+    common: ClassVar = ("out", "overwrite")
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""

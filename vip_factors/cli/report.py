@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -21,6 +21,8 @@ class ReportOptions(ManyOptions):
 
     The page needs no network. With the recording it also tells of sensors and video, and shows frames of it.
     """
+
+    common: ClassVar = ("recording", "truth", "out", "overwrite")
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""

@@ -9,7 +9,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
@@ -66,6 +66,8 @@ class RunOptions:
     Several wearers: say --log and --placement once for each, in the same order. With --detections the video itself is
     not needed, and with neither of the two the sensors are alone.
     """
+
+    common: ClassVar = ("log", "placement", "video", "camera", "detections", "out", "export")
 
     log: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
     """File or folder of a wearer's sensors, in any format that convert reads."""

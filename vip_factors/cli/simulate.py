@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, Input, Output, asks_for_short_help, parse, tell_short_help
+from vip_factors.cli.options import Flag, Input, Output, parse
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
@@ -52,12 +52,14 @@ class VideoOptions:
 
 
 @dataclass(frozen=True)
-class SimulateCommand:
+class SimulateOptions:
     """Make a recording with known truth from a motion: what sensors on that person would have measured.
 
     With --camera it becomes a scene: one or more wearers, bystanders, a camera, and what a 2D pose detector would
     have found in its video.
     """
+
+    common: ClassVar = ("placement", "seconds", "seed", "noise_free", "overwrite")
 
     motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION"), Input()]
     """Motion file (.bvh …), or the word gestures for a motion that the package makes."""
@@ -78,25 +80,14 @@ class SimulateCommand:
     overwrite: Flag = False
     """Replace the recording if it exists."""
     video: Annotated[VideoOptions, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=VideoOptions)
-
-
-@dataclass(frozen=True)
-class SimulateOptions(SimulateCommand):
-    """All of it: what is asked for, and what sensors and detector do wrong."""
-
     errors: Annotated[SimulateSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
         default_factory=SimulateSettings
     )
     detector: DetectorSettings = field(default_factory=DetectorSettings)
 
 
-SimulateOptions.__doc__ = SimulateCommand.__doc__  # what help begins with
-
-
 def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
-    if asks_for_short_help(arguments):
-        tell_short_help(SimulateCommand, prog)
     options = parse(SimulateOptions, prog, arguments, none_is_a_value=True)
     video = options.video
     if video.camera == "none" and (video.also or video.bystanders or video.cameras > 1 or video.known_camera_pose):

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -29,6 +29,8 @@ class SmoothOptions(ManyOptions):
     Every setting of the pipeline is an option (--help-all tells them); --settings reads them from a file, and options
     win over it.
     """
+
+    common: ClassVar = ("out", "settings", "jobs", "overwrite", "fail_on")
 
     recording: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files. Several, without a camera, are parts of one

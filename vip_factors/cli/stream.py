@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -16,7 +16,7 @@ from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
 from vip_factors.io.live.settings import LiveSourceSettings, SentPose
 from vip_factors.ranges import Port
-from vip_factors.shown_settings import ShownLiveSettings
+from vip_factors.shown_settings import ShownOfBoth
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
@@ -43,6 +43,8 @@ class StreamOptions(ManyOptions):
     Ctrl-C, or SIGTERM, ends the stream and completes the files. Every setting of the pipeline is an option (--help-all
     tells them); --settings reads them from a file, and options win over it.
     """
+
+    common: ClassVar = ("out", "json", "web", "rerun", "vmc", "lag", "overwrite")
 
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE"), Input()]
     """Where samples come from."""
@@ -94,9 +96,7 @@ class StreamOptions(ManyOptions):
 
 def parsed(prog: str, arguments: Sequence[str]) -> "tuple[StreamOptions, LiveSettings]":
     """The options and the settings in the words after the command."""
-    return parse_with_settings(
-        StreamOptions, prog, arguments, ShownLiveSettings, "vip_factors.live.settings:LiveSettings"
-    )
+    return parse_with_settings(StreamOptions, prog, arguments, ShownOfBoth, "vip_factors.live.settings:LiveSettings")
 
 
 def main(prog: str, arguments: Sequence[str]) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
@@ -22,6 +22,8 @@ class SyncOptions:
     from a clap or a stamp if there is one. If it cannot be told, that is said and nothing is written. Over a minute and
     more a drift of the clocks is found too.
     """
+
+    common: ClassVar = ("out", "seconds", "dry_run", "picture")
 
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Scene (.mcap): sensors, and a camera with detections."""

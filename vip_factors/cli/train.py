@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
@@ -25,6 +25,8 @@ class TrainOptions:
     To use it: vip-factors smooth … --camera.keypoint-offset.learned FILE. The package ships none: no public recording
     that we know of has both.
     """
+
+    common: ClassVar = ("out", "overwrite")
 
     what: tyro.conf.Positional[Literal["keypoints"]]
     """What to learn."""

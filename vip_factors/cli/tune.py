@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
@@ -28,6 +28,8 @@ class TuneOptions:
 
     The result is a settings file for vip-factors smooth --settings.
     """
+
+    common: ClassVar = ("study", "parameters", "trials", "out", "measure", "settings")
 
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING [RECORDING …]")]
     """Recordings or scenes (.mcap) with a truth; three and more, as different as those that the settings are for."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import tyro
 
@@ -25,6 +25,8 @@ class ViewOptions:
     Give the recording beside the estimate to see the sensors, what they measured, and the truth if it is known; of a
     scene also the video, who was assigned to what, and the estimated bodies over the image.
     """
+
+    common: ClassVar = ("save", "serve", "picture", "chart", "video", "overwrite")
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most, but any number of estimates

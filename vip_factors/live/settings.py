@@ -7,7 +7,6 @@ from vip_factors.errors import InputError
 from vip_factors.problem.variables import RELINEARISE_DEG, ProcessNoiseSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, Share
 from vip_factors.settings import CalibrationSettings, CommonSettings, FusionSettings
-from vip_factors.shown_settings import ShownLiveSettings
 
 
 @dataclass(frozen=True)
@@ -215,9 +214,15 @@ class RelinearisationSettings:
 
 
 @dataclass(frozen=True)
-class LiveSettings(CommonSettings, ShownLiveSettings):
+class LiveSettings(CommonSettings):
     """All settings of a live session."""
 
+    # Kaichi's users and animators want answers within a blink.
+    lag_s: float = 0.25
+    """Seconds between the newest pose and the smoothed one."""
+    # A step or a gesture shows where the sensors point.
+    start_s: float = 1.0
+    """Seconds of data before the first answer."""
     # A body does not show within the second that tracking begins with.
     calibration: CalibrationSettings = field(
         default_factory=lambda: CalibrationSettings(

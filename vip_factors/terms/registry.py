@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, field
 
-from vip_factors.shown_settings import ShownFactors
 from vip_factors.terms.acceleration import ACCELERATION, AccelerationSettings
 from vip_factors.terms.agreeing_headings import AGREEING_HEADINGS, AgreeingHeadingsSettings
 from vip_factors.terms.body_prior import BODY_PRIOR
@@ -67,7 +66,7 @@ CAMERA_TERMS: tuple[Term[CameraEvaluation], ...] = (
 
 
 @dataclass(frozen=True)
-class FactorSettings(ShownFactors):
+class FactorSettings:
     """The settings of the terms on a wearer."""
 
     orientation: OrientationSettings = field(default_factory=OrientationSettings)

@@ -63,6 +63,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.cli.terminal import note, progress_bar
     from vip_factors.detect.video import Stretch, detect_people, write_overlay, write_poses
     from vip_factors.errors import InputError
+    from vip_factors.io.video import video_facts
 
     if options.keypoints is not None and options.model is None:
         raise InputError("--keypoints given without --model: BlazePose has its own 33")
@@ -70,10 +71,11 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     for target in (out, options.overlay):
         if target is not None:
             check_target(target, options.overwrite)
-    with progress_bar() as tell:
+    stretch = Stretch(options.start_s, options.end_s, options.every)
+    with progress_bar(len(stretch.frames(video_facts(options.video)))) as tell:
         began = time.perf_counter()
         poses = detect_people(
-            options.video, options.settings, Stretch(options.start_s, options.end_s, options.every),
+            options.video, options.settings, stretch,
             model=options.model, keypoints=options.keypoints, blazepose=options.blazepose, threads=options.threads,
             on_message=note, on_progress=lambda fraction: tell("looking for people", fraction),
         )  # fmt: skip

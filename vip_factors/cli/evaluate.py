@@ -47,10 +47,12 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     """Run the command."""
     options = parsed(prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
+    from vip_factors.cli.terminal import waiting
 
     if options.json is not None:
         check_target(options.json, options.overwrite)
-    evaluation = _evaluation(options)
+    with waiting(f"comparing {options.estimate.name} with the truth"):
+        evaluation = _evaluation(options)
     print(evaluation)
     if options.json is not None:
         with atomic_open(options.json, "w", options.overwrite) as file:

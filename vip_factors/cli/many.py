@@ -140,8 +140,10 @@ def _submit(all_workers: Workers, task: Task, ended: "Queue[Future]", other_than
 
 
 def _progress_text(done: int, count: int, failed: int, seconds: float, ended: int) -> str:
-    left = f", {seconds / ended * (count - done) / 60:.0f} min left" if ended else ""
-    return f"{done} of {count} files, {failed} failed ({seconds:.0f} s{left})"
+    from vip_factors.cli.terminal import duration
+
+    left = f", {duration(seconds / ended * (count - done))} left" if ended else ""
+    return f"{done} of {count} files, {failed} failed{left} ({duration(seconds)})"
 
 
 def _row_of(future: Future, task: Task) -> Row:

@@ -70,7 +70,11 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     long_s = settings.windows.above_s if settings.windows.use and not settings.calibration.from_truth else float("inf")
     source = open_source(options.recording, long_s)
     reports: list[SolveReport] = []
-    with progress_bar() as tell, windows_elsewhere(options.jobs, options.cluster) as each:
+    start, end = source.wearers[0].interval
+    with (
+        progress_bar(round((end - start) * settings.frame_rate) + 1) as tell,
+        windows_elsewhere(options.jobs, options.cluster) as each,
+    ):
         estimate = smooth_chunks(source, settings, tell, each=each)
         reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
         write_estimate(reported, out, options.overwrite, start_ns=source.wearers[0].head.start_ns)

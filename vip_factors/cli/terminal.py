@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event, Thread
@@ -15,32 +16,93 @@ Tell = Callable[[str, float], None]
 
 LINE_S = 5.0  # between plain lines: often enough to see that it lives, and a minute fits on a screen
 STREAM_LINE_S = 10.0  # of a stream, which may run for hours
+MOST_SHARE = 0.99  # of a stage that goes on
+SURE_S = 2.0  # before, a stage's pace is a guess
+MINUTES_S = 120.0  # from here on times are told in minutes
+
+
+class Stages:
+    """The stages of some work, as they are told: the one that goes on, how far it is, and for how long yet.
+
+    It is never wholly done: then another stage begins, or the work is over. A stage that is gone through again (a
+    calibration, with feet found anew) is a stage of its own, and has a number.
+
+    Args:
+        frames: of what is worked on, if they are known.
+    """
+
+    def __init__(self, frames: int = 0) -> None:
+        self._frames = f" of {frames:,} frames" if frames else ""
+        self._often = Counter[str]()
+        self._stage, self._share, self._begun, self._told = "", 0.0, 0.0, 0.0
+
+    def tell(self, stage: str, share: float) -> None:
+        """Take in how far a stage is."""
+        if stage != self._stage or (self._share >= 1.0 > share):
+            self._often[stage] += 1
+            self._stage, self._share, self._begun = stage, 0.0, time.monotonic()
+        if share > self._share:
+            self._share, self._told = share, time.monotonic()
+
+    @property
+    def name(self) -> str:
+        """Of the stage that goes on."""
+        again = self._often[self._stage]
+        if not self._stage:
+            return "starting"
+        return f"{self._stage}{f' {again}' if again > 1 else ''}{self._frames}"
+
+    @property
+    def share(self) -> float:
+        """That is done of it, below 1; 0 as long as nothing is known."""
+        return min(self._share, MOST_SHARE)
+
+    @property
+    def left(self) -> str:
+        """Time until its end, if the rest goes as fast; nothing as long as that is a guess."""
+        took = self._told - self._begun
+        if not 0 < self._share < 1 or took < SURE_S:
+            return ""
+        return f"{duration(took * (1 - self._share) / self._share - (time.monotonic() - self._told))} left"
+
+    def __str__(self) -> str:
+        return ", ".join(
+            part for part in (self.name, f"{int(100 * self.share)} %" * (self.share > 0), self.left) if part
+        )
+
+
+def duration(seconds: float) -> str:
+    """As one says it: ``40 s``, ``12 min``."""
+    return f"{max(seconds, 1.0):.0f} s" if seconds < MINUTES_S else f"{seconds / 60:.0f} min"
 
 
 @contextmanager
-def progress_bar() -> Iterator[Tell]:
-    """A bar per stage, gone when all is done; where stderr is no terminal, lines of stage and share."""
+def progress_bar(frames: int = 0) -> Iterator[Tell]:
+    """A bar per stage, gone when all is done; where stderr is no terminal, lines of stage, share and time left.
+
+    Args:
+        frames: of what is worked on, if they are known.
+    """
+    stages = Stages(frames)
     if not sys.stderr.isatty():
-        with _speaking("starting") as said:
-
-            def say(stage: str, fraction: float) -> None:
-                said.text = f"{stage}, {100 * min(max(fraction, 0.0), 1.0):.0f} %"
-
-            yield say
+        with _speaking(stages.__str__):
+            yield stages.tell
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
-    with Progress(*columns, TimeElapsedColumn(), console=Console(stderr=True), transient=True) as bars:
+    left = TextColumn("{task.fields[left]}")
+    with Progress(*columns, TimeElapsedColumn(), left, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, TaskID] = {}
 
-        def tell(stage: str, fraction: float) -> None:
-            if stage not in tasks:
+        def tell(stage: str, share: float) -> None:
+            stages.tell(stage, share)
+            if stages.name not in tasks:
                 for task in tasks.values():  # a new stage: those before it are done
-                    bars.update(task, completed=1.0)
-                tasks[stage] = bars.add_task(stage, total=1.0)
-            bars.update(tasks[stage], completed=min(max(fraction, 0.0), 1.0))
+                    bars.update(task, completed=1.0, left="")
+                tasks[stages.name] = bars.add_task(stages.name, total=1.0, left="")
+            bars.update(tasks[stages.name], completed=stages.share, left=stages.left)
 
         yield tell
 
@@ -49,7 +111,7 @@ def progress_bar() -> Iterator[Tell]:
 def waiting(what: str) -> Iterator[None]:
     """A spinner for work whose length nobody knows; where stderr is no terminal, lines now and then."""
     if not sys.stderr.isatty():
-        with _speaking(what):
+        with _speaking(lambda: what):
             yield
         return
     from rich.console import Console
@@ -58,29 +120,22 @@ def waiting(what: str) -> Iterator[None]:
         yield
 
 
-class _Said:
-    """What is going on, to be read by the thread that speaks."""
-
-    def __init__(self, text: str) -> None:
-        self.text = text
-
-
 @contextmanager
-def _speaking(text: str) -> Iterator[_Said]:
+def _speaking(text: Callable[[], str]) -> Iterator[None]:
     """Say every :data:`LINE_S` seconds what is going on, from a thread: a stage may take long without a word."""
-    said, over, begun = _Said(text), Event(), time.monotonic()
+    over, begun = Event(), time.monotonic()
 
     def speak() -> None:
         while not over.wait(LINE_S):
             try:
-                print(f"{said.text} ({time.monotonic() - begun:.0f} s)", file=sys.stderr, flush=True)
+                print(f"{text()} ({time.monotonic() - begun:.0f} s)", file=sys.stderr, flush=True)
             except (OSError, ValueError):  # nobody reads it any more
                 return
 
     thread = Thread(target=speak, daemon=True)
     thread.start()
     try:
-        yield said
+        yield
     finally:
         over.set()
         thread.join()

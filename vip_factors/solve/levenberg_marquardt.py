@@ -5,7 +5,7 @@ objective that can linearise itself into a ``gtsam.GaussianFactorGraph``.
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -71,7 +71,7 @@ def levenberg_marquardt(
         start: where to begin; it is not changed.
         settings: stopping rules.
         stage: name of this solve for the report.
-        progress: called with the fraction of the allowed iterations done.
+        progress: called with about what fraction is done.
 
     Raises:
         SolveError: if the cost at the start is not finite, or no damping makes the system solvable.
@@ -118,9 +118,18 @@ def levenberg_marquardt(
             converged = before - after <= settings.relative_decrease * before
             state, costs = candidate, trial
         if progress is not None:
-            progress(1.0 if converged else len(iterations) / settings.max_iterations)
+            progress(1.0 if converged else _share(sum(initial.values()), iterations, settings))
     report = SolveReport(stage, tuple(iterations), initial, costs, converged, time.perf_counter() - begin)
     return state, report
+
+
+def _share(initial: float, iterations: Sequence[Iteration], settings: SolveSettings) -> float:
+    """About what is done: of the iterations allowed, or of the way from the first decrease to the one that ends it."""
+    costs = np.array([initial, *(one.cost for one in iterations)])
+    decreases = -np.diff(costs) / costs[:-1]
+    first, last = decreases[0], max(decreases[-1], settings.relative_decrease)
+    by_decrease = np.log(first / last) / np.log(first / settings.relative_decrease) if first > last else 0.0
+    return float(max(by_decrease, len(iterations) / settings.max_iterations))
 
 
 def _step(system: LinearSystem, damping: float) -> Step | None:

@@ -101,6 +101,8 @@ class Finding:
         each = ", ".join(kind.each.format(name=name, value=value) for name, value in self.numbers.items())
         names = {"wearer": self.wearer, "subject": self.subject, "each": each, "count": len(self.numbers)}
         told = kind.sentence.format(**{**self.numbers, **self.words, **names})
+        if not self.wearer:
+            told = told.replace("wearer ''", "the wearer")
         if self.camera:
             told = f"camera '{self.camera}': {told}"
         if self.during is not None:

@@ -113,6 +113,19 @@ def test_streams_have_no_settings_that_they_cannot_honour(run, files, tmp_path: 
     assert_one_sentence(run("stream", files.recording, "--settings", file), "'windows' is one of smooth")
 
 
+def test_what_users_read_speaks_of_motion_not_of_the_solver(run, files, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    assert run("report", files.estimate, "--recording", files.recording, "--out", page).code == 0
+    visible = re.sub(r"(?s)<(script|style).*?</\1>|<[^>]+>", " ", page.read_text(encoding="utf-8"))
+    words = r"(?i)(?<![\w.-])(costs?|iterations?|converge\w*|residuals?|marginals?|chi2|jacobian\w*|nats)\b"
+    smoothed = run("smooth", files.recording, "--out", tmp_path / "again.mcap", "--frame-rate", "5")
+    told = run("info", files.estimate)
+    for text in (visible, smoothed.out, told.out, run("evaluate", files.estimate, "--truth", files.recording).out):
+        assert re.findall(words, text) == []
+    assert "computed in " in told.out
+    assert re.search(r"\d steps, cost ", run("info", files.estimate, "--verbose").out)
+
+
 def test_no_two_options_share_a_text(run) -> None:
     """A comment in a settings class is the help of every field that follows it without another."""
     text = re.sub(r"[│╭╮╰╯─]", "", run("smooth", "--help-all").out)

@@ -21,7 +21,7 @@ class InfoOptions:
     lasts more than five minutes the file's index tells, and its samples are not read.
     """
 
-    common: ClassVar = ("sites", "picture")
+    common: ClassVar = ("sites", "picture", "verbose")
 
     file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")] = None
     """Recording or estimate (.mcap), or motion (.bvh …)."""
@@ -29,6 +29,8 @@ class InfoOptions:
     """Instead of a file, say where on the body sensors may be placed by name, and how their axes are taken to lie."""
     picture: Annotated[Path | None, Output(".svg")] = None
     """With --sites, also draw them on a body, into this file (.svg)."""
+    verbose: Flag = False
+    """Of an estimate also how each solve went: steps, and the cost before and after."""
     overwrite: Flag = False
     """Replace a picture that exists."""
 
@@ -43,10 +45,10 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
     if options.picture is not None:
         raise InputError("--picture draws the sites: give --sites instead of a file")
-    print(file_text(options.file))
+    print(file_text(options.file, options.verbose))
 
 
-def file_text(path: Path) -> str:
+def file_text(path: Path, verbose: bool = False) -> str:
     """What a recording, an estimate or a motion holds.
 
     Raises:
@@ -72,11 +74,11 @@ def file_text(path: Path) -> str:
     if opened.recording is not None:
         parts.append(recording_text(opened.recording))
     if opened.estimate is not None:
-        parts.append(estimate_text(opened.estimate))
+        parts.append(estimate_text(opened.estimate, verbose=verbose))
     if opened.scene is not None:
         parts.append(scene_text(opened.scene))
     if opened.scene_estimate is not None:
-        parts.append(scene_estimate_text(opened.scene_estimate))
+        parts.append(scene_estimate_text(opened.scene_estimate, verbose))
     if opened.motion is not None:
         parts.append(f"motion '{opened.motion.name}'\n" + motion_text(opened.motion))
     return "\n\n".join(parts)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from vip_factors.io.mcap_source import RecordingIndex
 
 MANY = 7.0  # nats: a thousand times
+MEASURED = {"orientation_deg": ("orientation", "°"), "acceleration_m_s2": ("acceleration", " m/s²")}
 
 
 def motion_text(motion: Motion, frames: int | None = None) -> str:
@@ -115,18 +116,19 @@ def verdict_lines(estimate: Estimate) -> list[str]:
     return [f"  verdict: {estimate.verdict}", *(f"  {one.severity}: {one}" for one in estimate.all_findings)]
 
 
-def estimate_text(estimate: WearerEstimate, only_estimate: bool = True) -> str:
-    """How it was made, how the solves went, and how large the residuals are; of one of several without the verdict."""
+def estimate_text(estimate: WearerEstimate, only_estimate: bool = True, verbose: bool = False) -> str:
+    """How it was made, and how far it is from what was measured; of one of several without the verdict."""
     lines = [f"estimate '{estimate.name}', method {estimate.method}", motion_text(estimate.motion)]
     lines += verdict_lines(Estimate.of_one(estimate)) if only_estimate else []
     lines += start_lines(estimate.start)
     lines.append(f"  standard deviations: {'yes' if estimate.covariance is not None else 'no'}")
-    lines += [f"  {report_text(report)}" for report in estimate.reports]
+    lines += report_lines(estimate.reports, verbose)
     for kind, values in estimate.residuals.items():
-        finite = values[np.isfinite(values)]
+        finite, (name, unit) = values[np.isfinite(values)], MEASURED.get(kind, (kind, ""))
         if len(finite):
+            half, most = np.quantile(finite, [0.5, 0.95])
             lines.append(
-                f"  unexplained {kind}: median {np.median(finite):.2f}, 95 % below {np.quantile(finite, 0.95):.2f}"
+                f"  motion and sensors differ in {name} by {half:.2f}{unit} (median), 95 % below {most:.2f}{unit}"
             )
     if estimate.body is not None:
         lines += [f"  {line}" for line in body_lines(estimate.body)]
@@ -151,8 +153,16 @@ def lengths_text(skeleton: Skeleton) -> str:
     return f"{limbs} mm; hips {hips:.0f}, shoulders {shoulders:.0f} mm apart"
 
 
-def report_text(report: SolveReport) -> str:
-    """How one solve went."""
+def report_lines(reports: Sequence[SolveReport], verbose: bool) -> list[str]:
+    """How long the computation took, and what stopped before it settled; if asked for, how each solve went."""
+    if verbose or not reports:
+        return [f"  {_solve_text(report)}" for report in reports]
+    open_ends = dict.fromkeys(report.stage for report in reports if not report.converged)
+    told = f"; stopped before it settled: {', '.join(open_ends)}" if open_ends else ""
+    return [f"  computed in {sum(report.seconds for report in reports):.1f} s{told}"]
+
+
+def _solve_text(report: SolveReport) -> str:
     before, after = sum(report.initial_cost.values()), sum(report.final_cost.values())
     ended = "" if report.converged else ", stopped before it settled"
     return (
@@ -342,11 +352,11 @@ def _truth_lines(truth: SceneTruth, names: list[str]) -> list[str]:
     ]
 
 
-def scene_estimate_text(estimate: Estimate) -> str:
+def scene_estimate_text(estimate: Estimate, verbose: bool = False) -> str:
     """How it went, what was found odd, where the camera was, then every wearer."""
     lines = [f"estimate of scene '{estimate.name}', method {estimate.method}"]
     lines += verdict_lines(estimate)
-    lines += [f"  {report_text(report)}" for report in estimate.reports]
+    lines += report_lines(estimate.reports, verbose)
     if estimate.camera is not None:
         lines += _camera_estimate_lines(estimate.camera, [one.motion.name for one in estimate.wearers])
     given = estimate.wearer_of_detection
@@ -356,7 +366,7 @@ def scene_estimate_text(estimate: Estimate) -> str:
     lines += [f"  {sentence}" for sentence in estimate.association]
     if estimate.detector is not None:
         lines += [f"  {line}" for line in detector_lines(estimate.detector)]
-    return "\n\n".join(["\n".join(lines), *(estimate_text(one, only_estimate=False) for one in estimate.wearers)])
+    return "\n\n".join(["\n".join(lines), *(estimate_text(one, False, verbose) for one in estimate.wearers)])
 
 
 def _camera_estimate_lines(camera: CameraEstimate, names: list[str]) -> list[str]:

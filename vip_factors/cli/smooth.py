@@ -82,11 +82,12 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     head = replace(head, reports=(*head.reports, *reports))
     for wearer, frames in zip(head.wearers, estimate.frames, strict=True):
         rate, count = wearer.motion.rate, len(wearer.sensors)
-        print(f"{wearer.method}, {wearer.name}: {frames} frames at {rate:g} Hz from {count} sensors")
+        who = f", {wearer.name}" if wearer.name else ""
+        print(f"{wearer.method}{who}: {frames} frames at {rate:g} Hz from {count} sensors")
     if head.camera is not None:
         given = int((head.wearer_of_detection >= 0).sum())
         print(f"camera: {given} of {len(head.wearer_of_detection)} detections are of wearers")
-    print(f"{sum(report.seconds for report in head.all_reports):.1f} s of solving")
+    print(f"computed in {sum(report.seconds for report in head.all_reports):.1f} s")
     print(f"verdict: {head.verdict}")
     for finding in head.all_findings:
         print(f"{finding.severity}: {finding}")

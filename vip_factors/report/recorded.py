@@ -116,15 +116,8 @@ def made_section(material: Material) -> Section:
         Table(("Word", "Meaning"), GLOSSARY, words=2),
     ]
     if reports:
-        rows = [
-            (
-                one.stage, str(len(one.iterations)), f"{sum(one.initial_cost.values()):.4g}",
-                f"{sum(one.final_cost.values()):.4g}", "yes" if one.converged else "no", f"{one.seconds:.1f} s",
-            )
-            for one in reports
-        ]  # fmt: skip
-        head = ("Solve", "Steps", "Cost before", "Cost after", "Settled", "Time")
-        blocks.append(Table(head, rows, "How the solves went", folded=True))
+        rows = [(one.stage, "yes" if one.converged else "no", f"{one.seconds:.1f} s") for one in reports]
+        blocks.append(Table(("Part", "Settled", "Time"), rows, "How the computation went", folded=True))
     settings = estimate.settings or (material.wearers[0].estimate.settings if material.wearers else {})
     if settings:
         blocks.append(Table(("Setting", "Value"), sorted(settings.items()), "Settings", words=2, folded=True))

@@ -148,6 +148,37 @@ def test_a_foot_sensor_measures_its_way() -> None:
     assert np.isnan(travel_of_sensor(replace(stream, specific_force=None), np.array([0.3, 1.6]))[0]).all()
 
 
+FEET = frozenset({"left_ankle", "right_ankle"})  # between which no joint is
+
+
+@pytest.mark.parametrize("with_recording", [True, False])
+def test_nothing_is_told_of_what_no_sensor_measured(
+    motion: Motion, recording: Recording, gait: Gait, tmp_path: Path, with_recording: bool
+) -> None:
+    """With the recording its placement tells where sensors sat, without it the estimate."""
+    whole = estimate_of(motion, recording)
+    bones = {one.sensor: one.bone for one in recording.placement.sites}
+    feet = {name: replace(one, bone=bones[name]) for name, one in whole.calibration.items() if bones[name] in FEET}
+    estimate = replace(whole, calibration=feet, sensors=tuple(feet))
+    found = gait_of(estimate, recording if with_recording else None)
+    assert found.bones == FEET
+    assert not found.curves
+    assert {one.quantity.name for one in gait.figures} - {one.quantity.name for one in found.figures} == {
+        "width", "step_length"
+    }  # fmt: skip
+    assert all(np.isnan(one.values["width"]) for one in found.strides)
+    (said,) = map(str, found.findings)
+    assert "hip, knee, ankle" in said
+    assert "stride width, step length" in said
+    written = write_gait([found], tmp_path / "feet")
+    assert "gait.png" not in [one.name for one in written]
+    assert (tmp_path / "feet" / "curves.csv").read_text().count("\n") == 1
+    assert json.loads((tmp_path / "feet" / "gait.json").read_text())["findings"] == [said]
+    filmed = gait_of(estimate, recording, filmed=True)  # a camera sees what no sensor measures
+    assert len(filmed.curves) == len(gait_of(whole).curves)
+    assert not filmed.findings
+
+
 def test_files_hold_it_all(gait: Gait, tmp_path: Path) -> None:
     folder = tmp_path / "gait"
     written = write_gait([gait], folder)
@@ -161,9 +192,6 @@ def test_files_hold_it_all(gait: Gait, tmp_path: Path) -> None:
     assert held["units"]["speed"] == "m/s"
     assert len(held["strides"]) == len(gait.strides)
     assert held["figures"][0]["quantity"] == "time"
-    feet = replace(gait, bones=frozenset({"left_ankle", "right_ankle"}))  # between which no joint is
-    assert "gait.png" not in [one.name for one in write_gait([feet], tmp_path / "feet")]
-    assert ",0,left," in (tmp_path / "feet" / "curves.csv").read_text()
     with pytest.raises(InputError, match="exists"):
         write_gait([gait], folder)
     plain = replace(gait, curves=())

@@ -85,6 +85,8 @@ def _print_summary(gait: "Gait") -> None:
     by = {True: "foot sensors", False: "the motion of the legs"}
     told = " and ".join(dict.fromkeys(by[one.by_sensor] for one in gait.feet.values()))
     print(f"{gait.name}: {len(gait.strides)} strides, {len(gait.counted)} of them in the means; events by {told}")
+    for finding in gait.findings:
+        print(f"  {finding.severity}: {finding}")
     for name in ("speed", "cadence", "time", "length"):
         one = gait.figure(name)
         if one is not None:

@@ -1,14 +1,15 @@
 """Gait of an estimate: strides, means and how sure they are, left against right, joint angles over the cycle."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.body.joint_angles import joint_angle_sigmas, joint_angles
+from vip_factors.body.joint_angles import is_measured, joint_angle_sigmas, joint_angles
 from vip_factors.body.model_errors import shape_factor
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.findings import Finding
 from vip_factors.gait.events import SIDES, FootEvents, events_of_motion, events_of_sensor
 from vip_factors.gait.strides import QUANTITIES, Quantity, Stride, strides_of
 from vip_factors.gait.travel import LEAST_RATE_HZ, travel_of_sensor
@@ -27,6 +28,9 @@ EVENT_S, LENGTH_BY_LEGS, LENGTH_BY_SENSOR = 0.02, 0.06, 0.015
 SHARED = {"width": 0.09, "clearance": 0.01, "strike_angle": 4.0}  # m, m, degrees
 LENGTHS = ("length", "speed", "step_length", "width")  # of which the sides do not differ in it
 FEWEST = 3  # strides of a foot, for a mean
+# How the feet stand to each other is told by sensors on pelvis and shanks; what a foot does by one on it.
+LEGS = frozenset({"pelvis", "left_knee", "right_knee"})
+OF_BOTH_LEGS, OF_A_FOOT = ("width", "step_length"), ("clearance", "strike_angle")
 
 
 @dataclass(frozen=True)
@@ -79,9 +83,10 @@ class Gait:
         feet: events by side.
         strides: all, in the order of time; those with a reason in ``left_out`` are in no mean.
         figures: of each quantity: left, right, both, difference.
-        curves: of all joint angles, each over the cycle of its own side; of the trunk over both.
+        curves: of joint angles that something measured, each over the cycle of its own side; of the trunk over both.
         with_covariance: whether the bands of the curves hold what the estimate itself is unsure of.
-        bones: that sensors sat on; angles between others are guesses. None if nobody knows.
+        bones: that sensors sat on; None if nobody knows.
+        findings: what is left out, as nothing measured it.
     """
 
     name: str
@@ -91,6 +96,7 @@ class Gait:
     curves: tuple[Curve, ...]
     with_covariance: bool
     bones: frozenset[str] | None = None
+    findings: tuple[Finding, ...] = ()
 
     @property
     def counted(self) -> tuple[Stride, ...]:
@@ -102,13 +108,14 @@ class Gait:
         return next((one for one in self.figures if (one.quantity.name, one.side) == (quantity, side)), None)
 
 
-def gait_of(estimate: WearerEstimate, recording: Recording | None = None, name: str = "") -> Gait:
-    """The gait of a wearer.
+def gait_of(estimate: WearerEstimate, recording: Recording | None = None, name: str = "", filmed: bool = False) -> Gait:
+    """The gait of a wearer; without what no sensor and no camera measured.
 
     Args:
         estimate: of the wearer.
         recording: that it was made from: the feet's own sensors tell events and lengths better than a motion does.
         name: of the wearer; the motion's if empty.
+        filmed: whether a camera saw the wearer: it measures what sensors do not.
     """
     sensors = {side: found for side in SIDES if (found := _foot_sensor(estimate, recording, side)) is not None}
     feet, travel = dict[str, FootEvents](), dict[str, tuple[Array, Array]]()
@@ -119,11 +126,15 @@ def gait_of(estimate: WearerEstimate, recording: Recording | None = None, name: 
         feet[side] = events_of_motion(estimate.motion, side) if events is None else _during(events, estimate)
         if events is not None:
             travel[side] = travel_of_sensor(sensors[side][0], feet[side].rest)
-    strides = strides_of(estimate.motion, feet, travel)
-    counted = [one for one in strides if not one.left_out]
+    bones = bones_with_sensors(estimate, recording)
+    measured = None if filmed else bones
+    strides = tuple(_measured_values(one, measured) for one in strides_of(estimate.motion, feet, travel))
+    counted, name = [one for one in strides if not one.left_out], name or estimate.motion.name
+    curves = _curves(estimate, counted)
+    guessed = dict.fromkeys(one.angle for one in curves if not is_measured(measured, one.angle))
     return Gait(
-        name or estimate.motion.name, feet, strides, _figures(counted), _curves(estimate, counted),
-        estimate.covariance is not None, bones_with_sensors(estimate, recording),
+        name, feet, strides, _figures(counted), tuple(one for one in curves if one.angle not in guessed),
+        estimate.covariance is not None, bones, _left_out(name, list(guessed), measured),
     )  # fmt: skip
 
 
@@ -139,7 +150,7 @@ def gaits_of(estimate: Estimate, scene: Scene | None = None) -> tuple[Gait, ...]
             f"estimate of {len(estimate.wearers)} wearers beside a recording of {len(recordings)}: expected the same"
         )
     return tuple(
-        gait_of(one, recording, "" if recording is None else recording.subject.name)
+        gait_of(one, recording, "" if recording is None else recording.subject.name, estimate.camera is not None)
         for one, recording in zip(estimate.wearers, recordings, strict=True)
     )
 
@@ -162,10 +173,36 @@ def _foot_sensor(estimate: WearerEstimate, recording: Recording | None, side: st
 
 
 def bones_with_sensors(estimate: WearerEstimate, recording: Recording | None) -> frozenset[str] | None:
-    """Names of the bones that sensors which were used sit on; None if neither recording nor estimate tells."""
-    if recording is not None:
+    """Names of the bones that sensors which were used sit on; None if neither estimate nor recording tells."""
+    calibrated = {one.bone for one in estimate.calibration.values() if one.bone}
+    known = frozenset(calibrated | {one.bone for one in estimate.sensor_places})
+    if not known and recording is not None:
         return frozenset(one.bone for one in recording.placement.sites if one.sensor in estimate.sensors)
-    return frozenset(one.bone for one in estimate.sensor_places) or None
+    return known or None
+
+
+def _is_told(quantity: str, side: str, bones: Collection[str] | None) -> bool:
+    """Whether sensors measured what a quantity of a side's strides is of; yes if nobody knows where they sat."""
+    if bones is None or quantity not in (*OF_BOTH_LEGS, *OF_A_FOOT):
+        return True
+    if quantity in OF_A_FOOT:
+        return any(f"{side}_{one}" in bones for one in ("ankle", "foot"))
+    return frozenset(bones) >= LEGS
+
+
+def _measured_values(stride: Stride, bones: Collection[str] | None) -> Stride:
+    """The stride, without values of what no sensor measured."""
+    values = {name: one if _is_told(name, stride.side, bones) else np.nan for name, one in stride.values.items()}
+    return replace(stride, values=values)
+
+
+def _left_out(name: str, angles: Sequence[str], bones: Collection[str] | None) -> tuple[Finding, ...]:
+    """What is told of nobody, in one finding."""
+    joints = dict.fromkeys(one.removeprefix("left_").removeprefix("right_").partition("_")[0] for one in angles)
+    figures = [one.words for one in QUANTITIES if not all(_is_told(one.name, side, bones) for side in SIDES)]
+    if not joints and not figures:
+        return ()
+    return (Finding("gait not measured", name, words={"what": ", ".join([*joints, *figures])}),)
 
 
 def _has_shank(recording: Recording | None, side: str) -> bool:

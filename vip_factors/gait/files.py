@@ -108,6 +108,7 @@ def as_json(gait: Gait) -> dict[str, Any]:
             "figures": [{**vars(one), "quantity": one.quantity.name} for one in gait.figures],
             "curves": [vars(one) for one in gait.curves],
             "curves_with_covariance": gait.with_covariance,
+            "findings": [str(one) for one in gait.findings],
             "bones_with_sensors": None if gait.bones is None else sorted(gait.bones),
         }
     )

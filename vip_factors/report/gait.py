@@ -17,7 +17,7 @@ def gait_section(material: Material) -> Section | None:
     """Of the wearers who walk; None if nobody does."""
     blocks: list[Block] = []
     for wearer in material.wearers:
-        gait = gait_of(wearer.estimate, wearer.recording, wearer.name)
+        gait = gait_of(wearer.estimate, wearer.recording, wearer.name, material.estimate.camera is not None)
         if len(gait.counted) < FEWEST:
             continue
         blocks += [Heading(wearer.name)] if len(material.wearers) > 1 else []
@@ -56,6 +56,7 @@ def _wearer(gait: Gait) -> list[Block]:
         blocks.append(Pictures((Picture((picture,), "Joint angles over the cycle", text, None),)))
     by = {one.by_sensor for one in gait.feet.values()}
     told = "the feet's own sensors" if by == {True} else "the motion of the legs" if by == {False} else "both"
+    blocks += [Paragraph(f"{capital(str(one))}.") for one in gait.findings]
     return [*blocks, Paragraph(f"Foot strikes and toe-offs are told by {told}.", small=True)]
 
 

@@ -173,7 +173,7 @@ def detect(
     tell = progress or (lambda stage, fraction: None)
     poses = detect_people(
         Path(video), settings or DetectSettings(), model=None if model is None else Path(model), keypoints=keypoints,
-        on_progress=lambda fraction: tell("detect", fraction),
+        on_progress=lambda done, count: tell("detect", done / count),
     )  # fmt: skip
     if out is not None:
         write_poses(Path(out), poses, overwrite)

@@ -36,6 +36,7 @@ STUDIES = {
     "catalogue": "catalogue:Catalogue",
     "walk": "walk:Walk",
     "gait": "gait_study:GaitStudy",
+    "repetitions": "repetitions_study:RepetitionStudy",
     "fuzz": "fuzz.run:Fuzz",
     "train-prior": "train_prior:TrainPrior",
     "train-body": "train_prior:TrainBody",

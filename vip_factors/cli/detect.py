@@ -63,7 +63,6 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     from vip_factors.cli.terminal import note, progress_bar
     from vip_factors.detect.video import Stretch, detect_people, write_overlay, write_poses
     from vip_factors.errors import InputError
-    from vip_factors.io.video import video_facts
 
     if options.keypoints is not None and options.model is None:
         raise InputError("--keypoints given without --model: BlazePose has its own 33")
@@ -71,18 +70,23 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     for target in (out, options.overlay):
         if target is not None:
             check_target(target, options.overwrite)
-    stretch = Stretch(options.start_s, options.end_s, options.every)
-    with progress_bar(len(stretch.frames(video_facts(options.video)))) as tell:
+    with progress_bar() as tell:
         began = time.perf_counter()
         poses = detect_people(
-            options.video, options.settings, stretch,
+            options.video, options.settings, Stretch(options.start_s, options.end_s, options.every),
             model=options.model, keypoints=options.keypoints, blazepose=options.blazepose, threads=options.threads,
-            on_message=note, on_progress=lambda fraction: tell("looking for people", fraction),
+            on_message=note,
+            on_progress=lambda done, count: tell(f"looking for people in {count:,} frames", done / count),
         )  # fmt: skip
         seconds = time.perf_counter() - began
         write_poses(out, poses, options.overwrite)
         if options.overlay is not None:
-            write_overlay(options.overlay, poses, options.overwrite, lambda fraction: tell("drawing them", fraction))
+            write_overlay(
+                options.overlay,
+                poses,
+                options.overwrite,
+                lambda done, count: tell(f"drawing {count:,} frames", done / count),
+            )
     print(poses_text(poses, seconds))
     for path in (out, options.overlay):
         if path is not None:

@@ -145,7 +145,7 @@ def detect_video(
     settings: DetectSettings,
     stretch: Stretch | None = None,
     model: OnnxPose | None = None,
-    on_progress: Callable[[float], None] = lambda fraction: None,
+    on_progress: Callable[[int, int], None] = lambda done, count: None,
 ) -> VideoPoses:
     """Poses of everybody in a video.
 
@@ -155,7 +155,7 @@ def detect_video(
         settings: thresholds and periods.
         stretch: which frames to look at; all if None.
         model: that finds the keypoints of the people followed.
-        on_progress: called with the fraction that is done.
+        on_progress: called with the frames that are done, and of how many.
 
     Raises:
         InputError, FileFormatError: if there is no such video, or no such frame in it.
@@ -168,7 +168,7 @@ def detect_video(
     for index, image, people in _followed(images, tracker):
         poses = [_pose(one, image, model) for one in people]
         frames[index] = [one for one in poses if np.any(one.confidence > 0)]
-        on_progress((index + 1 - looked.start) / len(range(looked.start, looked.stop)))
+        on_progress(index + 1 - looked.start, looked.stop - looked.start)
     somebody = [[one for one in poses if one.track not in tracker.given_up] for poses in frames]
     rate = facts.rate / looked.step
     least = min(math.ceil(settings.least_s * rate), len(looked))  # a short video has no longer tracks
@@ -186,7 +186,7 @@ def detect_people(
     blazepose: Path | None = None,
     threads: int | None = None,
     on_message: Callable[[str], None] = lambda sentence: None,
-    on_progress: Callable[[float], None] = lambda fraction: None,
+    on_progress: Callable[[int, int], None] = lambda done, count: None,
 ) -> VideoPoses:
     """Poses of everybody in a video by BlazePose, or their keypoints by another model.
 
@@ -264,7 +264,10 @@ LARGEST_SIDE = 1280  # pixels of the longer side: sharp enough to judge poses by
 
 
 def write_overlay(
-    path: Path, poses: VideoPoses, overwrite: bool = False, on_progress: Callable[[float], None] = lambda fraction: None
+    path: Path,
+    poses: VideoPoses,
+    overwrite: bool = False,
+    on_progress: Callable[[int, int], None] = lambda done, count: None,
 ) -> None:
     """Write the frames that were looked at as a video (``.mp4``), each person in a colour and with the track's number.
 
@@ -288,6 +291,6 @@ def write_overlay(
                     pixels = one.pixels * [size[0] / facts.width, size[1] / facts.height]
                     draw_pose(small, poses.keypoints, pixels, one.confidence, one.track - 1, str(one.track))
                 writer.write(cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
-                on_progress((index + 1 - looked.start) / (looked.stop - looked.start))
+                on_progress(index + 1 - looked.start, looked.stop - looked.start)
         finally:
             writer.release()

@@ -125,11 +125,11 @@ def levenberg_marquardt(
 
 def _share(initial: float, iterations: Sequence[Iteration], settings: SolveSettings) -> float:
     """About what is done: of the iterations allowed, or of the way from the first decrease to the one that ends it."""
-    costs = np.array([initial, *(one.cost for one in iterations)])
-    decreases = -np.diff(costs) / costs[:-1]
-    first, last = decreases[0], max(decreases[-1], settings.relative_decrease)
-    by_decrease = np.log(first / last) / np.log(first / settings.relative_decrease) if first > last else 0.0
-    return float(max(by_decrease, len(iterations) / settings.max_iterations))
+    costs, least = np.array([initial, *(one.cost for one in iterations)]), settings.relative_decrease
+    decreases, by_number = -np.diff(costs) / costs[:-1], len(iterations) / settings.max_iterations
+    if not decreases[0] > decreases[-1] > least > 0:
+        return by_number
+    return float(max(np.log(decreases[0] / decreases[-1]) / np.log(decreases[0] / least), by_number))
 
 
 def _step(system: LinearSystem, damping: float) -> Step | None:

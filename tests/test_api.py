@@ -61,7 +61,7 @@ FUNCTIONS = {
     "read_estimate": "path",
     "read_motion": "path",
     "repetitions": "estimate",
-    "report": "estimate path recording truth settings overwrite",
+    "report": "estimate path recording truth settings overwrite video",
     "run": "options",
     "serve": "worn port host token",
     "simulate": "motion placement camera seconds seed settings initial_pose pose_error_deg bystanders names name",

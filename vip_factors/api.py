@@ -384,8 +384,9 @@ def report(
     truth: Recording | Scene | None = None,
     settings: ReportSettings | None = None,
     overwrite: bool = False,
+    video: bool | StrPath = False,
 ) -> Path:
-    """Write an estimate as one HTML page for people.
+    """Write an estimate as one HTML page for people, with a film beside it if one is wanted.
 
     Args:
         estimate: of one wearer or several.
@@ -394,17 +395,19 @@ def report(
         truth: a recording whose truth counts, if it is not the one above.
         settings: how much goes into the page.
         overwrite: whether an existing file may be replaced.
+        video: a film (.mp4) is to be beside the page, of skeletons over the camera's pictures and of the room: of the
+            recording's own video, or of that in a file.
 
     Returns:
         The path.
 
     Raises:
-        InputError: if they do not belong together, or the file may not be written.
+        InputError, FileFormatError: if they do not belong together, a file may not be written, or a film not be made.
     """
     from vip_factors.report.page import write_report
 
     scene, true = (None if one is None else _scene(one) for one in (recording, truth))
-    write_report(_estimate(estimate), path, scene, true, settings, overwrite)
+    write_report(_estimate(estimate), path, scene, true, settings, overwrite, video=video)
     return Path(path)
 
 

@@ -12,7 +12,7 @@ from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 
 if TYPE_CHECKING:
-    pass
+    from vip_factors.sensors.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,9 @@ class ReportOptions(ManyOptions):
     """Recording (.mcap) that it was made from; the estimate's own file if the recording is in it."""
     truth: Path | None = None
     """Recording (.mcap) whose truth to compare with, if it is not the one above."""
+    video: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="[FILM]")] = None
+    """Also write a film beside the page (.mp4): skeletons over what the camera saw, and the room. Of the recording's own
+    video, or of this file; over a plain ground without one. Needs vip-factors[film]."""
     out: Annotated[Path | None, Output()] = None
     """Where to write the page; beside the estimate if not given."""
     overwrite: Flag = False
@@ -56,6 +59,13 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{out}: expected a name that ends in .html")
     check_target(out, options.overwrite)
+    if options.video is not None:
+        if len(options.video) > 1:
+            raise InputError(f"--video {' '.join(map(str, options.video))}: expected one file at most")
+        from vip_factors.viz.film_file import check_film
+
+        check_film(out.with_suffix(".mp4"))
+        check_target(out.with_suffix(".mp4"), options.overwrite)
     from vip_factors.io import mcap_estimate, mcap_recording
     from vip_factors.io.mcap_reader import read_contents
 
@@ -71,6 +81,20 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         truth = mcap_recording.read_scene(options.truth) if options.truth is not None else None
         from vip_factors.report.page import write_report  # late: what cannot be read is told at once
 
-        write_report(estimate, out, scene, truth, options.settings, options.overwrite, tell)
+        video = options.video[0] if options.video else options.video is not None
+        if video is True:
+            _tell_missing(scene)
+        write_report(estimate, out, scene, truth, options.settings, options.overwrite, tell, video)
     print(out)
+    if video:
+        print(out.with_suffix(".mp4"))
     fail_on(options.fail_on, estimate.verdict)
+
+
+def _tell_missing(scene: "Scene | None") -> None:
+    """Say that the recording's video is not where it was."""
+    from vip_factors.cli.terminal import note
+
+    video = scene.camera.video if scene is not None and scene.camera is not None else None
+    if video is not None and video.path is not None and not video.path.is_file() and not video.images:
+        note(f"note: no video at {video.path}: the film has a plain ground instead; --video FILM names it")

@@ -26,7 +26,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.io.detections.formats import TrackedPose, write_mmpose
 from vip_factors.io.video import VideoFacts, iterate_frames, video_facts
 from vip_factors.sensors.detections import Detections
-from vip_factors.viz.images import draw_pose
+from vip_factors.viz.images import draw_pose, limb_pairs
 
 WIDTHS = ("shoulder", "hip")
 # Of a vote, in squares of the trunk's length; people seen from the front or behind vote with about 0.4, those who turn
@@ -277,7 +277,7 @@ def write_overlay(
     import cv2
 
     facts, looked = poses.facts, poses.looked
-    scale = min(1.0, LARGEST_SIDE / max(facts.width, facts.height))
+    scale, limbs = min(1.0, LARGEST_SIDE / max(facts.width, facts.height)), limb_pairs(poses.keypoints)
     size = tuple(2 * round(scale * length / 2) for length in (facts.width, facts.height))  # codecs want even numbers
     with atomic_path(path, overwrite) as temporary:
         code = cv2.VideoWriter.fourcc(*"mp4v")
@@ -289,7 +289,7 @@ def write_overlay(
                 small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
                 for one in poses.frames[index]:
                     pixels = one.pixels * [size[0] / facts.width, size[1] / facts.height]
-                    draw_pose(small, poses.keypoints, pixels, one.confidence, one.track - 1, str(one.track))
+                    draw_pose(small, limbs, pixels, one.confidence, one.track - 1, str(one.track))
                 writer.write(cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
                 on_progress(index + 1 - looked.start, looked.stop - looked.start)
         finally:

@@ -230,6 +230,20 @@ def embed_video(
     return replace(scene, camera=replace(camera, video=Video(source, images)))
 
 
+def with_video(scene: Scene | None, path: Path) -> Scene:
+    """The scene with a video file that its detections were made from.
+
+    Raises:
+        InputError: if there is no such file, no camera, or the video does not belong to the detections.
+        FileFormatError: if it is no video.
+    """
+    facts = video_facts(path)
+    if scene is None or scene.camera is None:
+        raise InputError(f"{path}: no camera is known that took it: expected a filmed recording beside it")
+    check_video(facts, scene.camera)
+    return replace(scene, camera=replace(scene.camera, video=Video(path)))
+
+
 def check_video(facts: VideoFacts, camera: Camera) -> None:
     """Refuse a video that the detections or the calibration cannot belong to.
 

@@ -48,7 +48,7 @@ def moments_section(material: Material, most: int) -> Section | None:
         Paragraph(
             "Where the estimate differs most from what was measured, or knows least, against what is usual in this "
             "recording. Look at these first; elsewhere the body fits better. Left limbs are orange, "
-            "right ones blue; in frames of the video broad lines are the reconstructed body, thin ones what "
+            "right ones blue; in frames of the video bodies are the reconstructed ones, thin lines what "
             "the detector saw." + (" The video itself is not in the recording." if blind else "")
         ),
         Pictures(tuple(pictures)),

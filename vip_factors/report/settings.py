@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from vip_factors.errors import InputError
+from vip_factors.viz.film_settings import FilmSettings
 
 
 @dataclass(frozen=True)
@@ -13,11 +14,15 @@ class ReportSettings:
         rate: Hz, of the motion to turn around; as many frames as the estimate has at most.
         most_poses: frames times bodies that the page holds: of longer recordings the motion is shown at a lower rate.
         moments: how many of the least certain moments get a picture.
+        video_height: pixels, of the film beside the page.
+        video_seconds: first and last second of the recording that the film shows; all of it if not given.
     """
 
     rate: float = 30.0  # as films: faster is not seen, and would double the file
     most_poses: int = 9000  # 2.4 MB in the page: five minutes of one wearer at 30 Hz
     moments: int = 4  # a row or two of pictures: 60 kB each
+    video_height: int = 480  # fills the page's width beside the room; 720 takes twice as long
+    video_seconds: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         if not self.rate > 0:
@@ -26,3 +31,9 @@ class ReportSettings:
             raise InputError(f"most poses {self.most_poses}: expected two at least")
         if self.moments < 0:
             raise InputError(f"moments {self.moments}: expected none or more")
+        assert self.film
+
+    @property
+    def film(self) -> FilmSettings:
+        """Of the film beside the page."""
+        return FilmSettings(self.video_height, video_seconds=self.video_seconds, video_skeleton=True)

@@ -13,6 +13,7 @@ from vip_factors.viz.figure import figure_of
 from vip_factors.viz.film_file import check_film, film_file
 from vip_factors.viz.film_panes import CameraPane, HeadingsPane
 from vip_factors.viz.film_settings import FilmSettings
+from vip_factors.viz.images import frames_left
 from vip_factors.viz.room import RoomPane
 
 NO_CAMERA_RATE = 30.0  # frames per second
@@ -32,7 +33,7 @@ def film(
     *,
     overwrite: bool = False,
     on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
-) -> None:
+) -> tuple[Array, float]:
     """Draw and write a film.
 
     Args:
@@ -42,6 +43,9 @@ def film(
         histories: by wearer, times and calibrations of a live estimate, to be drawn beside the room.
         overwrite: replace an existing file.
         on_progress: called with how much is done.
+
+    Returns:
+        Instants ``(T,)`` of its pictures in seconds of the recording, and pictures per second.
 
     Raises:
         InputError: if there is nothing to show, the name's suffix is none of a film, or a library is missing.
@@ -66,7 +70,8 @@ def film(
     if "room" in boxes:
         panes.append((boxes["room"], RoomPane(figures, times, boxes["room"][2:])))
     if "camera" in boxes:
-        seen = CameraPane(drawn, figures, times, frames, boxes["camera"][2:], settings.video_opacity)
+        opacity = None if settings.video_skeleton else settings.video_opacity
+        seen = CameraPane(drawn, figures, times, frames, boxes["camera"][2:], opacity)
         panes.append((boxes["camera"], seen))
     if "headings" in boxes:
         panes.append((boxes["headings"], HeadingsPane(drawn, histories, times, boxes["headings"][2:])))
@@ -78,10 +83,13 @@ def film(
             file.add(picture)
             on_progress("drawing the film", (index + 1) / len(times))
         on_progress("writing the film", 0.0)
+    return times, rate
 
 
 def film_times(drawn: DrawnScene, settings: FilmSettings) -> tuple[Array, np.ndarray, float]:
     """Instants ``(T,)`` in seconds, the video's frames then ``(T,)``, and pictures per second.
+
+    Where images of some frames alone are left of the video, those are the frames.
 
     Raises:
         InputError: if nothing is left of the time.
@@ -92,12 +100,14 @@ def film_times(drawn: DrawnScene, settings: FilmSettings) -> tuple[Array, np.nda
         first, last = max(first, settings.video_seconds[0]), min(last, settings.video_seconds[1])
     if drawn.detections is not None and len(drawn.detections.time) > 1 and drawn.path is not None:
         video = drawn.detections.time
-        rate = (len(video) - 1) / float(video[-1] - video[0])
+        frames = frames_left(drawn.video, len(video))
+        rate = (len(frames) - 1) / float(video[frames[-1]] - video[frames[0]])
     else:
         rate = NO_CAMERA_RATE
         video = np.arange(int(np.floor(last * rate)) + 1) / rate
+        frames = np.arange(len(video))
     step = max(1, int(np.ceil(rate / settings.video_rate - 0.01)))
-    frames = np.flatnonzero((video >= first - 1e-6) & (video <= last + 1e-6))[::step]
+    frames = frames[(video[frames] >= first - 1e-6) & (video[frames] <= last + 1e-6)][::step]
     if not len(frames):
         raise InputError(f"nothing to film between {first:.2f} and {last:.2f} s: expected seconds of the recording")
     return video[frames], frames, rate / step

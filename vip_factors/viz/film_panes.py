@@ -9,6 +9,7 @@ from matplotlib.ticker import MaxNLocator
 
 from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.mannequin import Colour, Side
+from vip_factors.body.skeleton import PARENTS
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.camera_path import CameraPath
@@ -17,11 +18,13 @@ from vip_factors.viz.colours import UNCLAIMED, hexadecimal, mixed, wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
 from vip_factors.viz.eye import Eye, Lens, scaled
 from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
-from vip_factors.viz.images import limb_pairs, video_stream
+from vip_factors.viz.images import draw_pose, limb_pairs, video_stream
 from vip_factors.viz.room import Backdrop, Room, floor_of
 
 CLOTHES = dict.fromkeys(Side, (206, 208, 212))
 PLANE: Colour = (34, 38, 45)  # of a frame whose picture is not there
+BONES = np.array([[parent, joint] for joint, parent in enumerate(PARENTS) if parent >= 0])
+NEAREST_M = 0.1  # joints behind the camera are in no picture
 DOT_SHARE = 1 / 260  # of the picture's height: a keypoint's radius
 HIGHEST_DEG = 60.0  # of the chart: headings that are further off are at its edge
 
@@ -30,7 +33,8 @@ class CameraPane:
     """Pictures of the camera at some of its frames, red green blue.
 
     Without a video the room is drawn in its place: through the true camera, with everybody as they really moved, in
-    grey, as far as that is known; a dark plane, and what was detected, where nothing is known of where the camera was.
+    grey, as far as that is known; a dark plane, and what was detected, where nothing is known of where the camera was,
+    and where skeletons are drawn instead of bodies.
 
     Args:
         drawn: a scene with a camera.
@@ -38,7 +42,7 @@ class CameraPane:
         times: ``(T,)`` seconds of the frames.
         frames: ``(T,)`` their numbers in the video.
         size: of the pictures, width and height.
-        opacity: of the bodies that are laid over.
+        opacity: of the bodies that are laid over; None for skeletons instead.
     """
 
     def __init__(
@@ -48,14 +52,14 @@ class CameraPane:
         times: Array,
         frames: np.ndarray,
         size: tuple[int, int],
-        opacity: float,
+        opacity: float | None,
     ) -> None:
         assert drawn.model is not None
         self._drawn, self._times, self._frames, self._opacity = drawn, times, frames, opacity
         self._size, self._model, self._figures = size, scaled(drawn.model, *size), figures
         self._video = video_stream(drawn.video, frames.tolist())
         self._eyes = self._seen_from(drawn.path) if drawn.path is not None and figures else []
-        if not self._eyes:
+        if not self._eyes or opacity is None:
             return
         self._true_eyes = self._seen_from(drawn.true_path) if drawn.true_path is not None else self._eyes
         self._people = [
@@ -74,22 +78,36 @@ class CameraPane:
     def draw(self, index: int) -> np.ndarray:
         """``(H, W, 3)`` uint8, red green blue, at ``times[index]``; to be called for one after the other."""
         time, picture = float(self._times[index]), next(self._video)
-        image = self._without_video(index) if picture is None else self._of_video(picture)
-        if self._eyes:
+        plain = self._opacity is None or not self._eyes
+        image = self._of_video(picture) if picture is not None else self._plane() if plain else self._room_seen(index)
+        if self._eyes and self._opacity is not None:
             bodies = [figure.posed(time) for figure in self._figures if figure.shown_at(time)]
             alone = picture is None and not self._people
             blend(image, self._eyes[index], bodies, self._room.light, 1.0 if alone else self._opacity)
         shown = as_bytes(image)
         self._keypoints(shown, int(self._frames[index]))
+        if self._eyes and self._opacity is None:
+            self._skeletons(shown, self._eyes[index], time)
         return shown
+
+    def _skeletons(self, shown: np.ndarray, eye: Eye, time: float) -> None:
+        for wearer in self._drawn.wearers:
+            motion = wearer.shown
+            if motion is None or not motion.time[0] - 0.1 <= time <= motion.time[-1] + 0.1:
+                continue
+            frame = int(np.clip(round((time - motion.start) * motion.rate), 0, len(motion) - 1))
+            pixels, depth = eye.project(motion.state.p_world_joint[frame])
+            label = wearer.name if len(self._drawn.wearers) > 1 else ""
+            draw_pose(shown, BONES, pixels, (depth > NEAREST_M).astype(float), wearer.index, label, 2.0)
 
     def _of_video(self, picture: np.ndarray) -> Array:
         fitted = cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
         return np.ascontiguousarray(fitted[..., ::-1]).astype(np.float32) / 255
 
-    def _without_video(self, index: int) -> Array:
-        if not self._eyes:
-            return np.broadcast_to(np.array(PLANE, np.float32) / 255, (self._size[1], self._size[0], 3)).copy()
+    def _plane(self) -> Array:
+        return np.broadcast_to(np.array(PLANE, np.float32) / 255, (self._size[1], self._size[0], 3)).copy()
+
+    def _room_seen(self, index: int) -> Array:
         time, eye = float(self._times[index]), self._true_eyes[index]
         people = [figure.posed(time) for figure in self._people or self._figures if figure.shown_at(time)]
         image = self._backdrop.image(eye, [body.p for body in people])

@@ -20,6 +20,8 @@ class FilmSettings:
     """First and last second of the recording to show; all of it if not given."""
     video_opacity: float = 0.72
     """Of the bodies over the camera's picture: the person under them has to be seen."""
+    video_skeleton: bool = False
+    """Draw skeletons over the camera's picture, and over a plain ground where there is none, instead of bodies."""
     headings: Path | None = None
     """Live estimate of the same recording (vip-factors stream RECORDING --out …): how its headings settle is drawn
     beside the room."""

@@ -27,25 +27,26 @@ SUB, SHIFT = 8, 3  # OpenCV draws at eighths of pixels, given as integers
 
 
 def draw_pose(
-    image: np.ndarray, keypoints: KeypointSet, pixels: Array, confidence: Array, index: int, label: str
+    image: np.ndarray, limbs: np.ndarray, pixels: Array, confidence: Array, index: int, label: str, broad: float = 1.0
 ) -> None:
     """Draw one person into an image.
 
     Args:
         image: ``(height, width, 3)``, red first, bytes; it is changed.
-        keypoints: of the pose.
+        limbs: ``(L, 2)`` which points to join (:func:`limb_pairs`).
         pixels: ``(K, 2)`` in the image.
         confidence: ``(K,)`` in [0, 1].
         index: of the colour: that of the wearer with this index.
         label: written above the person.
+        broad: how broad lines are, as a multiple of the usual.
     """
     shown = confidence >= LEAST_CONFIDENCE
     if not np.any(shown):
         return
     colour = wearer_colour(index)
-    width = max(1, round(image.shape[0] / 360))
+    width = max(1, round(broad * image.shape[0] / 360))
     points = np.round(np.nan_to_num(pixels) * SUB).astype(int)
-    for a, b in limb_pairs(keypoints):
+    for a, b in limbs:
         if shown[a] and shown[b]:
             thick = width if min(confidence[a], confidence[b]) >= FAINT else max(1, width // 2)
             cv2.line(image, points[a].tolist(), points[b].tolist(), colour, thick, cv2.LINE_AA, SHIFT)
@@ -60,28 +61,39 @@ def _label(image: np.ndarray, points: Array, label: str, colour: tuple[int, int,
     size = image.shape[0] / 1000
     x = int(points[:, 0].mean() - 8 * size * len(label))
     y = int(max(points[:, 1].min() - 30 * size, 28 * size))
-    for ink, thick in (((20, 20, 20), 5), (colour, 2)):
-        cv2.putText(image, label, (x, y), cv2.FONT_HERSHEY_SIMPLEX, size, ink, max(1, round(thick * size)), cv2.LINE_AA)
+    thick, off = max(1, round(2 * size)), max(1, round(1.5 * size))
+    for right, down in ((-off, -off), (off, -off), (-off, off), (off, off), (0, 0)):  # broader letters would be wider
+        ink = colour if not right else (20, 20, 20)
+        cv2.putText(image, label, (x + right, y + down), cv2.FONT_HERSHEY_SIMPLEX, size, ink, thick, cv2.LINE_AA)
+
+
+def frames_left(video: Video | None, count: int) -> np.ndarray:
+    """Which of a video's ``count`` frames there are: all of a file, and of one of which no image is left either."""
+    if video is None or len(video.images) < 2 or (video.path is not None and video.path.is_file()):
+        return np.arange(count)
+    return np.array([index for index in sorted(video.images) if index < count], dtype=int)
 
 
 def video_stream(video: Video | None, wanted: Sequence[int]) -> Iterator[np.ndarray | None]:
     """One by one, increasing, images ``(height, width, 3)``, blue green red; None for one that cannot be decoded.
 
-    Files are read on from frame to frame: seeking is not exact in every container.
+    Embedded ones if all are there, which is quick, else those of the file: not now one, now the other. Files are read
+    on from frame to frame, as seeking is not exact in every container.
     """
     reader, at = None, 0
-    if video is not None and video.path is not None and video.path.is_file():
+    whole = video is not None and all(index in video.images for index in wanted)
+    if video is not None and video.path is not None and video.path.is_file() and not whole:
         reader = cv2.VideoCapture(str(video.path))
     try:
         for index in wanted:
             image = None
-            if video is not None and index in video.images:
-                image = cv2.imdecode(np.frombuffer(video.images[index], np.uint8), cv2.IMREAD_COLOR)
-            elif reader is not None:
+            if reader is not None:
                 while at < index and reader.grab():
                     at += 1
                 good, image = reader.read() if at == index else (False, None)
                 at += int(good)
+            elif video is not None and index in video.images:
+                image = cv2.imdecode(np.frombuffer(video.images[index], np.uint8), cv2.IMREAD_COLOR)
             yield image
     finally:
         if reader is not None:

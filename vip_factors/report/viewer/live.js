@@ -126,17 +126,6 @@ export function showLive() {
     }
   }
 
-  function paint() {
-    const style = getComputedStyle(document.documentElement);
-    const names = ["ground", "major", "minor", "wire"];
-    world.paint(Object.fromEntries(names.map((one) => [one, style.getPropertyValue(`--${one}`).trim()])));
-    stage.draw();
-  }
-
-  if (world) {
-    paint();
-    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", paint);
-  }
   Object.assign(document.body.dataset, { viewer: "ready", webgl: world ? "yes" : "no" });
   tellState("waiting", "connecting");
   connect();

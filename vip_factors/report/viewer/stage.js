@@ -21,6 +21,8 @@ export class Stage {
       });
     }
     new ResizeObserver(() => this.draw()).observe(find("stage"));
+    this.#paint();
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.#paint());
   }
 
   /** The first picture, at once. */
@@ -46,6 +48,14 @@ export class Stage {
       if (!/webgl/i.test(String(problem))) throw problem;
       return null;
     }
+  }
+
+  /** In the colours of the page's style, which has others in the dark. */
+  #paint() {
+    const style = getComputedStyle(document.documentElement);
+    const names = ["ground", "major", "minor", "wire"];
+    this.world.paint(Object.fromEntries(names.map((one) => [one, style.getPropertyValue(`--${one}`).trim()])));
+    this.draw();
   }
 
   #render() {

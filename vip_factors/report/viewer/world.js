@@ -1,13 +1,12 @@
 // The scene: bodies, floor, the camera that filmed them; the eye that looks at it.
 import {
-  BufferGeometry, Color, DirectionalLight, Fog, GridHelper, HemisphereLight, Line, LineBasicMaterial, LineSegments, Mesh,
-  Object3D, PerspectiveCamera, PlaneGeometry, Scene, ShadowMaterial, Vector3, WebGLRenderer,
+  BufferGeometry, Color, DirectionalLight, Float32BufferAttribute, Fog, HemisphereLight, Line, LineBasicMaterial,
+  LineSegments, Mesh, Object3D, PerspectiveCamera, PlaneGeometry, Scene, ShadowMaterial, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { Body, Poses, skinOf } from "./body.js";
 
 const FRUSTUM_M = 0.6, TRACK_HEIGHT = 0.004;
-const LIGHT = { ground: "#f6f7f9", major: "#c3cad3", minor: "#dfe3e8", wire: "#4a5563" };
 
 export class World {
   constructor(canvas, data, changed) {
@@ -17,14 +16,13 @@ export class World {
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));
     this.renderer.shadowMap.enabled = true;
     this.scene = new Scene();
-    this.scene.fog = new Fog(LIGHT.ground, 12 + data.extent, 30 + 3 * data.extent);
+    this.scene.fog = new Fog("#ffffff", 12 + data.extent, 30 + 3 * data.extent);
     this.wire = new LineBasicMaterial();
     const meshes = data.meshes.map((one) => ({ skin: skinOf(one), pose: one.pose }));
     this.bodies = data.bodies.map((one) => new Body(one, meshes[one.mesh]));
     this.bodies.forEach((body) => this.scene.add(body.root));
     this.#ground();
     if (data.camera) this.#filming();
-    this.paint(LIGHT);
     this.eye = new PerspectiveCamera(38, 1, 0.05, 500);
     this.eye.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.eye, canvas);
@@ -87,7 +85,7 @@ export class World {
     const middle = this.middle();
     const spread = Math.max(...own.map((body) => body.place.distanceTo(middle)));
     const { clientWidth: width, clientHeight: height } = this.canvas.parentElement;
-    return 2.9 + 2.1 * spread * (width ? Math.max(1, height / width) : 1);
+    return (2.9 + 2.1 * spread) * (width ? Math.max(1, height / width) : 1);  // a narrow picture shows less of arms
   }
 
   render() {
@@ -117,9 +115,24 @@ export class World {
     this.scene.fog.color.set(ground);
     this.wire.color.set(wire);
     this.ground.remove(this.grid);
-    this.grid = new GridHelper(this.tiles, this.tiles, major, minor);
-    this.grid.rotation.x = Math.PI / 2;
+    this.grid = this.#lines(new Color(major), new Color(minor));
     this.ground.add(this.grid);
+  }
+
+  /** Tiles of a metre, each side by itself: software draws no line that goes on behind the eye. */
+  #lines(major, minor) {
+    const far = this.tiles / 2, places = [], colours = [];
+    for (let across = -far; across <= far; across++) {
+      const { r, g, b } = across ? minor : major;
+      for (let along = -far; along < far; along++) {
+        places.push(across, along, 0, across, along + 1, 0, along, across, 0, along + 1, across, 0);
+        colours.push(r, g, b, r, g, b, r, g, b, r, g, b);
+      }
+    }
+    const sides = new BufferGeometry();
+    sides.setAttribute("position", new Float32BufferAttribute(places, 3));
+    sides.setAttribute("color", new Float32BufferAttribute(colours, 3));
+    return new LineSegments(sides, new LineBasicMaterial({ vertexColors: true }));
   }
 
   /** The ground under whoever walks away over a floor that is still being found. */

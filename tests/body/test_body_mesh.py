@@ -54,6 +54,16 @@ def test_weights_are_shares_and_every_bone_has_skin(mesh: BodyMesh) -> None:
     assert hands[:, 0].min() > SKELETON.p_pelvis_joint[joint_index("left_wrist"), 0]
 
 
+def test_the_shares_of_graphics_cards_add_up(mesh: BodyMesh) -> None:
+    """Or skin is torn far from the world's origin."""
+    bones, shares = mesh.four_bones()
+    assert (shares.sum(axis=1, dtype=int) == 255).all()
+    assert (bones[shares == 0] == 0).all()
+    rebuilt = np.zeros(mesh.weights.shape)
+    np.add.at(rebuilt, (np.arange(len(bones))[:, None], bones), shares / 255)
+    np.testing.assert_allclose(rebuilt, mesh.weights, atol=0.04)
+
+
 def test_the_skin_moves_with_its_bones(mesh: BodyMesh) -> None:
     p, normal = mesh.posed(mesh.R_bind_bone, mesh.p_bind_bone)
     np.testing.assert_allclose(p, mesh.p_bind, atol=1e-9)

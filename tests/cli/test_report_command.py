@@ -2,12 +2,14 @@
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.io.mcap_recording import write_scene
+from vip_factors.io.mcap_recording import read_scene, write_scene
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +50,11 @@ def test_the_recording_is_named_or_in_the_same_file(files: Path, tmp_path: Path)
         (["scene.mcap"], "estimate"),
         (["scene.estimate.mcap", "--out", "page.pdf"], ".html"),
         (["scene.estimate.mcap", "--out", "page.html", "--moments", "-1"], "moments"),
+        (["scene.estimate.mcap", "--out", "page.html", "--video"], "filmed recording"),
+        (["scene.estimate.mcap", "--out", "page.html", "--video", "scene.mcap"], "not a video"),
+        (["scene.estimate.mcap", "--out", "page.html", "--video", "gone.mp4"], "no such video"),
+        (["scene.estimate.mcap", "--out", "page.html", "--video", "a.mp4", "b.mp4"], "one file at most"),
+        (["scene.estimate.mcap", "--out", "page.html", "--video", "--video-height", "8"], "64 to 2160"),
     ],
 )
 def test_bad_input_is_one_line(
@@ -59,3 +66,32 @@ def test_bad_input_is_one_line(
     assert told in error
     assert "Traceback" not in error
     assert not (files / "page.html").exists()
+
+
+def test_a_film_is_beside_the_page(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    page, film = tmp_path / "a page.html", tmp_path / "a page.mp4"
+    few = ["--moments", "0", "--video-height", "64"]
+    words = ["report", str(files / "both.mcap"), *few, "--out", str(page), "--video"]
+    assert main(words) == 0
+    assert capsys.readouterr().out == f"{page}\n{film}\n"
+    assert film.stat().st_size > 1000
+    text = page.read_text(encoding="utf-8")
+    assert 'src="a%20page.mp4" data-start="0.0"' in text
+    assert float(text.partition('data-pace="')[2].partition('"')[0]) == pytest.approx(1.0)
+    page.unlink()
+    assert main(words) == 2
+    assert f"{film} exists" in capsys.readouterr().err
+    assert not page.exists()
+
+
+def test_a_film_is_of_the_video_that_is_named(files: Path, tmp_path: Path) -> None:
+    scene, video, page = read_scene(files / "scene.mcap"), tmp_path / "v.avi", tmp_path / "page.html"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (1280, 720))
+    for _ in scene.camera.detections.time:
+        writer.write(np.full((720, 1280, 3), (0, 200, 0), np.uint8))
+    writer.release()
+    words = ["report", str(files / "scene.estimate.mcap"), "--recording", str(files / "scene.mcap"), "--moments", "0"]
+    assert main([*words, "--video-height", "96", "--video", str(video), "--out", str(page)]) == 0
+    good, picture = cv2.VideoCapture(str(page.with_suffix(".mp4"))).read()
+    assert good
+    assert np.abs(picture[2:8, 2:80].mean(axis=(0, 1)) - [0, 200, 0]).max() < 20

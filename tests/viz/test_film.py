@@ -13,7 +13,7 @@ from scene_sample import Injected, estimate_of, scene_sample
 from vip_factors.body.body_mesh import body_mesh
 from vip_factors.errors import InputError
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.viz.colours import skin_colours
+from vip_factors.viz.colours import skin_colours, wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
 from vip_factors.viz.eye import Eye, Lens, looking_at, room_model, scaled, viewpoints
 from vip_factors.viz.figure import Figure, blend, lit_from
@@ -123,6 +123,29 @@ def test_bodies_are_laid_over_the_video(sample: Scene, figures: list[Figure]) ->
     for index in (1, 2, 3):
         last = pane.draw(index)
     assert last[:3].min() > 200  # no picture there: the room in its place
+
+
+def test_skeletons_lie_where_their_joints_are_seen(sample: Scene, figures: list[Figure]) -> None:
+    drawn = drawn_scene(sample, estimate_of(sample))
+    pane = CameraPane(drawn, figures, drawn.detections.time[6:7], np.array([6]), (640, 360), None)
+    picture, time = pane.draw(0), float(drawn.detections.time[6])
+    at = drawn.path.at(np.array([time]))
+    eye = Eye(scaled(drawn.model, 640, 360), at.R_world_camera[0], at.p_world_camera[0])
+    for wearer in drawn.wearers:
+        frame = round((time - wearer.shown.start) * wearer.shown.rate)
+        joints, _ = eye.project(wearer.shown.state.p_world_joint[frame])
+        for ends in ((4, 7), (5, 8)):  # of the shanks
+            x, y = np.round(joints[list(ends)].mean(axis=0)).astype(int)
+            assert np.abs(picture[y, x].astype(int) - wearer_colour(wearer.index)).max() < 40
+    assert np.abs(picture[:20].astype(int) - picture[0, 0]).max() == 0  # a plain ground
+
+
+def test_a_film_shows_the_frames_that_are_left_of_a_video(sample: Scene) -> None:
+    images = dict.fromkeys(range(0, 16, 3), cv2.imencode(".png", np.zeros((9, 16, 3), np.uint8))[1].tobytes())
+    filmed = replace(sample, camera=replace(sample.camera, video=Video(Path("gone.mp4"), images)))
+    _, frames, rate = film_times(drawn_scene(filmed, estimate_of(filmed)), FilmSettings())
+    np.testing.assert_array_equal(frames, range(0, 16, 3))
+    assert rate == pytest.approx(10)
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".webp", ".gif"])

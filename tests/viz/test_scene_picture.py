@@ -69,6 +69,9 @@ def test_frames_are_found_in_files_and_rubbish_is_left_out(tmp_path: Path) -> No
     found = list(video_stream(Video(path), [2, 7, 99]))
     assert [one is not None for one in found] == [True, True, False]
     assert found[1].mean() == pytest.approx(175, abs=3)
+    one = {2: cv2.imencode(".png", np.full((48, 64, 3), 240, np.uint8))[1].tobytes()}
+    assert [round(picture.mean(), -1) for picture in video_stream(Video(path, one), [2])] == [240]
+    assert [round(picture.mean(), -1) for picture in video_stream(Video(path, one), [2, 8])] == [50, 200]  # not both
     assert list(video_stream(Video(None, {0: b"no image"}), [0])) == [None]
     assert list(video_stream(None, [0])) == [None]
 

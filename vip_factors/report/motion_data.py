@@ -108,15 +108,14 @@ def mesh_data(skeleton: Skeleton) -> dict[str, str]:
     the joint rotations in which it was made.
     """
     mesh = body_mesh(skeleton)
-    bones = np.argsort(-mesh.weights, axis=1)[:, :4]
-    shares = np.take_along_axis(mesh.weights, bones, axis=1)
+    bones, shares = mesh.four_bones()
     R_parent = mesh.R_bind_bone[[max(parent, 0) for parent in PARENTS]]
     R_parent[0] = np.eye(3)
     return {
         "points": _base64(np.round(1e4 * mesh.p_bind).astype("<i2")),
         "faces": _base64(mesh.faces.astype("<u4" if len(mesh.p_bind) >= 1 << 16 else "<u2")),
-        "bones": _base64(bones.astype(np.uint8)),
-        "shares": _base64(np.round(255 * shares / shares.sum(axis=1, keepdims=True)).astype(np.uint8)),
+        "bones": _base64(bones),
+        "shares": _base64(shares),
         "pose": _quaternions(transpose(R_parent) @ mesh.R_bind_bone),
     }
 

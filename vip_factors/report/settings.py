@@ -21,7 +21,7 @@ class ReportSettings:
     rate: float = 30.0  # as films: faster is not seen, and would double the file
     most_poses: int = 9000  # 2.4 MB in the page: five minutes of one wearer at 30 Hz
     moments: int = 4  # a row or two of pictures: 60 kB each
-    video_height: int = 480  # fills the page's width beside the room; 720 takes twice as long
+    video_height: int = 480  # fills the page's width beside the room; 720 takes half as long again
     video_seconds: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:

@@ -44,7 +44,7 @@ def draw_pose(
     if not np.any(shown):
         return
     colour = wearer_colour(index)
-    width = max(1, round(broad * image.shape[0] / 360))
+    width = max(1, round(broad * min(image.shape[:2]) / 360))
     points = np.round(np.nan_to_num(pixels) * SUB).astype(int)
     for a, b in limbs:
         if shown[a] and shown[b]:

@@ -100,7 +100,6 @@ def _numbers(vector: Array) -> str:
 if TYPE_CHECKING:
     from pygltflib import GLTF2
 
-BONES_A_CORNER = 4  # as many as all viewers take
 NEAREST_M = 0.05  # what a camera draws begins here
 ROUGHNESS = 0.8
 STILL = 1e-7  # a turn or shift by less (rad or m, nearly) needs no keys: what a float32 can hold
@@ -200,15 +199,12 @@ class _Scene:
     def _mesh(self, skeleton: Skeleton, name: str) -> int:
         lib, add, body = self._lib, self._buffer.add, body_mesh(skeleton)
         p, normal = body.posed(np.tile(np.eye(3), (JOINT_COUNT, 1, 1)), skeleton.p_pelvis_joint + _stand(skeleton))
-        bones = np.argsort(-body.weights, axis=1)[:, :BONES_A_CORNER]
-        shares = np.take_along_axis(body.weights, bones, axis=1)
-        weights = np.rint(255 * shares / shares.sum(axis=1, keepdims=True)).astype(np.int16)
-        weights[:, 0] += 255 - weights.sum(axis=1)
+        bones, shares = body.four_bones()
         attributes = lib.Attributes(
             POSITION=add(p.astype(np.float32), CORNERS, bounds=True),
             NORMAL=add(normal.astype(np.float32), CORNERS),
-            JOINTS_0=add(np.where(weights > 0, bones, 0).astype(np.uint8), CORNERS),  # glTF wants 0 where a weight is 0
-            WEIGHTS_0=add(weights.astype(np.uint8), CORNERS, unit=True),
+            JOINTS_0=add(bones, CORNERS),
+            WEIGHTS_0=add(shares, CORNERS, unit=True),
         )
         side_of_bone = np.array([[*Side].index(side_of(bone)) for bone in range(JOINT_COUNT)])
         side_of_triangle = side_of_bone[body.bone[body.faces[:, 0]]]

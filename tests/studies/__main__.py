@@ -41,6 +41,7 @@ STUDIES = {
     "train-prior": "train_prior:TrainPrior",
     "train-body": "train_prior:TrainBody",
     "train-gait": "gait_train:TrainGait",
+    "train-gait-events": "gait_study:TrainGaitEvents",
     "train-association": "train_association:TrainAssociation",
 }
 

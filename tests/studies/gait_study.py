@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from tests.studies.real_recordings import RealRecording, real_recordings
 from tests.studies.study import Study, Tell, group, table
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
-from vip_factors.gait.analysis import Gait, gait_of
+from vip_factors.estimate import WearerEstimate
+from vip_factors.gait.analysis import Gait, foot_sensor, gait_of
+from vip_factors.gait.events import events_of_sensor
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
@@ -60,7 +63,8 @@ class GaitStudy(Study):
     clocks: Flag = False
     """Take off how late each foot sensor's clock is known to be, so that the references' own errors are left out."""
 
-    def rows(self, tell: Tell) -> Iterator[GaitTrial]:
+    def walks(self, tell: Tell) -> Iterator[tuple[RealRecording, TrueGait, Recording, WearerEstimate]]:
+        """Those with a reference, and their estimates."""
         known = [(one, truth) for one in real_recordings(self.data) if self.named in one.name
                  and (truth := _truth(one, self.data)) is not None]  # fmt: skip
         if not known:
@@ -68,7 +72,10 @@ class GaitStudy(Study):
         for done, (one, truth) in enumerate(known):
             tell(one.name, done / len(known))
             recording = converted(one, self.data)
-            estimate = self._estimate(one, recording)
+            yield one, truth, recording, self._estimate(one, recording)
+
+    def rows(self, tell: Tell) -> Iterator[Any]:
+        for one, truth, recording, estimate in self.walks(tell):
             feet = {site.sensor: recording.imus[site.sensor] for site in recording.placement.sites
                     if site.bone.endswith(("_ankle", "_foot")) and site.sensor in recording.imus}  # fmt: skip
             ways = {"all": recording, "feet alone": replace(recording, imus=feet), "legs alone": None}
@@ -78,7 +85,7 @@ class GaitStudy(Study):
                 gait = gait_of(estimate, measured)
                 yield _trial(one.name, name, gait, truth, _late(recording, truth) if self.clocks else {})
 
-    def _estimate(self, one: RealRecording, recording: Recording):  # type: ignore[no-untyped-def]
+    def _estimate(self, one: RealRecording, recording: Recording) -> WearerEstimate:
         if self.estimates is None:
             return smooth(recording).only_wearer
         self.estimates.mkdir(exist_ok=True)
@@ -87,7 +94,7 @@ class GaitStudy(Study):
             write_estimate(smooth(recording), path)
         return read_estimate(path).only_wearer
 
-    def tables(self, rows: Sequence[GaitTrial]) -> Iterator[str]:
+    def tables(self, rows: Sequence[Any]) -> Iterator[str]:
         """By data set and by what told: medians and 95 % of the distances from the reference; all walks together."""
         lines = []
         for (name, by), own in group(rows, lambda one: (one.recording.partition(" ")[0], one.by)).items():
@@ -98,6 +105,65 @@ class GaitStudy(Study):
             lines.append(line)
         yield table(["data", "by", "walks", "strike ms: median / 95 % (mean)", "toe-off ms", "stride time ms",
                      "length cm", "events missed", "strides invented", "strides"], lines)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class EventEnds:
+    """Events of one walk, by foot sensors: seconds less the true ones, at either end of the way on which they lie."""
+
+    data: str
+    kind: str
+    first: tuple[float, ...]
+    last: tuple[float, ...]
+
+    def errors_ms(self, share: float) -> Array:
+        """At a share of the way."""
+        return 1000 * ((1 - share) * np.array(self.first) + share * np.array(self.last))
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainGaitEvents(GaitStudy):
+    """Where between two moments of a foot's turn events lie, chosen by all data sets, and without each of them."""
+
+    def rows(self, tell: Tell) -> Iterator[Any]:
+        for one, truth, recording, estimate in self.walks(tell):
+            late = _late(recording, truth) if self.clocks else {}
+            for side in SIDES:
+                sensor = foot_sensor(estimate, recording, side)
+                ends = [None if sensor is None else events_of_sensor(*sensor, (share, share)) for share in (0.0, 1.0)]
+                if ends[0] is None or ends[1] is None or not len(ends[0]):
+                    continue
+                for kind in ("strike", "off"):
+                    first, last = (getattr(each, kind) - late.get(side, 0.0) for each in ends)
+                    true = getattr(truth.events[side], kind)
+                    near = [int(np.argmin(np.abs((first + last) / 2 - at))) for at in true]
+                    pairs = [(first[k] - at, last[k] - at) for k, at in zip(near, true, strict=True)
+                             if abs((first[k] + last[k]) / 2 - at) < MISSED_S]  # fmt: skip
+                    if pairs:
+                        yield EventEnds(one.name.partition(" ")[0].partition(",")[0], kind, *zip(*pairs, strict=True))
+
+    def tables(self, rows: Sequence[Any]) -> Iterator[str]:
+        """The share that is best for the worst of the others' medians, and what it does to the one left out."""
+        lines = []
+        for kind in ("strike", "off"):
+            sets = group([one for one in rows if one.kind == kind], lambda one: one.data)
+            at = {share: {name: _joined(own, share) for name, own in sets.items()} for share in SHARES}
+            for out in (None, *sets) if len(sets) > 1 else ():
+                share = min(SHARES, key=lambda s: max(abs(np.median(at[s][name])) for name in sets if name != out))
+                for name in sets if out is None else (out,):
+                    errors = at[share][name]
+                    middle, (half, most) = float(np.median(errors)), np.quantile(np.abs(errors), [0.5, 0.95])
+                    lines.append([kind, out or "none", f"{share:.2f}", name, len(errors), middle, half, most])
+        yield table(
+            ["event", "left out", "share", "judged by", "events", "median ms", "median distance", "95 %"], lines
+        )
+
+
+SHARES = tuple(np.arange(0, 1.01, 0.05).round(2).tolist())
+
+
+def _joined(rows: Sequence[EventEnds], share: float) -> Array:
+    return np.concatenate([one.errors_ms(share) for one in rows])
 
 
 def _words(errors: Array, scale: float) -> str:

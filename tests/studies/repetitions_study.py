@@ -77,17 +77,17 @@ class RepetitionStudy(Study):
         for one in real:
             tell(one.name, done / count)
             done += 1
-            yield _trial(one.name, smooth(converted(one, self.data)), COUNTS.get(one.name, {}))
+            yield trial(one.name, smooth(converted(one, self.data)), COUNTS.get(one.name, {}))
         for name, path, seed in clips:
             tell(name, done / count)
             done += 1
             scene = vip.simulate(path, camera="fixed", seed=seed)
-            yield _trial(f"clip {name}, seed {seed}", smooth(scene), COUNTS.get(name, {}), scene)
+            yield trial(f"clip {name}, seed {seed}", smooth(scene), COUNTS.get(name, {}), scene)
         for path in self.recordings:
             tell(path.name, done / count)
             done += 1
             scene = read_scene(path)
-            yield _trial(path.stem, smooth(scene), None, scene)
+            yield trial(path.stem, smooth(scene), None, scene)
 
     def tables(self, rows: Sequence[RepetitionTrial]) -> Iterator[str]:
         """A line of each recording that has some, or is told some; the rest in one."""
@@ -114,9 +114,7 @@ def _words(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {kind}{'s' if count > 1 else ''}" for kind, count in counts.items()) or "none"
 
 
-def _trial(
-    name: str, estimate: Estimate, true: Mapping[str, int] | None, scene: Scene | None = None
-) -> RepetitionTrial:
+def trial(name: str, estimate: Estimate, true: Mapping[str, int] | None, scene: Scene | None = None) -> RepetitionTrial:
     found = repetitions_of(estimate.wearers[0], RepetitionSettings()).repetitions
     known = _of_truth(scene)
     if true is None:

@@ -18,7 +18,7 @@ from tests.studies.gait import (
     stride_errors,
     video_motion,
 )
-from tests.studies.gait_study import GaitStudy, GaitTrial
+from tests.studies.gait_study import EventEnds, GaitStudy, GaitTrial, TrainGaitEvents
 from tests.studies.gait_train import TrainGait
 from tests.studies.gait_truth import gaitmap_truth, geneva_truth, treadmill_truth
 from tests.studies.real import converted
@@ -172,3 +172,13 @@ def test_references_of_gait_are_read(data_folder: Path, tmp_path: Path) -> None:
 def test_a_walk_becomes_a_line() -> None:
     trial = GaitTrial("a walk", "all", (0.01, -0.03), (0.02,), 1, 0, 4, (0.002,), (0.03, np.nan))
     assert "| a | all | 1 | 20.0 / 29.0 (-10.0) |" in markdown(GaitStudy(data=Path()), [trial])
+
+
+def test_shares_are_chosen_without_who_judges_them() -> None:
+    """One data set wants events at the beginning of the way, the other in its middle: each is judged by the other's."""
+    rows = [EventEnds("a", "strike", (0.0, 0.0), (0.1, 0.1)), EventEnds("b", "strike", (-0.05,), (0.05,))]
+    told = markdown(TrainGaitEvents(data=Path()), rows)
+    assert "| strike | none | 0.25 | a | 2 | 25.0 | 25.0 | 25.0 |" in told
+    assert "| strike | none | 0.25 | b | 1 | -25.0 | 25.0 | 25.0 |" in told
+    assert "| strike | a | 0.50 | a | 2 | 50.0 | 50.0 | 50.0 |" in told
+    assert "| strike | b | 0.00 | b | 1 | -50.0 | 50.0 | 50.0 |" in told

@@ -23,7 +23,6 @@ class BodyOptions:
     """
 
     common: ClassVar = ("wearer", "out", "picture", "overwrite")
-
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap) of a filmed wearer of whom only the stature was told."""
     wearer: str | None = None

@@ -27,7 +27,6 @@ class CalibrateCameraOptions:
     """
 
     common: ClassVar = ("checkerboard", "charuco", "square_m", "floor", "overwrite")
-
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|FOLDER|CAMERA")]
     """Video, or folder of images; or a camera file, to which --floor-image adds where the camera stands."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml"), Output(".toml")]

@@ -31,7 +31,6 @@ class ConvertOptions:
     """
 
     common: ClassVar = ("placement", "stature_m", "initial_pose", "detections", "camera")
-
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
     """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""
     out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")] = None

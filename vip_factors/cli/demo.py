@@ -15,7 +15,6 @@ class DemoOptions:
     """Simulate a walk with unknown headings and careless mountings, reconstruct it, compare it, draw it."""
 
     common: ClassVar = ("out", "placement", "seconds", "overwrite")
-
     out: Path = Path("vip_factors_demo")
     """Folder for the files; made if absent."""
     placement: Literal["sip6", "tnt10", "totalcapture13", "mvn17"] = "totalcapture13"

@@ -26,7 +26,6 @@ class DetectOptions:
     """
 
     common: ClassVar = ("out", "overlay", "model", "overwrite")
-
     video: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]
     """Video (.mp4, .mov …)."""
     out: Annotated[Path | None, Output(".json")] = None

@@ -26,7 +26,6 @@ class EvaluateOptions(ManyOptions):
     """
 
     common: ClassVar = ("truth", "json", "jobs", "overwrite")
-
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     truth: Path | None = None

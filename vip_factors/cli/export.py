@@ -23,7 +23,6 @@ class ExportOptions(ManyOptions):
     """
 
     common: ClassVar = ("overwrite", "jobs")
-
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE FILE [FILE …]")]
     """Estimate (.mcap), and the files to write."""
     overwrite: Flag = False

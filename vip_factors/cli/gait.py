@@ -26,7 +26,6 @@ class GaitOptions:
     """
 
     common: ClassVar = ("recording", "out", "overwrite")
-
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE|RECORDING")]
     """Estimate (.mcap), or a recording (.mcap), which is reconstructed first."""
     recording: Path | None = None

@@ -27,7 +27,6 @@ class GraphOptions:
     """
 
     common: ClassVar = ("picture", "frame", "settings", "overwrite")
-
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files."""
     picture: Annotated[Path | None, Output(".svg")] = None

@@ -22,7 +22,6 @@ class InfoOptions:
     """
 
     common: ClassVar = ("sites", "picture", "verbose")
-
     file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")] = None
     """Recording or estimate (.mcap), or motion (.bvh …)."""
     sites: Flag = False

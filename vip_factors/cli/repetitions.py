@@ -20,7 +20,6 @@ class RepetitionOptions:
     """
 
     common: ClassVar = ("out", "overwrite")
-
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None

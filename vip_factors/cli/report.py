@@ -23,7 +23,6 @@ class ReportOptions(ManyOptions):
     """
 
     common: ClassVar = ("recording", "truth", "out", "overwrite")
-
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     recording: Path | None = None

@@ -68,7 +68,6 @@ class RunOptions:
     """
 
     common: ClassVar = ("log", "placement", "video", "camera", "detections", "out", "export")
-
     log: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
     """File or folder of a wearer's sensors, in any format that convert reads."""
     placement: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PLACEMENT")] = ()

@@ -60,7 +60,6 @@ class SimulateOptions:
     """
 
     common: ClassVar = ("placement", "seconds", "seed", "noise_free", "overwrite")
-
     motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION"), Input()]
     """Motion file (.bvh …), or the word gestures for a motion that the package makes."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")]

@@ -31,7 +31,6 @@ class SmoothOptions(ManyOptions):
     """
 
     common: ClassVar = ("out", "settings", "jobs", "overwrite", "fail_on")
-
     recording: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files. Several, without a camera, are parts of one
     recording that follow one another in time."""

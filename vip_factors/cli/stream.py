@@ -45,7 +45,6 @@ class StreamOptions(ManyOptions):
     """
 
     common: ClassVar = ("out", "json", "web", "rerun", "vmc", "lag", "overwrite")
-
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE"), Input()]
     """Where samples come from."""
     out: Annotated[Path | None, Output(".mcap")] = None

@@ -24,7 +24,6 @@ class SyncOptions:
     """
 
     common: ClassVar = ("out", "seconds", "dry_run", "picture")
-
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Scene (.mcap): sensors, and a camera with detections."""
     out: Annotated[Path | None, Output(".mcap")] = None

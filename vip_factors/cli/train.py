@@ -27,7 +27,6 @@ class TrainOptions:
     """
 
     common: ClassVar = ("out", "overwrite")
-
     what: tyro.conf.Positional[Literal["keypoints"]]
     """What to learn."""
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]

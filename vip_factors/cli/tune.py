@@ -30,7 +30,6 @@ class TuneOptions:
     """
 
     common: ClassVar = ("study", "parameters", "trials", "out", "measure", "settings")
-
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING [RECORDING …]")]
     """Recordings or scenes (.mcap) with a truth; three and more, as different as those that the settings are for."""
     study: Annotated[Path, Output()] = Path("study.log")

@@ -27,7 +27,6 @@ class ViewOptions:
     """
 
     common: ClassVar = ("save", "serve", "picture", "chart", "video", "overwrite")
-
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most, but any number of estimates
     for --chart."""

@@ -1,6 +1,6 @@
 """Gait of an estimate: strides, means and how sure they are, left against right, joint angles over the cycle."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,7 +117,7 @@ def gait_of(estimate: WearerEstimate, recording: Recording | None = None, name: 
         name: of the wearer; the motion's if empty.
         filmed: whether a camera saw the wearer: it measures what sensors do not.
     """
-    sensors = {side: found for side in SIDES if (found := _foot_sensor(estimate, recording, side)) is not None}
+    sensors = {side: found for side in SIDES if (found := foot_sensor(estimate, recording, side)) is not None}
     feet, travel = dict[str, FootEvents](), dict[str, tuple[Array, Array]]()
     for side in SIDES:
         events = events_of_sensor(*sensors[side]) if side in sensors else None
@@ -134,7 +134,8 @@ def gait_of(estimate: WearerEstimate, recording: Recording | None = None, name: 
     guessed = dict.fromkeys(one.angle for one in curves if not is_measured(measured, one.angle))
     return Gait(
         name, feet, strides, _figures(counted), tuple(one for one in curves if one.angle not in guessed),
-        estimate.covariance is not None, bones, _left_out(name, list(guessed), measured),
+        estimate.covariance is not None, bones,
+        (*_guessed_events(name, feet, measured), *_left_out(name, list(guessed), measured)),
     )  # fmt: skip
 
 
@@ -162,7 +163,8 @@ def _during(events: FootEvents, estimate: WearerEstimate) -> FootEvents:
     return FootEvents(events.off[inside], events.strike[inside], events.rest[inside], events.by_sensor)
 
 
-def _foot_sensor(estimate: WearerEstimate, recording: Recording | None, side: str) -> tuple[ImuStream, Array] | None:
+def foot_sensor(estimate: WearerEstimate, recording: Recording | None, side: str) -> tuple[ImuStream, Array] | None:
+    """The samples of the sensor on a foot, and its mounting; None without one."""
     if recording is None:
         return None
     bones = (f"{side}_ankle", f"{side}_foot")
@@ -194,6 +196,12 @@ def _measured_values(stride: Stride, bones: Collection[str] | None) -> Stride:
     """The stride, without values of what no sensor measured."""
     values = {name: one if _is_told(name, stride.side, bones) else np.nan for name, one in stride.values.items()}
     return replace(stride, values=values)
+
+
+def _guessed_events(name: str, feet: Mapping[str, FootEvents], bones: Collection[str] | None) -> tuple[Finding, ...]:
+    """Legs tell events where feet do not: those that nothing measured say little."""
+    by_legs = any(len(one) and not one.by_sensor for one in feet.values())
+    return (Finding("gait by unmeasured legs", name),) if by_legs and not _is_told(OF_BOTH_LEGS[0], "", bones) else ()
 
 
 def _left_out(name: str, angles: Sequence[str], bones: Collection[str] | None) -> tuple[Finding, ...]:

@@ -54,12 +54,15 @@ class FootEvents:
         return len(self.strike)
 
 
-def events_of_sensor(stream: ImuStream, R_bone_sensor: Array) -> FootEvents | None:
+def events_of_sensor(
+    stream: ImuStream, R_bone_sensor: Array, shares: tuple[float, float] = (OFF_SHARE, STRIKE_SHARE)
+) -> FootEvents | None:
     """By the samples of a sensor on a foot, at their own rate; None if they are too few.
 
     Args:
         stream: with angular rate, or orientation alone.
         R_bone_sensor: mounting on the foot, whose x is to the wearer's left.
+        shares: of the ways of the foot's turn at which toe-offs and strikes lie.
     """
     if len(stream) < 2 or stream.rate < LEAST_RATE_HZ:
         return None
@@ -71,7 +74,7 @@ def events_of_sensor(stream: ImuStream, R_bone_sensor: Array) -> FootEvents | No
     off, strike = [], []
     for start, stop in _runs(swing > 0):
         if np.sum(swing[start:stop]) / rate >= np.deg2rad(LEAST_SWING_DEG):
-            ends = _swing_ends(time, toes_up, start, stop, rate)
+            ends = _swing_ends(time, toes_up, start, stop, rate, shares)
             if ends is not None:
                 off.append(ends[0])
                 strike.append(ends[1])
@@ -88,7 +91,9 @@ def _angular_rate(stream: ImuStream) -> tuple[Array, Array]:
     return (time[1:] + time[:-1]) / 2, log(transpose(R[:-1]) @ R[1:]) / np.diff(time)[:, None]
 
 
-def _swing_ends(time: Array, toes_up: Array, start: int, stop: int, rate: float) -> tuple[float, float] | None:
+def _swing_ends(
+    time: Array, toes_up: Array, start: int, stop: int, rate: float, shares: tuple[float, float]
+) -> tuple[float, float] | None:
     near, last = round(NEAR_S * rate), len(time) - 1
     sign = toes_up > 0
     rises = [k for k in range(max(start - near, 0), min(start + near, last)) if not sign[k] and sign[k + 1]]
@@ -100,8 +105,8 @@ def _swing_ends(time: Array, toes_up: Array, start: int, stop: int, rate: float)
     push = before + int(np.argmin(toes_up[before : rise + 1]))
     landing = fall + int(np.argmin(toes_up[fall : fall + round(LANDING_S * rate) + 1]))
     up, down = _zero(time, toes_up, rise), _zero(time, toes_up, fall)
-    off = _between(_extreme(time, -toes_up, push), up, OFF_SHARE)
-    return off, _between(down, _extreme(time, -toes_up, landing), STRIKE_SHARE)
+    off = _between(_extreme(time, -toes_up, push), up, shares[0])
+    return off, _between(down, _extreme(time, -toes_up, landing), shares[1])
 
 
 def events_of_motion(motion: Motion, side: str) -> FootEvents:

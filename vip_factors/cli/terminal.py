@@ -32,7 +32,7 @@ class Stages:
     """
 
     def __init__(self, frames: int = 0) -> None:
-        self._frames = f" of {frames:,} frames" if frames else ""
+        self._frames = f", {frames:,} frames" if frames else ""
         self._often = Counter[str]()
         self._stage, self._share, self._begun, self._told = "", 0.0, 0.0, 0.0
 
@@ -78,7 +78,7 @@ def duration(seconds: float) -> str:
 
 @contextmanager
 def progress_bar(frames: int = 0) -> Iterator[Tell]:
-    """A bar per stage, gone when all is done; where stderr is no terminal, lines of stage, share and time left.
+    """A bar of the stage that goes on, gone when all is done; where stderr is no terminal, lines of the same.
 
     Args:
         frames: of what is worked on, if they are known.
@@ -89,20 +89,16 @@ def progress_bar(frames: int = 0) -> Iterator[Tell]:
             yield stages.tell
         return
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:>3.0f} %"))
     left = TextColumn("{task.fields[left]}")
     with Progress(*columns, TimeElapsedColumn(), left, console=Console(stderr=True), transient=True) as bars:
-        tasks: dict[str, TaskID] = {}
+        bar = bars.add_task("starting", total=1.0, left="")
 
         def tell(stage: str, share: float) -> None:
             stages.tell(stage, share)
-            if stages.name not in tasks:
-                for task in tasks.values():  # a new stage: those before it are done
-                    bars.update(task, completed=1.0, left="")
-                tasks[stages.name] = bars.add_task(stages.name, total=1.0, left="")
-            bars.update(tasks[stages.name], completed=stages.share, left=stages.left)
+            bars.update(bar, description=stages.name, completed=stages.share, left=stages.left)
 
         yield tell
 

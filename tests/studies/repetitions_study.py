@@ -26,7 +26,7 @@ COUNTS: Mapping[str, Mapping[str, int]] = {
     "02_04": {"jump": 1}, "02_06": {"squat": 6}, "02_10": {"squat": 4}, "06_15": {"jump": 1},
 }  # fmt: skip
 # Beside those: walking, running, dancing, dribbling, football, boxing.
-NONE_IN = ("02_01", "02_03", "05_02", "06_02", "10_01", "12_02", "13_17")
+NONE_IN = ("02_01", "02_03", "05_02", "06_02", "10_01", "12_02", "13_18")
 MATCH_S = 0.5  # between the highest moments of one jump
 
 

@@ -19,18 +19,18 @@ struct Blas {
 inline double ONE = 1.0, MINUS_ONE = -1.0;
 inline int NEXT = 1;
 
-// The first w variables of ½ xᵀ M x − vᵀ x out of n: then M holds R and S in its first rows, and what is said of the
-// others behind them; so does v. False if they are not determined.
-inline bool eliminate(const Blas& blas, double* M, double* v, int n, int w) {
+// The first w variables of ½ xᵀ M x − vᵀ x out of n, in rows of which each begins `row` behind the last: then M holds R
+// and S in its first rows, and what is said of the others behind them; so does v. False if they are not determined.
+inline bool eliminate(const Blas& blas, double* M, double* v, int row, int n, int w) {
     int rest = n - w, failed = 0;
     if (w == 0) return true;
-    blas.dpotrf("L", &w, M, &n, &failed);
+    blas.dpotrf("L", &w, M, &row, &failed);
     if (failed) return false;
-    blas.dtrsv("L", "N", "N", &w, M, &n, v, &NEXT);
+    blas.dtrsv("L", "N", "N", &w, M, &row, v, &NEXT);
     if (rest == 0) return true;
-    blas.dtrsm("R", "L", "T", "N", &rest, &w, &ONE, M, &n, M + w, &n);
-    blas.dsyrk("L", "N", &rest, &w, &MINUS_ONE, M + w, &n, &ONE, M + (n + 1) * static_cast<int64_t>(w), &n);
-    blas.dgemv("N", &rest, &w, &MINUS_ONE, M + w, &n, v, &NEXT, &ONE, v + w, &NEXT);
+    blas.dtrsm("R", "L", "T", "N", &rest, &w, &ONE, M, &row, M + w, &row);
+    blas.dsyrk("L", "N", &rest, &w, &MINUS_ONE, M + w, &row, &ONE, M + (row + 1) * static_cast<int64_t>(w), &row);
+    blas.dgemv("N", &rest, &w, &MINUS_ONE, M + w, &row, v, &NEXT, &ONE, v + w, &NEXT);
     return true;
 }
 

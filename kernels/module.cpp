@@ -232,10 +232,26 @@ static void use_blas(nb::dict functions) {
     load("dtrsv", blas.dtrsv), load("dgemv", blas.dgemv), load("dsymv", blas.dsymv);
 }
 
-static bool eliminate(Out<2> information, Out<1> vector, int width) {
+// The variables first … first + width, of which those before are eliminated already.
+static bool eliminate(Out<2> information, Out<1> vector, int first, int width) {
     const auto n = static_cast<int>(vector.shape(0));
-    expect(information.shape(0) == information.shape(1) && information.shape(0) == vector.shape(0) && width <= n);
-    return vip::eliminate(blas, information.data(), vector.data(), n, width);
+    expect(information.shape(0) == information.shape(1) && information.shape(0) == vector.shape(0));
+    expect(first >= 0 && width >= 0 && first + width <= n);
+    return vip::eliminate(blas, information.data() + (n + 1) * static_cast<int64_t>(first), vector.data() + first, n,
+                          n - first, width);
+}
+
+// Some variables of a quadratic, in another order.
+static void reorder(In<2> information, In<1> vector, Indices<1> order, Out<2> into, Out<1> into_vector) {
+    const size_t n = vector.shape(0), k = order.shape(0);
+    expect(information.shape(0) == n && information.shape(1) == n);
+    expect(into.shape(0) == k && into.shape(1) == k && into_vector.shape(0) == k);
+    for (size_t i = 0; i < k; i++) {
+        const int64_t one = order(i);
+        expect(one >= 0 && one < static_cast<int64_t>(n));
+        into_vector(i) = vector(one);
+        for (size_t j = i; j < k; j++) into(i, j) = information(std::min(one, order(j)), std::max(one, order(j)));
+    }
 }
 
 // `found` (w) holds d, and then x; rows (w, n) with the stride of the matrix that they lie in.
@@ -286,6 +302,7 @@ NB_MODULE(_kernels, module) {
     module.def("add_columns", &add_columns);
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate);
+    module.def("reorder", &reorder);
     module.def("substitute", &substitute);
     module.def("slice_in_coordinates", &slice_in_coordinates);
     module.def("add_before", &add_before);

@@ -104,7 +104,7 @@ def add_joints(sums: Scatter, eq: JointEquations) -> None:
     if chain is None or not eq.acts:
         return
     by_joints = [
-        D if sums.charts is None else D @ sums.charts.joints(chain, eq.first + ahead, len(D))
+        D if sums.charts is None else D @ sums.charts.joints(eq.owner.number, eq.first + ahead, len(D))
         for ahead, D in enumerate(eq.by_joints())
     ]
     if eq.whitening is None:

@@ -133,7 +133,9 @@ class BoneBlocks:
         T = len(body.p_world_joint)
         beyond = max([1, *(j + 1 for _, j in self.information)])
         stretch = body.at(slice(sums.begin, min(sums.begin + self.count + beyond - 1, T)))
-        screws = stretch.screws if sums.charts is None else sums.charts.screws(chain, stretch.screws)
+        screws = stretch.screws
+        if sums.charts is not None:
+            screws = sums.charts.screws(sums.layout.chains[chain].owner.number, screws)
 
         def there(i: int, blocks: Array, last: int) -> tuple[Array, Array]:
             n = max(0, min(len(blocks), len(screws) - last))

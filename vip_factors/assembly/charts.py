@@ -21,7 +21,7 @@ class Charts:
     """Derivatives of steps by coordinates, at given coordinates.
 
     Attributes:
-        turns: by chain, of bodies: ``(T, 24, 3, 3)`` of its joints.
+        turns: by wearer ``(T, 24, 3, 3)`` of the joints.
         poses: ``(T, 6, 6)`` of a moving camera, or None.
         static: by owner and block ``(items, c, c)``.
     """
@@ -40,7 +40,7 @@ class Charts:
         ]
         if bodies:
             stacked = right_jacobian(np.stack(vectors))
-            turns = dict(zip(bodies, stacked, strict=True))
+            turns = {layout.chains[number].owner.number: own for number, own in zip(bodies, stacked, strict=True)}
         for number, one in enumerate(layout.chains):
             if one.owner.kind is Owner.CAMERA:
                 poses = pose_right_jacobian(frames[:, layout.chain_columns[number]])
@@ -51,13 +51,13 @@ class Charts:
         }
         return cls(turns, poses, blocks)
 
-    def joints(self, chain: int, first: int, count: int) -> Array:
+    def joints(self, wearer: int, first: int, count: int) -> Array:
         """Of joints 1 … 23 of a body in a stretch of frames ``(count, 23, 3, 3)``."""
-        return self.turns[chain][first : first + count, 1:]
+        return self.turns[wearer][first : first + count, 1:]
 
-    def screws(self, chain: int, screws: Array) -> Array:
+    def screws(self, wearer: int, screws: Array) -> Array:
         """Screws ``(T, 25, 6, 3)`` by the coordinates."""
-        by_joints = screws[:, :-1] @ self.turns[chain][: len(screws)]
+        by_joints = screws[:, :-1] @ self.turns[wearer][: len(screws)]
         return np.concatenate([by_joints, screws[:, -1:]], axis=1)
 
     def of_item(self, owner: OwnerId, block: str, item: int, frame: int) -> Array | None:

@@ -53,8 +53,9 @@ class CompiledSliceAccumulator(SliceAccumulator):
     def finish(self, bodies: Sequence[BodyState]) -> None:
         """See the base."""
         for chain, sums in self._bodies.items():
-            screws = bodies[self.layout.chains[chain].owner.number].screws
-            sums.expand(screws if self.charts is None else self.charts.screws(chain, screws))
+            wearer = self.layout.chains[chain].owner.number
+            screws = bodies[wearer].screws
+            sums.expand(screws if self.charts is None else self.charts.screws(wearer, screws))
 
     def _body(self, owner: OwnerId) -> Any:
         """Where an owner's bones are summed; None where they are kept."""
@@ -89,7 +90,7 @@ class CompiledSliceAccumulator(SliceAccumulator):
         if chain is None or not eq.acts:
             return
         by_joints = [
-            D if self.charts is None else D @ self.charts.joints(chain, eq.first + ahead, len(D))
+            D if self.charts is None else D @ self.charts.joints(eq.owner.number, eq.first + ahead, len(D))
             for ahead, D in enumerate(eq.by_joints())
         ]
         if eq.whitening is None:

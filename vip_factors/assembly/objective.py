@@ -62,16 +62,20 @@ class SceneEvaluation:
 
     def of_bodies(self, frames: slice) -> Iterator[tuple[str, Equations]]:
         """Of those that see a wearer."""
-        for number, wearer in enumerate(self.wearers):
-            at = wearer.apart()
-            if self._wearers_move:
-                for term in WEARER_TERMS:
-                    yield from ((term.kind, one) for one in term.within(at, frames))
-            for camera, one in enumerate(self._viewpoints):
-                owner = OwnerId(Owner.CAMERA, camera)
-                view = ViewEvaluation(at, owner, one.problem, one.state, one.views[number], *self._offsets)
-                for seen in VIEW_TERMS:
-                    yield from ((seen.kind, each) for each in seen.within(view, frames))
+        for number in range(len(self.wearers)):
+            yield from self.of_body(number, frames)
+
+    def of_body(self, number: int, frames: slice) -> Iterator[tuple[str, Equations]]:
+        """Of those that see one of the wearers."""
+        at = self.wearers[number].apart()
+        if self._wearers_move:
+            for term in WEARER_TERMS:
+                yield from ((term.kind, one) for one in term.within(at, frames))
+        for camera, one in enumerate(self._viewpoints):
+            owner = OwnerId(Owner.CAMERA, camera)
+            view = ViewEvaluation(at, owner, one.problem, one.state, one.views[number], *self._offsets)
+            for seen in VIEW_TERMS:
+                yield from ((seen.kind, each) for each in seen.within(view, frames))
 
     def of_camera(self, frames: slice) -> Iterator[tuple[str, Equations]]:
         """Of those that see the camera alone."""
@@ -206,11 +210,28 @@ def scene_slices(
     layout: Layout, problem: SceneProblem, state: SceneState, slices: Slices, charts: Charts | None = None
 ) -> Slices:
     """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough."""
-    slices = slices.emptied(problem.frames)
+    return joined_slices([layout], problem, state, [slices], charts)[0]
+
+
+def joined_slices(
+    layouts: Sequence[Layout], problem: SceneProblem, state: SceneState, slices: Sequence[Slices],
+    charts: Charts | None = None,
+) -> list[Slices]:  # fmt: skip
+    """The same apart for each wearer, whose layout has the camera's variables too, and last for the camera alone.
+
+    A single layout is of all.
+    """
+    slices = [one.emptied(problem.frames) for one in slices]
     kind = SliceAccumulator if kernels is None else CompiledSliceAccumulator
-    sums, evaluation = kind(layout, slices, problem.frames, charts), SceneEvaluation(problem, state)
-    evaluation.add_camera_to(sums)
-    evaluation.add_bodies_to(sums)
+    sums = [kind(layout, one, problem.frames, charts) for layout, one in zip(layouts, slices, strict=True)]
+    evaluation = SceneEvaluation(problem, state)
+    evaluation.add_camera_to(sums[-1])
+    for number in range(len(problem.wearers)):
+        own = sums[number if len(sums) > 1 else 0]
+        for _, equations in evaluation.of_body(number, own.stretch):
+            own.add(equations)
+    for own in sums:
+        own.finish(evaluation.bodies)
     return slices
 
 

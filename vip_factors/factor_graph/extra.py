@@ -231,7 +231,7 @@ class StreamedTerms:
             rows.append(np.arange(own.start, own.stop))
             columns.append(base + start + np.arange(one.width))
             if one.block == JOINT:
-                turns[own, own] = charts.turns[chain][t + ahead, one.item]
+                turns[own, own] = charts.turns[one.wearer][t + ahead, one.item]
             elif one.block != ROOT:
                 chart = charts.of_item(one.owner, one.block, one.item, t + ahead)
                 turns[own, own] = np.eye(one.width) if chart is None else chart

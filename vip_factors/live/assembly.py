@@ -234,7 +234,8 @@ class FrameAssembler:
             if present - self._first_sample < self._settings.settle:
                 return []
             self._begin()
-        if present < self._time(self._point) - ROUNDING:
+        due = self._time(self._point) - ROUNDING
+        if present < due or self._presence.waits(due, present):
             return []
         return self._frames_until(self._presence.complete_until())
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.objective import scene_slices
+from vip_factors.assembly.objective import joined_slices
 from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, moved_frames, stacked
@@ -15,7 +15,7 @@ from vip_factors.live.settings import LiveSettings, RelinearisationSettings
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
-from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
+from vip_factors.solve.joined_lag import Columns, JoinedChains, JoinedSolution, marginal
 from vip_factors.solve.slices import REACH, Slices
 
 PREDICTED_SIGMA = 10.0  # rad or m: far less than the least that a measurement says
@@ -52,8 +52,7 @@ class LagSmoother:
         self.shared = self._origin = shared
         self._coordinates = np.zeros(problem.layout.static_width)
         self._frames: deque[_LagEntry] = deque()
-        self._chain = FixedLagChain(problem.layout.frame_width, problem.layout.static_width)
-        self._solution: LagSolution | None = None
+        self._solution: JoinedSolution | None = None
         self._beginning = 0  # number of the very first frame
         # Frames that tracking goes on from, where something is known from before them.
         self._continued = 0 if information is None else round(settings.lag_s * settings.frame_rate) + REACH
@@ -64,7 +63,12 @@ class LagSmoother:
         self._inflation = np.zeros(problem.layout.static_width)  # variances of the step behind the newest frame
         self._layout = layout = problem.layout
         self._usual_walk = layout.per_column("process_noise") * np.sqrt(settings.walk.every_s)
-        self._slices = Slices(layout.frame_width, layout.static_width, settings.relinearisation.most)
+        parts = _parts(layout, extra is not None)
+        self._layouts = [layout.of_owners(owners) for owners in parts]
+        self._columns = [Columns(layout.frame_columns(owners), layout.static_columns(owners)) for owners in parts]
+        self._chain = JoinedChains(self._columns)
+        most = settings.relinearisation.most
+        self._slices = [Slices(one.frame_width, one.static_width, most) for one in self._layouts]
         self._limits, self._shared_limits = _limits(layout, settings.relinearisation), layout.per_column("relinearise")
 
     # What there is
@@ -142,19 +146,20 @@ class LagSmoother:
         state = stacked([one.state for one in kept], self.shared)
         model = self.problem.model([one.frame for one in kept], beginning=start == self._beginning)
         charts = Charts.at(self._layout, np.stack([one.coordinates for one in kept]), self._coordinates)
-        slices = self._slices = scene_slices(self._layout, model, state, self._slices, charts)
+        slices = self._slices = joined_slices(self._layouts, model, state, self._slices, charts)
         if self._extra is not None:
-            self._extra.add_to(slices, state, start, charts)
-        self._hold(slices, kept)
+            self._extra.add_to(slices[0], state, start, charts)
+        coordinates = np.stack([one.coordinates for one in kept])
+        self._hold(coordinates, sum(one.frame.number < self._beginning + self._continued for one in kept))
         if self._information is not None and start == self._beginning:
-            shared = slice((REACH + 1) * slices.frame, None)
-            slices.hessian[0, shared, shared] += self._information
-            slices.gradient[0, shared] += self._information @ self._coordinates
-        coordinates = [one.coordinates for one in kept]
+            self._add_information(self._information)
+        own = [(coordinates[:, one.frame], self._coordinates[one.static]) for one in self._columns]
         for t, one in enumerate(kept):
-            value = np.concatenate([*coordinates[t : t + REACH + 1], self._coordinates])
-            number = one.frame.number
-            self._chain.eliminate(number, *slices.in_coordinates(t, value), self._walks.get(number))
+            quadratics = [
+                part.in_coordinates(t, np.concatenate([frames[t : t + REACH + 1].ravel(), shared]))
+                for part, (frames, shared) in zip(slices, own, strict=True)
+            ]
+            self._chain.eliminate(one.frame.number, quadratics, self._walks.get(one.frame.number))
             one.linearised, one.shared = one.coordinates, self._coordinates
         self._take()
 
@@ -190,23 +195,37 @@ class LagSmoother:
 
     # Inside
 
-    def _hold(self, slices: Slices, entries: Sequence[_LagEntry]) -> None:
+    def _add_information(self, information: Array) -> None:
+        """Put in what is known from before the first frame: of each part, and of what all have in common but once."""
+        columns = self._columns
+        common = columns[-1].static if len(columns) > 1 else np.zeros(0, int)
+        for slices, part in zip(self._slices, columns, strict=True):
+            own = marginal(information, part.static)
+            if part is not columns[-1]:
+                start = len(part.static) - len(common)
+                own[start:, start:] -= marginal(information, common)
+            shared = slice((REACH + 1) * slices.frame, None)
+            slices.hessian[0, shared, shared] += own
+            slices.gradient[0, shared] += own @ self._coordinates[part.static]
+
+    def _hold(self, coordinates: Array, first: int) -> None:
         """Frames stay where they were predicted in what nothing tells of them.
 
-        These are frames that are estimated each by itself, and those that tracking goes on from: of a wearer whom no
+        These are frames that are estimated each by itself, and the ``first`` ones, that tracking goes on from: of a wearer whom no
         camera has seen yet and whose feet do not stand, nothing else says where, and how fast, the root is there; nor
         of a carried camera that has seen nobody.
         """
-        first = sum(one.frame.number < self._beginning + self._continued for one in entries)
-        for number, columns in enumerate(self._layout.chain_columns):
-            own, held = np.arange(columns.start, columns.stop), first
-            if number < len(self.problem.wearers):
-                alone = not self.problem.wearers[number].use_acceleration
-                own, held = (own, len(entries)) if alone else (own[-3:], first)
-            slices.hessian[:held, own, own] += 1 / PREDICTED_SIGMA**2
-            slices.gradient[:held, own] += (
-                np.stack([one.coordinates[own] for one in entries])[:held] / PREDICTED_SIGMA**2
-            )
+        for layout, slices, part in zip(self._layouts, self._slices, self._columns, strict=True):
+            for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
+                own, held = np.arange(columns.start, columns.stop), first
+                if chain.owner.kind is Owner.WEARER:
+                    alone = not self.problem.wearers[chain.owner.number].use_acceleration
+                    own, held = (own, len(coordinates)) if alone else (own[-3:], first)
+                elif layout is not self._layouts[-1]:
+                    continue  # what all have in common is held but once
+                if held:
+                    slices.hessian[:held, own, own] += 1 / PREDICTED_SIGMA**2
+                    slices.gradient[:held, own] += coordinates[:held, part.frame[own]] / PREDICTED_SIGMA**2
 
     def _take(self) -> None:
         self._solution = found = self._chain.solution()
@@ -231,6 +250,15 @@ class LagSmoother:
             if np.any(np.abs(self._coordinates - one.shared) > self._shared_limits):
                 return number
         return newest
+
+
+def _parts(layout: Layout, together: bool) -> list[set[OwnerId]]:
+    """Whose variables are solved for together: each wearer's with what films them; last, what films them alone."""
+    owners = {one.owner for one in layout.chains} | {owner for owner, _ in layout.blocks}
+    wearers = sorted(one for one in owners if one.kind is Owner.WEARER)
+    if together or len(wearers) < 2:
+        return [owners]
+    return [*({one} | owners.difference(wearers) for one in wearers), owners.difference(wearers)]
 
 
 def _limits(layout: Layout, settings: RelinearisationSettings) -> Array:

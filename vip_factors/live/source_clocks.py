@@ -191,6 +191,7 @@ class SensorPresence:
         self._resumed = -math.inf  # s: before it all were silent, which no sensor is to blame for
         self._lost_at = -math.inf  # s, when samples were dropped last
         self._watched = -math.inf
+        self._slowest = 0  # sensor that frames waited for last
         self._away: dict[int, str] = {}  # told to be silent or late: what to say when it sends again
 
     def note(self, sensor: int, time: float, present: float, begun: bool) -> None:
@@ -247,11 +248,19 @@ class SensorPresence:
         Patience is measured on the newest sample of any sensor; where many send, on the second newest, so that one
         sensor whose clock runs ahead does not make all others late.
         """
-        reached = sorted(time for time, awaited in zip(self._reached, self.awaited, strict=True) if awaited)
-        if not reached:
+        awaited = [sensor for sensor, awaited in enumerate(self.awaited) if awaited]
+        if not awaited:
             return max(self._reached) - self._settings.patience
+        self._slowest = min(awaited, key=self._reached.__getitem__)
+        reached = sorted(self._reached[sensor] for sensor in awaited)
         pace = reached[-1 if len(reached) < ENOUGH else -2]
         return max(reached[0] - self._settings.reordering, pace - self._settings.patience)
+
+    def waits(self, time: float, present: float) -> bool:
+        """Whether a frame at ``time`` still waits for the sensor that frames waited for last: a look at one of many."""
+        patient = time > present - self._settings.patience
+        reached = self._reached[self._slowest] - self._settings.reordering
+        return patient and self.awaited[self._slowest] and time > reached
 
     def _welcome(self, sensor: int) -> None:
         self.awaited[sensor] = True

@@ -281,6 +281,8 @@ class Tracking:
     def _stance_confidence(self, camera: int, window: _Window, number: int) -> list[Array | None]:
         """How surely each wearer's feet stand in a frame; None of wearers whose feet this camera has nothing to do."""
         problem, at = self.smoother.problem, number - window.first
+        if not any(problem.feet[camera]):
+            return [None] * len(problem.wearers)
         recent = slice(max(0, at + 1 - CONTACT_FRAMES), at + CONTACT_FRAMES)
         frames = [
             self.smoother.frame(n) for n in self.smoother.numbers[window.first - self.smoother.numbers[0] :][recent]

@@ -1,7 +1,7 @@
 """The variables of a problem as columns: what each frame has of its own, and named blocks of what all frames share."""
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -209,6 +209,19 @@ class Layout:
         """Number of an owner's chain; None where it has none."""
         return next((number for number, one in enumerate(self.chains) if one.owner == owner), None)
 
+    def of_owners(self, owners: Collection[OwnerId]) -> "Layout":
+        """The same of some owners alone."""
+        blocks = tuple((owner, own) for owner, own in self.blocks if owner in owners)
+        return Layout(tuple(one for one in self.chains if one.owner in owners), blocks)
+
+    def frame_columns(self, owners: Collection[OwnerId]) -> np.ndarray:
+        """Of some owners in a frame's vector."""
+        return _joined(own for one, own in zip(self.chains, self.chain_columns, strict=True) if one.owner in owners)
+
+    def static_columns(self, owners: Collection[OwnerId]) -> np.ndarray:
+        """Of some owners in the static vector."""
+        return _joined(own for owner, own in self.owners if owner in owners)
+
     def columns(self, owner: OwnerId, name: str) -> np.ndarray:
         """Columns of a static block in the static vector; empty where it does not move."""
         found = self.columns_of(owner, name)
@@ -225,6 +238,10 @@ class Layout:
         """``step``, ``process_noise`` or ``relinearise`` of the blocks, for each column of the static vector."""
         values = [block.per_column(getattr(block, attribute)) for _, block, _ in self.placed() if block.free]
         return np.concatenate([np.zeros(0), *values])
+
+
+def _joined(columns: Iterable[slice]) -> np.ndarray:
+    return np.concatenate([np.zeros(0, int), *(np.arange(one.start, one.stop) for one in columns)])
 
 
 def _consecutive(widths: Sequence[int]) -> tuple[slice, ...]:

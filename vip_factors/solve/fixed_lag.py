@@ -50,6 +50,28 @@ class _Conditional:
         return solved
 
 
+def eliminate(information: Array, vector: Array, first: int, width: int) -> None:
+    """Eliminate ``width`` variables of ``½ xᵀ H x − vᵀ x`` from ``first`` on, those before being so already, in place.
+
+    Their rows become those of the conditional, those behind what is known of the others; of ``H``, ``(n, n)`` in C's
+    order, what lies on and above the diagonal counts.
+
+    Raises:
+        SolveError: if they are not determined.
+    """
+    if kernels is not None:
+        if not kernels.eliminate(information, vector, first, width):
+            raise SolveError("the linear system is not determined")
+        return
+    own, others = slice(first, first + width), slice(first + width, None)
+    rest = np.array(information[others, others])
+    R, S_transposed = eliminated(information[own, own], np.array(information[own, others]), rest)
+    if width:
+        vector[own] = dtrsv(R, vector[own], trans=1)
+    information[own, own], information[own, others], information[others, others] = R, S_transposed.T, rest
+    vector[others] -= S_transposed @ vector[own]
+
+
 @dataclass(frozen=True)
 class _Quadratic:
     """``½ xᵀ information x − vectorᵀ x``, of which only what lies on and above the diagonal counts."""
@@ -57,22 +79,22 @@ class _Quadratic:
     information: Array
     vector: Array
 
-    def without(self, width: int) -> tuple[_Conditional, "_Quadratic"]:
+    def without(self, width: int, already: int = 0) -> tuple[_Conditional, "_Quadratic"]:
         """Its first variables, given all others, and what it says of those; what there was is changed.
+
+        Args:
+            width: of the first variables.
+            already: how many of them :func:`eliminate` has been called for.
 
         Raises:
             SolveError: if they are not determined.
         """
-        own, H = slice(0, width), self.information
-        if kernels is not None:
-            if not kernels.eliminate(H, self.vector, width):
-                raise SolveError("the linear system is not determined")
-            return _Conditional(H[own], self.vector[own]), _Quadratic(H[width:, width:], self.vector[width:])
-        rest = np.array(H[width:, width:])
-        R, S_transposed = eliminated(H[own, own], np.array(H[own, width:]), rest)
-        d = dtrsv(R, self.vector[own], trans=1) if width else self.vector[own]
-        rows = np.hstack([R, S_transposed.T])
-        return _Conditional(rows, d), _Quadratic(rest, self.vector[width:] - S_transposed @ d)
+        eliminate(self.information, self.vector, already, width - already)
+        own, others = slice(0, width), slice(width, None)
+        return (
+            _Conditional(self.information[own], self.vector[own]),
+            _Quadratic(self.information[others, others], self.vector[others]),
+        )
 
 
 @dataclass(frozen=True)
@@ -91,10 +113,13 @@ class FixedLagChain:
 
     Args:
         frame, static: widths of a frame, and of what all frames share.
+
+    Attributes:
+        width, static: these.
     """
 
     def __init__(self, frame: int, static: int) -> None:
-        self._width, self._static = frame, static
+        self.width, self.static = frame, static
         self._frames: dict[int, _Eliminated] = {}
         self._past: _Quadratic | None = None  # what is known from the frames that were marginalised
 
@@ -115,6 +140,11 @@ class FixedLagChain:
         Raises:
             SolveError: if a variable is not determined, or for another number.
         """
+        self.begin(number, information, vector)
+        self.end(number, information, vector, 0, sigmas)
+
+    def begin(self, number: int, information: Array, vector: Array) -> None:
+        """The same as far as what is known from before is added to a frame's factors, and no further."""
         kept = self.numbers
         if kept and not kept[0] <= number <= kept[-1] + 1:
             raise SolveError(f"frame {number} does not follow one of the frames {kept[0]} to {kept[-1]}")
@@ -123,18 +153,21 @@ class FixedLagChain:
             del self._frames[later]
         if before is not None:
             self._add(before, information, vector)
-        frame, rest = _Quadratic(information, vector).without(self._width)
+
+    def end(self, number: int, information: Array, vector: Array, already: int, sigmas: Array | None = None) -> None:
+        """The rest of it, once :func:`eliminate` has been called for the first ``already`` columns of the frame."""
+        frame, rest = _Quadratic(information, vector).without(self.width, already)
         shared = None
-        if sigmas is not None:
+        if sigmas is not None and len(sigmas):
             shared, rest = self._wandered(rest, sigmas)
         self._frames[number] = _Eliminated(frame, shared, rest)
 
     def _add(self, before: _Quadratic, information: Array, vector: Array) -> None:
         """What the frames before say of the first ones of a slice, and of what is shared."""
         if kernels is not None:
-            kernels.add_before(before.information, before.vector, self._static, information, vector)
+            kernels.add_before(before.information, before.vector, self.static, information, vector)
             return
-        ahead, start = len(before.vector) - self._static, len(vector) - self._static
+        ahead, start = len(before.vector) - self.static, len(vector) - self.static
         frames, shared = slice(0, ahead), slice(start, None)
         vector[frames] += before.vector[:ahead]
         vector[shared] += before.vector[ahead:]
@@ -144,7 +177,7 @@ class FixedLagChain:
 
     def _wandered(self, rest: _Quadratic, sigmas: Array) -> tuple[_Conditional, _Quadratic]:
         """The shared variables eliminated, and what is known of those that stepped on from them."""
-        s, weight = self._static, np.diag(sigmas**-2.0)
+        s, weight = self.static, np.diag(sigmas**-2.0)
         frames, old = slice(s, -s), slice(-s, None)  # of the shared ones first, then the frames, then their successors
         n = len(rest.vector)
         H, vector = np.zeros((n + s, n + s)), np.zeros(n + s)
@@ -166,9 +199,9 @@ class FixedLagChain:
             SolveError: if what the newest frame shares with those to come is not determined.
         """
         rest = self._frames[max(self._frames)].rest
-        ahead = len(rest.vector) - self._static
-        last, _ = _Quadratic(rest.information[ahead:, ahead:].copy(), rest.vector[ahead:].copy()).without(self._static)
-        return LagSolution(self._frames, last, self._width)
+        ahead = len(rest.vector) - self.static
+        last, _ = _Quadratic(rest.information[ahead:, ahead:].copy(), rest.vector[ahead:].copy()).without(self.static)
+        return LagSolution(self._frames, last, self.width)
 
 
 class LagSolution:
@@ -180,7 +213,7 @@ class LagSolution:
     """
 
     def __init__(self, eliminated: dict[int, _Eliminated], last: _Conditional, width: int) -> None:
-        self._eliminated, self._last, self._width = dict(eliminated), last, width
+        self._eliminated, self._last, self.width = dict(eliminated), last, width
         self.frames = dict[int, Array]()
         self.shared = shared = last.given(np.zeros(0))
         ahead = np.zeros(0)  # of the frames there are
@@ -208,7 +241,7 @@ class LagSolution:
         substitution forwards. No information matrix is inverted, so an accelerometer's double integration costs no
         digits.
         """
-        w, newest = self._width, max(self._eliminated)
+        w, newest = self.width, max(self._eliminated)
         total, own, shared = np.zeros((w, w)), np.eye(w), np.zeros((len(self.shared), w))
         later = np.zeros((min(REACH, newest - number) * w, w))
         for at in range(number, newest + 1):

@@ -1,7 +1,7 @@
 """The fixed-lag smoother of a stream: what is linearised when, and where all variables stand."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -211,9 +211,9 @@ class LagSmoother:
     def _hold(self, coordinates: Array, first: int) -> None:
         """Frames stay where they were predicted in what nothing tells of them.
 
-        These are frames that are estimated each by itself, and the ``first`` ones, that tracking goes on from: of a wearer whom no
-        camera has seen yet and whose feet do not stand, nothing else says where, and how fast, the root is there; nor
-        of a carried camera that has seen nobody.
+        These are frames that are estimated each by itself, and the ``first`` ones, that tracking goes on from: of a
+        wearer whom no camera has seen yet and whose feet do not stand, nothing else says where, and how fast, the root
+        is there; nor of a carried camera that has seen nobody.
         """
         for layout, slices, part in zip(self._layouts, self._slices, self._columns, strict=True):
             for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):

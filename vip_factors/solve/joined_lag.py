@@ -145,7 +145,8 @@ class JoinedSolution:
 
 @cache
 def _own_first(frames: int, width: int, static: int, common: int, common_static: int) -> tuple[np.ndarray, int]:
-    """Columns of a slice whose first own ones are eliminated: the own ones left, and the common ones; how many are own."""
+    """Columns of a slice whose first own ones are eliminated: the own ones that are left, then the common ones; and how
+    many are own."""
     frame = np.arange(frames * width).reshape(frames, width)
     shared = frames * width + np.arange(static)
     own = frame[1:, : width - common].ravel(), shared[: static - common_static]

@@ -65,8 +65,7 @@ class Slices:
         """Of so many frames, all zero; in the same memory, if it is enough: new pages cost more than zeros."""
         if frames > len(self.hessian):
             return Slices(self.frame, self.static, frames)
-        for start in range(0, self.width, self.frame or self.width or 1):  # below the diagonal nothing counts
-            self.hessian[:frames, start : start + self.frame, start:] = 0.0
+        self.hessian[:frames] = 0.0
         self.gradient[:frames] = 0.0
         return self
 

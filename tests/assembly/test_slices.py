@@ -9,7 +9,7 @@ from linear import dense
 from small_problems import KINDS, SILENCES, T, small_scene
 
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.objective import SceneObjective, scene_slices
+from vip_factors.assembly.objective import SceneObjective, joined_slices, scene_slices
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
@@ -45,6 +45,27 @@ def hessian_of_slices(model: SceneProblem, state: SceneState, value: np.ndarray)
 @pytest.mark.parametrize("kind", KINDS)
 def test_slices_add_up_to_the_batch(kind: str) -> None:
     assert_slices_add_up(*small_scene(kind))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_slices_of_each_wearer_and_of_what_films_them_add_up_too(kind: str) -> None:
+    model, state = small_scene(kind)
+    layout = scene_layout(model)
+    charts = Charts.at(layout, np.zeros((T, layout.frame_width)), np.zeros(layout.static_width))
+    whole = slices_of(model, state, charts)
+    owners = [owner for owner, _ in layout.blocks]
+    parts = [{one, *owners[len(model.wearers) :]} for one in owners[: len(model.wearers)]]
+    parts.append(set(owners[len(model.wearers) :]))
+    layouts = [layout.of_owners(part) for part in parts]
+    empty = [Slices(one.frame_width, one.static_width, T) for one in layouts]
+    hessian, gradient = np.zeros_like(whole.hessian), np.zeros_like(whole.gradient)
+    for part, one in zip(parts, joined_slices(layouts, model, state, empty, charts), strict=True):
+        frame, static = layout.frame_columns(part), layout.static_columns(part)
+        own = np.concatenate([*(ahead * whole.frame + frame for ahead in range(3)), 3 * whole.frame + static])
+        hessian[np.ix_(np.arange(T), own, own)] += one.hessian
+        gradient[:, own] += one.gradient
+    np.testing.assert_allclose(np.triu(hessian), np.triu(whole.hessian), atol=1e-9 * np.abs(whole.hessian).max())
+    np.testing.assert_allclose(gradient, whole.gradient, atol=1e-9 * np.abs(whole.gradient).max())
 
 
 @pytest.mark.parametrize("silent", SILENCES)

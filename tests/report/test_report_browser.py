@@ -53,3 +53,35 @@ def test_the_page_works_in_a_browser(with_gl: bool, tmp_path: Path) -> None:
     assert ("with-3d" in body[0]) == with_gl
     readouts = re.findall(r'class="readout">([^<]*)', done.stdout)
     assert any("left" in one and "right" in one for one in readouts)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on the PATH")
+def test_the_film_and_the_page_show_one_time(tmp_path: Path) -> None:
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs the extra dev")
+    pytest.importorskip("av", reason="needs the extra film")
+    scene, report = scene_sample(1.0), tmp_path / "report.html"
+    write_report(
+        estimate_of(scene), report, scene, settings=ReportSettings(moments=0, video_height=96), video=True
+    )  # fmt: skip
+    flags = ["--no-sandbox", *SOFTWARE_GL]
+    with playwright.sync_playwright() as tool, tool.chromium.launch(executable_path=BROWSER, args=flags) as browser:
+        page = browser.new_page(color_scheme="dark")
+        page.goto(report.as_uri())
+        page.wait_for_selector("body[data-viewer=ready]", timeout=60_000)
+        if not page.evaluate("document.createElement('video').canPlayType('video/mp4; codecs=\"avc1.640028\"')"):
+            pytest.skip("this browser plays no H.264")
+
+        def until(true: str) -> None:  # the page's own policy forbids Playwright's way to wait
+            for _ in range(600):
+                if page.evaluate(true):
+                    return
+                page.wait_for_timeout(50)
+            raise AssertionError(true)
+
+        until("film.readyState >= 2")
+        page.evaluate("slider.value = 6; slider.dispatchEvent(new Event('input'))")  # of 30 a second
+        until("Math.abs(film.currentTime - 0.2) < 0.01")
+        page.evaluate("film.play()")
+        until("clock.textContent > '0.5'")
+        assert page.locator("html").get_attribute("data-error") is None

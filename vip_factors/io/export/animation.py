@@ -207,7 +207,8 @@ class _Scene:
             WEIGHTS_0=add(shares, CORNERS, unit=True),
         )
         side_of_bone = np.array([[*Side].index(side_of(bone)) for bone in range(JOINT_COUNT)])
-        side_of_triangle = side_of_bone[body.bone[body.faces[:, 0]]]
+        of_sides = body.weights @ np.eye(len(Side))[side_of_bone]
+        side_of_triangle = np.argmax(of_sides[body.faces].sum(axis=1), axis=1)
         primitives = [
             lib.Primitive(
                 attributes=attributes,

@@ -4,6 +4,7 @@ import gtsam
 import numpy as np
 import pytest
 
+from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.solve.fixed_lag import FixedLagChain
 
@@ -116,6 +117,19 @@ def test_what_is_shared_may_wander() -> None:
     for t in (0, half, FRAMES - 1):
         np.testing.assert_allclose(solution.frames[t], expected.at(frame_key(t)), atol=1e-9)
         np.testing.assert_allclose(solution.covariance(t), tree.marginalCovariance(frame_key(t)), atol=1e-9)
+
+
+@pytest.mark.skipif(kernels is None, reason="without kernels slices begin as zeros")
+def test_what_lies_below_the_diagonal_is_never_summed() -> None:
+    """It is memory as it comes: sums of it are no error, but warn of what it may hold."""
+    signalling = np.array(0x7FF0000000000001, np.uint64).view(float)
+    chain = FixedLagChain(WIDTH, SHARED)
+    with np.errstate(all="raise"):
+        for t, graph in enumerate(slices()):
+            information, vector = dense(t, graph)
+            information[np.tril_indices(len(vector), -1)] = signalling
+            chain.eliminate(t, information, vector, np.ones(SHARED))
+    assert np.all(np.isfinite(chain.solution().shared))
 
 
 def _with_key(factor: gtsam.GaussianFactor, old: int, new: int) -> gtsam.GaussianFactor:

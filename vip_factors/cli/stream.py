@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -176,7 +176,8 @@ def _run(
         avatars = _avatars(options, setup, stack, line)
         others = _others(options, settings, setup, stack, line)
         json = [LiveJsonSink(sys.stdout, setup)] if options.json else []
-        session = Session(tracker, [*json, *([file] if file is not None else []), *avatars, *others], viewers, line)
+        sinks: list[Sink] = [*json, *([file] if file is not None else []), *avatars, *others]
+        session = Session(tracker, sinks, viewers, line, _lasts_s(options))
         for item in interrupts.until_asked(iter(source)):
             session.take(item, source.waited_s)
             if session.over:
@@ -192,6 +193,18 @@ def _run(
         if dropped:
             told.append(f"{dropped} frames were not drawn: Rerun was busy")
     return session, told
+
+
+def _lasts_s(options: StreamOptions) -> float | None:
+    """Of a file that is played back, as its index says."""
+    from vip_factors.io.codec import NS_PER_S
+    from vip_factors.io.mcap_records import logged_interval
+
+    path, interval = Path(options.source), None
+    if path.is_file() and not options.follow:
+        with suppress(VipFactorsError):  # a damaged index: the samples may be read all the same
+            interval = logged_interval(path)
+    return None if interval is None else (interval[1] - interval[0]) / NS_PER_S
 
 
 def _file(options: StreamOptions, settings: "LiveSettings", setup: "Scene", stack: ExitStack) -> "LiveMcapSink | None":

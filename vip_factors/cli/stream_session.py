@@ -128,8 +128,16 @@ class Session:
         lost: a sentence for each output that was wanted and is not there.
     """
 
-    def __init__(self, tracker: Tracker, sinks: Sequence[Sink], viewers: Sequence[VideoSink], line: StatusLine) -> None:
+    def __init__(
+        self,
+        tracker: Tracker,
+        sinks: Sequence[Sink],
+        viewers: Sequence[VideoSink],
+        line: StatusLine,
+        lasts_s: float | None = None,
+    ) -> None:
         self._tracker, self._sinks, self._viewers, self._line = tracker, list(sinks), viewers, line
+        self._lasts_s = lasts_s  # of what is played back
         self.update_s = array("d")
         self.over = False
         self.lost: list[str] = []
@@ -180,7 +188,7 @@ class Session:
                 for sentence in viewer.findings():
                     self._line.note(f"note: {sentence}")
             if self._line.shown:
-                self._line.show(status(estimates[-1], np.array(self._recent)))
+                self._line.show(status(estimates[-1], np.array(self._recent), self._lasts_s))
 
     def _write(self, sink: Sink, estimate: LiveEstimate) -> None:
         try:
@@ -190,10 +198,11 @@ class Session:
             self._sinks.remove(sink)
 
 
-def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
-    """One line: where the stream is, what updates take, who is seen, how sure the headings are."""
+def status(estimate: LiveEstimate, update_s: np.ndarray, lasts_s: float | None = None) -> str:
+    """One line: where the stream is, of how long a file, what updates take, who is seen, how sure headings are."""
     median, late = 1e3 * np.percentile(update_s, [50, 99])
-    parts = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, 99 % {late:.1f} ms"]
+    of = f" of {lasts_s:.1f}" if lasts_s is not None else ""
+    parts = [f"frame {estimate.frame}", f"{estimate.time:.1f}{of} s", f"update {median:.1f} ms, seldom {late:.1f} ms"]
     if estimate.preliminary:
         parts.append("preliminary")
     if estimate.camera is not None:

@@ -183,7 +183,8 @@ class FixedLagChain:
         H, vector = np.zeros((n + s, n + s)), np.zeros(n + s)
         H[frames, frames], vector[frames] = rest.information[:-s, :-s], rest.vector[:-s]
         H[:s, frames] = rest.information[:-s, old].T
-        H[:s, :s], vector[:s] = rest.information[old, old] + weight, rest.vector[old]
+        H[:s, :s], vector[:s] = rest.information[old, old], rest.vector[old]
+        H[:s, :s][np.diag_indices(s)] += sigmas**-2.0  # below the diagonal is anything: a sum would warn of it
         H[:s, old], H[old, old] = -weight, weight
         return _Quadratic(H, vector).without(s)
 

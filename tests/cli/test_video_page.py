@@ -9,10 +9,11 @@ import pytest
 from vip_factors.cli.convert import ConvertOptions
 from vip_factors.cli.detect import DetectOptions
 from vip_factors.cli.options import parse
+from vip_factors.cli.report import ReportOptions
 from vip_factors.cli.run import RunOptions
 
 PAGE = (Path(__file__).parents[2] / "docs" / "video.md").read_text(encoding="utf-8")
-OPTIONS = {"convert": ConvertOptions, "detect": DetectOptions, "run": RunOptions}
+OPTIONS = {"convert": ConvertOptions, "detect": DetectOptions, "report": ReportOptions, "run": RunOptions}
 COMMANDS = [
     line
     for text in re.findall(r"^```bash\n(.*?)^```$", PAGE, flags=re.MULTILINE | re.DOTALL)

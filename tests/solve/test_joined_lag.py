@@ -108,8 +108,8 @@ def test_what_each_hears_of_the_others_is_nearly_all_that_matters() -> None:
         deaf = FixedLagChain(OWN + 2, OWN_SHARED + 1)
         for t, parts in enumerate(people.slices):
             deaf.eliminate(t, np.triu(parts[0][0]), parts[0][1].copy())
-        own = people.places(people.columns[0], FRAMES - 1)[: OWN + 2]
-        apart.append((deaf.solution().frames[FRAMES - 1] - expected[own]) / sigma[own])
+        newest = people.places(people.columns[0], FRAMES - 1)[: OWN + 2]
+        apart.append((deaf.solution().frames[FRAMES - 1] - expected[newest]) / sigma[newest])
     assert np.sqrt(np.mean(np.square(errors))) < 0.25 * np.sqrt(np.mean(np.square(apart)))
 
 

@@ -146,9 +146,10 @@ class EstimateBuilder:
             owner, own = OwnerId(Owner.WEARER, number), shared.wearers[number]
             headings = layout.columns(owner, "headings")
             mountings = layout.columns(owner, "R_bone_sensor").reshape(-1, 3)
+            wrapped = wrap_angle(own.headings).tolist()
             found[wearer.subject.name] = {
                 sensor: SensorCalibration(
-                    float(wrap_angle(own.headings[s])),
+                    wrapped[s],
                     own.R_bone_sensor[s],
                     float(sigma[headings[s]]) if len(headings) else float("nan"),
                     sigma[mountings[s]] if len(mountings) else np.full(3, np.nan),

@@ -26,7 +26,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import DETECTOR
-from vip_factors.sensors.calibration import Calibration, SensorCalibration
+from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings, Settings, flatten
 from vip_factors.solve.chain_elimination import last_marginals
@@ -151,13 +151,15 @@ def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Se
 def told_calibration(calibration: Calibration, errors: ModelErrors, settings: CommonSettings) -> Calibration:
     """Headings and mountings as they are told: with the models' share of their standard deviations."""
     by_convention = 1.5 * settings.factors.heading_prior.gauge_sigma  # as sure is only the world's own
-
-    def told(one: SensorCalibration) -> SensorCalibration:
-        heading = 0.0 if one.heading_sigma <= by_convention else errors.heading
-        mounting = np.hypot(one.mounting_sigma, errors.mounting[joint_index(one.bone)])
-        return replace(one, heading_sigma=float(np.hypot(one.heading_sigma, heading)), mounting_sigma=mounting)
-
-    return {name: told(one) for name, one in calibration.items()}
+    sensors = list(calibration.values())
+    heading = np.array([one.heading_sigma for one in sensors])
+    heading = np.hypot(heading, np.where(heading <= by_convention, 0.0, errors.heading)).tolist()
+    theirs = errors.mounting[np.array([joint_index(one.bone) for one in sensors], int), None]
+    mounting = np.hypot(np.array([one.mounting_sigma for one in sensors]).reshape(-1, 3), theirs)
+    return {
+        name: replace(one, heading_sigma=heading[s], mounting_sigma=mounting[s])
+        for s, (name, one) in enumerate(calibration.items())
+    }
 
 
 def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution) -> SceneCovariance:

@@ -250,7 +250,14 @@ static void reorder(In<2> information, In<1> vector, Indices<1> order, Out<2> in
         const int64_t one = order(i);
         expect(one >= 0 && one < static_cast<int64_t>(n));
         into_vector(i) = vector(one);
-        for (size_t j = i; j < k; j++) into(i, j) = information(std::min(one, order(j)), std::max(one, order(j)));
+        double* row = &into(i, 0);
+        for (size_t j = i, end; j < k; j = end) {  // in runs of columns that stay beside each other
+            for (end = j + 1; end < k && order(end) == order(end - 1) + 1; end++) {}
+            const double* from = information.data() + order(j) * n + one;  // down a column, or along a row
+            if (order(j) >= one) std::copy(&information(one, order(j)), &information(one, order(j)) + (end - j), row + j);
+            else
+                for (size_t l = j; l < end; l++, from += n) row[l] = *from;
+        }
     }
 }
 

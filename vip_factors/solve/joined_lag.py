@@ -120,11 +120,10 @@ class JoinedSolution:
 
     def __init__(self, columns: Sequence[Columns], solutions: Sequence[LagSolution]) -> None:
         self._columns, self._solutions = columns, solutions
-        of_frame, of_shared = [one.frame for one in columns], [one.static for one in columns]
-        self.shared = _mean(of_shared, [one.shared for one in solutions])
-        self.frames = {
-            number: _mean(of_frame, [one.frames[number] for one in solutions]) for number in solutions[0].frames
-        }
+        numbers = list(solutions[0].frames)
+        frames = [np.stack([one.frames[number] for number in numbers]) for one in solutions]
+        self.shared = _mean([one.static for one in columns], [one.shared for one in solutions])
+        self.frames = dict(zip(numbers, _mean([one.frame for one in columns], frames), strict=True))
 
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what the newest frame shares with those to come."""
@@ -170,8 +169,11 @@ def _reordered(information: Array, vector: Array, order: np.ndarray) -> Quadrati
 def _mean(columns: Sequence[np.ndarray], values: Sequence[Array]) -> Array:
     if len(columns) == 1:
         return values[0]
-    where = np.concatenate(columns)
-    return np.bincount(where, np.concatenate(values)) / np.bincount(where)
+    count = np.bincount(np.concatenate(columns))
+    total = np.zeros((*values[0].shape[:-1], len(count)))
+    for own, value in zip(columns, values, strict=True):
+        total[..., own] += value
+    return total / count
 
 
 def _placed(columns: Sequence[np.ndarray], blocks: Sequence[Array]) -> Array:

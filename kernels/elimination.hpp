@@ -1,9 +1,11 @@
-// Elimination within one matrix, in place: vip_factors/solve/fixed_lag.py, by SciPy's own BLAS and LAPACK.
+// Elimination within one matrix, in place: vip_factors/solve/fixed_lag.py and chain_elimination.py, by SciPy's own BLAS and LAPACK.
 //
 // Matrices are stored by rows, of which only the triangle above the diagonal counts: to BLAS, which stores by columns,
 // that is the triangle below the diagonal.
 #pragma once
+#include <algorithm>
 #include <cstdint>
+#include <vector>
 
 namespace vip {
 
@@ -40,6 +42,60 @@ inline void substitute(const Blas& blas, double* M, int row, int n, int w, doubl
     if (w == 0) return;
     if (rest > 0) blas.dgemv("T", &rest, &w, &MINUS_ONE, M + w, &row, y, &NEXT, &ONE, x, &NEXT);
     blas.dtrsv("L", "T", "N", &w, M, &row, x, &NEXT);
+}
+
+// Blocks (T, rows, columns) of each frame, of which the first element stands at `row` and `column` of a matrix.
+struct Piece {
+    const double* data;
+    int64_t step, row_step, column_step, rows, columns, row, column;
+};
+
+// A chain of frames of w columns, each of which sees `ahead` columns of those after it, and n − w − ahead shared ones.
+struct EliminatedChain {
+    int64_t frames;
+    int w, ahead, n;
+    double *rows, *d;  // (T, w, n) R and S; (T, w)
+};
+
+// M (n, n) and v (n), all zero, hold behind the frames' columns in the end what all frames say of the shared ones.
+inline bool eliminate_chain(const Blas& blas, const std::vector<Piece>& pieces, const double* gradient,
+                            const double* damping, double* M, double* v, const EliminatedChain& into) {
+    const int64_t n = into.n, w = into.w, ahead = into.ahead, seen = w + ahead;
+    for (int64_t t = 0; t < into.frames; t++) {
+        for (int64_t r = 0; r < ahead; r++) {  // the frames move on by one
+            double *to = M + r * n, *from = M + (w + r) * n;
+            std::copy(from + w + r, from + seen, to + r);
+            std::fill(to + ahead, to + seen, 0.0);
+            std::copy(from + seen, from + n, to + seen);
+            v[r] = v[w + r];
+        }
+        for (int64_t r = ahead; r < seen; r++) std::fill(M + r * n + r, M + (r + 1) * n, 0.0), v[r] = 0.0;
+        for (const Piece& one : pieces)
+            for (int64_t r = 0; r < one.rows; r++) {
+                const double* from = one.data + t * one.step + r * one.row_step;
+                double* to = M + (one.row + r) * n + one.column;
+                for (int64_t c = std::max<int64_t>(0, one.row + r - one.column); c < one.columns; c++)
+                    to[c] += from[c * one.column_step];
+            }
+        for (int64_t r = 0; r < w; r++) M[r * (n + 1)] += damping[r], v[r] -= gradient[t * w + r];
+        if (!eliminate(blas, M, v, into.n, into.n, into.w)) return false;
+        for (int64_t r = 0; r < w; r++) std::copy(M + r * n + r, M + (r + 1) * n, into.rows + (t * w + r) * n + r);
+        std::copy(v, v + w, into.d + t * w);
+    }
+    return true;
+}
+
+// The steps, in the place of d, of the shared columns' values.
+inline void substitute_chain(const Blas& blas, const double* shared, const EliminatedChain& chain) {
+    const int64_t n = chain.n, w = chain.w, ahead = chain.ahead;
+    std::vector<double> later(n - w, 0.0);
+    std::copy(shared, shared + n - w - ahead, later.data() + ahead);
+    for (int64_t t = chain.frames - 1; t >= 0; t--) {
+        double* x = chain.d + t * w;
+        substitute(blas, chain.rows + t * w * n, chain.n, chain.n, chain.w, later.data(), x);
+        std::copy_backward(later.data(), later.data() + std::max<int64_t>(ahead - w, 0), later.data() + ahead);
+        std::copy(x, x + std::min(w, ahead), later.data());
+    }
 }
 
 // Adds what lies on and above the diagonal: of the first `head` columns of a matrix to the first of another, and of

@@ -9,7 +9,7 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
-using vip::BodySums, vip::Rows, vip::Slices;
+using vip::BodySums, vip::Rows, vip::Target;
 
 template <int N> using In = nb::ndarray<const double, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
 template <int N> using Out = nb::ndarray<double, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
@@ -60,10 +60,68 @@ static void screws(In<4> R_world, In<3> p_world, Out<4> out) {
     }
 }
 
-static Slices slices_in(Out<3> hessian, Out<2> gradient) {
+// Slices (T, n, n) and (T, n).
+static void in_slices(Target* target, Out<3> hessian, Out<2> gradient) {
     const auto T = static_cast<int64_t>(hessian.shape(0)), n = static_cast<int64_t>(hessian.shape(1));
     expect(hessian.shape(2) == hessian.shape(1) && gradient.shape(0) == hessian.shape(0) && gradient.shape(1) == hessian.shape(1));
-    return {hessian.data(), gradient.data(), T, n};
+    new (target) Target{std::vector<double*>(n), std::vector<double*>(n), std::vector<int64_t>(n, n * n),
+                        std::vector<int64_t>(n, n), std::vector<int>(n, 0), {std::vector<int64_t>(n)}, T};
+    for (int64_t c = 0; c < n; c++) {
+        target->rows[c] = hessian.data() + c * n, target->gradients[c] = gradient.data() + c;
+        target->orders[0][c] = c;
+    }
+}
+
+// Of each chain rows (T, w, m), of its columns in the frame and, where frames are tied, in the next two, and then of
+// what else it meets; its gradient (T, w); where in its rows the columns of a frame (W) and of what is shared (s) are,
+// below nought where they never are; and whether frames are tied. Shared: (s, s) and (s). From frame `begin` on.
+static void in_chains(Target* target, nb::list chains, Out<2> shared, Out<1> shared_gradient, int64_t begin, int64_t frames) {
+    struct Own {
+        Out<3> rows;
+        Out<2> gradient;
+        Indices<1> places;
+        bool tied;
+        int64_t start;
+    };
+    std::vector<Own> own;
+    int64_t W = 0;
+    const auto s = static_cast<int64_t>(shared.shape(0));
+    for (nb::handle item : chains) {
+        const nb::tuple one = nb::cast<nb::tuple>(item);
+        own.push_back({nb::cast<Out<3>>(one[0]), nb::cast<Out<2>>(one[1]), nb::cast<Indices<1>>(one[2]), nb::cast<bool>(one[3]), W});
+        W += static_cast<int64_t>(own.back().rows.shape(1));
+    }
+    const int64_t n = vip::FRAMES * W + s;
+    expect(shared.shape(1) == shared.shape(0) && shared_gradient.shape(0) == shared.shape(0));
+    new (target) Target{std::vector<double*>(n), std::vector<double*>(n), std::vector<int64_t>(n, 0),
+                        std::vector<int64_t>(n, 0), std::vector<int>(n, 0), {}, frames};
+    for (const Own& one : own) {
+        const auto w = static_cast<int64_t>(one.rows.shape(1)), m = static_cast<int64_t>(one.rows.shape(2));
+        expect(static_cast<int64_t>(one.places.shape(0)) == W + s && one.gradient.shape(1) == one.rows.shape(1));
+        expect(begin >= 0 && begin + frames <= static_cast<int64_t>(one.rows.shape(0)) && one.gradient.shape(0) == one.rows.shape(0));
+        for (int64_t c = 0; c < W + s; c++) expect(one.places(c) < m);
+        for (int i = 0; i < vip::FRAMES; i++) {
+            std::vector<int64_t> order(n, -1);
+            for (int64_t c = 0; c < s; c++) order[vip::FRAMES * W + c] = one.places(W + c);
+            for (int64_t c = 0; c < W; c++) order[i * W + c] = one.places(c);
+            for (int j = i + 1; j < vip::FRAMES && one.tied; j++)
+                for (int64_t c = 0; c < w; c++) order[j * W + one.start + c] = (j - i) * w + c;
+            for (int64_t c = 0; c < w; c++) {
+                const int64_t at = i * W + one.start + c;
+                target->rows[at] = one.rows.data() + ((begin + i) * w + c) * m, target->row_step[at] = w * m;
+                target->gradients[at] = one.gradient.data() + (begin + i) * w + c, target->gradient_step[at] = w;
+                target->kind[at] = static_cast<int>(target->orders.size());
+            }
+            target->orders.push_back(order);
+        }
+    }
+    for (int64_t c = 0; c < s; c++) {
+        const int64_t at = vip::FRAMES * W + c;
+        target->rows[at] = shared.data() + c * s, target->gradients[at] = shared_gradient.data() + c;
+        target->kind[at] = static_cast<int>(target->orders.size());
+    }
+    target->orders.emplace_back(n, -1);
+    for (int64_t c = 0; c < s; c++) target->orders.back()[vip::FRAMES * W + c] = c;
 }
 
 // What factors (t, n) of m rows are, but for the twists that they see: residuals; confidences and the constants of the
@@ -72,7 +130,7 @@ static Slices slices_in(Out<3> hessian, Out<2> gradient) {
 struct Factors {
     In<3> residual;
     In<2> confidence;
-    std::string_view loss;
+    std::string loss;
     In<2> constant;
     nb::list blocks;
 };
@@ -91,67 +149,84 @@ static double weight_of(const Factors& factors, size_t t, size_t f, size_t m) { 
     return confidence / (1 + norm / k * (norm / k));
 }
 
-// Every factor that weighs anything; `lead` writes its first groups · k columns.
-template <class Lead, class Take>
-static void each_factor(const Slices& slices, int64_t first, int groups, int k, const Factors& factors, Lead lead, Take take) {
+// The rows of factors, slice by slice.
+class FactorRows {
+  public:
+    FactorRows(const Target& target, int64_t first, int groups, int k, const Factors& factors)
+        : first_(first), groups_(groups), k_(k), factors_(factors) {
+        const size_t T = factors.residual.shape(0), n = factors.residual.shape(1), m = factors.residual.shape(2);
+        for (const In<2>* one : {&factors.confidence, &factors.constant})
+            expect((one->shape(0) == T || one->shape(0) == 1) && (one->shape(1) == n || one->shape(1) == 1));
+        expect(first >= 0 && first + static_cast<int64_t>(T) <= target.frames);
+        for (nb::handle item : factors.blocks) {
+            const nb::tuple one = nb::cast<nb::tuple>(item);
+            blocks_.push_back({nb::cast<In<4>>(one[0]), nb::cast<int64_t>(one[1]), 0, nb::cast<bool>(one[2])});
+            Block& block = blocks_.back();
+            block.width = static_cast<int64_t>(block.jacobian.shape(3)), direct_ += block.width;
+            expect(block.jacobian.shape(0) == T && block.jacobian.shape(1) == n && block.jacobian.shape(2) == m);
+            expect(block.start >= 0 && block.start + block.width * static_cast<int64_t>(block.each ? n : 1) <= target.width());
+        }
+    }
+
+    // Takes every factor of a slice that weighs anything; `lead` writes its first groups · k columns.
+    template <class Lead, class Take> void of(int64_t slice, Lead lead, Take take) {
+        const size_t T = factors_.residual.shape(0), n = factors_.residual.shape(1), m = factors_.residual.shape(2);
+        if (slice < first_ || slice >= first_ + static_cast<int64_t>(T)) return;
+        const auto t = static_cast<size_t>(slice - first_);
+        const int64_t width = groups_ * k_ + direct_;
+        J_.resize(m * width), columns_.resize(direct_);
+        for (size_t f = 0; f < n; f++) {
+            const double weight = weight_of(factors_, t, f, m);
+            if (weight == 0) continue;
+            lead(t, f, J_.data(), width);
+            int64_t at = 0;
+            for (const Block& one : blocks_) {
+                const double* from = one.jacobian.data() + (t * n + f) * m * one.width;
+                for (size_t r = 0; r < m; r++)
+                    std::copy(from + r * one.width, from + (r + 1) * one.width, J_.data() + r * width + groups_ * k_ + at);
+                for (int64_t c = 0; c < one.width; c++)
+                    columns_[at + c] = one.start + (one.each ? static_cast<int64_t>(f) * one.width : 0) + c;
+                at += one.width;
+            }
+            take(f, Rows{static_cast<int>(m), groups_, k_, static_cast<int>(direct_), J_.data(), &factors_.residual(t, f, 0),
+                         columns_.data(), weight});
+        }
+    }
+
+  private:
     struct Block {
         In<4> jacobian;
         int64_t start, width;
         bool each;
     };
-    const size_t T = factors.residual.shape(0), n = factors.residual.shape(1), m = factors.residual.shape(2);
-    for (const In<2>* one : {&factors.confidence, &factors.constant})
-        expect((one->shape(0) == T || one->shape(0) == 1) && (one->shape(1) == n || one->shape(1) == 1));
-    expect(first >= 0 && first + static_cast<int64_t>(T) <= slices.frames);
-    std::vector<Block> blocks;
-    int64_t direct = 0;
-    for (nb::handle item : factors.blocks) {
-        const nb::tuple one = nb::cast<nb::tuple>(item);
-        blocks.push_back({nb::cast<In<4>>(one[0]), nb::cast<int64_t>(one[1]), 0, nb::cast<bool>(one[2])});
-        Block& block = blocks.back();
-        block.width = static_cast<int64_t>(block.jacobian.shape(3)), direct += block.width;
-        expect(block.jacobian.shape(0) == T && block.jacobian.shape(1) == n && block.jacobian.shape(2) == m);
-        expect(block.start >= 0 && block.start + block.width * static_cast<int64_t>(block.each ? n : 1) <= slices.width);
-    }
-    const int64_t width = groups * k + direct;
-    std::vector<double> J(m * width);
-    std::vector<int64_t> columns(direct);
-    for (size_t t = 0; t < T; t++)
-        for (size_t f = 0; f < n; f++) {
-            const double weight = weight_of(factors, t, f, m);
-            if (weight == 0) continue;
-            lead(t, f, J.data(), width);
-            int64_t at = 0;
-            for (const Block& one : blocks) {
-                const double* from = one.jacobian.data() + (t * n + f) * m * one.width;
-                for (size_t r = 0; r < m; r++)
-                    std::copy(from + r * one.width, from + (r + 1) * one.width, J.data() + r * width + groups * k + at);
-                for (int64_t c = 0; c < one.width; c++)
-                    columns[at + c] = one.start + (one.each ? static_cast<int64_t>(f) * one.width : 0) + c;
-                at += one.width;
-            }
-            take(first + static_cast<int64_t>(t), f,
-                 Rows{static_cast<int>(m), groups, k, static_cast<int>(direct), J.data(), &factors.residual(t, f, 0),
-                      columns.data(), weight});
-        }
-}
+    int64_t first_;
+    int groups_, k_;
+    Factors factors_;
+    std::vector<Block> blocks_;
+    int64_t direct_ = 0;
+    std::vector<double> J_;
+    std::vector<int64_t> columns_;
+};
 
-static void add_columns(Out<3> hessian, Out<2> gradient, int64_t first, In<3> residual, In<2> confidence,
-                        std::string_view loss, In<2> constant, nb::list blocks) {
-    const Slices slices = slices_in(hessian, gradient);
-    each_factor(slices, first, 0, 0, {residual, confidence, loss, constant, blocks}, [](size_t, size_t, double*, int64_t) {},
-                [&](int64_t t, size_t, const Rows& rows) { BodySums::add_direct(slices, t, rows); });
+static void add_columns(const Target& target, int64_t first, In<3> residual, In<2> confidence, std::string_view loss,
+                        In<2> constant, nb::list blocks) {
+    FactorRows rows(target, first, 0, 0, {residual, confidence, std::string(loss), constant, blocks});
+    for (int64_t t = first; t < first + static_cast<int64_t>(residual.shape(0)); t++)
+        rows.of(t, [](size_t, size_t, double*, int64_t) {}, [&](size_t, const Rows& own) { BodySums::add_direct(target, t, own); });
 }
 
 static void add_bones(BodySums& sums, int64_t first, Indices<1> bones, In<4> by_twist, In<3> residual, In<2> confidence,
                       std::string_view loss, In<2> constant, nb::list blocks) {
     const size_t n = by_twist.shape(1), m = by_twist.shape(2), k = by_twist.shape(3);
     expect(bones.shape(0) == n && by_twist.shape(0) == residual.shape(0) && n == residual.shape(1) && m == residual.shape(2));
-    each_factor(sums.slices(), first, 1, static_cast<int>(k), {residual, confidence, loss, constant, blocks},
+    FactorRows rows(sums.target(), first, 1, static_cast<int>(k), {residual, confidence, std::string(loss), constant, blocks});
+    sums.later([=, &sums](int64_t slice) mutable {
+        rows.of(slice,
                 [&](size_t t, size_t f, double* J, int64_t width) {
                     for (size_t r = 0; r < m; r++) std::copy(&by_twist(t, f, r, 0), &by_twist(t, f, r, 0) + k, J + r * width);
                 },
-                [&](int64_t t, size_t f, const Rows& rows) { sums.add(t, bones(f), rows); });
+                [&](size_t f, const Rows& own) { sums.add(slice, bones(f), own); });
+    });
 }
 
 static void add_differences(BodySums& sums, int64_t first, Indices<1> bones, In<3> arms, In<1> coefficients, In<3> residual,
@@ -159,21 +234,23 @@ static void add_differences(BodySums& sums, int64_t first, Indices<1> bones, In<
     const int groups = static_cast<int>(coefficients.shape(0));
     expect(groups <= vip::FRAMES && bones.shape(0) == residual.shape(1) && residual.shape(2) == 3);
     expect(arms.shape(0) + 1 == residual.shape(0) + coefficients.shape(0) && arms.shape(1) == bones.shape(0));
-    each_factor(sums.slices(), first, groups, 6, {residual, confidence, loss, constant, blocks},
-                [&](size_t t, size_t f, double* J, int64_t width) {
-                    for (int g = 0; g < groups; g++) {  // a twist (ω, v) moves a point by ω × arm + v
-                        const double* arm = &arms(t + g, f, 0);
-                        const double away[3] = {-arm[0], -arm[1], -arm[2]};
-                        double crossing[9];
-                        vip::hat(away, crossing);
-                        for (int r = 0; r < 3; r++)
-                            for (int c = 0; c < 3; c++) {
-                                J[r * width + 6 * g + c] = coefficients(g) * crossing[3 * r + c];
-                                J[r * width + 6 * g + 3 + c] = r == c ? coefficients(g) : 0.0;
-                            }
-                    }
-                },
-                [&](int64_t t, size_t f, const Rows& rows) { sums.add(t, bones(f), rows); });
+    FactorRows rows(sums.target(), first, groups, 6, {residual, confidence, std::string(loss), constant, blocks});
+    auto lead = [=](size_t t, size_t f, double* J, int64_t width) {
+        for (int g = 0; g < groups; g++) {  // a twist (ω, v) moves a point by ω × arm + v
+            const double* arm = &arms(t + g, f, 0);
+            const double away[3] = {-arm[0], -arm[1], -arm[2]};
+            double crossing[9];
+            vip::hat(away, crossing);
+            for (int r = 0; r < 3; r++)
+                for (int c = 0; c < 3; c++) {
+                    J[r * width + 6 * g + c] = coefficients(g) * crossing[3 * r + c];
+                    J[r * width + 6 * g + 3 + c] = r == c ? coefficients(g) : 0.0;
+                }
+        }
+    };
+    sums.later([=, &sums](int64_t slice) mutable {
+        rows.of(slice, lead, [&](size_t f, const Rows& own) { sums.add(slice, bones(f), own); });
+    });
 }
 
 // Coordinates of all joints together, in one frame or two: P (69, 69) between D (frames, t, 23, 3, 3); force (t, 69).
@@ -181,7 +258,7 @@ static void add_joints(BodySums& sums, int64_t first, In<5> D, In<2> P, In<1> we
     const size_t frames = D.shape(0), T = D.shape(1), size = 9 * (vip::JOINTS - 1);
     expect(frames <= vip::FRAMES && D.shape(2) == vip::JOINTS - 1 && P.shape(0) == vip::POSE && P.shape(1) == vip::POSE);
     expect(weight.shape(0) == T && force.shape(0) == T && force.shape(1) == vip::POSE);
-    expect(first >= 0 && first + static_cast<int64_t>(T) <= sums.slices().frames);
+    expect(first >= 0 && first + static_cast<int64_t>(T) <= sums.target().frames);
     for (size_t t = 0; t < T; t++)
         for (size_t i = 0; i < frames; i++) {
             const double* own = D.data() + (i * T + t) * size;
@@ -189,33 +266,34 @@ static void add_joints(BodySums& sums, int64_t first, In<5> D, In<2> P, In<1> we
             for (size_t j = i; j < frames; j++)
                 sums.add_joints(at, static_cast<int>(i), static_cast<int>(j), own, D.data() + (j * T + t) * size,
                                 P.data(), weight(t));
-            double* gradient = sums.slices().gradient + at * sums.slices().width + sums.column(static_cast<int>(i), 3);
             for (int a = 0; a < vip::JOINTS - 1; a++)
                 for (int c = 0; c < 3; c++)
-                    for (int r = 0; r < 3; r++) gradient[3 * a + c] += own[9 * a + 3 * r + c] * force(t, 3 * a + r);
+                    for (int r = 0; r < 3; r++)
+                        sums.target().gradient(at, sums.column(static_cast<int>(i), 3 + 3 * a + c)) += own[9 * a + 3 * r + c] * force(t, 3 * a + r);
         }
 }
 
 // Each joint by itself: D (t, 23, 3, 3), weights and residuals (t, 23, 3).
 static void add_each_joint(BodySums& sums, int64_t first, In<4> D, In<3> residual, In<3> weight) {
-    const Slices& slices = sums.slices();
+    const Target& target = sums.target();
     expect(D.shape(1) == vip::JOINTS - 1 && residual.size() * 3 == D.size() && weight.size() == residual.size());
-    expect(first >= 0 && first + static_cast<int64_t>(D.shape(0)) <= slices.frames);
+    expect(first >= 0 && first + static_cast<int64_t>(D.shape(0)) <= target.frames);
     for (size_t t = 0; t < D.shape(0); t++)
         for (size_t a = 0; a < D.shape(1); a++)
             for (int c = 0; c < 3; c++) {
                 const int64_t at = first + static_cast<int64_t>(t), own = sums.column(0, 3 + 3 * static_cast<int64_t>(a));
                 for (int r = 0; r < 3; r++) {
                     const double pushed = weight(t, a, r) * D(t, a, r, c);
-                    slices.gradient[at * slices.width + own + c] += pushed * residual(t, a, r);
-                    for (int d = c; d < 3; d++) slices.row(at, own + c)[own + d] += pushed * D(t, a, r, d);
+                    target.gradient(at, own + c) += pushed * residual(t, a, r);
+                    for (int d = c; d < 3; d++) target.add(at, own + c, own + d, pushed * D(t, a, r, d));
                 }
             }
 }
 
 static void expand(BodySums& sums, In<4> screws) {
-    expect(static_cast<int64_t>(screws.shape(0)) == sums.slices().frames && screws.shape(1) == vip::SCREWS);
-    sums.expand(screws.data());
+    expect(static_cast<int64_t>(screws.shape(0)) >= sums.target().frames && screws.shape(1) == vip::SCREWS);
+    nb::gil_scoped_release released;  // stretches are summed side by side
+    sums.expand(screws.data(), static_cast<int64_t>(screws.shape(0)));
 }
 
 static vip::Blas blas;
@@ -268,6 +346,34 @@ static void substitute(nb::ndarray<double, nb::ndim<2>, nb::device::cpu> rows, I
     vip::substitute(blas, rows.data(), static_cast<int>(rows.stride(0)), n, w, const_cast<double*>(later.data()), found.data());
 }
 
+// Pieces: blocks (T, r, c) of each frame's rows in a matrix, with the first row and column.
+static bool eliminate_chain(nb::list pieces, In<2> gradient, In<1> damping, int ahead, Out<2> information, Out<1> vector,
+                            Out<3> rows, Out<2> d) {
+    const vip::EliminatedChain into{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
+                                    static_cast<int>(rows.shape(2)), rows.data(), d.data()};
+    expect(information.size() == rows.shape(2) * rows.shape(2) && vector.size() == rows.shape(2) && into.w + ahead <= into.n);
+    expect(damping.size() == rows.shape(1) && gradient.size() == d.size() && d.size() == rows.shape(0) * rows.shape(1));
+    std::vector<vip::Piece> found;
+    for (nb::handle item : pieces) {
+        const nb::tuple one = nb::cast<nb::tuple>(item);
+        const auto blocks = nb::cast<nb::ndarray<const double, nb::ndim<3>, nb::device::cpu>>(one[0]);
+        found.push_back({blocks.data(), blocks.stride(0), blocks.stride(1), blocks.stride(2), static_cast<int64_t>(blocks.shape(1)),
+                         static_cast<int64_t>(blocks.shape(2)), nb::cast<int64_t>(one[1]), nb::cast<int64_t>(one[2])});
+        expect(blocks.shape(0) == rows.shape(0) && found.back().row >= 0 && found.back().column >= 0);
+        expect(found.back().row + found.back().rows <= into.w && found.back().column + found.back().columns <= into.n);
+    }
+    nb::gil_scoped_release released;
+    return vip::eliminate_chain(blas, found, gradient.data(), damping.data(), information.data(), vector.data(), into);
+}
+
+// `steps` (T, w) hold d, and then the steps.
+static void substitute_chain(Out<3> rows, In<1> shared, int ahead, Out<2> steps) {
+    const vip::EliminatedChain chain{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
+                                     static_cast<int>(rows.shape(2)), rows.data(), steps.data()};
+    expect(steps.size() == rows.shape(0) * rows.shape(1) && chain.n - chain.w - ahead == static_cast<int>(shared.size()));
+    vip::substitute_chain(blas, shared.data(), chain);
+}
+
 // Of a slice (N, N) the columns of the frames that there are, and of the last `shared` ones: as a quadratic in x.
 static void slice_in_coordinates(Out<2> hessian, In<1> gradient, In<1> value, int shared, Out<2> information, Out<1> vector) {
     auto N = static_cast<int64_t>(hessian.shape(0)), n = static_cast<int64_t>(value.shape(0)), head = n - shared;
@@ -311,14 +417,18 @@ NB_MODULE(_kernels, module) {
     module.def("eliminate", &eliminate);
     module.def("reorder", &reorder);
     module.def("substitute", &substitute);
+    module.def("eliminate_chain", &eliminate_chain);
+    module.def("substitute_chain", &substitute_chain);
     module.def("slice_in_coordinates", &slice_in_coordinates);
     module.def("add_before", &add_before);
+    nb::class_<Target>(module, "Target")
+        .def("__init__", &in_slices, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+        .def("__init__", &in_chains, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>());
     nb::class_<BodySums>(module, "BodySums")
-        .def("__init__", [](BodySums* self, Out<3> hessian, Out<2> gradient, int64_t first, int64_t frame,
-                            Indices<1> parents, int64_t others) {
+        .def("__init__", [](BodySums* self, const Target& target, int64_t first, int64_t frame, Indices<1> parents, int64_t others) {
             expect(parents.shape(0) == vip::JOINTS);
-            new (self) BodySums(slices_in(hessian, gradient), first, frame, parents.data(), others);
-        }, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+            new (self) BodySums(target, first, frame, parents.data(), others);
+        }, nb::keep_alive<1, 2>())
         .def("add_bones", &add_bones)
         .def("add_differences", &add_differences)
         .def("add_joints", &add_joints)

@@ -66,6 +66,27 @@ def test_slices_where_nothing_was_measured(silent: tuple[int, ...], monkeypatch:
     assert_same_slices(*small_scene("moving", silent), True, monkeypatch)
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_chains(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a frame with itself, and of what all share, what lies on and above the diagonal counts."""
+    model, state = small_scene(kind)
+    monkeypatch.setattr(objective, "CHUNK", 3)
+    problem = objective.SceneObjective(model)
+    fast = problem.linearise(state)
+    monkeypatch.setattr(objective, "kernels", None)
+    pure = problem.linearise(state)
+    for one, other in zip(fast.chains, pure.chains, strict=True):
+        counts, expected = one.rows.copy(), other.rows.copy()
+        for rows in (counts, expected):
+            rows[:, *np.tril_indices(len(one.damping), -1)] = 0.0
+        np.testing.assert_allclose(counts, expected, atol=1e-10 * np.abs(expected).max())
+        np.testing.assert_allclose(one.gradient, other.gradient, atol=1e-10 * np.abs(other.gradient).max())
+    np.testing.assert_allclose(
+        np.triu(fast.static), np.triu(pure.static), atol=1e-10 * np.abs(pure.static).max(initial=1.0)
+    )
+    np.testing.assert_allclose(fast.static_gradient, pure.static_gradient, rtol=1e-8, atol=1e-8)
+
+
 def assert_same_slices(
     model: SceneProblem, state: SceneState, in_coordinates: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import SolveError
-from vip_factors.solve.chain_elimination import last_covariance
-from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, chain_step, is_one_chain, static_key
+from vip_factors.solve import chain_elimination
+from vip_factors.solve.chain_elimination import ChainElimination, last_covariance
+from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, static_key
 from vip_factors.solve.elimination import chain_marginals, eliminate
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
@@ -153,30 +154,59 @@ def random_chain(tied: bool) -> ChainSystem:
             for j in range(i + 1, 3):
                 if part.following is not None:
                     part.following[t + i, j - i - 1] += H[i, :, j]
-    part.own += np.eye(W)
+    part.own[:] += np.eye(W)
     part.gradient += random.standard_normal((T, W))
     return ChainSystem([part], [], np.zeros((0, 0)), np.zeros(0), np.zeros(0))
 
 
+def scene_system(tied: bool, moving: bool) -> ChainSystem:
+    """Two chains of one width, tied to the next two frames or not, each with a group of its own; a third chain that
+    both meet, and its group, which they see, or that group alone."""
+    first, second = random_chain(tied), random_chain(tied)
+    random, chains = np.random.default_rng(3), [first.chains[0], second.chains[0]]
+    chains[1].keys[:] = frame_keys(1, T)
+    groups = [StaticGroup(static_key(g), slice(2 * g, 2 * g + 2)) for g in range(3)]
+    system = ChainSystem(chains, groups, 9.0 * np.eye(6), random.standard_normal(6), np.ones(6))
+    system.static[:2, 4:] = system.static[4:, :2] = 0.3
+    if moving:
+        camera = random_chain(True).chains[0]
+        camera.keys[:] = frame_keys(2, T)
+        chains.append(camera)
+        system.between |= {(p, 2): 0.2 * random.standard_normal((T, W, W)) for p in range(2)}
+    for chain, group in [(0, 0), (0, 2), (1, 1), (1, 2), *([(2, 2)] if moving else [])]:
+        system.coupling[chain, group] = 0.2 * random.standard_normal((T, W, 2))
+    for one in chains:
+        one.own[:] += 3.0 * np.eye(W)
+    return system
+
+
 @pytest.mark.parametrize("tied", [True, False])
+@pytest.mark.parametrize("moving", [True, False])
+@pytest.mark.parametrize("pure", [True, False])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
-def test_the_step_is_gtsams(tied: bool, damping: float) -> None:
-    system = random_chain(tied)
-    expected, step = eliminate(system.stretches(damping)).optimize(), chain_step(system.chains[0], damping)
-    assert step is not None
-    for key in system.chains[0].keys:
-        np.testing.assert_allclose(step.at(key), expected.at(key), rtol=1e-10, atol=1e-12)
+def test_the_step_and_the_covariance_are_gtsams(
+    tied: bool, moving: bool, pure: bool, damping: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if pure:
+        monkeypatch.setattr(chain_elimination, "kernels", None)
+    alone, system = random_chain(tied), scene_system(tied, moving)
+    for one in (alone, system):
+        expected, step = eliminate(one.stretches(damping)).optimize(), ChainElimination(one, damping).step()
+        for key in [key for chain in one.chains for key in chain.keys] + [group.key for group in one.groups]:
+            np.testing.assert_allclose(step.at(key), expected.at(key), rtol=1e-9, atol=1e-12)
+    keys = [group.key for group in system.groups]
+    marginals, found = chain_marginals(system), last_covariance(system, keys)
+    for number, key in enumerate(keys):
+        own = slice(2 * number, 2 * number + 2)
+        np.testing.assert_allclose(found[own, own], marginals[key], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.parametrize("pure", [True, False])
 @pytest.mark.parametrize("tied", [True, False])
-def test_what_is_not_determined_has_no_step(tied: bool) -> None:
+def test_what_is_not_determined_has_no_step(tied: bool, pure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if pure:
+        monkeypatch.setattr(chain_elimination, "kernels", None)
     system = random_chain(tied)
     system.chains[0].own[3] = -np.eye(W)
-    assert chain_step(system.chains[0], 0.0) is None
-
-
-def test_what_frames_share_makes_it_no_single_chain() -> None:
-    system = random_chain(True)
-    assert is_one_chain(system)
-    system.groups.append(StaticGroup(static_key(0), slice(0, 2)))
-    assert not is_one_chain(system)
+    with pytest.raises(SolveError, match="not determined"):
+        ChainElimination(system, 0.0)

@@ -27,7 +27,14 @@ _EACH = np.arange(POSE_SIZE).reshape(-1, 3) + JOINTS.start
 
 
 class Accumulator(Scatter):
-    """Sums equations over a stretch of frames; arguments as of :class:`~vip_factors.assembly.scatter.Scatter`."""
+    """Sums equations over a stretch of frames; arguments as of :class:`~vip_factors.assembly.scatter.Scatter`.
+
+    Attributes:
+        by_first_frame: whether it takes the factors whose first frame is in the stretch, whatever else they see; else
+            those that see a frame of it, and of them what they say of the stretch.
+    """
+
+    by_first_frame = False
 
     def __init__(self, layout: Layout, begin: int, count: int, charts: Charts | None = None) -> None:
         super().__init__(layout, begin, count, charts)

@@ -3,14 +3,14 @@
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.assembly.accumulator import Accumulator
 from vip_factors.assembly.chain import ChainAccumulator
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.compiled_slices import CompiledSliceAccumulator
+from vip_factors.assembly.compiled_sums import CompiledChainAccumulator, CompiledSliceAccumulator
 from vip_factors.assembly.slices import SliceAccumulator
 from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array
@@ -21,7 +21,7 @@ from vip_factors.problem.variables import STEP_ANGLE, scene_layout
 from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, knot_key, static_key
 from vip_factors.solve.knots import KnotSystem
 from vip_factors.solve.slices import Slices
-from vip_factors.terms.equations import Equations
+from vip_factors.terms.equations import Equations, Term
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
 
@@ -34,6 +34,9 @@ class Step(Protocol):
     def at(self, key: int) -> Array:
         """One of them."""
         ...
+
+
+Which = Callable[[Term[Any], Any, slice], Iterator[Equations]]
 
 
 class SceneEvaluation:
@@ -55,42 +58,42 @@ class SceneEvaluation:
         self._viewpoints = problem.viewpoints(state.camera)
         self._wearers_move = wearers_move
 
-    def equations(self, frames: slice) -> Iterator[tuple[str, Equations]]:
-        """Of all factors that see any frame of a stretch, with their kinds."""
-        yield from self.of_bodies(frames)
-        yield from self.of_camera(frames)
+    def equations(self) -> Iterator[tuple[str, Equations]]:
+        """Of all factors, with their kinds."""
+        yield from self.of_bodies(slice(0, self.camera.frames), Term.of_first_in)
+        yield from self.of_camera()
 
-    def of_bodies(self, frames: slice) -> Iterator[tuple[str, Equations]]:
-        """Of those that see a wearer."""
+    def of_bodies(self, frames: slice, which: Which) -> Iterator[tuple[str, Equations]]:
+        """Of those of a stretch that see a wearer."""
         for number in range(len(self.wearers)):
-            yield from self.of_body(number, frames)
+            yield from self.of_body(number, frames, which)
 
-    def of_body(self, number: int, frames: slice) -> Iterator[tuple[str, Equations]]:
+    def of_body(self, number: int, frames: slice, which: Which) -> Iterator[tuple[str, Equations]]:
         """Of those that see one of the wearers."""
         at = self.wearers[number].apart()
         if self._wearers_move:
             for term in WEARER_TERMS:
-                yield from ((term.kind, one) for one in term.within(at, frames))
+                yield from ((term.kind, one) for one in which(term, at, frames))
         for camera, one in enumerate(self._viewpoints):
             owner = OwnerId(Owner.CAMERA, camera)
             view = ViewEvaluation(at, owner, one.problem, one.state, one.views[number], *self._offsets)
             for seen in VIEW_TERMS:
-                yield from ((seen.kind, each) for each in seen.within(view, frames))
+                yield from ((seen.kind, each) for each in which(seen, view, frames))
 
-    def of_camera(self, frames: slice) -> Iterator[tuple[str, Equations]]:
+    def of_camera(self) -> Iterator[tuple[str, Equations]]:
         """Of those that see the camera alone."""
         for term in CAMERA_TERMS:
-            yield from ((term.kind, one) for one in term.within(self.camera, frames))
+            yield from ((term.kind, one) for one in term.all(self.camera))
 
     def add_bodies_to(self, sums: Accumulator) -> None:
         """Sum the equations of an accumulator's stretch that see a wearer."""
-        for _, equations in self.of_bodies(sums.stretch):
+        for _, equations in self.of_bodies(sums.stretch, Term.of_first_in if sums.by_first_frame else Term.within):
             sums.add(equations)
         sums.finish(self.bodies)
 
     def add_camera_to(self, sums: Accumulator) -> None:
         """Sum those that see the camera alone; they are small, and one stretch of all frames is the fastest."""
-        for _, equations in self.of_camera(sums.stretch):
+        for _, equations in self.of_camera():
             sums.add(equations)
 
 
@@ -106,6 +109,7 @@ class SceneObjective:
         self.problem, self._wearers_move = problem, wearers_move
         self.layout = scene_layout(problem, wearers_move=wearers_move)
         self.static_keys = [static_key(group) for group in range(len(self.layout.owners))]
+        self._system: ChainSystem | None = None
 
     def frame_keys(self, owner: OwnerId) -> list[int] | None:
         """GTSAM's names of an owner's frames in the linear system; None where it has none."""
@@ -122,19 +126,22 @@ class SceneObjective:
     def cost(self, state: SceneState) -> Mapping[str, float]:
         """Half the sum of squared whitened residuals, losses applied, by kind of factor."""
         costs: dict[str, float] = {}
-        everything = slice(0, self.problem.frames)
-        for kind, equations in SceneEvaluation(self.problem, state, self._wearers_move).equations(everything):
+        for kind, equations in SceneEvaluation(self.problem, state, self._wearers_move).equations():
             costs[kind] = costs.get(kind, 0.0) + equations.cost
         if self.problem.extra is not None:
             costs["extra"] = self.problem.extra.cost(self.problem, state)
         return costs
 
     def linearise(self, state: SceneState) -> ChainSystem:
-        """The normal equations at a state."""
+        """The normal equations at a state, in the memory of those before, which are no more."""
         evaluation, T = SceneEvaluation(self.problem, state, self._wearers_move), self.problem.frames
-        system = self._empty_system()
-        sums = [ChainAccumulator(self.layout, system, t, min(CHUNK, T - t)) for t in range(0, T, CHUNK)]
-        parallel_map(evaluation.add_bodies_to, sums)
+        system = self._system.emptied() if self._system is not None else self._empty_system()
+        pure, walks = kernels is None or self.problem.extra is not None, any(one.knots for one in system.groups)
+        self._system = None if walks else system
+        kind = ChainAccumulator if pure or walks else CompiledChainAccumulator
+        sums = [kind(self.layout, system, t, min(CHUNK, T - t)) for t in range(0, T, CHUNK)]
+        for some in (sums[::2], sums[1::2]):  # each may write into the first frames of the next
+            parallel_map(evaluation.add_bodies_to, some)
         camera = ChainAccumulator(self.layout, system, 0, T)
         evaluation.add_camera_to(camera)
         for one in (*sums, camera):
@@ -145,23 +152,29 @@ class SceneObjective:
         return system
 
     def _empty_system(self) -> ChainSystem:
-        layout, T = self.layout, self.problem.frames
-        chains = [
-            Chain.empty(number, T, one.step**-2.0, self._is_tied(one.owner)) for number, one in enumerate(layout.chains)
-        ]
+        layout, T, s = self.layout, self.problem.frames, self.layout.static_width
         groups = [
             StaticGroup(key, columns, self._knots(group, owner, columns))
             for group, (key, (owner, columns)) in enumerate(zip(self.static_keys, layout.owners, strict=True))
         ]
-        s = layout.static_width
-        system = ChainSystem(chains, groups, np.zeros((s, s)), np.zeros(s), layout.per_column("step") ** -2.0)
+        system = ChainSystem([], groups, np.zeros((s, s)), np.zeros(s), layout.per_column("step") ** -2.0)
         for p, chain in enumerate(layout.chains):
-            for q, other in enumerate(layout.chains[p + 1 :], start=p + 1):
-                if other.owner.kind is not Owner.WEARER:
-                    system.between[p, q] = np.zeros((T, chain.width, other.width))
-            for g, (owner, columns) in enumerate(layout.owners):
-                if owner == chain.owner or owner.kind is not Owner.WEARER or chain.owner.kind is not Owner.WEARER:
-                    system.coupling[p, g] = np.zeros((T, chain.width, columns.stop - columns.start))
+            met = [
+                (system.between, q, other.width)
+                for q, other in enumerate(layout.chains)
+                if q > p and other.owner.kind is not Owner.WEARER
+            ] + [
+                (system.coupling, g, columns.stop - columns.start)
+                for g, (owner, columns) in enumerate(layout.owners)
+                if owner == chain.owner or owner.kind is not Owner.WEARER or chain.owner.kind is not Owner.WEARER
+            ]
+            others = sum(width for *_, width in met)
+            own = Chain.empty(p, T, chain.step**-2.0, self._is_tied(chain.owner), others)
+            start = own.rows.shape[2] - others
+            for blocks, number, width in met:
+                blocks[p, number] = own.rows[:, :, start : start + width]
+                start += width
+            system.chains.append(own)
         return system
 
     def _is_tied(self, owner: OwnerId) -> bool:
@@ -228,7 +241,7 @@ def joined_slices(
     evaluation.add_camera_to(sums[-1])
     for number in range(len(problem.wearers)):
         own = sums[number if len(sums) > 1 else 0]
-        for _, equations in evaluation.of_body(number, own.stretch):
+        for _, equations in evaluation.of_body(number, own.stretch, Term.of_first_in):
             own.add(equations)
     for own in sums:
         own.finish(evaluation.bodies)

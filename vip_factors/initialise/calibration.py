@@ -9,6 +9,7 @@ mounting.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import solve_banded
 
 from vip_factors.body.calibration_pose import R_WORLD_FACING_X, HeldPose, nominal_pose
 from vip_factors.body.kinematics import forward_kinematics
@@ -21,6 +22,7 @@ from vip_factors.sensors.frames import ImuFrames
 CUTOFF_HZ = 0.3  # below a slow step (0.5 Hz per foot), above the drift of attitude filters
 LEAST_COHERENCE = 0.5  # below it the limbs' own motion, or standing still, leaves no common acceleration to see
 INFLATION = 2.0  # of the error that the coherence promises: what limbs do in step with the body is no white noise
+PAD = 9  # frames beyond the ends that a filter starts in
 PAD_PERIODS = 3  # recordings shorter than this many periods of the cut-off say nothing
 
 
@@ -53,10 +55,7 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
     if not use[reference] or duration * CUTOFF_HZ < PAD_PERIODS or 2 * CUTOFF_HZ * frames.step >= 1:
         return none
     force = frames.specific_force_inertial[rows]
-    from scipy.signal import butter, sosfiltfilt  # brings scipy.stats, a third of a second: not before a first answer
-
-    low_pass = butter(2, CUTOFF_HZ, fs=1 / frames.step, output="sos")
-    smooth = sosfiltfilt(low_pass, force[..., :2], axis=0)
+    smooth = _low_passed(force[..., :2], CUTOFF_HZ * frames.step)
     z = smooth[..., 0] + 1j * smooth[..., 1]
     z = z - z.mean(axis=0)
     cross = np.conj(z).T @ z[:, reference]  # turned from each sensor's frame to the reference's
@@ -70,6 +69,32 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
     sigma = np.where(clear, INFLATION * np.sqrt((1 - safe**2) / (2 * safe**2 * samples)), np.inf)
     sigma[reference] = np.inf
     return HeadingEvidence(np.where(np.isfinite(sigma), np.angle(cross), 0.0), sigma)
+
+
+def _low_passed(signal: Array, cutoff: float) -> Array:
+    """Forwards and backwards through a Butterworth filter of second order, ``cutoff`` in cycles per frame.
+
+    As ``scipy.signal.sosfiltfilt`` has it, which brings scipy.stats, a third of a second: beyond the ends the signal
+    goes on turned about them, and was constant before.
+    """
+    w = np.tan(np.pi * cutoff)
+    scale = 1 / (1 + np.sqrt(2) * w + w**2)
+    gains = scale * w**2 * np.array([1.0, 2.0, 1.0])
+    feedback = scale * np.array([2 * (w**2 - 1), w**2 - np.sqrt(2) * w + 1])
+
+    def filtered(x: Array) -> Array:
+        before = np.concatenate([x[:1], x[:1], x])
+        driven = gains[0] * x + gains[1] * before[1:-1] + gains[2] * before[:-2]
+        driven[0] -= feedback.sum() * x[0]
+        driven[1] -= feedback[1] * x[0]
+        bands = np.ones((3, len(x)))
+        bands[1:] = feedback[:, None]
+        return np.asarray(solve_banded((2, 0), bands, driven, check_finite=False))
+
+    flat = signal.reshape(len(signal), -1)
+    turned = [2 * flat[:1] - flat[PAD:0:-1], flat, 2 * flat[-1:] - flat[-2 : -PAD - 2 : -1]]
+    smooth = filtered(filtered(np.concatenate(turned))[::-1])[::-1]
+    return np.asarray(smooth[PAD:-PAD].reshape(signal.shape))
 
 
 @dataclass(frozen=True)

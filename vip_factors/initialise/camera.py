@@ -11,13 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import (
     Array,
     angle_between,
-    mean_rotation,
+    nearest_rotation,
     rotation_z,
     transpose,
     wrap_angle,
@@ -62,14 +63,19 @@ class Sightings:
         return replace(self, R_camera_world=self.R_camera_world @ rotation_z(-yaw))
 
 
-def robust_mean_rotation(R: Array) -> Array:
-    """Mean ``(3, 3)`` of rotations ``(n, 3, 3)``, outliers discounted (Cauchy)."""
-    weights = np.ones(len(R))
-    mean = mean_rotation(R)
+def robust_mean_rotation(R: Array, there: np.ndarray | float = 1.0) -> Array:
+    """Means ``(..., 3, 3)`` of rotations ``(..., n, 3, 3)``, outliers discounted (Cauchy); ``there`` ``(..., n)`` says
+    which there are."""
+    weights = there * np.ones(R.shape[:-2])
+    mean = _mean_rotation(R, weights)
     for _ in range(MEAN_ROUNDS):
-        weights = 1 / (1 + (angle_between(mean, R) / MEAN_SCALE) ** 2)
-        mean = mean_rotation(R, weights)
+        weights = there / (1 + (angle_between(mean[..., None, :, :], R) / MEAN_SCALE) ** 2)
+        mean = _mean_rotation(R, weights)
     return mean
+
+
+def _mean_rotation(R: Array, weights: Array) -> Array:
+    return nearest_rotation(np.einsum("...n,...nij->...ij", weights, R))
 
 
 def robust_mean_angle(angles: Array) -> float:
@@ -96,8 +102,7 @@ def standing_camera(sightings: Sightings, p_world_pelvis: Array) -> CameraPath:
 def moving_camera(sightings: Sightings, p_world_pelvis: Array, time: Array) -> CameraPath:
     """A camera that moves, at instants ``time`` ``(T,)``: each sighting's own, smoothed by a running median."""
     R_world_camera = transpose(sightings.R_camera_world)
-    R = np.stack([_local_mean(R_world_camera, sightings.time, at) for at in sightings.time])
-    return _path(R, sightings, p_world_pelvis, time)
+    return _path(_local_means(R_world_camera, sightings.time), sightings, p_world_pelvis, time)
 
 
 def carried_camera(
@@ -115,8 +120,14 @@ def _path(R_world_camera: Array, sightings: Sightings, p_world_pelvis: Array, ti
     return CameraPath(sightings.time, R_world_camera, running_median(p, sightings.time)).at(time)
 
 
-def _local_mean(R: Array, time: Array, at: float) -> Array:
-    return robust_mean_rotation(R[np.abs(time - at) <= SMOOTHING / 2])
+def _local_means(R: Array, time: Array) -> Array:
+    """At each instant the robust mean of what is near."""
+    first = np.searchsorted(time, time - SMOOTHING)  # more than enough
+    rows = first[:, None] + np.arange(np.max(np.searchsorted(time, time + SMOOTHING) - first, initial=1))
+    rows = np.minimum(rows, len(time) - 1)
+    there = np.abs(time[rows] - time[:, None]) <= SMOOTHING / 2
+    there[:, 1:] &= rows[:, 1:] != rows[:, :-1]  # the last one but once
+    return robust_mean_rotation(R[rows], there)
 
 
 def running_median(values: Array, time: Array) -> Array:
@@ -135,32 +146,39 @@ def leaps(sightings: Sightings) -> Array:
     """
     time, p, R = sightings.time, sightings.p_camera_pelvis, sightings.R_camera_world
     found, n = [], LEAP_SIGHTINGS
-    for k in range(n, len(time) - n + 1):
-        if time[k + n - 1] - time[k - n] > LEAP_WINDOW:
-            continue
+    if len(time) < 2 * n:
+        return np.zeros(0)
+    turns, moves = _turns(R, n), _moves(p, n)
+    for k in n + np.flatnonzero((turns | moves) & (time[2 * n - 1 :] - time[: 1 - 2 * n] <= LEAP_WINDOW)):
         first, last = np.searchsorted(time, [time[k] - LEAP_LASTS, time[k] + LEAP_LASTS])
-        near, far = (slice(k - n, k), slice(k, k + n)), (slice(first, k), slice(k, last))
-        if _turns(R[near[0]], R[near[1]]):
-            before, after = (robust_mean_rotation(R[one]) for one in far)
-            is_leap = angle_between(before, after) > LEAP_TURN
+        before, after = slice(first, k), slice(k, last)
+        if turns[k - n]:
+            is_leap = angle_between(*(robust_mean_rotation(R[one]) for one in (before, after))) > LEAP_TURN
         else:
-            is_leap = _moves(p[near[0]], p[near[1]]) and _moves(p[far[0]], p[far[1]])
+            is_leap = _is_far(np.median(p[before], axis=0), np.median(p[after], axis=0))
         if is_leap:
             found.append(time[k])
     times = np.array(found)
     return times[np.diff(times, prepend=-np.inf) > LEAP_WINDOW]
 
 
-def _moves(before: Array, after: Array) -> bool:
-    middle = np.median(before, axis=0)
-    return bool(np.linalg.norm(np.median(after, axis=0) - middle) > LEAP_M + LEAP_OF_DEPTH * abs(middle[2]))
+def _is_far(before: Array, after: Array) -> np.ndarray:
+    return np.linalg.norm(after - before, axis=-1) > LEAP_M + LEAP_OF_DEPTH * np.abs(before[..., 2])
 
 
-def _turns(before: Array, after: Array) -> bool:
-    first, second = mean_rotation(before), mean_rotation(after)
-    turn = angle_between(first, second)
-    scatter = max(np.median(angle_between(first, before)), np.median(angle_between(second, after)))
-    return bool(turn > LEAP_TURN and scatter < LEAP_SCATTER * turn)
+def _moves(p: Array, n: int) -> np.ndarray:
+    """Of the ``n``-th of points ``(N, 3)`` and later ones, whether it and those after it are far from those before."""
+    middles = np.median(sliding_window_view(p, n, axis=0), axis=-1)
+    return _is_far(middles[:-n], middles[n:])
+
+
+def _turns(R: Array, n: int) -> np.ndarray:
+    """The same of rotations ``(N, 3, 3)``."""
+    some = np.moveaxis(sliding_window_view(R, n, axis=0), -1, 1)
+    means = _mean_rotation(some, np.ones(some.shape[:2]))
+    scatter = np.median(angle_between(means[:, None], some), axis=1)
+    turn = angle_between(means[:-n], means[n:])
+    return (turn > LEAP_TURN) & (np.maximum(scatter[:-n], scatter[n:]) < LEAP_SCATTER * turn)
 
 
 def together(looks: Sequence[tuple[CameraPath, Sightings]]) -> tuple[CameraPath, Sightings]:

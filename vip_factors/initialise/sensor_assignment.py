@@ -107,9 +107,13 @@ def _gains(
         now = sum(cost(of[a], of[b]) for a, b in own)
         if now - len(own) * least < settings.least:
             continue
-        swap = {one: other, other: one}
-        then = sum(cost(of[swap.get(a, a)], of[swap.get(b, b)]) for a, b in own)
-        found[one, other] = now - then
+        swap, then = {one: other, other: one}, len(own) * least
+        for a, b in own:
+            then += cost(of[swap.get(a, a)], of[swap.get(b, b)]) - least
+            if now - then < settings.least - ALIKE:  # whatever the others say
+                break
+        else:
+            found[one, other] = now - then
     return found
 
 

@@ -123,16 +123,16 @@ def _start(above: Array, below: Array, seconds: float) -> tuple[float, float, fl
     weighted = above * weight[:, None, None], below * weight[:, None, None]
     own = [np.tensordot(one, two, ((0, 1), (0, 1))) for one, two in zip(weighted, (above, below), strict=True)]
     cross = np.tensordot(weighted[0], below, (0, 0)).transpose(0, 2, 1, 3)
-    best = (np.inf, seconds, 0.0)
-    for heading in HEADINGS:
-        shared = np.einsum("ij,ijkl->kl", rotation_z(heading), cross)
-        gram = np.block([[own[0], -shared], [-shared.T, own[1]]])
-        # The first column of either side is what both accelerations are; the rest are multiplied with the arms.
-        fixed, arms = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0]), [1, 2, 3, 5, 6, 7]
-        linear, square = gram[arms] @ fixed, gram[np.ix_(arms, arms)] + (MISFIT / ARM_SIGMA) ** 2 * np.eye(6)
-        cost = float(fixed @ gram @ fixed - linear @ np.linalg.solve(square, linear))
-        best = min(best, (cost, seconds, float(heading)))
-    return best
+    shared = np.einsum("hij,ijkl->hkl", rotation_z(HEADINGS), cross)
+    gram = np.zeros((len(HEADINGS), 8, 8))
+    gram[:, :4, :4], gram[:, 4:, 4:], gram[:, :4, 4:] = *own, -shared
+    gram[:, 4:, :4] = transpose(gram[:, :4, 4:])
+    # The first column of either side is what both accelerations are; the rest are multiplied with the arms.
+    fixed, arms = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0]), [1, 2, 3, 5, 6, 7]
+    linear, square = gram[:, arms] @ fixed, gram[:, arms][:, :, arms] + (MISFIT / ARM_SIGMA) ** 2 * np.eye(6)
+    cost = fixed @ gram @ fixed - np.sum(linear * np.linalg.solve(square, linear[..., None])[..., 0], axis=1)
+    best = int(np.argmin(cost))
+    return float(cost[best]), seconds, float(HEADINGS[best])
 
 
 def _refined(

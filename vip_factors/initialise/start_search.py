@@ -222,7 +222,13 @@ class StartSearch:
         """The usual start, whichever way the wearer faced: as likely as under the hypothesis that suits it best."""
         turned = [usual.facing(float(angle)) for angle in (FACINGS if usual.R_world_bone is not None else FACINGS[:1])]
         starts = [Start("straps and slow motion tell", one, 0.0) for one in turned]
-        return [min((self._refined(one, np.zeros(1)) for one in starts), key=lambda one: one.cost)]
+        pairs, costs = self._pairs(replace(Candidates.of(turned), declared=True)), []  # of all at once
+        for k, one in enumerate(turned):
+            alone = replace(Candidates.of([one]), declared=True)
+            own = {child: cost[k : k + 1, :, k : k + 1] for child, cost in pairs.items()}
+            costs.append(min(self._minimum(alone, own, hypothesis).cost for hypothesis in HYPOTHESES))
+        best = int(np.argmin(costs))
+        return [replace(starts[best], cost=costs[best])]
 
     def _refined(self, start: Start, offsets: Array = FINER) -> Start:
         """The start with headings better than the grid's, under the hypothesis that suits it best."""

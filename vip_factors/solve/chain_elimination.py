@@ -1,10 +1,11 @@
 """The normal equations of chains eliminated frame by frame, each a dense block that LAPACK takes in three calls.
 
 What all frames share stands behind the two frames that a frame sees, and is eliminated last. So only one row of blocks
-is made at a time, and what is kept of a frame is how it depends on those after it.
+is made at a time, and what is kept of a frame is how it depends on those after it. Chains that have nothing in common
+in a frame are eliminated one after the other: wearers before a camera that stands still cost what they cost alone.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -13,13 +14,15 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf
 
+from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup
+from vip_factors.solve.chain_system import REACH, Chain, ChainSystem
 from vip_factors.solve.elimination import LinearSystem, eliminate
-from vip_factors.solve.slices import REACH, eliminated
+from vip_factors.solve.slices import eliminated
 
 MOST_KNOTS = 12  # of one group; of more GTSAM eliminates those early that no later frame sees
+Piece = tuple[Array, int, int]  # blocks (T, r, c) of each frame's rows, and the first row and column
 
 
 def is_dense(system: ChainSystem) -> bool:
@@ -27,15 +30,6 @@ def is_dense(system: ChainSystem) -> bool:
     return not system.extra and all(
         group.knots is None or len(group.knots.keys) <= MOST_KNOTS for group in system.groups
     )
-
-
-@dataclass(frozen=True)
-class _Row:
-    """``R x + S y = d`` of a frame ``x`` and of ``y``, the two frames after it and what all share; ``S`` transposed."""
-
-    R: Array
-    S_transposed: Array
-    d: Array
 
 
 class ChainElimination:
@@ -46,61 +40,23 @@ class ChainElimination:
     """
 
     def __init__(self, system: ChainSystem, damping: float) -> None:
-        self._system = system
-        self._border = _Border(system)
-        self._rows, H, vector = list[_Row](), *self._border.static(damping)
-        w, s = sum(len(one.damping) for one in system.chains), len(vector)
-        tied = any(one.following is not None for one in system.chains)
-        ahead = REACH * w if tied else 0  # columns of the frames after a frame
-        rest, known = np.zeros((ahead + s, ahead + s)), np.zeros(ahead + s)
-        for t in range(system.frames):
-            own, others, vector_own = self._frame(t, damping, w, ahead)
-            after = np.zeros((ahead + s, ahead + s))  # nothing is known yet of the last frame that it sees
-            after[ahead:, ahead:] = rest[ahead:, ahead:]
-            known_after = np.concatenate([np.zeros(ahead), known[ahead:]])
-            if tied:
-                own += rest[:w, :w]
-                others[:, :w] += rest[:w, w:ahead]
-                others[:, ahead:] += rest[:w, ahead:]
-                vector_own += known[:w]
-                after[:w, :w], after[:w, ahead:] = rest[w:ahead, w:ahead], rest[w:ahead, ahead:]
-                known_after[:w] = known[w:ahead]
-            R, S_transposed = eliminated(own, others, after)
-            d = dtrsv(R, vector_own, trans=1)
-            self._rows.append(_Row(R, S_transposed, d))
-            rest, known = after, known_after - S_transposed @ d
-        shared, failed = dpotrf(H + rest[ahead:, ahead:]) if s else (np.zeros((0, 0)), 0)
+        self._system, self._border = system, _Border(system)
+        H, vector = self._border.static(damping)
+        self._strands = [_Strand(system, self._border, numbers) for numbers in _tied_chains(system)]
+        for strand in self._strands:
+            strand.eliminate(damping, H, vector)
+        shared, failed = dpotrf(H) if len(vector) else (H, 0)
         if failed:
             raise SolveError("the linear system is not determined")
-        self._static, self._vector, self._ahead = np.asarray(shared), vector + known[ahead:], ahead
-
-    def _frame(self, t: int, damping: float, w: int, ahead: int) -> tuple[Array, Array, Array]:
-        """A frame's blocks ``(w, w)`` with itself and ``(w, n)`` with what comes after it, and its vector."""
-        system = self._system
-        own, others, vector = np.zeros((w, w)), np.zeros((w, ahead + self._border.width)), np.zeros(w)
-        places = _places(system.chains)
-        for chain, at in zip(system.chains, places, strict=True):
-            own[at, at] = chain.own[t] + np.diag(damping * chain.damping)
-            vector[at] = -chain.gradient[t]
-            if chain.following is not None:
-                others[at, at] = chain.following[t, 0]
-                others[at, w + at.start : w + at.stop] = chain.following[t, 1]
-        for (p, q), blocks in system.between.items():
-            own[places[p], places[q]] = blocks[t]
-        for (p, g), blocks in system.coupling.items():
-            self._border.couple(others[places[p], ahead:], p, g, t, blocks[t])
-        return own, others, vector
+        self._static, self._vector = np.asarray(shared), vector
 
     def step(self) -> "ChainSteps":
         """The minimum of the quadratic."""
         half = dtrsv(self._static, self._vector, trans=1) if len(self._vector) else self._vector
         shared = dtrsv(self._static, half) if len(half) else half
-        w = sum(len(one.damping) for one in self._system.chains)
-        steps, later = np.zeros((len(self._rows), w)), np.zeros(self._ahead)
-        for t in range(len(self._rows) - 1, -1, -1):
-            row = self._rows[t]
-            steps[t] = dtrsv(row.R, row.d - np.concatenate([later, shared]) @ row.S_transposed)
-            later = np.concatenate([steps[t], later])[: self._ahead]
+        steps = dict[int, Array]()
+        for strand in self._strands:
+            steps |= strand.given(shared)
         return ChainSteps(self._system, steps, self._border.by_key(shared))
 
     def border_covariance(self) -> tuple[Array, dict[int, slice]]:
@@ -108,37 +64,129 @@ class ChainElimination:
         return _inverse_of_square(self._static), self._border.columns
 
 
+def _tied_chains(system: ChainSystem) -> list[list[int]]:
+    """Numbers of chains that meet in a frame, together."""
+    found = [{number} for number in range(len(system.chains))]
+    for pair in system.between:
+        met = [one for one in found if one & set(pair)]
+        found = [one for one in found if one not in met] + [set[int]().union(*met)]
+    return [sorted(one) for one in found]
+
+
+class _Strand:
+    """Chains that meet in a frame, side by side: of each frame ``R x + S y = d``, ``y`` the two frames after it, where
+    frames are tied, and those columns of the border that it sees.
+
+    Args:
+        system, border: of all chains.
+        numbers: of the chains.
+    """
+
+    def __init__(self, system: ChainSystem, border: "_Border", numbers: Sequence[int]) -> None:
+        self._chains, self._numbers = [system.chains[number] for number in numbers], numbers
+        self._places = _places(self._chains)
+        self._width = self._places[-1].stop
+        self._ahead = REACH * self._width if any(one.tied for one in self._chains) else 0
+        seen = sorted({group for chain, group in system.coupling if chain in numbers})
+        self._columns = np.concatenate([np.zeros(0, int), *(border.of_group[group] for group in seen)])
+        self._pieces = list(self._in_frames(system))
+        start = self._width + self._ahead
+        for group in seen:
+            for place, number in zip(self._places, numbers, strict=True):
+                if (number, group) in system.coupling:
+                    blocks = border.coupling(number, group, system.coupling[number, group])
+                    self._pieces += [(block, place.start, start + column) for block, column in blocks]
+            start += len(border.of_group[group])
+        rows, self._d = (system.frames, self._width, start), np.zeros((system.frames, self._width))
+        self._rows = system.memory.setdefault(tuple(numbers), np.empty(rows))
+
+    def _in_frames(self, system: ChainSystem) -> Iterator[Piece]:
+        for place, chain in zip(self._places, self._chains, strict=True):
+            yield chain.own, place.start, place.start
+            following = chain.following
+            if following is not None:
+                for ahead in range(REACH):
+                    yield following[:, ahead], place.start, (ahead + 1) * self._width + place.start
+        for (p, q), blocks in system.between.items():
+            if p in self._numbers:
+                first, second = (self._places[self._numbers.index(number)].start for number in (p, q))
+                yield blocks, first, second
+
+    def eliminate(self, damping: float, H: Array, vector: Array) -> None:
+        """Eliminate all frames; what they say of the border is added to ``H`` and ``vector``.
+
+        Raises:
+            SolveError: if a variable is not determined.
+        """
+        n, start = self._rows.shape[2], self._width + self._ahead
+        M, v = np.zeros((n, n)), np.zeros(n)
+        gradient = np.concatenate([one.gradient for one in self._chains], axis=1)
+        damped = damping * np.concatenate([one.damping for one in self._chains])
+        if kernels is None:
+            self._eliminate_purely(gradient, damped, M, v)
+        elif not kernels.eliminate_chain(self._pieces, gradient, damped, self._ahead, M, v, self._rows, self._d):
+            raise SolveError("the linear system is not determined")
+        said = np.triu(M[start:, start:])  # the border may have the columns in another order
+        H[np.ix_(self._columns, self._columns)] += said + np.triu(said, 1).T
+        vector[self._columns] += v[start:]
+
+    def _eliminate_purely(self, gradient: Array, damped: Array, M: Array, v: Array) -> None:
+        w, ahead = self._width, self._ahead
+        seen = w + ahead
+        for t, g in enumerate(gradient):
+            M[:ahead, :ahead], M[:ahead, seen:], v[:ahead] = M[w:seen, w:seen], M[w:seen, seen:], v[w:seen]
+            M[:seen, ahead:seen], M[ahead:seen], v[ahead:seen] = 0.0, 0.0, 0.0
+            for blocks, row, column in self._pieces:
+                M[row : row + blocks.shape[1], column : column + blocks.shape[2]] += blocks[t]
+            M[range(w), range(w)] += damped
+            rest = np.array(M[w:, w:])
+            R, S_transposed = eliminated(M[:w, :w], np.array(M[:w, w:]), rest)
+            self._rows[t, :, :w], self._rows[t, :, w:], self._d[t] = R, S_transposed.T, dtrsv(R, v[:w] - g, trans=1)
+            M[w:, w:], v[w:] = rest, v[w:] - S_transposed @ self._d[t]
+
+    def given(self, border: Array) -> dict[int, Array]:
+        """Steps ``(T, w)`` of each chain, by its number, of the border's ``(s,)``."""
+        steps, shared = self._d.copy(), border[self._columns]
+        if kernels is not None:
+            kernels.substitute_chain(self._rows, shared, self._ahead, steps)
+        else:
+            later, w = np.zeros(self._ahead), self._width
+            for t in range(len(steps) - 1, -1, -1):
+                right = steps[t] - self._rows[t, :, w:] @ np.concatenate([later, shared])
+                steps[t] = dtrsv(self._rows[t, :, :w], right)
+                later = np.concatenate([steps[t], later])[: self._ahead]
+        return {number: steps[:, place] for number, place in zip(self._numbers, self._places, strict=True)}
+
+
 class _Border:
     """What frames share, side by side: the static vector, then the later knots of groups that walk."""
 
     def __init__(self, system: ChainSystem) -> None:
         self.system, self.width = system, len(system.static)
-        self._knots = dict[int, Array]()  # by group: weights with which a frame sees knots here, ahead and before
-        self._first = dict[int, int]()
+        self.of_group = list[np.ndarray]()  # all columns of each, its later knots behind its own
         self.columns = {group.key: group.columns for group in system.groups}
-        for number, group in enumerate(system.groups):
-            if group.knots is None:
-                continue
-            weights, self._first[number] = group.knots.weights, self.width
-            after, before = np.vstack([weights[1:], weights[-1:]]), np.vstack([weights[:1], weights[:-1]])
-            self._knots[number] = np.stack([weights, after, before], axis=1)  # (T, 3, K)
-            for key in group.knots.keys:
-                self.columns[key] = slice(self.width, self.width + group.knots.columns)
-                self.width += group.knots.columns
+        for group in system.groups:
+            own = [np.arange(group.columns.start, group.columns.stop)]
+            if group.knots is not None:
+                for key in group.knots.keys:
+                    later = self.columns[key] = slice(self.width, self.width + group.knots.columns)
+                    own.append(np.arange(later.start, later.stop))
+                    self.width = later.stop
+            self.of_group.append(np.concatenate(own))
 
-    def couple(self, into: Array, chain: int, group: int, t: int, block: Array) -> None:
-        """Add what ties a frame of a chain ``(w, …)`` to a group."""
-        one: StaticGroup = self.system.groups[group]
-        knots, start = one.knots, one.columns.start
+    def coupling(self, chain: int, group: int, blocks: Array) -> Iterator[tuple[Array, int]]:
+        """What ties a chain's frames to a group ``(T, w, c)``, with the first of the group's columns."""
+        knots = self.system.groups[group].knots
         if knots is None or chain != knots.chain:
-            into[:, one.columns] += block
+            yield blocks, 0
             return
-        S = knots.columns
-        into[:, start + S : one.columns.stop] += block[:, S:]
-        blocks = np.stack([block[:, :S], *knots.adjacent[t]])  # (3, w, S)
-        for k in np.flatnonzero(self._knots[group][t].any(axis=0)).tolist():
-            at = start if k == 0 else self._first[group] + (k - 1) * S
-            into[:, at : at + S] += np.tensordot(self._knots[group][t, :, k], blocks, axes=1)
+        S, weights = knots.columns, knots.weights[:, :, None, None]
+        after, before = np.concatenate([weights[1:], weights[-1:]]), np.concatenate([weights[:1], weights[:-1]])
+        yield blocks[:, :, S:], S
+        for k in range(len(knots.keys) + 1):
+            seen = weights[:, k] * blocks[:, :, :S]
+            seen += after[:, k] * knots.adjacent[:, 0] + before[:, k] * knots.adjacent[:, 1]
+            yield seen, 0 if k == 0 else blocks.shape[2] + (k - 1) * S
 
     def static(self, damping: float) -> tuple[Array, Array]:
         """What all frames together say of the border, ``(s, s)`` and ``(s,)``: the upper triangle counts."""
@@ -166,19 +214,19 @@ class _Border:
 
 @dataclass(frozen=True)
 class ChainSteps:
-    """A solution: steps ``(T, w)`` of all chains side by side, and vectors of what they share by GTSAM's names."""
+    """A solution: steps ``(T, w)`` of each chain by its number, and vectors of what they share by GTSAM's names."""
 
     system: ChainSystem
-    steps: Array
+    steps: dict[int, Array]
     shared: dict[int, Array]
 
     def at(self, key: int) -> Array:
         """Of one frame or group."""
         if key in self.shared:
             return self.shared[key]
-        for chain, place in zip(self.system.chains, _places(self.system.chains), strict=True):
+        for number, chain in enumerate(self.system.chains):
             if 0 <= key - chain.keys[0] < len(chain.keys):
-                return np.asarray(self.steps[key - chain.keys[0], place])
+                return np.asarray(self.steps[number][key - chain.keys[0]])
         raise KeyError(key)
 
 

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 
 import gtsam
 import numpy as np
-from scipy.linalg.lapack import dpbtrf, dpbtrs
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.solve.elimination import coupling_factor
 from vip_factors.solve.knots import KnotSystem
 
+REACH = 2  # frames that a factor reaches ahead of its first one
 STRETCH = 100  # frames handed to GTSAM at once: its factors take more room than the arrays they are made from
 
 
@@ -39,25 +39,38 @@ class Chain:
 
     Attributes:
         keys: ``T`` of GTSAM.
-        own: ``(T, w, w)`` of a frame with itself.
-        following: ``(T, 2, w, w)`` of a frame with the next and the one after, or None if frames are independent.
+        rows: ``(T, w, m)``: blocks of a frame with itself, with the next and the one after where frames are tied, and
+            then with whatever else it meets; its parts are views of them. With itself the upper triangle counts.
         gradient: ``(T, w)``.
         damping: ``(w,)`` what one unit of damping adds to the diagonal.
+        tied: whether frames are tied to the next two.
     """
 
     keys: list[int]
-    own: Array
-    following: Array | None
+    rows: Array
     gradient: Array
     damping: Array
+    tied: bool
 
     @classmethod
-    def empty(cls, number: int, frames: int, damping: Array, tied: bool) -> "Chain":
-        """Zeros."""
+    def empty(cls, number: int, frames: int, damping: Array, tied: bool, others: int = 0) -> "Chain":
+        """Zeros, with so many columns of what else it meets."""
         w = len(damping)
-        following = np.zeros((frames, 2, w, w)) if tied else None
-        keys = frame_keys(number, frames)
-        return cls(keys, np.zeros((frames, w, w)), following, np.zeros((frames, w)), damping)
+        rows = np.zeros((frames, w, (REACH + 1 if tied else 1) * w + others))
+        return cls(frame_keys(number, frames), rows, np.zeros((frames, w)), damping, tied)
+
+    @property
+    def own(self) -> Array:
+        """``(T, w, w)`` of a frame with itself."""
+        return self.rows[:, :, : len(self.damping)]
+
+    @property
+    def following(self) -> Array | None:
+        """``(T, 2, w, w)`` of a frame with the next and the one after, or None if frames are independent."""
+        w = len(self.damping)
+        if not self.tied:
+            return None
+        return self.rows[:, :, w : (REACH + 1) * w].reshape(len(self.keys), w, REACH, w).swapaxes(1, 2)
 
 
 @dataclass
@@ -87,6 +100,7 @@ class ChainSystem:
         static, static_gradient: ``(s, s)`` and ``(s,)`` of the whole static vector.
         static_damping: ``(s,)``.
         extra: further linear factors, each with the first frame that it sees.
+        memory: that the last elimination was kept in, by the numbers of its chains: new pages cost more than zeros.
     """
 
     chains: list[Chain]
@@ -97,6 +111,15 @@ class ChainSystem:
     between: dict[tuple[int, int], Array] = field(default_factory=dict)
     coupling: dict[tuple[int, int], Array] = field(default_factory=dict)
     extra: list[tuple[int, gtsam.GaussianFactor]] = field(default_factory=list)
+    memory: dict[tuple[int, ...], Array] = field(default_factory=dict)
+
+    def emptied(self) -> "ChainSystem":
+        """The same, all zero, where nothing walks."""
+        for chain in self.chains:
+            chain.rows[:], chain.gradient[:] = 0.0, 0.0
+        self.static[:], self.static_gradient[:] = 0.0, 0.0
+        self.extra.clear()
+        return self
 
     @property
     def frames(self) -> int:
@@ -176,70 +199,15 @@ def _frames_with(blocks: Array, start: int, stop: int) -> list[int]:
 
 def _append_frames(chain: Chain, graph: gtsam.GaussianFactorGraph, start: int, stop: int, damping: float) -> None:
     """Append the factors of frames ``start`` to ``stop``."""
-    T, w = len(chain.keys), chain.own.shape[1]
+    T, w, following = len(chain.keys), len(chain.damping), chain.following
     zero, none, extra = np.zeros((w, w)), np.zeros(w), np.diag(damping * chain.damping)
     for t in range(start, stop):
         key, G, g = chain.keys[t], chain.own[t] + extra, chain.gradient[t]
-        if chain.following is None or t == T - 1:
+        if following is None or t == T - 1:
             graph.push_back(gtsam.HessianFactor(key, G, -g, 0.0))
         elif t == T - 2:
-            graph.push_back(gtsam.HessianFactor(key, chain.keys[t + 1], G, chain.following[t, 0], -g, zero, none, 0.0))
+            graph.push_back(gtsam.HessianFactor(key, chain.keys[t + 1], G, following[t, 0], -g, zero, none, 0.0))
         else:
             after, last = chain.keys[t + 1], chain.keys[t + 2]
-            G12, G13 = chain.following[t]
+            G12, G13 = following[t]
             graph.push_back(gtsam.HessianFactor(key, after, last, G, G12, G13, -g, zero, zero, none, zero, none, 0.0))
-
-
-@dataclass(frozen=True)
-class ChainStep:
-    """A step ``(T, w)`` of every frame of a chain, by GTSAM's names."""
-
-    rows: dict[int, int]
-    steps: Array
-
-    def at(self, key: int) -> Array:
-        """Of one frame."""
-        return np.asarray(self.steps[self.rows[key]])
-
-
-def is_one_chain(system: object) -> bool:
-    """Whether a system is a single chain, without anything that its frames share and without further factors."""
-    return (
-        isinstance(system, ChainSystem)
-        and len(system.chains) == 1
-        and not (system.groups or system.between or system.coupling or system.extra)
-    )
-
-
-def chain_step(chain: Chain, damping: float) -> ChainStep | None:
-    """The minimum of the damped quadratic; None where it is not determined."""
-    extra = damping * chain.damping
-    if chain.following is None:
-        steps = _independent(chain.own + np.diag(extra), chain.gradient)
-    else:
-        steps = _tied(chain.own, extra, chain.following, chain.gradient)
-    return None if steps is None else ChainStep({key: t for t, key in enumerate(chain.keys)}, steps)
-
-
-def _independent(own: Array, gradient: Array) -> Array | None:
-    try:
-        factor = np.linalg.cholesky(own)  # it alone says whether the matrix is positive
-    except np.linalg.LinAlgError:
-        return None
-    half = np.linalg.solve(factor, -gradient[..., None])
-    return np.asarray(np.linalg.solve(factor.swapaxes(1, 2), half)[..., 0])
-
-
-def _tied(own: Array, extra: Array, following: Array, gradient: Array) -> Array | None:
-    """Of frames tied to the next two: the columns of the lower band, one below the other."""
-    T, w = gradient.shape
-    band = np.zeros((T, w, 3 * w))
-    for a in range(w):
-        band[:, a, : w - a] = own[:, a, a:]
-        band[:, a, w - a : 3 * w - a] = following[:, :, a].reshape(T, 2 * w)
-    band[:, :, 0] += extra
-    factor, failed = dpbtrf(band.reshape(T * w, 3 * w).T, lower=1, overwrite_ab=1)
-    if failed:
-        return None
-    steps, _ = dpbtrs(factor, -gradient.reshape(T * w, 1), lower=1)
-    return np.asarray(steps.reshape(T, w))

@@ -15,7 +15,7 @@ from vip_factors.errors import SolveError
 from vip_factors.estimate import Iteration, SolveReport
 from vip_factors.geometry.rotations import Array
 from vip_factors.solve.chain_elimination import ChainElimination, is_dense
-from vip_factors.solve.chain_system import ChainSystem, chain_step, is_one_chain
+from vip_factors.solve.chain_system import ChainSystem
 from vip_factors.solve.elimination import LinearSystem, eliminate
 
 State = TypeVar("State")
@@ -134,8 +134,6 @@ def _share(initial: float, iterations: Sequence[Iteration], settings: SolveSetti
 
 def _step(system: LinearSystem, damping: float) -> Step | None:
     """The minimum of the damped linear problem, or None where it is not determined."""
-    if isinstance(system, ChainSystem) and is_one_chain(system):
-        return chain_step(system.chains[0], damping)
     try:
         if isinstance(system, ChainSystem) and is_dense(system):
             return ChainElimination(system, damping).step()

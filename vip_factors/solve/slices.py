@@ -11,11 +11,10 @@ from scipy.linalg.lapack import dpotrf
 from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
+from vip_factors.solve.chain_system import REACH
 
 if kernels is not None:
     kernels.use_blas({**cython_lapack.__pyx_capi__, **cython_blas.__pyx_capi__})
-
-REACH = 2  # frames that a factor reaches ahead of its first one
 
 
 def eliminated(own: Array, others: Array, rest: Array) -> tuple[Array, Array]:

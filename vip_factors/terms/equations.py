@@ -235,10 +235,14 @@ class Term(Generic[At]):
 
     def within(self, at: At, frames: slice) -> Iterator[Equations]:
         """The equations of the factors that see any frame of a stretch."""
-        first = slice(max(frames.start - self.reach, 0), min(frames.stop, at.frames - self.reach))
+        yield from self.of_first_in(at, slice(max(frames.start - self.reach, 0), frames.stop))
+
+    def of_first_in(self, at: At, frames: slice) -> Iterator[Equations]:
+        """The equations of the factors whose first frame lies in a stretch."""
+        first = slice(frames.start, min(frames.stop, at.frames - self.reach))
         if first.stop > first.start:
             yield from self.equations(at, first)
 
     def all(self, at: At) -> Iterator[Equations]:
         """The equations of all factors."""
-        yield from self.within(at, slice(0, at.frames))
+        yield from self.of_first_in(at, slice(0, at.frames))

@@ -44,10 +44,10 @@ inline void substitute(const Blas& blas, double* M, int row, int n, int w, doubl
     blas.dtrsv("L", "T", "N", &w, M, &row, x, &NEXT);
 }
 
-// Blocks (T, rows, columns) of each frame, of which the first element stands at `row` and `column` of a matrix.
+// Blocks (frames, rows, columns) from a first frame on, of which the first element stands at `row` and `column` of a matrix.
 struct Piece {
     const double* data;
-    int64_t step, row_step, column_step, rows, columns, row, column;
+    int64_t step, row_step, column_step, rows, columns, row, column, first, frames;
 };
 
 // A chain of frames of w columns, each of which sees `ahead` columns of those after it, and n − w − ahead shared ones.
@@ -71,8 +71,8 @@ inline bool eliminate_chain(const Blas& blas, const std::vector<Piece>& pieces, 
         }
         for (int64_t r = ahead; r < seen; r++) std::fill(M + r * n + r, M + (r + 1) * n, 0.0), v[r] = 0.0;
         for (const Piece& one : pieces)
-            for (int64_t r = 0; r < one.rows; r++) {
-                const double* from = one.data + t * one.step + r * one.row_step;
+            for (int64_t r = 0; r < one.rows && t >= one.first && t < one.first + one.frames; r++) {
+                const double* from = one.data + (t - one.first) * one.step + r * one.row_step;
                 double* to = M + (one.row + r) * n + one.column;
                 for (int64_t c = std::max<int64_t>(0, one.row + r - one.column); c < one.columns; c++)
                     to[c] += from[c * one.column_step];

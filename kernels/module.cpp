@@ -346,7 +346,7 @@ static void substitute(nb::ndarray<double, nb::ndim<2>, nb::device::cpu> rows, I
     vip::substitute(blas, rows.data(), static_cast<int>(rows.stride(0)), n, w, const_cast<double*>(later.data()), found.data());
 }
 
-// Pieces: blocks (T, r, c) of each frame's rows in a matrix, with the first row and column.
+// Pieces: blocks (t, r, c) of some frames' rows in a matrix, with the first row, column and frame.
 static bool eliminate_chain(nb::list pieces, In<2> gradient, In<1> damping, int ahead, Out<2> information, Out<1> vector,
                             Out<3> rows, Out<2> d) {
     const vip::EliminatedChain into{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
@@ -358,8 +358,10 @@ static bool eliminate_chain(nb::list pieces, In<2> gradient, In<1> damping, int 
         const nb::tuple one = nb::cast<nb::tuple>(item);
         const auto blocks = nb::cast<nb::ndarray<const double, nb::ndim<3>, nb::device::cpu>>(one[0]);
         found.push_back({blocks.data(), blocks.stride(0), blocks.stride(1), blocks.stride(2), static_cast<int64_t>(blocks.shape(1)),
-                         static_cast<int64_t>(blocks.shape(2)), nb::cast<int64_t>(one[1]), nb::cast<int64_t>(one[2])});
-        expect(blocks.shape(0) == rows.shape(0) && found.back().row >= 0 && found.back().column >= 0);
+                         static_cast<int64_t>(blocks.shape(2)), nb::cast<int64_t>(one[1]), nb::cast<int64_t>(one[2]),
+                         nb::cast<int64_t>(one[3]), static_cast<int64_t>(blocks.shape(0))});
+        expect(found.back().first >= 0 && found.back().first + found.back().frames <= into.frames);
+        expect(found.back().row >= 0 && found.back().column >= 0);
         expect(found.back().row + found.back().rows <= into.w && found.back().column + found.back().columns <= into.n);
     }
     nb::gil_scoped_release released;

@@ -22,7 +22,7 @@ from vip_factors.solve.elimination import LinearSystem, eliminate
 from vip_factors.solve.slices import eliminated
 
 MOST_KNOTS = 12  # of one group; of more GTSAM eliminates those early that no later frame sees
-Piece = tuple[Array, int, int]  # blocks (T, r, c) of each frame's rows, and the first row and column
+Piece = tuple[Array, int, int, int]  # blocks (t, r, c) of some frames' rows, the first row, column and frame
 
 
 def is_dense(system: ChainSystem) -> bool:
@@ -95,22 +95,22 @@ class _Strand:
             for place, number in zip(self._places, numbers, strict=True):
                 if (number, group) in system.coupling:
                     blocks = border.coupling(number, group, system.coupling[number, group])
-                    self._pieces += [(block, place.start, start + column) for block, column in blocks]
+                    self._pieces += [(block, place.start, start + column, first) for block, column, first in blocks]
             start += len(border.of_group[group])
         rows, self._d = (system.frames, self._width, start), np.zeros((system.frames, self._width))
         self._rows = system.memory.setdefault(tuple(numbers), np.empty(rows))
 
     def _in_frames(self, system: ChainSystem) -> Iterator[Piece]:
         for place, chain in zip(self._places, self._chains, strict=True):
-            yield chain.own, place.start, place.start
+            yield chain.own, place.start, place.start, 0
             following = chain.following
             if following is not None:
                 for ahead in range(REACH):
-                    yield following[:, ahead], place.start, (ahead + 1) * self._width + place.start
+                    yield following[:, ahead], place.start, (ahead + 1) * self._width + place.start, 0
         for (p, q), blocks in system.between.items():
             if p in self._numbers:
                 first, second = (self._places[self._numbers.index(number)].start for number in (p, q))
-                yield blocks, first, second
+                yield blocks, first, second, 0
 
     def eliminate(self, damping: float, H: Array, vector: Array) -> None:
         """Eliminate all frames; what they say of the border is added to ``H`` and ``vector``.
@@ -136,8 +136,9 @@ class _Strand:
         for t, g in enumerate(gradient):
             M[:ahead, :ahead], M[:ahead, seen:], v[:ahead] = M[w:seen, w:seen], M[w:seen, seen:], v[w:seen]
             M[:seen, ahead:seen], M[ahead:seen], v[ahead:seen] = 0.0, 0.0, 0.0
-            for blocks, row, column in self._pieces:
-                M[row : row + blocks.shape[1], column : column + blocks.shape[2]] += blocks[t]
+            for blocks, row, column, first in self._pieces:
+                if first <= t < first + len(blocks):
+                    M[row : row + blocks.shape[1], column : column + blocks.shape[2]] += blocks[t - first]
             M[range(w), range(w)] += damped
             rest = np.array(M[w:, w:])
             R, S_transposed = eliminated(M[:w, :w], np.array(M[:w, w:]), rest)
@@ -174,19 +175,22 @@ class _Border:
                     self.width = later.stop
             self.of_group.append(np.concatenate(own))
 
-    def coupling(self, chain: int, group: int, blocks: Array) -> Iterator[tuple[Array, int]]:
-        """What ties a chain's frames to a group ``(T, w, c)``, with the first of the group's columns."""
+    def coupling(self, chain: int, group: int, blocks: Array) -> Iterator[tuple[Array, int, int]]:
+        """What ties frames of a chain to a group ``(t, w, c)``, with the first of its columns and the first frame."""
         knots = self.system.groups[group].knots
         if knots is None or chain != knots.chain:
-            yield blocks, 0
+            yield blocks, 0, 0
             return
         S, weights = knots.columns, knots.weights[:, :, None, None]
         after, before = np.concatenate([weights[1:], weights[-1:]]), np.concatenate([weights[:1], weights[:-1]])
-        yield blocks[:, :, S:], S
+        yield blocks[:, :, S:], S, 0
         for k in range(len(knots.keys) + 1):
-            seen = weights[:, k] * blocks[:, :, :S]
-            seen += after[:, k] * knots.adjacent[:, 0] + before[:, k] * knots.adjacent[:, 1]
-            yield seen, 0 if k == 0 else blocks.shape[2] + (k - 1) * S
+            some = np.flatnonzero(weights[:, k] + after[:, k] + before[:, k])
+            if len(some):
+                near = slice(some[0], some[-1] + 1)
+                seen = weights[near, k] * blocks[near, :, :S]
+                seen += after[near, k] * knots.adjacent[near, 0] + before[near, k] * knots.adjacent[near, 1]
+                yield seen, 0 if k == 0 else blocks.shape[2] + (k - 1) * S, int(near.start)
 
     def static(self, damping: float) -> tuple[Array, Array]:
         """What all frames together say of the border, ``(s, s)`` and ``(s,)``: the upper triangle counts."""

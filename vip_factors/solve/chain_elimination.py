@@ -98,7 +98,7 @@ class _Strand:
                     self._pieces += [(block, place.start, start + column, first) for block, column, first in blocks]
             start += len(border.of_group[group])
         rows, self._d = (system.frames, self._width, start), np.zeros((system.frames, self._width))
-        self._rows = system.memory.setdefault(tuple(numbers), np.empty(rows))
+        self._rows = np.empty(rows)
 
     def _in_frames(self, system: ChainSystem) -> Iterator[Piece]:
         for place, chain in zip(self._places, self._chains, strict=True):

@@ -100,7 +100,6 @@ class ChainSystem:
         static, static_gradient: ``(s, s)`` and ``(s,)`` of the whole static vector.
         static_damping: ``(s,)``.
         extra: further linear factors, each with the first frame that it sees.
-        memory: that the last elimination was kept in, by the numbers of its chains: new pages cost more than zeros.
     """
 
     chains: list[Chain]
@@ -111,7 +110,6 @@ class ChainSystem:
     between: dict[tuple[int, int], Array] = field(default_factory=dict)
     coupling: dict[tuple[int, int], Array] = field(default_factory=dict)
     extra: list[tuple[int, gtsam.GaussianFactor]] = field(default_factory=list)
-    memory: dict[tuple[int, ...], Array] = field(default_factory=dict)
 
     def emptied(self) -> "ChainSystem":
         """The same, all zero, where nothing walks."""

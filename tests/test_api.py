@@ -99,7 +99,7 @@ def test_the_public_names_are_there() -> None:
         vip.solve_it  # type: ignore[attr-defined]  # noqa: B018
 
 
-@pytest.mark.parametrize("first", ["import vip_factors.evaluate.metrics", "import vip_factors.simulate.noise"])
+@pytest.mark.parametrize("first", ["import vip_factors.evaluate.metrics", "import vip_factors.simulate.recording"])
 def test_rooms_and_functions_of_the_same_name_are_both_there(first: str) -> None:
     """Python puts a room into the package when anybody imports it; what is called stays callable."""
     done = python(

@@ -6,7 +6,15 @@ import numpy as np
 import pytest
 
 from tests.studies.body_prior_training import BodyTraining, centre_covariance, save_body_prior
-from vip_factors.body.body_prior import GROUPS, SIZE, STATURE_ROW, VARIABLES, BodyGaussian, Observation, load_body_prior
+from vip_factors.body.anthropometry import (
+    GROUPS,
+    SIZE,
+    STATURE_ROW,
+    VARIABLES,
+    BodyGaussian,
+    Observation,
+    load_body_prior,
+)
 from vip_factors.body.lengths import BODY_LENGTHS, skeleton_of_lengths
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError, InputError

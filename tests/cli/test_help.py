@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from vip_factors.cli import completion
+from vip_factors.cli import main as program
 from vip_factors.cli.main import COMMANDS
 from vip_factors.initialise.clock import ClockSettings
 from vip_factors.live.settings import LiveSettings
@@ -76,7 +76,7 @@ def _same(shown: Any, tree: Any, above: str) -> None:
 def bash(tmp_path_factory: pytest.TempPathFactory) -> Path:
     few = {name: COMMANDS[name] for name in ("smooth", "evaluate", "export")}
     script = tmp_path_factory.mktemp("completion") / "vip-factors.bash"
-    script.write_text(completion.completion("bash", "vip-factors", few), encoding="utf-8")
+    script.write_text(program.completion("bash", "vip-factors", few), encoding="utf-8")
     return script
 
 
@@ -103,11 +103,11 @@ def test_bash_completes(bash: Path, words: list[str], expected: set[str]) -> Non
 
 
 def test_other_shells_know_the_same_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(completion, "command_options", lambda program, command: ["--help-all", "--truth"])
-    fish = completion.completion("fish", "vip-factors", {"evaluate": "it's a line"})
+    monkeypatch.setattr(program, "command_options", lambda program, command: ["--help-all", "--truth"])
+    fish = program.completion("fish", "vip-factors", {"evaluate": "it's a line"})
     assert "-n '__fish_seen_subcommand_from evaluate' -l truth" in fish
     assert "-a evaluate -d 'it\\'s a line'" in fish
-    zsh = completion.completion("zsh", "vip-factors", {"evaluate": "a line"})
+    zsh = program.completion("zsh", "vip-factors", {"evaluate": "a line"})
     assert zsh.startswith("autoload -U +X bashcompinit")
     assert 'evaluate) words="--help-all --truth"' in zsh
 

@@ -14,7 +14,7 @@ from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.repetitions.files import write_repetitions
 from vip_factors.repetitions.repetitions import all_repetitions
 from vip_factors.report.material import Material
-from vip_factors.report.repetitions import repetitions_section
+from vip_factors.report.page import repetitions_section
 
 KINDS = ("squat", "squat", "jump")
 

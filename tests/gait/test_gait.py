@@ -13,11 +13,9 @@ import vip_factors as vip
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
-from vip_factors.gait.analysis import Gait, gait_of, gaits_of
+from vip_factors.gait.analysis import Gait, gait_of, gaits_of, travel_of_sensor
 from vip_factors.gait.events import SIDES, events_of_motion, events_of_sensor
-from vip_factors.gait.files import write_gait
-from vip_factors.gait.reference import reference_at, references
-from vip_factors.gait.travel import travel_of_sensor
+from vip_factors.gait.files import reference_at, references, write_gait
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording

@@ -10,7 +10,7 @@ import pytest
 from tests.studies.fuzz.outcome import limited_memory, out_of_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.smpl_pickle import read_smpl_pickle
+from vip_factors.body.smpl_file import read_smpl_pickle
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.metrics import common_frames

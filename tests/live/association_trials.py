@@ -14,7 +14,7 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
-from vip_factors.simulate.noise import smooth_process
+from vip_factors.simulate.recording import smooth_process
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.staging import from_time, placed

@@ -11,8 +11,8 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.gait.analysis import bones_with_sensors
 from vip_factors.report.blocks import Pictures, Table
 from vip_factors.report.charts import Line, thinned, time_chart
-from vip_factors.report.gait import gait_section
 from vip_factors.report.material import Material
+from vip_factors.report.page import gait_section
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording, Subject
 

@@ -13,10 +13,10 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
-from vip_factors.simulate.camera_motion import looking_at
 from vip_factors.simulate.detector import detect, owners
 from vip_factors.simulate.detector_view import Person, View, look
-from vip_factors.simulate.noise import lasting_chance
+from vip_factors.simulate.recording import lasting_chance
+from vip_factors.simulate.scene import looking_at
 from vip_factors.simulate.settings import ROOT_AREA_PER_HEIGHT, DetectorSettings
 
 KEYPOINTS = keypoint_set("openpose18")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vip_factors.simulate.noise import gauss_markov, random_walk, received, smooth_process
+from vip_factors.simulate.recording import gauss_markov, random_walk, received, smooth_process
 
 STEP = 0.01
 COUNT = 300_000

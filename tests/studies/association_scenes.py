@@ -15,7 +15,7 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.noise import smooth_process
+from vip_factors.simulate.recording import smooth_process
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
 from vip_factors.simulate.staging import path_of_standing_feet, staged

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.body.body_prior import VARIABLES, BodyGaussian, BodyPrior
+from vip_factors.body.anthropometry import VARIABLES, BodyGaussian, BodyPrior
 from vip_factors.body.lengths import (
     BALL_HEIGHT,
     FOOT_ANKLE,
@@ -100,7 +100,7 @@ def train_body_prior(dimensions: Mapping[str, Mapping[str, Array]], settings: Bo
 
 
 def body_variables(dimensions: Mapping[str, Array], settings: BodyTraining) -> Array:
-    """The variables ``(n, 22)`` of people, :data:`~vip_factors.body.body_prior.VARIABLES`, from their dimensions."""
+    """The variables ``(n, 22)`` of people, :data:`~vip_factors.body.anthropometry.VARIABLES`, from their dimensions."""
     d = {name: np.asarray(dimensions[name], float) for name in DIMENSIONS}
     stature = d["stature"]
     ankle = d["lateralmalleolusheight"] - settings.ankle_below_malleolus * stature

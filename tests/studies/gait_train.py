@@ -16,7 +16,7 @@ from vip_factors.body.joint_angles import joint_angles
 from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.errors import InputError
 from vip_factors.gait.analysis import CYCLE
-from vip_factors.gait.reference import COLUMNS
+from vip_factors.gait.files import REFERENCE_COLUMNS
 from vip_factors.geometry.rotations import Array
 
 ANGLES = ("hip_flexion", "knee_flexion", "ankle_dorsiflexion")
@@ -95,7 +95,7 @@ def _strides(person: str, pace: str, body: MarkerBody, folder: Path) -> Iterator
 
 
 def _lines(strides: Sequence[ReferenceStride]) -> Iterator[str]:
-    yield ",".join(COLUMNS)
+    yield ",".join(REFERENCE_COLUMNS)
     for pace, own in group(strides, lambda one: one.pace).items():
         people = len({one.person for one in own})
         if people < FEWEST_PEOPLE:

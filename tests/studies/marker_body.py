@@ -19,10 +19,9 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth
-from vip_factors.simulate.camera_motion import camera_motion
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
-from vip_factors.simulate.scene import camera_mount
+from vip_factors.simulate.scene import camera_motion, camera_mount
 from vip_factors.simulate.scene_settings import SceneSettings
 
 SIDES = ("left", "right")

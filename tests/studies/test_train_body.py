@@ -8,7 +8,7 @@ import pytest
 from tests.studies.__main__ import main
 from tests.studies.body_prior_training import DIMENSIONS
 from tests.studies.train_prior import read_ansur, train_body_prior_from_folder
-from vip_factors.body.body_prior import VARIABLES, load_body_prior
+from vip_factors.body.anthropometry import VARIABLES, load_body_prior
 from vip_factors.errors import FileFormatError, InputError
 
 # Millimetres and tenths of a kilogram of a made-up person.

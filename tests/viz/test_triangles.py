@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from vip_factors.body.body_mesh import surface_net
-from vip_factors.viz import triangles
-from vip_factors.viz.triangles import COVERED_M, empty_depth, paint
+from vip_factors.viz import figure
+from vip_factors.viz.figure import COVERED_M, empty_depth, paint
 
 RED, GREEN = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
 
@@ -57,7 +57,7 @@ def test_both_ways_of_drawing_agree() -> None:
     pixels, depths, faces = ball((31.3, 44.7), 30.2, 2.0)
     colours = np.random.default_rng(0).uniform(size=(len(pixels), 3)).astype(np.float32)
     results = []
-    for draw in (triangles._by_opencv, triangles._by_numpy):
+    for draw in (figure._by_opencv, figure._by_numpy):
         image, depth = np.zeros((70, 90, 3), np.float32), empty_depth(70, 90)
         draw(image, depth, pixels, depths, faces, colours)
         results.append((image, depth))

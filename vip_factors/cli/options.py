@@ -1,20 +1,34 @@
-"""From words on the command line to a dataclass of options: parsed, in range, and never writing over what is read."""
+"""From words on the command line to a dataclass of options: parsed, in range, and never writing over what is read.
 
+``--help``: a screen of what most people use of a command; ``--help-all`` tells everything, as tyro lays it out.
+"""
+
+import ast
+import inspect
 import os
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, make_dataclass
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_type_hints
+from textwrap import dedent, wrap
+from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
 
 import tyro
+from tyro.conf import Positional
 
-from vip_factors.cli.help import HELP, HELP_ALL, screen
 from vip_factors.errors import InputError
 from vip_factors.findings import Severity, Verdict
 from vip_factors.ranges import Range, RangeError, check_ranges
 
+HELP, HELP_ALL = ("-h", "--help"), "--help-all"
+COLUMNS = 80
+COLUMN = 23  # of them for an option's words
+LINES = 2  # at most for what it does
+WHOLE: Any = {"break_on_hyphens": False, "placeholder": " …"}  # words
+# What stands for a value; anything else is text.
+VALUES: dict[Any, str] = {Path: "PATH", float: "NUMBER", int: "N"}
 Options = TypeVar("Options")
 
 
@@ -239,3 +253,81 @@ def _mark(hint: Any) -> Input | Output | None:
         if isinstance(one, Input | Output):
             return one
     return next((found for inner in get_args(hint) if (found := _mark(inner)) is not None), None)
+
+
+def screen(prog: str, options: Any, *shown: type) -> str:
+    """Usage, a sentence, the arguments, and the options that most people use: of each the first sentence.
+
+    Args:
+        prog: what the user calls the command.
+        options: its dataclass, whose ``common`` names the fields that are told beside its arguments.
+        shown: further dataclasses, whose fields are all told.
+    """
+    found = {one.name: one for one in _entries(options)}
+    arguments = [one for one in found.values() if one.positional]
+    told = [*arguments, *(found[name] for name in options.common)]
+    lines = [" ".join([f"usage: {prog}", "[OPTIONS]", *(one.words for one in arguments)]), ""]
+    lines += [*wrap(_first_sentence(inspect.getdoc(options) or ""), COLUMNS, **WHOLE), ""]
+    told += [entry for cls in shown for entry in _entries(cls)]
+    for entry in told:
+        words, text = entry.words, wrap(_first_sentence(entry.text), COLUMNS - COLUMN - 4, max_lines=LINES, **WHOLE)
+        if len(words) > COLUMN:
+            lines.append(f"  {words}")
+            words = ""
+        lines += [f"  {'' if n else words:{COLUMN}}  {line}" for n, line in enumerate(text)]
+    return "\n".join([*lines, "", f"All options: {prog} {HELP_ALL}"])
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A field, as the command line has it.
+
+    Attributes:
+        words: what one types.
+        text: what it does.
+    """
+
+    name: str
+    positional: bool
+    words: str
+    text: str
+
+
+def _entries(options: type) -> list[_Entry]:
+    """Of all fields of a dataclass."""
+    hints, texts = get_type_hints(options, include_extras=True), _texts(options)
+    found = []
+    for one in fields(options):
+        hint = hints[one.name]
+        marks = getattr(hint, "__metadata__", ())
+        positional = Positional in marks
+        value = next((mark.metavar for mark in marks if getattr(mark, "metavar", None)), None) or _value(hint)
+        short = [word for mark in marks for word in getattr(mark, "aliases", None) or ()]
+        option = ", ".join([*short, f"--{one.name.replace('_', '-')}"])
+        words = value if positional else f"{option} {value}".strip()
+        found.append(_Entry(one.name, positional, words, texts.get(one.name, "")))
+    return found
+
+
+def _value(hint: Any) -> str:
+    """What is typed behind an option of a type; of a switch nothing."""
+    while get_origin(hint) is not Literal and get_args(hint):  # Annotated, Optional, tuples: by what is in them
+        hint = get_args(hint)[0]
+    if get_origin(hint) is Literal:
+        return "|".join(map(str, get_args(hint)))
+    return "" if hint is bool else VALUES.get(hint, "TEXT")
+
+
+def _texts(options: type) -> dict[str, str]:
+    """The text behind each field, of the class and of those that it inherits: Python does not keep them."""
+    found = dict[str, str]()
+    for cls in reversed([one for one in options.__mro__ if one is not object]):
+        (body,) = (node for node in ast.parse(dedent(inspect.getsource(cls))).body if isinstance(node, ast.ClassDef))
+        for before, node in zip(body.body, body.body[1:], strict=False):
+            if isinstance(before, ast.AnnAssign) and isinstance(before.target, ast.Name) and isinstance(node, ast.Expr):
+                found[before.target.id] = str(ast.literal_eval(node.value))
+    return found
+
+
+def _first_sentence(text: str) -> str:
+    return re.split(r"(?<=\.)\s+(?=[A-Z0-9])", " ".join(text.partition("\n\n")[0].split()))[0]

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from vip_factors.cli.terminal import StatusLine
     from vip_factors.io.live.source import LiveSource
     from vip_factors.io.live_mcap import LiveMcapSink
-    from vip_factors.io.live_vmc import LiveVmcSink
+    from vip_factors.io.live_outputs import LiveVmcSink
     from vip_factors.live.settings import LiveSettings
     from vip_factors.sensors.scene import Scene
     from vip_factors.viz.live_rerun import LiveRerunSink
@@ -136,7 +136,7 @@ def _check(options: StreamOptions) -> None:
     if options.rerun_save is not None:
         check_partial(options.rerun_save, options.overwrite)
     if options.vmc is not None:
-        from vip_factors.io.live_vmc import check_vmc
+        from vip_factors.io.live_outputs import check_vmc
 
         check_vmc(options.vmc)
     if options.web is not None:
@@ -144,7 +144,7 @@ def _check(options: StreamOptions) -> None:
 
         check_websockets("--web")
     if options.lsl is not None:
-        from vip_factors.io.live_lsl import checked_lsl
+        from vip_factors.io.live_outputs import checked_lsl
 
         checked_lsl()
 
@@ -240,7 +240,7 @@ def _viewers(
 def _avatars(options: StreamOptions, setup: "Scene", stack: ExitStack, line: "StatusLine") -> "list[LiveVmcSink]":
     if options.vmc is None:
         return []
-    from vip_factors.io.live_vmc import LiveVmcSink
+    from vip_factors.io.live_outputs import LiveVmcSink
 
     sink = LiveVmcSink(options.vmc, setup, options.sent_pose)
     stack.callback(sink.close)
@@ -263,7 +263,7 @@ def _others(
         line.note(f"note: {server.listens}")
         sinks.append(server)
     if options.lsl is not None:
-        from vip_factors.io.live_lsl import LiveLslSink
+        from vip_factors.io.live_outputs import LiveLslSink
 
         sinks.append(LiveLslSink(options.lsl, setup, settings.frame_rate, options.sent_pose))
     return sinks

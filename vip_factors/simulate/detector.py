@@ -16,7 +16,7 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.simulate.detector_view import Person, View, look
-from vip_factors.simulate.noise import gauss_markov, lasting_chance
+from vip_factors.simulate.recording import gauss_markov, lasting_chance
 from vip_factors.simulate.settings import ROOT_AREA_PER_HEIGHT, DetectorSettings
 
 

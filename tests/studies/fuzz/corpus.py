@@ -36,8 +36,7 @@ from tests.io.table_samples import (
 from tests.studies.fuzz.mutations import mcap_of, protobuf_of
 from tests.studies.fuzz.run import Case, Files
 from vip_factors.associate.weights import SHIPPED_WEIGHTS, load_weights
-from vip_factors.body.anthropometry import LengthPrior, likely_body
-from vip_factors.body.body_prior import SHIPPED_BODY_PRIOR, load_body_prior
+from vip_factors.body.anthropometry import SHIPPED_BODY_PRIOR, LengthPrior, likely_body, load_body_prior
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS

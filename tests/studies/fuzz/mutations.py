@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.body.smpl_pickle import RestrictedUnpickler
+from vip_factors.body.smpl_file import RestrictedUnpickler
 from vip_factors.io.live.messages import delimited
 from vip_factors.io.mcap_records import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD, read_chunk
 

@@ -57,7 +57,7 @@ class ExportFormat:
 FORMATS: dict[str, ExportFormat] = {
     ".bvh": ExportFormat("animation:write_bvh", "skeleton and motion, for animation programs"),
     ".glb": ExportFormat("animation:write_gltf", "bodies that move, and the camera's path", True, "pygltflib"),
-    ".fbx": ExportFormat("fbx:write_fbx", "the same as .glb, written by Blender", True, "pygltflib"),
+    ".fbx": ExportFormat("animation:write_fbx", "the same as .glb, written by Blender", True, "pygltflib"),
     ".npz": ExportFormat("smpl:write_amass", "poses and root path, as AMASS has them"),
     ".csv": ExportFormat("tables:write_csv", "joint positions and joint angles, as a table"),
     ".trc": ExportFormat("tables:write_trc", "joint centres and keypoints as markers, for OpenSim"),

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vip_factors.body.joint_limits import JointLimits, load_joint_limits
-from vip_factors.body.pose_prior import POSE_SIZE, load_pose_prior, mirror_joint_vector
+from vip_factors.body.pose_prior import POSE_SIZE, JointLimits, load_joint_limits, load_pose_prior, mirror_joint_vector
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 

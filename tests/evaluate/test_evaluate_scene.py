@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scene_sample import Injected, camera_path, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
-from vip_factors.evaluate.camera import common_instants
+from vip_factors.evaluate.calibration import common_instants
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.scene_metrics import association_score
 from vip_factors.sensors.camera_path import CameraPath

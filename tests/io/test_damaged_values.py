@@ -10,7 +10,6 @@ import pytest
 from tests.studies.fuzz.outcome import limited_memory, out_of_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.smpl_file import read_smpl_pickle
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.metrics import common_frames
@@ -21,7 +20,7 @@ from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx_document import read_document
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.mcap_records import CHANNEL, RECORD_HEAD
-from vip_factors.io.motions.amass import read_amass
+from vip_factors.io.motions.amass import read_amass, read_smpl_pickle
 from vip_factors.io.motions.asf_amc import read_asf
 from vip_factors.io.motions.bvh import read_bvh
 from vip_factors.io.placement_file import placement_from_file

@@ -9,8 +9,7 @@ from simulated_walk import walk
 from vip_factors.body.joint_angles import is_measured
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.gait.analysis import bones_with_sensors
-from vip_factors.report.blocks import Pictures, Table
-from vip_factors.report.charts import Line, thinned, time_chart
+from vip_factors.report.blocks import Line, Pictures, Table, thinned, time_chart
 from vip_factors.report.material import Material
 from vip_factors.report.page import gait_section
 from vip_factors.sensors.calibration import preset

@@ -22,7 +22,7 @@ from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.calibration import preset
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
-from vip_factors.viz.rerun_file import is_whole
+from vip_factors.viz.viewer import is_whole
 
 RATE = 30.0  # frames per second: one slow core keeps up
 VIEWER_S = 60.0  # that the process of Rerun may take to complete its file, and any other to end

@@ -38,7 +38,7 @@ from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import LiveSample, VideoFrame
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.scene_settings import CameraKind
-from vip_factors.viz.rerun_file import is_whole
+from vip_factors.viz.viewer import is_whole
 
 COMMAND = (sys.executable, "-m", "vip_factors")
 SOURCE = "tcp://127.0.0.1:0"  # a free port, which the program tells

@@ -21,7 +21,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.viz import live_rerun
 from vip_factors.viz.live_rerun import LiveRerunSink, LiveTarget
 from vip_factors.viz.live_view import LiveView
-from vip_factors.viz.rerun_file import complete
+from vip_factors.viz.viewer import complete
 
 
 def items_of(scene: Scene) -> list[LiveEstimate | VideoFrame]:
@@ -197,6 +197,6 @@ def test_a_file_that_rerun_could_not_write_is_an_error(tmp_path: Path, monkeypat
     (tmp_path / "cut.rrd").write_bytes((tmp_path / "a.partial.rrd").read_bytes()[:-100])
     with pytest.raises(VipFactorsError, match=r"a\.rrd: Rerun could not write it"):
         complete(stream, tmp_path / "cut.rrd", tmp_path / "a.rrd")
-    monkeypatch.setattr("vip_factors.viz.rerun_file.FULL_BYTES", 1 << 62)
+    monkeypatch.setattr("vip_factors.viz.viewer.FULL_BYTES", 1 << 62)
     with pytest.raises(OSError, match=r"No space left on device: .*a.rrd"):
         complete(stream, tmp_path / "cut.rrd", tmp_path / "a.rrd")

@@ -1,4 +1,13 @@
-"""The Gaussian pose prior: which joint rotations people like, and which go together (thesis eqs. 3.14, 3.28)."""
+"""The Gaussian pose prior: which joint rotations people like, and which go together (thesis eqs. 3.14, 3.28); and how
+far joints bend: bounds on rotation-vector coordinates (thesis eq. 3.15).
+
+The bounds' ranges are those of the American Academy of Orthopaedic Surgeons ("Joint Motion: Method of Measuring and
+Recording", 1965; tabulated with later measurements by Norkin & White, "Measurement of Joint Motion"), put on the
+body's axes: x to the wearer's left, y up, z forward, T-pose at identity. Two things make the bounds wider than the
+table. A rotation vector is not a sequence of clinical angles, so where a joint moves about several axes at once
+its coordinates mix (shoulders). And sources differ in how they share the bend of the trunk and neck among joints, so
+each joint may take more than its share: together they reach beyond the range of the whole.
+"""
 
 from dataclasses import dataclass
 from functools import cache, cached_property
@@ -11,6 +20,39 @@ from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, log
 
+Range = tuple[float, float]
+
+# Degrees about x, y, z of the left side and the middle; the right side is the mirror image.
+RANGES_DEG: dict[str, tuple[Range, Range, Range]] = {
+    # x: flexion 120 is negative, extension 30; y: external rotation positive 45; z: abduction positive 45
+    "left_hip": ((-125, 35), (-50, 60), (-35, 60)),
+    # x: flexion positive 140, hyperextension 10 where knees are loose, but adults' mean is 1 to 6 even when they are
+    # pushed, and walkers' knees stay above −3; a hinge otherwise, the shank turning a little on a bent knee
+    "left_knee": ((-5, 150), (-25, 25), (-15, 15)),
+    # x: plantar flexion positive 50, dorsiflexion 20 to 30 with a bent knee; y: toes out; z: eversion positive 20,
+    # inversion 35
+    "left_ankle": ((-40, 55), (-30, 45), (-40, 30)),
+    # x: toes bend up (negative) by 70 when the heel lifts
+    "left_foot": ((-75, 45), (-15, 15), (-15, 15)),
+    # whole trunk: flexion positive 80, extension 25, sideways 35, turning 45
+    "spine1": ((-30, 60), (-30, 30), (-30, 30)),
+    "spine2": ((-25, 45), (-30, 30), (-25, 25)),
+    "spine3": ((-20, 40), (-25, 25), (-20, 20)),
+    # neck and head together: flexion positive 45 to 60, extension 45 to 75, sideways 45, turning 60 to 80
+    "neck": ((-40, 40), (-50, 50), (-35, 35)),
+    "head": ((-50, 50), (-60, 60), (-40, 40)),
+    # y: protraction negative; z: elevation positive 30, depression 10
+    "left_collar": ((-25, 25), (-30, 25), (-15, 40)),
+    # z: arm down negative 90, overhead positive 90 with the shoulder blade; y: forward across the chest negative 130
+    "left_shoulder": ((-130, 90), (-140, 75), (-120, 100)),
+    # y: flexion negative 150, hyperextension 10; x: the forearm's turning by 80 either way, which with a bent elbow
+    # shows in z as well; that the elbow is a hinge is a factor of its own
+    "left_elbow": ((-85, 85), (-155, 15), (-85, 85)),
+    # z: flexion negative 80, extension 70; y: towards the thumb negative 20, away 30; x: the forearm's turning
+    "left_wrist": ((-90, 90), (-30, 40), (-85, 75)),
+    # knuckles: flexion negative
+    "left_hand": ((-15, 15), (-20, 20), (-90, 30)),
+}  # fmt: skip
 POSE_SIZE = 3 * (JOINT_COUNT - 1)
 SHIPPED_PRIOR = Path(__file__).parent.parent / "data" / "pose_prior.npz"
 
@@ -90,3 +132,42 @@ def load_pose_prior(path: str | Path | None = None) -> PosePrior:
         FileFormatError: if the file is not one.
     """
     return _read(Path(path) if path is not None else SHIPPED_PRIOR)
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Bounds ``(69,)`` in radians of the stacked rotation vectors of joints 1 … 23."""
+
+    lower: Array
+    upper: Array
+
+    def __post_init__(self) -> None:
+        lower, upper = np.asarray(self.lower, float), np.asarray(self.upper, float)
+        if lower.shape != (POSE_SIZE,) or upper.shape != (POSE_SIZE,) or not np.all(lower < upper):
+            raise InputError("joint limits: expected 69 lower bounds, each below its upper bound, in radians")
+        object.__setattr__(self, "lower", lower)
+        object.__setattr__(self, "upper", upper)
+
+    def violation(self, x: Array) -> Array:
+        """How far joint vectors ``(..., 69)`` lie outside, in radians, signed; zero inside."""
+        return np.minimum(x - self.lower, 0.0) + np.maximum(x - self.upper, 0.0)
+
+    def reaching(self, x: Array, beyond: float) -> "JointLimits":
+        """Limits that leave room for what most of the joint vectors ``(T, 69)`` do beyond these, by the median and by
+        more than ``beyond``, in radians.
+        """
+        outside = self.violation(x)
+        most = np.where(np.abs(np.median(outside, axis=0)) > beyond, 1.0, 0.0)
+        return JointLimits(self.lower + most * outside.min(axis=0), self.upper + most * outside.max(axis=0))
+
+
+def load_joint_limits() -> JointLimits:
+    """The limits of an able adult, alike on both sides."""
+    lower, upper = np.zeros((2, len(JOINT_NAMES) - 1, 3))
+    for name, ranges in RANGES_DEG.items():
+        lower[JOINT_NAMES.index(name) - 1], upper[JOINT_NAMES.index(name) - 1] = np.radians(ranges).T
+    mirrored = mirror_joint_vector(np.stack([lower.ravel(), upper.ravel()])).reshape(2, -1, 3)
+    right = [joint - 1 for joint, name in enumerate(JOINT_NAMES) if name.startswith("right_")]
+    lower[right] = np.minimum(*mirrored[:, right])
+    upper[right] = np.maximum(*mirrored[:, right])
+    return JointLimits(lower.ravel(), upper.ravel())

@@ -15,9 +15,8 @@ from typing import Any
 
 import tyro
 
-from vip_factors.cli.many_tasks import MANY, RunOptions, Task, joined, leading, tasks_of
+from vip_factors.cli.many_tasks import MANY, RunOptions, Task, joined, leading, storage_of, tasks_of
 from vip_factors.cli.options import FAILED as DOUBTED
-from vip_factors.cli.storage import storage_of
 from vip_factors.cli.workers import SIGNAL, Future, Worker, Workers, run_child, workers
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import Severity

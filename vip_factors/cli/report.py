@@ -61,7 +61,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     if options.video is not None:
         if len(options.video) > 1:
             raise InputError(f"--video {' '.join(map(str, options.video))}: expected one file at most")
-        from vip_factors.viz.film_file import check_film
+        from vip_factors.viz.film import check_film
 
         check_film(out.with_suffix(".mp4"))
         check_target(out.with_suffix(".mp4"), options.overwrite)

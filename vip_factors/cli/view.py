@@ -66,7 +66,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
         if wanted is not None:
             check_target(wanted, options.overwrite)
     if options.video is not None:
-        from vip_factors.viz.film_file import check_film
+        from vip_factors.viz.film import check_film
 
         check_film(options.video)
     if options.chart is not None:

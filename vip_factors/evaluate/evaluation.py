@@ -23,15 +23,18 @@ from vip_factors.evaluate.body import (
 from vip_factors.evaluate.calibration import (
     calibration_error,
     calibration_metrics,
+    camera_error,
+    camera_metrics,
+    common_instants,
     consistency_metrics,
     heading_error_over_time,
     joint_nees,
     mean_and_95th,
+    seen_instants,
     sensor_table,
     share_sensors,
     summarise,
 )
-from vip_factors.evaluate.camera import camera_error, camera_metrics, common_instants, seen_instants
 from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, common_frames, position_error
 from vip_factors.evaluate.scene_metrics import (
     association,

@@ -14,6 +14,7 @@ from vip_factors.evaluate.calibration import (
     ENDS,
     CalibrationError,
     calibration_error,
+    camera_error,
     consistency_metrics,
     error_metrics,
     heading_nees,
@@ -21,7 +22,6 @@ from vip_factors.evaluate.calibration import (
     nees,
     share_sensors,
 )
-from vip_factors.evaluate.camera import camera_error
 from vip_factors.evaluate.metrics import MM
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment

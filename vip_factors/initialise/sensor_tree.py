@@ -14,8 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from vip_factors.body.joint_limits import JointLimits
-from vip_factors.body.pose_prior import PosePrior
+from vip_factors.body.pose_prior import JointLimits, PosePrior
 from vip_factors.body.skeleton import Skeleton, ancestors, joint_index
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, rotation_z, transpose

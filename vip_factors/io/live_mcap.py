@@ -31,11 +31,11 @@ from vip_factors.io.mcap_estimate import (
 )
 from vip_factors.io.mcap_estimate_writer import CameraWriter, WearerWriter
 from vip_factors.io.mcap_frames import (
+    MODEST_FRAMES,
     camera_pose_messages,
     pose_messages,
 )
 from vip_factors.io.mcap_recording import wearer_topics
-from vip_factors.io.mcap_viewers import MODEST_FRAMES
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate

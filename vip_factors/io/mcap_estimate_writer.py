@@ -28,11 +28,20 @@ from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import NS_PER_S, time_ns_of
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import CAMERA_HEAD, HEAD, SCENE_HEAD
-from vip_factors.io.mcap_frames import camera_pose_messages, camera_residual_messages, pose_messages, residual_messages
+from vip_factors.io.mcap_frames import (
+    camera_pose_messages,
+    camera_residual_messages,
+    point_messages,
+    pose_messages,
+    residual_messages,
+    scene_wanted,
+    shown_step,
+    skeleton_scene,
+    transform_messages,
+)
 from vip_factors.io.mcap_messages import Topics
 from vip_factors.io.mcap_reader import McapContents, read_contents
 from vip_factors.io.mcap_recording import wearer_topics
-from vip_factors.io.mcap_viewers import point_messages, scene_wanted, shown_step, skeleton_scene, transform_messages
 from vip_factors.io.mcap_writer import CHUNK_BYTES, MessageWriter, TimedMessage
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 

@@ -10,7 +10,7 @@ from vip_factors.errors import SolveError
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.pose import contact_confidence
+from vip_factors.initialise.calibration import contact_confidence
 from vip_factors.live.camera_observer import CameraObserver, FrameBelief, standing_feet
 from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.prediction import predicted

@@ -9,10 +9,22 @@ from vip_factors.body.mannequin import Side
 from vip_factors.body.model_errors import shape_factor
 from vip_factors.gait.analysis import bones_with_sensors
 from vip_factors.geometry.rotations import Array
-from vip_factors.report.blocks import Block, Charts, Heading, Paragraph, Section, Table
-from vip_factors.report.charts import SIDE_COLOURS, Line, time_chart
+from vip_factors.report.blocks import (
+    SIDE_COLOURS,
+    UNKNOWN,
+    Block,
+    Charts,
+    Heading,
+    Line,
+    Paragraph,
+    Section,
+    Table,
+    capital,
+    joint_words,
+    time_chart,
+    with_unit,
+)
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.words import UNKNOWN, capital, joint_words, with_unit
 
 PAIRED = (
     "hip_flexion", "knee_flexion", "ankle_dorsiflexion", "hip_adduction", "hip_internal_rotation", "shoulder_flexion",

@@ -8,10 +8,20 @@ import numpy as np
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.rotations import Array
-from vip_factors.report.blocks import Block, Chart, Charts, Paragraph, Section, Table
-from vip_factors.report.charts import Line, time_chart, wearer_mark
+from vip_factors.report.blocks import (
+    UNKNOWN,
+    Block,
+    Chart,
+    Charts,
+    Line,
+    Paragraph,
+    Section,
+    Table,
+    number,
+    time_chart,
+    wearer_mark,
+)
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.words import UNKNOWN, number
 
 KINDS = {"orientation_deg": ("Orientation, °", "°"), "acceleration_m_s2": ("Acceleration, m/s²", "")}
 

@@ -7,9 +7,9 @@ from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_angles import is_measured
 from vip_factors.io.live_json import VERSION
 from vip_factors.report.angles import PAIRED, TRUNK
+from vip_factors.report.blocks import capital, joint_words
 from vip_factors.report.motion_data import body_data, corners, mesh_data, poses_data
 from vip_factors.report.page import as_json, environment, packaged
-from vip_factors.report.words import capital, joint_words
 from vip_factors.sensors.scene import Scene
 
 EXTENT_M = 8.0  # of the ground that is drawn around who walks on it

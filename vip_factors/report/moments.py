@@ -7,10 +7,9 @@ import numpy as np
 
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.rotations import Array
-from vip_factors.report.blocks import Block, Image, Paragraph, Picture, Pictures, Section
+from vip_factors.report.blocks import Block, Image, Paragraph, Picture, Pictures, Section, joint_words
 from vip_factors.report.fit import joined, mean_residual
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.words import joint_words
 from vip_factors.viz.images import jpeg_bytes, png_bytes
 from vip_factors.viz.picture import frame_picture, pose_picture
 

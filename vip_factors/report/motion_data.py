@@ -11,7 +11,7 @@ from vip_factors.body.mannequin import side_of
 from vip_factors.body.skeleton import PARENTS, Skeleton
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.report.charts import TRUTH, sides_of, wearer_mark
+from vip_factors.report.blocks import TRUTH, sides_of, wearer_mark
 from vip_factors.report.material import Material
 from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera_model import CameraModel

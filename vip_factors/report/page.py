@@ -26,16 +26,31 @@ from vip_factors.repetitions.files import HEAD, rows, summary
 from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.report.angles import angles_section
-from vip_factors.report.blocks import Block, Heading, Image, Paragraph, Picture, Pictures, Section, Table, Tile, Tiles
+from vip_factors.report.blocks import (
+    UNKNOWN,
+    Block,
+    Heading,
+    Image,
+    Paragraph,
+    Picture,
+    Pictures,
+    Section,
+    Table,
+    Tile,
+    Tiles,
+    capital,
+    count,
+    listed,
+    number,
+    plus_minus,
+)
+from vip_factors.report.calibration import found_section, made_section, recorded_section
 from vip_factors.report.fit import fit_section
-from vip_factors.report.found import found_section
 from vip_factors.report.material import Material, material
 from vip_factors.report.moments import moments_section, png, strip
 from vip_factors.report.motion_data import motion_data
-from vip_factors.report.recorded import made_section, recorded_section
 from vip_factors.report.settings import ReportSettings
 from vip_factors.report.summary import summary_section
-from vip_factors.report.words import UNKNOWN, capital, count, listed, number, plus_minus
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.charts import pixels
 

@@ -7,9 +7,22 @@ import numpy as np
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
-from vip_factors.report.blocks import Block, Paragraph, Remark, Remarks, Section, Tile, Tiles
+from vip_factors.report.blocks import (
+    Block,
+    Paragraph,
+    Remark,
+    Remarks,
+    Section,
+    Tile,
+    Tiles,
+    capital,
+    count,
+    joint_words,
+    listed,
+    seconds_words,
+    with_unit,
+)
 from vip_factors.report.material import Material, Wearer
-from vip_factors.report.words import capital, count, joint_words, listed, seconds_words, with_unit
 
 # The joints that carry limbs: those of the spine share one bend among them, which is known better than its parts.
 LIMB_JOINTS = tuple(

@@ -8,7 +8,7 @@ from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import Skeleton, contact_points, joint_index
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.pose import contact_confidence
+from vip_factors.initialise.calibration import contact_confidence
 from vip_factors.problem.scene import Foot, GroundView, KeypointView
 from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem

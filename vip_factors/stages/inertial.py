@@ -13,8 +13,7 @@ from vip_factors.estimate import WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, known_calibration
-from vip_factors.initialise.pose import first_poses
+from vip_factors.initialise.calibration import InitialCalibration, first_poses, initial_calibration, known_calibration
 from vip_factors.initialise.start_search import Starts
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState

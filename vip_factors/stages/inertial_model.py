@@ -5,14 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import BodyVariation
-from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import contact_points
 from vip_factors.errors import InputError
-from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.initialise.pose import contact_confidence, standing_path
+from vip_factors.initialise.calibration import InitialCalibration, contact_confidence, standing_path
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
 from vip_factors.sensors.frames import ImuFrames

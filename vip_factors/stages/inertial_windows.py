@@ -19,8 +19,7 @@ from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.initialise.pose import first_poses
+from vip_factors.initialise.calibration import InitialCalibration, first_poses
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem

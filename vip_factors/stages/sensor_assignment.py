@@ -6,8 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from vip_factors.body.joint_limits import load_joint_limits
-from vip_factors.body.pose_prior import load_pose_prior
+from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.findings import Finding
 from vip_factors.initialise.sensor_assignment import (
     TURN_FRAMES,

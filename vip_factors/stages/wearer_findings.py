@@ -4,9 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from vip_factors.body.joint_limits import load_joint_limits
 from vip_factors.body.kinematics import Motion, forward_kinematics
-from vip_factors.body.pose_prior import joint_vector
+from vip_factors.body.pose_prior import joint_vector, load_joint_limits
 from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import BodyEstimate
 from vip_factors.findings import Finding

@@ -20,8 +20,7 @@ from vip_factors.atomic import check_partial, partial_file, partial_path
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz.rerun_file import complete, hand_over
-from vip_factors.viz.viewer import QUIET, grpc_server, rerun_command
+from vip_factors.viz.viewer import QUIET, complete, grpc_server, hand_over, rerun_command
 
 if TYPE_CHECKING:
     import rerun as rr

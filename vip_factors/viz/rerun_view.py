@@ -40,11 +40,10 @@ from vip_factors.viz.rerun_camera import (
     log_true_camera,
     log_video,
 )
-from vip_factors.viz.rerun_file import complete
 from vip_factors.viz.rerun_layout import CENTRE, centre_path, log_centre, scene_blueprint
 from vip_factors.viz.rerun_series import colours_of, log_legend, log_series
 from vip_factors.viz.summaries import scene_summary
-from vip_factors.viz.viewer import check_display, quiet, rerun_command
+from vip_factors.viz.viewer import check_display, complete, quiet, rerun_command
 
 APPLICATION = "vip_factors"
 IMAGE = "world/camera/image"

@@ -17,11 +17,11 @@ from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, angle_between, rotation_x
-from vip_factors.io.bone_names import bone_names
 from vip_factors.io.export.animation import GltfBuffer
 from vip_factors.io.export.files import export
 from vip_factors.io.export.settings import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis
 from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
+from vip_factors.io.motions.skeleton_maps import bone_names
 
 bvhio = pytest.importorskip("bvhio", reason="its PyGLM has no wheel for every Python")
 

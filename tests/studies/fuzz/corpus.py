@@ -41,7 +41,6 @@ from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, Pooled
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import SHIPPED_PRIOR, load_pose_prior
-from vip_factors.body.smpl_file import skeleton_from_smpl
 from vip_factors.cli.info_text import motion_text, recording_text
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.configurations import configured
@@ -58,6 +57,7 @@ from vip_factors.io.export.smpl import write_amass
 from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, read_keypoint_offsets, write_keypoint_offsets
 from vip_factors.io.live.open import read_token
 from vip_factors.io.motions import read_motion
+from vip_factors.io.motions.amass import smpl_body
 from vip_factors.settings import Settings, flatten
 from vip_factors.simulate.gestures import gestures
 
@@ -315,8 +315,8 @@ def _file_cases() -> list[Case]:
             )
         ),
         *(
-            case(name.replace(".", "-"), {name: data}, lambda path: skeleton_from_smpl(path, [0.5, 0.1]),
-                 "skeleton_from_smpl ", 2)
+            case(name.replace(".", "-"), {name: data}, lambda path: smpl_body(path, [0.5, 0.1]),
+                 "smpl_body ", 2)
             for name, data in _smpl().items()
         ),
     ]  # fmt: skip

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.body.smpl_file import RestrictedUnpickler
 from vip_factors.io.live.messages import delimited
 from vip_factors.io.mcap_records import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD, read_chunk
+from vip_factors.io.motions.amass import RestrictedUnpickler
 
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
 WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]*")

@@ -8,8 +8,8 @@ import pytest
 
 from tests.studies.fuzz.outcome import limited_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.smpl_file import skeleton_from_smpl, smpl_body
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.motions.amass import smpl_body
 
 JOINTS = skeleton_from_stature(1.7).p_pelvis_joint + np.array([0.0, -0.2, 0.03])
 # A body of very few vertices: one at each joint, then head, and heel and toes and fingertip of either side.
@@ -78,7 +78,7 @@ def test_pickles_of_chumpy_and_scipy_are_read_without_them(
         content = arrays | {"shapedirs": chumpy, "J_regressor": sparse}
         path.write_bytes(pickle.dumps(content, protocol=protocol))
     np.savez(tmp_path / "model.npz", **arrays)
-    from_pickle, from_npz = (skeleton_from_smpl(tmp_path / f"model.{kind}", np.ones(10)) for kind in ("pkl", "npz"))
+    from_pickle, from_npz = (smpl_body(tmp_path / f"model.{kind}", np.ones(10)).skeleton for kind in ("pkl", "npz"))
     np.testing.assert_allclose(from_pickle.p_parent_joint, from_npz.p_parent_joint, atol=1e-12)
 
 
@@ -96,7 +96,7 @@ def test_nothing_in_a_pickle_is_run(tmp_path: Path) -> None:
     path, target = tmp_path / "model.pkl", tmp_path / "written"
     path.write_bytes(pickle.dumps({"v_template": Harmful(target)}))
     with pytest.raises(FileFormatError, match="no SMPL file needs"):
-        skeleton_from_smpl(path)
+        smpl_body(path)
     assert not target.exists()
 
 
@@ -115,22 +115,22 @@ def test_other_files_are_refused_with_a_reason(tmp_path: Path) -> None:
         ("absent.npz", "not a SMPL model npz"),
     ):
         with pytest.raises(FileFormatError, match=reason):
-            skeleton_from_smpl(tmp_path / name)
+            smpl_body(tmp_path / name)
     with pytest.raises(InputError, match="at most 10"):
-        skeleton_from_smpl(tmp_path / "model.npz", np.zeros(11))
+        smpl_body(tmp_path / "model.npz", np.zeros(11))
 
 
 def test_a_template_of_one_number_is_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", v_template=np.array(1.0), shapedirs=np.zeros((4, 3, 2)), J_regressor=np.zeros((24, 4)))
     with pytest.raises(FileFormatError, match=r"v_template \(\) and shapedirs"):
-        skeleton_from_smpl(tmp_path / "a.npz")
+        smpl_body(tmp_path / "a.npz")
 
 
 def test_arrays_of_objects_are_none(tmp_path: Path) -> None:
     arrays = model() | {"v_template": np.array([[None, 1.0, 2.0]], dtype=object)}
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(arrays, protocol=2))
     with pytest.raises(FileFormatError, match="an array of 'O8'"):
-        skeleton_from_smpl(tmp_path / "a.pkl")
+        smpl_body(tmp_path / "a.pkl")
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
@@ -138,7 +138,7 @@ def test_numbers_of_either_byte_order_are_read(tmp_path: Path, order: str) -> No
     arrays = {name: np.asfortranarray(one.astype(f"{order}f4")) for name, one in model().items()}
     (tmp_path / "a.pkl").write_bytes(pickle.dumps(arrays, protocol=2))
     np.savez(tmp_path / "a.npz", **model())
-    from_pickle, from_npz = (skeleton_from_smpl(tmp_path / f"a.{kind}") for kind in ("pkl", "npz"))
+    from_pickle, from_npz = (smpl_body(tmp_path / f"a.{kind}").skeleton for kind in ("pkl", "npz"))
     np.testing.assert_allclose(from_pickle.p_parent_joint, from_npz.p_parent_joint, atol=1e-6)
 
 
@@ -154,4 +154,4 @@ def test_numbers_of_either_byte_order_are_read(tmp_path: Path, order: str) -> No
 def test_sizes_that_a_pickle_declares_are_not_made_room_for(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.pkl").write_bytes(content)
     with limited_memory(2**29), pytest.raises(FileFormatError, match=r"a\.pkl: (not a SMPL model pickle|lacks)"):
-        skeleton_from_smpl(tmp_path / "a.pkl")
+        smpl_body(tmp_path / "a.pkl")

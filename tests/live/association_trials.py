@@ -9,7 +9,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import BodyState, Motion, forward_kinematics, local_rotations
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.live.association import OnlineAssociation
+from vip_factors.live.association import Belief, OnlineAssociation
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
@@ -57,11 +57,19 @@ class Predictions:
     p_world_camera: Array
     root_m: Array
 
-    def at(self, f: int, bodies: list[BodyState] | None = None) -> tuple:
+    def at(self, f: int, bodies: list[BodyState] | None = None) -> tuple[VideoFrame, Belief]:
         """Arguments of ``choose``, by video frame."""
-        part = [BodyState(one.R_world_bone[f : f + 1], one.p_world_joint[f : f + 1]) for one in (bodies or self.bodies)]
-        camera = self.R_world_camera[f], self.p_world_camera[f]
-        return self.frames[f], part, camera, [np.eye(3) * sigma**2 for sigma in self.root_m[:, f]]
+        (frame,), belief = self.during(range(f, f + 1), bodies)
+        return frame, belief
+
+    def during(self, window: range, bodies: list[BodyState] | None = None) -> tuple[list[VideoFrame], Belief]:
+        """Arguments of ``revise``."""
+        own = slice(window.start, window.stop)
+        part = [BodyState(one.R_world_bone[own], one.p_world_joint[own]) for one in (bodies or self.bodies)]
+        covariance = np.eye(3) * self.root_m.T[own, :, None, None] ** 2
+        return self.frames[own], Belief(
+            window.start, part, self.R_world_camera[own], self.p_world_camera[own], covariance
+        )
 
 
 def predictions(
@@ -124,7 +132,7 @@ def run(scene: Scene, given: Predictions) -> Outcome:
         at_once.append(association.choose(*given.at(f)))
         while given.frames[first].time < frame.time - LAG_S - 1e-6:
             first += 1
-        lagged[first : f + 1] = association.revise([given.at(one) for one in range(first, f + 1)])
+        lagged[first : f + 1] = association.revise(*given.during(range(first, f + 1)))
     return Outcome(np.array(at_once), lagged)
 
 

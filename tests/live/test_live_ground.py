@@ -11,7 +11,8 @@ from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, track
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.configurations import configured
 from vip_factors.evaluate.metrics import common_frames
-from vip_factors.live.camera_observer import CameraObserver, FrameBelief
+from vip_factors.live.association import Belief
+from vip_factors.live.camera_observer import CameraObserver
 from vip_factors.live.settings import LiveSettings, OnlineAssociationSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
@@ -133,7 +134,8 @@ def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) ->
     views = []
     for one in (SETTINGS, settings):
         observer = CameraObserver(setup.camera, [skeleton], [0.0], [1.0], OnlineAssociationSettings(), one.camera)
-        views.append(observer._view(video, 0, 0, FrameBelief([body], (R, p), [np.eye(3)], [None])))
+        belief = Belief(0, [body], R[None], p[None], np.eye(3)[None, None])
+        views.append(observer._view(video, 0, 0, belief, None))
     plain, careful = views
     assert careful.seen[0, 0] == (far_px < 100)
     assert careful.confidence[0, 0] < plain.confidence[0, 0]

@@ -99,14 +99,15 @@ def test_bystander_taken_for_the_wearer_is_dropped_and_the_wearer_found():
     trial, association = predictions(scene), association_of(scene)
     found, fooled_until, taken = None, 0.0, 0
     for f, frame in enumerate(trial.frames):
-        _, (body,), camera, sigma = trial.at(f)
+        _, belief = trial.at(f)
+        (body,) = belief.bodies
         if found is None:
             now = follows.frames(slice(round(frame.time * follows.rate), None)).state
             there = now.p_world_joint[0]
             body = replace(body, p_world_joint=body.p_world_joint - body.p_world_joint[0, 0] + there[0])
             if frame.time < 1.0:
                 body = BodyState(now.R_world_bone[:1], there[None])
-        (chosen,) = association.choose(frame, [body], camera, sigma)
+        (chosen,) = association.choose(frame, replace(belief, bodies=[body]))
         if chosen >= 0 and trial.owners[f][chosen] == 0:
             found = found or frame.time
         elif chosen >= 0 and found is None:
@@ -125,7 +126,7 @@ def test_swap_is_undone_within_the_lag():
     swapped = [trial.bodies[1], trial.bodies[0]]
     for f in window:
         association.choose(*trial.at(f, swapped))
-    revised = association.revise([trial.at(f) for f in window])
+    revised = association.revise(*trial.during(window))
     for f, choice in zip(window, revised, strict=True):
         for w, n in enumerate(choice):
             assert n == -1 or trial.owners[f][n] == w
@@ -138,20 +139,20 @@ def test_swap_is_undone_within_the_lag():
 def test_no_people_no_keypoints_and_late_frames():
     scene = two_among_four()
     trial, association = predictions(scene), association_of(scene)
-    frame, bodies, camera, sigma = trial.at(3)
+    frame, belief = trial.at(3)
     K = frame.pixels.shape[1]
     empty = VideoFrame("camera", frame.time - 0.05, np.zeros((0, K, 2)), np.zeros((0, K)))
     blank = VideoFrame("camera", frame.time - 0.03, np.full((2, K, 2), np.nan), np.zeros((2, K)))
     for one in (empty, blank):
-        assert list(association.choose(one, bodies, camera, sigma)) == [-1, -1]
-    first = association.choose(frame, bodies, camera, sigma)
+        assert list(association.choose(one, belief)) == [-1, -1]
+    first = association.choose(frame, belief)
     late = trial.at(2)
     assert list(association.choose(*late)) == list(association_of(scene).choose(*late))
-    revised = association.revise([(empty, *late[1:]), (blank, *late[1:]), late, (frame, bodies, camera, sigma)])
+    _, both = trial.during(range(2, 4))
+    revised = association.revise([empty, blank, late[0], frame], both.at([2, 2, 2, 3]))
     assert [len(one) for one in revised] == [2] * 4
     assert list(revised[0]) == list(revised[1]) == [-1, -1]
     assert list(revised[3]) == list(first)
-    assert association.revise([]) == []
 
 
 def test_settings_are_checked():
@@ -177,9 +178,9 @@ def test_a_body_that_fits_fits_anywhere(move):
 def _exact() -> tuple[BodyFitter, np.ndarray, People]:
     scene = two_among_four()
     trial: Predictions = predictions(scene, wrong=0.0)
-    _, bodies, (R, p), _ = trial.at(5)
+    _, belief = trial.at(5)
     fitter = BodyFitter(scene.camera.detections.keypoints, [scene.wearers[0].truth.motion.skeleton], 0.15, 0.1)
-    points = fitter.points([bodies[:1]], R[None], p[None])
+    points = fitter.points(belief.bodies[:1], belief.R_world_camera, belief.p_world_camera)
     rays = points[:, 0, :, :2] / points[:, 0, :, 2:]
     return fitter, points, People(rays[:, None], np.ones((1, 1, rays.shape[1])), np.ones((1, 1), bool))
 

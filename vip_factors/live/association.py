@@ -95,10 +95,34 @@ def _in_turn(cost: Array, step: Array, order: tuple[int, ...]) -> tuple[np.ndarr
     return path, total
 
 
-CameraPose = tuple[Array, Array]
-Seen = tuple[VideoFrame, Sequence[BodyState], CameraPose, Sequence[Array]]
 NOBODY = -1
 NEVER = 1e6
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What is believed of ``F`` frames.
+
+    Attributes:
+        first: number of the first.
+        bodies: of each of ``W`` wearers.
+        R_world_camera, p_world_camera: ``(F, 3, 3)`` and ``(F, 3)``.
+        root_covariance: ``(F, W, 3, 3)`` m² of where each wearer is before the camera, world axes; the camera's turn
+            is not part of it.
+    """
+
+    first: int
+    bodies: Sequence[BodyState]
+    R_world_camera: Array
+    p_world_camera: Array
+    root_covariance: Array
+
+    def at(self, numbers: Sequence[int]) -> "Belief":
+        """Of some of the frames, in order."""
+        rows = np.array(numbers) - self.first
+        bodies = [BodyState(one.R_world_bone[rows], one.p_world_joint[rows]) for one in self.bodies]
+        R, p = self.R_world_camera[rows], self.p_world_camera[rows]
+        return Belief(numbers[0], bodies, R, p, self.root_covariance[rows])
 
 
 @dataclass(frozen=True)
@@ -162,17 +186,12 @@ class OnlineAssociation:
         patience = self.settings.patience_s
         return np.array([one.seen is not None and self._time - one.seen > patience for one in self._wearers])
 
-    def choose(
-        self, frame: VideoFrame, bodies: Sequence[BodyState], camera: CameraPose, root_sigma: Sequence[Array]
-    ) -> np.ndarray:
+    def choose(self, frame: VideoFrame, belief: Belief) -> np.ndarray:
         """Index ``(W,)`` of the person who is each wearer in the newest video frame, −1 for nobody.
 
         Args:
             frame: later than all before; one that comes late is decided without being remembered.
-            bodies: predicted pose of each wearer at that time, one frame each.
-            camera: predicted ``(R_world_camera, p_world_camera)``.
-            root_sigma: covariances ``(3, 3)`` m² of where each wearer is before the camera, world axes; the camera's
-                turn is not part of it.
+            belief: what is predicted of that one frame.
         """
         people = people_of(frame.pixels, frame.confidence, self.model)
         late = frame.time <= self._time
@@ -181,7 +200,7 @@ class OnlineAssociation:
             self._time = frame.time
             self._begin(frame.time)
             self._fitter.count_keypoints(people)
-        odds = self._odds([(frame, bodies, camera, root_sigma)], people).frame(0)
+        odds = self._odds(belief, people).frame(0)
         if late:
             return _assign(np.where(odds.usable, odds.both - self.settings.accept, -NEVER))
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
@@ -195,22 +214,19 @@ class OnlineAssociation:
         self._doubt(odds.appearance, chosen, elapsed)
         return chosen
 
-    def revise(self, window: Sequence[Seen]) -> list[np.ndarray]:
+    def revise(self, frames: Sequence[VideoFrame], belief: Belief) -> list[np.ndarray]:
         """Decide again, jointly, about the video frames that are still within the lag.
 
         Args:
-            window: in order of time: frames that were given to :meth:`choose`, with bodies, camera and covariances as
-                they are believed now.
+            frames: one at least, in order of time, that were given to :meth:`choose`.
+            belief: what is believed of them now.
 
         Returns:
             Index ``(W,)`` of the person who is each wearer, for each frame; −1 for nobody.
         """
-        if not window:
-            return []
-        frames = [one[0] for one in window]
         known = [self._frames.get(one.time) or self._unknown(one) for one in frames]
         people = together([one for one, _ in known])
-        odds = self._odds(window, people)
+        odds = self._odds(belief, people)
         number = np.full(people.there.shape, NOBODY)
         for row, (_, numbers) in zip(number, known, strict=True):
             row[: len(numbers)] = numbers
@@ -255,12 +271,11 @@ class OnlineAssociation:
         wide = np.array([one.wide_m for one in self._wearers])
         return np.minimum(np.hypot(wide, s.drift_m_s * np.maximum(unseen - s.patience_s, 0)), s.most_lost_m)
 
-    def _odds(self, window: Sequence[Seen], people: People) -> _Odds:
-        s = self.settings
-        R, p = (np.array([one[2][part] for one in window]) for part in (0, 1))
-        points = self._fitter.points([one[1] for one in window], R, p)
+    def _odds(self, belief: Belief, people: People) -> _Odds:
+        s, R = self.settings, belief.R_world_camera
+        points = self._fitter.points(belief.bodies, R, belief.p_world_camera)
         depth = self._fitter.middle(points)[..., 2]
-        covariance = transpose(R)[:, None] @ np.array([one[3] for one in window]) @ R[:, None]
+        covariance = transpose(R)[:, None] @ belief.root_covariance @ R[:, None]
         turn = (np.deg2rad(s.camera_sigma_deg) * depth) ** 2
         spread = np.stack([turn, turn, 0 * turn], axis=-1) + self._lost_m()[None, :, None] ** 2
         covariance = covariance + spread[..., None] * np.eye(3)

@@ -108,17 +108,15 @@ class BodyFitter:
         """Take in which keypoints the detector gives, of one more video frame."""
         self.sightings += np.sum(people.weight > 0, axis=(0, 1))
 
-    def points(self, bodies: Sequence[Sequence[BodyState]], R_world_camera: Array, p_world_camera: Array) -> Array:
+    def points(self, bodies: Sequence[BodyState], R_world_camera: Array, p_world_camera: Array) -> Array:
         """Keypoints ``(F, W, K, 3)`` in the camera's axes, metres.
 
         Args:
-            bodies: of each of ``F`` frames, those of the wearers.
+            bodies: of the wearers, in ``F`` frames.
             R_world_camera, p_world_camera: ``(F, 3, 3)`` and ``(F, 3)``.
         """
-        R = np.array([[one.R_world_bone[0] for one in frame] for frame in bodies])
-        p = np.array([[one.p_world_joint[0] for one in frame] for frame in bodies])
-        wearer = np.arange(len(self.bone))[:, None]
-        p_world = p[:, wearer, self.bone] + (R[:, wearer, self.bone] @ self.offset[..., None])[..., 0]
+        own = zip(bodies, self.bone, self.offset, strict=True)
+        p_world = np.stack([body.points(bone, offset) for body, bone, offset in own], axis=1)
         return np.asarray((p_world - p_world_camera[:, None, None]) @ R_world_camera[:, None])
 
     def middle(self, points: Array) -> Array:

@@ -9,7 +9,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.association import NOBODY, CameraPose, OnlineAssociation, OnlineAssociationSettings
+from vip_factors.live.association import NOBODY, Belief, OnlineAssociation, OnlineAssociationSettings
 from vip_factors.live.problem import LagFrame
 from vip_factors.problem.scene import Foot, KeypointView
 from vip_factors.problem.state import CameraPoses
@@ -60,18 +60,8 @@ def standing_feet(
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 
 
-@dataclass(frozen=True)
-class FrameBelief:
-    """What is believed of one frame: each wearer's body, the camera's pose, covariances of the roots.
-
-    ``foot_contacts`` ``(G,)`` of each wearer is how surely each foot stands whose contact with the ground is
-    used; None where none is.
-    """
-
-    bodies: Sequence[BodyState]
-    camera: CameraPose
-    root_covariance: Sequence[Array]
-    foot_contacts: Sequence[Array | None]
+# Of a frame by number: how surely each foot of each wearer stands, ``(G,)``, that is used; None where none is.
+FootContacts = Callable[[int], Sequence[Array | None]]
 
 
 @dataclass
@@ -111,29 +101,30 @@ class CameraObserver:
         self._decided.append(_Decided(number, video, chosen))
         self.chosen = chosen
 
-    def observe(self, number: int, video: VideoFrame, belief: FrameBelief) -> tuple[KeypointView, ...]:
-        """Who is who in a video frame of the frame ``number``."""
-        chosen = self._association.choose(video, belief.bodies, belief.camera, belief.root_covariance)
+    def observe(
+        self, number: int, video: VideoFrame, belief: Belief, feet: FootContacts
+    ) -> tuple[KeypointView, ...]:  # fmt: skip
+        """Who is who in a video frame of the frame ``number``, which is one of those of which something is believed."""
+        belief = belief.at([number])
+        chosen = self._association.choose(video, belief)
         self._decided.append(_Decided(number, video, chosen))
         self._decided.sort(key=lambda one: one.video.time)
         self.chosen = self._decided[-1].chosen
-        return self._views(video, chosen, belief)
+        return self._views(video, chosen, belief, feet(number))
 
-    def revise(self, first: int, belief: Callable[[int], FrameBelief]) -> dict[int, tuple[KeypointView, ...]]:
-        """Frames from ``first`` on in which somebody else is the wearer than was thought, and what is seen in them."""
-        self._decided = [one for one in self._decided if one.number >= first]
+    def revise(self, belief: Belief, feet: FootContacts) -> dict[int, tuple[KeypointView, ...]]:
+        """Frames in which somebody else is the wearer than was thought, and what is seen in them."""
+        self._decided = [one for one in self._decided if one.number >= belief.first]
         if len(self._decided) < 2:
             return {}
-        beliefs = [belief(one.number) for one in self._decided]
-        window = [
-            (one.video, there.bodies, there.camera, there.root_covariance)
-            for one, there in zip(self._decided, beliefs, strict=True)
-        ]
+        there = belief.at([one.number for one in self._decided])
         changed = {}
-        for one, there, chosen in zip(self._decided, beliefs, self._association.revise(window), strict=True):
+        for one, chosen in zip(
+            self._decided, self._association.revise([one.video for one in self._decided], there), strict=True
+        ):
             if np.any(chosen != one.chosen):
                 one.chosen = chosen
-                changed[one.number] = self._views(one.video, chosen, there)
+                changed[one.number] = self._views(one.video, chosen, belief.at([one.number]), feet(one.number))
         self.chosen = self._decided[-1].chosen
         return changed
 
@@ -146,18 +137,22 @@ class CameraObserver:
             np.exp((1 - share) * np.log(self.spreads[wearer]) + share * np.log(max(measured, 1e-3)))
         )
 
-    def _views(self, video: VideoFrame, chosen: np.ndarray, belief: FrameBelief) -> tuple[KeypointView, ...]:
+    def _views(
+        self, video: VideoFrame, chosen: np.ndarray, belief: Belief, feet: Sequence[Array | None]
+    ) -> tuple[KeypointView, ...]:
         return tuple(
-            KeypointView.unseen(points) if person == NOBODY else self._view(video, int(person), number, belief)
-            for number, (person, (_, points)) in enumerate(zip(chosen, self._used, strict=True))
+            KeypointView.unseen(points) if person == NOBODY else self._view(video, int(person), number, belief, own)
+            for number, (person, (_, points), own) in enumerate(zip(chosen, self._used, feet, strict=True))
         )
 
-    def _view(self, video: VideoFrame, person: int, wearer: int, belief: FrameBelief) -> KeypointView:
+    def _view(
+        self, video: VideoFrame, person: int, wearer: int, belief: Belief, foot_contacts: Array | None
+    ) -> KeypointView:
         used, points = self._used[wearer]
         lens, settings, body = self.camera.model, self._settings, belief.bodies[wearer]
         pixels, confidence = video.pixels[person, used], video.confidence[person, used]
         seen = (confidence >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
-        R, p = belief.camera
+        R, p = belief.R_world_camera[0], belief.p_world_camera[0]
         depth = R[:, 2] @ (body.p_world_joint[0, joint_index("spine2")] - p)
         height = lens.focal[1] * stature_of(self._skeletons[wearer]) / max(depth, NEAREST_M)
         oks, scale = self.camera.keypoints.sigmas[used], np.asarray(AREA_OF_HEIGHT * height)
@@ -173,7 +168,6 @@ class CameraObserver:
             points, pixels[None], sigma[None], oks_px[None], seen[None], np.zeros_like(pixels)[None], confidence[None],
             names=tuple(self.camera.keypoints.keypoints[k] for k in used),
         )  # fmt: skip
-        foot_contacts = belief.foot_contacts[wearer]
         if foot_contacts is None:
             return view
         feet, columns = self._feet[wearer]

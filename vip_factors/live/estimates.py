@@ -103,12 +103,12 @@ class EstimateBuilder:
         """Something to tell with the next answer."""
         self._findings += findings
 
-    def root_covariance(self, wearers: int) -> list[Array]:
-        """Of where each wearer is, ``(3, 3)`` m², as of late."""
+    def root_covariance(self, wearers: int) -> Array:
+        """Of where each wearer is, ``(W, 3, 3)`` m², as of late."""
         if self._newest is None:
-            return [UNKNOWN_ROOT] * wearers
+            return np.stack([UNKNOWN_ROOT] * wearers)
         roots = [slice(FRAME * number + ROOT, FRAME * (number + 1)) for number in range(wearers)]
-        return [self._newest[root, root] for root in roots]
+        return np.stack([self._newest[root, root] for root in roots])
 
     def reset(self) -> None:
         """Another smoother answers from here on: what was computed of the last one is not of its variables."""

@@ -1,17 +1,18 @@
 """Going on from frame to frame: predict, see, smooth, learn."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.errors import SolveError
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import contact_confidence
-from vip_factors.live.camera_observer import CameraObserver, FrameBelief, standing_feet
+from vip_factors.live.association import Belief
+from vip_factors.live.camera_observer import CameraObserver, standing_feet
 from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.prediction import predicted
 from vip_factors.live.problem import LagFrame, lag_frame
@@ -28,16 +29,6 @@ from vip_factors.terms.reprojection import whitened_reprojections
 SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
 CALIBRATION = 4  # columns of a sensor's heading and mounting
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
-
-
-@dataclass(frozen=True)
-class _Window:
-    """What is believed of the frames from ``first`` on: the bodies of each wearer, and the camera's poses."""
-
-    first: int
-    bodies: tuple[BodyState, ...]
-    R_world_camera: Array
-    p_world_camera: Array
 
 
 class Tracking:
@@ -126,28 +117,22 @@ class Tracking:
 
     def _look(self, video: Sequence[PlacedVideoFrame]) -> None:
         """Look for the wearers in the video of frames that are there already."""
-        smoother = self.smoother
-        window = self._window(smoother.numbers[0])
-        surely = [SURE_ROOT] * len(smoother.problem.wearers)
+        surely = np.stack([SURE_ROOT] * len(self.smoother.problem.wearers))
+        belief = self._belief(self.smoother.numbers[0], surely)
         for camera, observer in enumerate(self.observers):
-            for one in video:
-                if one.video.camera == observer.camera.name and one.frame in smoother.numbers:
-                    belief = self._belief(camera, window, one.frame, surely)
-                    smoother.frame(one.frame).views[camera] = observer.observe(one.frame, one.video, belief)
+            self._see(camera, observer, video, belief, again=False)
 
     def _is_anybody_seen(self) -> bool:
         frames = [self.smoother.frame(number) for number in self.smoother.numbers]
         return any(view.seen.any() for frame in frames for views in frame.views if views is not None for view in views)
 
-    def step(
-        self, measured: FrameMeasurement, lag: int, root_covariance: Sequence[Array], solve_every: int
-    ) -> list[Finding]:
+    def step(self, measured: FrameMeasurement, lag: int, root_covariance: Array, solve_every: int) -> list[Finding]:
         """One frame more.
 
         Args:
             measured: in the new frame.
             lag: frames to keep behind it.
-            root_covariance: of where each wearer is, as of late.
+            root_covariance: ``(W, 3, 3)`` m² of where each wearer is, as of late.
             solve_every: frames to each update.
 
         Returns:
@@ -165,12 +150,12 @@ class Tracking:
         knocked = self._notice_jumps(smoother.frame(numbers[-1]), frame)
         smoother.append(frame, predicted(problem, before, frame, smoother.shared, knocked))
         news = [one for one in measured.video if one.frame in smoother.numbers]
-        window = self._window(smoother.numbers[0] if news else measured.frame - CONTACT_FRAMES)
-        self._find_contacts(window)
+        belief = self._belief(smoother.numbers[0] if news else measured.frame - CONTACT_FRAMES, root_covariance)
+        self._find_contacts(belief)
         changed = [
             frame
             for number, observer in enumerate(self.observers)
-            for frame in self._see(number, observer, measured, window, root_covariance)
+            for frame in self._see(number, observer, news, belief)
         ]
         self._changed += changed
         self._unsolved += 1
@@ -222,7 +207,8 @@ class Tracking:
         name = problem.wearers[wearer].frames.sensors[sensor]
         return Finding("sensor moved", self._head.wearers[wearer].subject.name, subject=name)
 
-    def _window(self, first: int) -> _Window:
+    def _belief(self, first: int, root_covariance: Array) -> Belief:
+        """What is believed of the frames from one on."""
         smoother = self.smoother
         first = max(first, smoother.numbers[0])
         states = smoother.states(first)
@@ -235,14 +221,15 @@ class Tracking:
             for number, wearer in enumerate(smoother.problem.wearers)
         )
         R = np.stack([one.R_world_camera for one in states])
-        return _Window(first, bodies, R, np.stack([one.p_world_camera for one in states]))
+        p = np.stack([one.p_world_camera for one in states])
+        return Belief(first, bodies, R, p, np.broadcast_to(root_covariance, (len(R), *root_covariance.shape)))
 
-    def _find_contacts(self, window: _Window) -> None:
+    def _find_contacts(self, belief: Belief) -> None:
         """Which feet stand from the last frame to the newest one."""
         smoother, newest = self.smoother, self.smoother.numbers[-1]
-        count = newest + 1 - window.first
+        count = newest + 1 - belief.first
         recent = slice(max(0, count - CONTACT_FRAMES), count)
-        for number, (wearer, body) in enumerate(zip(smoother.problem.wearers, window.bodies, strict=True)):
+        for number, (wearer, body) in enumerate(zip(smoother.problem.wearers, belief.bodies, strict=True)):
             if not wearer.contacts:
                 continue
             points = tuple((contact.bone, contact.p_bone_point) for contact in wearer.contacts)
@@ -251,45 +238,39 @@ class Tracking:
             smoother.frame(newest).contacts[number] = confidence[-1]
 
     def _see(
-        self, camera: int, observer: CameraObserver, measured: FrameMeasurement, window: _Window,
-        root_covariance: Sequence[Array],
+        self, camera: int, observer: CameraObserver, video: Sequence[PlacedVideoFrame], belief: Belief,
+        again: bool = True,
     ) -> list[int]:  # fmt: skip
-        """Put in what one camera saw; the frames that change by it."""
-        smoother, changed = self.smoother, []
-
-        def belief(number: int) -> FrameBelief:
-            return self._belief(camera, window, number, root_covariance)
-
-        news = [one for one in measured.video if one.video.camera == observer.camera.name]
-        news = [one for one in news if one.frame in smoother.numbers]
-        for one in news:
-            smoother.frame(one.frame).views[camera] = observer.observe(one.frame, one.video, belief(one.frame))
-            changed.append(one.frame)
-        for number, views in (observer.revise(window.first, belief) if news else {}).items():
-            smoother.frame(number).views[camera] = views
-            changed.append(number)
-        return changed
-
-    def _belief(self, camera: int, window: _Window, number: int, root_covariance: Sequence[Array]) -> FrameBelief:
-        at = number - window.first
-        bodies = [body.at(slice(at, at + 1)) for body in window.bodies]
+        """Put in what one camera saw, and decide ``again`` who is who in earlier frames; those that change by it."""
+        news = [one for one in video if one.video.camera == observer.camera.name and one.frame in self.smoother.numbers]
+        if not news:
+            return []
         pose = self._fixed_pose(camera)
-        if pose is None:
-            pose = window.R_world_camera[at], window.p_world_camera[at]
-        return FrameBelief(bodies, pose, root_covariance, self._stance_confidence(camera, window, number))
+        if pose is not None:
+            R, p = (np.broadcast_to(one, (len(belief.R_world_camera), *one.shape)) for one in pose)
+            belief = replace(belief, R_world_camera=R, p_world_camera=p)
 
-    def _stance_confidence(self, camera: int, window: _Window, number: int) -> list[Array | None]:
+        def feet(number: int) -> list[Array | None]:
+            return self._stance_confidence(camera, belief, number)
+
+        seen = [(one.frame, observer.observe(one.frame, one.video, belief, feet)) for one in news]
+        seen += (observer.revise(belief, feet) if again else {}).items()
+        for number, views in seen:
+            self.smoother.frame(number).views[camera] = views
+        return [number for number, _ in seen]
+
+    def _stance_confidence(self, camera: int, belief: Belief, number: int) -> list[Array | None]:
         """How surely each wearer's feet stand in a frame; None of wearers whose feet this camera has nothing to do."""
-        problem, at = self.smoother.problem, number - window.first
+        problem, at = self.smoother.problem, number - belief.first
         if not any(problem.feet[camera]):
             return [None] * len(problem.wearers)
         recent = slice(max(0, at + 1 - CONTACT_FRAMES), at + CONTACT_FRAMES)
         frames = [
-            self.smoother.frame(n) for n in self.smoother.numbers[window.first - self.smoother.numbers[0] :][recent]
+            self.smoother.frame(n) for n in self.smoother.numbers[belief.first - self.smoother.numbers[0] :][recent]
         ]
         settings, foot_contacts = self._settings.camera.ground_contact, list[Array | None]()
         for wearer, columns, feet, body in zip(
-            problem.wearers, problem.sensors, problem.feet[camera], window.bodies, strict=False
+            problem.wearers, problem.sensors, problem.feet[camera], belief.bodies, strict=False
         ):  # the camera's own sensors are the last
             recently = at - recent.start
             foot_contacts.append(

@@ -40,6 +40,7 @@ class LagSmoother:
     Attributes:
         problem: of any stretch.
         shared: what all frames share, as it is believed now, without frames.
+        waited: whether what moved was not linearised anew in the last update.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class LagSmoother:
         self._beginning = 0  # number of the very first frame
         # Frames that tracking goes on from, where something is known from before them.
         self._continued = 0 if information is None else round(settings.lag_s * settings.frame_rate) + REACH
-        self._waits = False  # whether what moved was not linearised anew in the last update
+        self.waited = False
         self._walks: dict[int, Array] = {}  # by frame behind which shared variables step, their sigmas
         self._epoch: dict[int, int] = {}  # of each frame: how many such steps lie before it
         self._every = max(1, round(settings.walk.every_s * settings.frame_rate))
@@ -123,10 +124,10 @@ class LagSmoother:
             sigmas[self._layout.item_columns(owner, block, sensor)] = np.deg2rad(degrees)
         self.inflate_sigmas(sigmas)
 
-    def scene(self, number: int) -> tuple[SceneProblem, SceneState]:
-        """A single frame as a scene of its own, without priors."""
-        one = self._at(number)
-        return self.problem.model([one.frame], False), stacked([one.state], self.shared)
+    def scene(self, numbers: range) -> tuple[SceneProblem, SceneState]:
+        """Some of the frames as a scene of their own, without priors."""
+        some = [self._at(number) for number in numbers]
+        return self.problem.model([one.frame for one in some], False), stacked([one.state for one in some], self.shared)
 
     def update(self, first: int | None = None) -> None:
         """One Gauss–Newton step over the frames that moved, and those from ``first`` on, if something is new there.
@@ -138,8 +139,8 @@ class LagSmoother:
         fresh = next(one.frame.number for one in self._frames if one.linearised is None or one.frame.number == newest)
         start = min(fresh - REACH, newest if first is None else first)
         # What moved may wait for one update, if this one has video to take in: the longest are then no longer.
-        self._waits = first is not None and not self._waits
-        if not self._waits:
+        self.waited = first is not None and not self.waited
+        if not self.waited:
             start = min(start, self._first_moved())
         start = max(start, self._frames[0].frame.number)
         kept = [self._at(number) for number in range(start, newest + 1)]

@@ -79,7 +79,7 @@ class Tracking:
         self._watches = [KnockDetector(len(one.sensors), settings.watch, rate, begin) for one in start.problem.wearers]
         self._sensors = [(w, s) for w, one in enumerate(start.problem.wearers) for s in range(len(one.sensors))]
         self._slips = None if anew.use and learnt_s < settings.slip.learnt_s else self._slip_test(begin)
-        self._next_test = 0  # frame
+        self._next_test = self._next_lesson = 0  # frames
         self._measured = start.frames[-1].orientation_valid  # which sensors were, in the last frame
         self.solved, self.moved = True, list[int]()
         self._unsolved = 0  # frames that are predicted only, so far
@@ -241,7 +241,10 @@ class Tracking:
         self, camera: int, observer: CameraObserver, video: Sequence[PlacedVideoFrame], belief: Belief,
         again: bool = True,
     ) -> list[int]:  # fmt: skip
-        """Put in what one camera saw, and decide ``again`` who is who in earlier frames; those that change by it."""
+        """Put in what one camera saw, and decide ``again`` who is who in earlier frames; those that change by it.
+
+        They are decided again when the smoother waits, or the longest updates would be longer.
+        """
         news = [one for one in video if one.video.camera == observer.camera.name and one.frame in self.smoother.numbers]
         if not news:
             return []
@@ -254,7 +257,7 @@ class Tracking:
             return self._stance_confidence(camera, belief, number)
 
         seen = [(one.frame, observer.observe(one.frame, one.video, belief, feet)) for one in news]
-        seen += (observer.revise(belief, feet) if again else {}).items()
+        seen += (observer.revise(belief, feet) if again and not self.smoother.waited else {}).items()
         for number, views in seen:
             self.smoother.frame(number).views[camera] = views
         return [number for number, _ in seen]
@@ -304,18 +307,19 @@ class Tracking:
         return [self._moved_finding(*one) for one in found]
 
     def _learn(self) -> None:
-        """What the smoothed frame teaches of the detectors."""
+        """What the smoothed frames teach of the detectors: those of the first third of the lag, each but once."""
         smoother = self.smoother
-        oldest = smoother.numbers[0]
-        views = smoother.frame(oldest).views
-        if not any(view.seen.any() for of_camera in views if of_camera is not None for view in of_camera):
+        numbers = smoother.numbers[: max(1, len(smoother.numbers) // 3)]
+        if not self.observers or numbers[0] < self._next_lesson:
             return
-        model, state = smoother.scene(oldest)
+        self._next_lesson = numbers.stop
+        model, state = smoother.scene(numbers)
         for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
             body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
             for observer, one in zip(self.observers, model.viewpoints(state.camera), strict=False):
                 view = one.views[number]
-                if view.seen.any():
+                count = np.count_nonzero(view.seen.any(axis=1))
+                if count:
                     at = WearerEvaluation(number, wearer, own, body)
                     residual = whitened_reprojections(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
-                    observer.learn_spread(number, residual, view, self._settings.spread_share)
+                    observer.learn_spread(number, residual, view, 1 - (1 - self._settings.spread_share) ** count)

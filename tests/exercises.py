@@ -3,9 +3,8 @@
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.calibration_pose import R_WORLD_FACING_X, calibration_pose
 from vip_factors.body.kinematics import Motion, forward_kinematics
-from vip_factors.body.skeleton import JOINT_COUNT, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, R_WORLD_FACING_X, calibration_pose, joint_index
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y
 
 RATE = 60.0

@@ -7,13 +7,12 @@ import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective, Step
 from vip_factors.body.anthropometry import likely_body
-from vip_factors.body.calibration_pose import held_pose
 from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
-from vip_factors.body.skeleton import joint_index
+from vip_factors.body.skeleton import held_pose, joint_index
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.scene import CameraProblem, Foot, GroundView, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState

@@ -56,8 +56,8 @@ def test_turning_all_sensors_turns_nothing_else(recording: Recording) -> None:
 
 def test_a_strap_put_on_back_to_front_does_not_turn_the_wearer_round(recording: Recording) -> None:
     """Every rough mounting half a turn wrong about the vertical of the N-pose: the motion tells."""
-    from vip_factors.body.calibration_pose import calibration_pose
     from vip_factors.body.kinematics import forward_kinematics
+    from vip_factors.body.skeleton import calibration_pose
     from vip_factors.geometry.rotations import rotation_z
 
     bones = forward_kinematics(recording.subject.body(), calibration_pose("n-pose")[None], np.zeros((1, 3)))

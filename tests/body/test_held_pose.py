@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from vip_factors.body.calibration_pose import POSES, calibration_pose, held_pose
 from vip_factors.body.pose_prior import joint_vector, mirror_joint_vector
-from vip_factors.body.skeleton import joint_index
+from vip_factors.body.skeleton import POSES, calibration_pose, held_pose, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between
 

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from tests.studies.gait import hip_flexion_of
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_angles import (
     ANGLE_DEFINITIONS,
     joint_angle_sigmas,
@@ -19,7 +18,7 @@ from vip_factors.body.joint_angles import (
     segment_orientations,
 )
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, calibration_pose, joint_index
 from vip_factors.errors import InputError
 from vip_factors.evaluate.body import knee_flexion_of
 from vip_factors.geometry.rotations import Array, exp, rotation_of_sequence, rotation_z

@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, calibration_pose, joint_index
 from vip_factors.errors import InputError
 from vip_factors.evaluate import metrics
 from vip_factors.geometry.rotations import exp, rotation_x, rotation_z

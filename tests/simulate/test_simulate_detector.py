@@ -5,9 +5,9 @@ import pytest
 from numpy.typing import NDArray
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.body.skeleton import calibration_pose
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.camera_model import CameraModel

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import joint_index
+from vip_factors.body.skeleton import calibration_pose, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, log, rotation_x, rotation_z, transpose
 from vip_factors.simulate.dense import dense_motion

@@ -9,8 +9,8 @@ import numpy as np
 
 from tests.studies.pose_prior_training import HELD_OUT_CLIPS, held_out_names
 from tests.studies.study import Study
-from vip_factors.body.calibration_pose import nominal_pose
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import nominal_pose
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.rotations import Array, rotation_z, transpose
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration

@@ -8,8 +8,7 @@ from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.headings import heading_paths, implied_headings, rows_of
+from vip_factors.viz.drawn_scene import drawn_scene, heading_paths, implied_headings, rows_of
 from vip_factors.viz.images import limb_pairs
 
 GAUGE = Injected(yaw=2.5, shift=(3.0, 1.0, -0.4), heading=0.2)

@@ -20,9 +20,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Skeleton, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Skeleton, calibration_pose, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import (
     Array,

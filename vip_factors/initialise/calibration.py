@@ -17,10 +17,17 @@ import numpy as np
 from scipy.linalg import solve_banded
 from scipy.ndimage import uniform_filter1d
 
-from vip_factors.body.calibration_pose import R_WORLD_FACING_X, HeldPose, nominal_pose
 from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rotations
 from vip_factors.body.pose_prior import PosePrior
-from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, ancestors
+from vip_factors.body.skeleton import (
+    JOINT_COUNT,
+    PARENTS,
+    R_WORLD_FACING_X,
+    HeldPose,
+    Skeleton,
+    ancestors,
+    nominal_pose,
+)
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, wrap_angle, yaw_of

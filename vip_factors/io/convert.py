@@ -8,7 +8,7 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from vip_factors.body.calibration_pose import POSES
+from vip_factors.body.skeleton import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, subject_with, with_body

@@ -7,12 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.body.calibration_pose import HeldPose
 from vip_factors.body.hinges import HingePrior
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import JointLimits, PosePrior
-from vip_factors.body.skeleton import Skeleton
+from vip_factors.body.skeleton import HeldPose, Skeleton
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.frames import ImuFrames
 

@@ -3,8 +3,8 @@
 import numpy as np
 
 from vip_factors import __version__
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.joint_angles import is_measured
+from vip_factors.body.skeleton import calibration_pose
 from vip_factors.io.live_json import VERSION
 from vip_factors.report.angles import PAIRED, TRUNK
 from vip_factors.report.blocks import capital, joint_words

@@ -45,9 +45,8 @@ from vip_factors.report.blocks import (
     plus_minus,
 )
 from vip_factors.report.calibration import found_section, made_section, recorded_section
-from vip_factors.report.fit import fit_section
+from vip_factors.report.fit import fit_section, moments_section, png, strip
 from vip_factors.report.material import Material, material
-from vip_factors.report.moments import moments_section, png, strip
 from vip_factors.report.motion_data import motion_data
 from vip_factors.report.settings import ReportSettings
 from vip_factors.report.summary import summary_section

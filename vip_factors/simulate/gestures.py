@@ -8,9 +8,8 @@ shoulder and elbow raises the limb forward, a rotation about −x; flexion of th
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.calibration_pose import R_WORLD_FACING_X
 from vip_factors.body.kinematics import Motion, forward_kinematics
-from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, R_WORLD_FACING_X, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.simulate.staging import path_of_standing_feet
 

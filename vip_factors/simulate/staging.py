@@ -5,9 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.kinematics import BodyState, Motion, forward_kinematics
-from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, joint_index
+from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, calibration_pose, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, wrap_angle, yaw_of
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.associate.hypothesis import CAUCHY, hypotheses, keypoint_sigma, used_confidence, wearer_points
-from vip_factors.body.calibration_pose import POSES
 from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.skeleton import POSES
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.sensor_assignment import Exchange, Pair, exchanged

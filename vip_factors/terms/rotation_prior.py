@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.calibration_pose import HeldPose, held_pose, nominal_pose
+from vip_factors.body.skeleton import HeldPose, held_pose, nominal_pose
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, JointEquations, Term, prior_equations
 from vip_factors.terms.evaluation import CameraEvaluation, WearerEvaluation

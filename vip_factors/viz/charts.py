@@ -22,8 +22,7 @@ from vip_factors.body.mannequin import Colour
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.viz.colours import hexadecimal, mixed, wearer_colour
-from vip_factors.viz.drawn_scene import DrawnScene
-from vip_factors.viz.headings import HeadingRow, rows_of
+from vip_factors.viz.drawn_scene import DrawnScene, HeadingRow, rows_of
 
 INK, SOFT_INK, GRID, ERROR = "#282e3a", "#66707e", "#e4e7ec", "#c44854"
 LINE_COLOURS = ("#3e6ebe", "#289650", "#e27828", "#965abe", "#c83c50", "#5a6473")

@@ -5,9 +5,9 @@ from matplotlib.axes import Axes
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.body_mesh import body_mesh
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS
+from vip_factors.body.skeleton import calibration_pose
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import sensor_site, site_axes
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, Point, canvas, svg

@@ -12,8 +12,7 @@ from vip_factors.live_estimate import LiveEstimate, LiveWearerEstimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import sensor_colours, wearer_colour
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
-from vip_factors.viz.headings import heading_paths, implied_headings
+from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, heading_paths, implied_headings
 from vip_factors.viz.rerun_body import time_column
 from vip_factors.viz.rerun_camera import CAMERA_COLOUR
 

@@ -10,8 +10,7 @@ from vip_factors.geometry.rotations import angle_between
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import colour_name
 from vip_factors.viz.compare import APART, Compare
-from vip_factors.viz.drawn_scene import NOBODY, DrawnScene, DrawnWearer
-from vip_factors.viz.headings import rows_of
+from vip_factors.viz.drawn_scene import NOBODY, DrawnScene, DrawnWearer, rows_of
 
 KEPT = 40  # findings of a stream that are shown: an hour's list would be sent again with each
 LIMBS = "left limbs are lighter, right ones darker"

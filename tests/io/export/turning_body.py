@@ -3,9 +3,8 @@
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.calibration_pose import calibration_pose
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.body.skeleton import JOINT_COUNT, calibration_pose
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import exp, rotation_z
 

@@ -1,13 +1,13 @@
 """``vip-factors body``: the body that an estimate found, as a file and as a picture."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, beside, parse
+from vip_factors.cli.options import Flag, Output, beside
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,9 +37,8 @@ class BodyOptions:
     """Replace files that exist."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: BodyOptions) -> None:
     """Run the command."""
-    options = parse(BodyOptions, prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.info_text import body_lines
     from vip_factors.io.body_file import body_of_estimate, write_body_file

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, parse
+from vip_factors.cli.options import Flag, Output
 
 if TYPE_CHECKING:
     from vip_factors.io.calibrate_camera import CalibrationImage, CameraCalibration
@@ -55,9 +55,8 @@ class CalibrateCameraOptions:
     """Replace the camera file if it exists."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: CalibrateCameraOptions) -> None:
     """Calibrate a camera from the command line's arguments."""
-    options = parse(CalibrateCameraOptions, prog, arguments)
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import note
     from vip_factors.errors import InputError

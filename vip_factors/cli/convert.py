@@ -1,13 +1,12 @@
 """``vip-factors convert``: foreign sensor logs in, one recording out; with a video's 2D poses, a scene."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, Input, Output, parse
+from vip_factors.cli.options import Flag, Input, Output
 from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
@@ -118,9 +117,8 @@ class ConvertOptions:
     """Replace the recording if it exists."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: ConvertOptions) -> None:
     """Convert a log as the command line's arguments say."""
-    options = parse(ConvertOptions, prog, arguments)
     from vip_factors.api import convert
     from vip_factors.atomic import check_target
     from vip_factors.cli.info_text import recording_text, scene_text

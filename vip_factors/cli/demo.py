@@ -1,11 +1,10 @@
 """``vip-factors demo``: from nothing to a reconstruction that can be looked at, in one command."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
-from vip_factors.cli.options import Flag, parse
+from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 
@@ -33,9 +32,8 @@ HEADING_OFFSET_DEG = 45.0  # thesis 4.4.2: "imprecise" placement
 MOUNTING_ERROR_DEG = 10.0  # straps put on by eye
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: DemoOptions) -> None:
     """Run the command."""
-    options = parse(DemoOptions, prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.simulate import SimulateOptions, simulated
     from vip_factors.cli.terminal import progress_bar

@@ -1,14 +1,13 @@
 """``vip-factors detect``: the 2D poses of everybody in a video, in a file that convert takes."""
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, beside, parse
+from vip_factors.cli.options import Flag, Output, beside
 from vip_factors.detect.settings import DetectSettings
 
 if TYPE_CHECKING:
@@ -55,9 +54,8 @@ class DetectOptions:
     )
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: DetectOptions) -> None:
     """Run the command."""
-    options = parse(DetectOptions, prog, arguments)
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import note, progress_bar
     from vip_factors.detect.video import Stretch, detect_people, write_overlay, write_poses

@@ -1,14 +1,13 @@
 """``vip-factors evaluate``: how good an estimate is."""
 
 import warnings
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, ManyOptions, Output, parse
+from vip_factors.cli.options import Flag, ManyOptions, Output
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -37,14 +36,8 @@ class EvaluateOptions(ManyOptions):
     """Replace the JSON file if it exists."""
 
 
-def parsed(prog: str, arguments: Sequence[str]) -> EvaluateOptions:
-    """The options in the words after the command."""
-    return parse(EvaluateOptions, prog, arguments)
-
-
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: EvaluateOptions) -> None:
     """Run the command."""
-    options = parsed(prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.terminal import waiting
 

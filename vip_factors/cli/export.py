@@ -1,13 +1,12 @@
 """``vip-factors export``: an estimate in the formats of other programs."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, ManyOptions, parse
+from vip_factors.cli.options import Flag, ManyOptions
 from vip_factors.errors import InputError
 from vip_factors.io.export.settings import ExportSettings
 
@@ -32,14 +31,8 @@ class ExportOptions(ManyOptions):
     )
 
 
-def parsed(prog: str, arguments: Sequence[str]) -> ExportOptions:
-    """The options in the words after the command."""
-    return parse(ExportOptions, prog, arguments)
-
-
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: ExportOptions) -> None:
     """Run the command."""
-    options = parsed(prog, arguments)
     if len(options.files) < 2:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
     from vip_factors.cli.options import keep_inputs

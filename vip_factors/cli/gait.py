@@ -1,13 +1,12 @@
 """``vip-factors gait``: how somebody walked, as tables, JSON and a picture."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.cli.options import Flag, beside
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -36,14 +35,8 @@ class GaitOptions:
     """Replace files that exist."""
 
 
-def parsed(prog: str, arguments: Sequence[str]) -> GaitOptions:
-    """The options in the words after the command."""
-    return parse(GaitOptions, prog, arguments)
-
-
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: GaitOptions) -> None:
     """Run the command."""
-    options = parsed(prog, arguments)
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.gait.analysis import gaits_of
     from vip_factors.gait.files import write_gait

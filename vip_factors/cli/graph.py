@@ -1,18 +1,18 @@
 """``vip-factors graph``: a recording or a scene in, a picture of its factor graph out."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
+from vip_factors.cli.options import Flag, Output, beside
 from vip_factors.configurations import Configuration
 from vip_factors.ranges import Range
 from vip_factors.shown_settings import ShownSettings
 
 if TYPE_CHECKING:
+    from vip_factors.settings import Settings
     from vip_factors.viz.graph_picture import GraphDescription
 
 
@@ -27,6 +27,7 @@ class GraphOptions:
     """
 
     common: ClassVar = ("picture", "frame", "settings", "overwrite")
+    settings_tree: ClassVar = (ShownSettings, "vip_factors.settings:Settings")
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files."""
     picture: Annotated[Path | None, Output(".svg")] = None
@@ -41,11 +42,8 @@ class GraphOptions:
     """Replace the picture if it exists."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: GraphOptions, settings: "Settings") -> None:
     """Run the command."""
-    options, settings = parse_with_settings(
-        GraphOptions, prog, arguments, ShownSettings, "vip_factors.settings:Settings"
-    )
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.mcap_recording import read_scene

@@ -1,13 +1,12 @@
 """``vip-factors info``: what a file holds."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, parse
+from vip_factors.cli.options import Flag, Output
 from vip_factors.errors import InputError
 
 READ_S = 300.0  # seconds of a recording that are read: of longer ones the index tells, in a second instead of minutes
@@ -34,9 +33,8 @@ class InfoOptions:
     """Replace a picture that exists."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: InfoOptions) -> None:
     """Run the command."""
-    options = parse(InfoOptions, prog, arguments)
     if options.sites and options.file is None:
         _tell_sites(options)
         return

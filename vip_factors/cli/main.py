@@ -12,7 +12,6 @@ import threading
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
-from importlib import import_module
 from types import FrameType
 from typing import Any
 
@@ -24,7 +23,7 @@ OPTION = re.compile(r"(?<![\w.-])--?[a-z][a-z0-9.-]*")
 WIDE = "120"  # columns: no option's name is broken, and help does not lay its boxes side by side
 PROGRAM = "vip-factors"
 BAD_INPUT = 2
-# Name → one line. The module of the same name (with _ for -) holds ``main(prog, arguments)``, imported when asked for.
+# Name → one line. The module of the same name (with _ for -) holds ``main(options)``, imported when asked for.
 COMMANDS = {
     "demo": "reconstruct a recording that the package makes itself",
     "convert": "bring sensor logs, 2D poses and a camera into one recording",
@@ -107,12 +106,13 @@ def _dispatched(given: list[str]) -> int:
     command = _command(given[0])
     try:
         from vip_factors.cli.many_tasks import is_many
+        from vip_factors.cli.options import run_command
 
         if is_many(command, given[1:]):
             from vip_factors.cli import many
 
             return many.main(command, f"{PROGRAM} {command}", given[1:])
-        import_module(f"vip_factors.cli.{command.replace('-', '_')}").main(f"{PROGRAM} {command}", given[1:])
+        run_command(command, f"{PROGRAM} {command}", given[1:])
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0
     return 0
@@ -277,12 +277,13 @@ def completion(shell: str, program: str, commands: Mapping[str, str]) -> str:
 
 def command_options(program: str, command: str) -> list[str]:
     """All options of a command, as its help names them."""
+    from vip_factors.cli.options import run_command
+
     told, before = io.StringIO(), os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = WIDE
     try:
         with redirect_stdout(told), suppress(SystemExit):
-            module = import_module(f"vip_factors.cli.{command.replace('-', '_')}")
-            module.main(f"{program} {command}", ["--help-all"])
+            run_command(command, f"{program} {command}", ["--help-all"])
     finally:
         if before is None:
             del os.environ["COLUMNS"]

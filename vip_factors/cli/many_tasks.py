@@ -10,12 +10,11 @@ import secrets
 import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from vip_factors.atomic import atomic_path
-from vip_factors.cli.options import FailOn, Flag, ManyOptions
+from vip_factors.cli.options import FailOn, Flag, ManyOptions, parsed
 from vip_factors.errors import InputError
 
 # Of these a file appears only once it is whole; elsewhere it is put under another name, and renamed.
@@ -127,7 +126,7 @@ def tasks_of(command: str, prog: str, given: Sequence[str], options: RunOptions,
     files = [one for one in given if one not in formats]
     if command == "export" and not formats:
         raise InputError("say what to write of each, by suffixes: vip-factors export FOLDER .bvh .c3d")
-    import_module(f"vip_factors.cli.{command}").parsed(prog, ["some.mcap", *("some" + one for one in formats), *rest])
+    parsed(command, prog, ["some.mcap", *("some" + one for one in formats), *rest])
     companion, rest = _without_folder(rest, kind.companion)
     texts, limit = _settings_text(rest), _last_value(rest, "--fail-on", "never")
     inputs = dict(_expanded(files, kind))  # each once

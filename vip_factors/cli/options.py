@@ -49,27 +49,44 @@ def fail_on(limit: FailOn, verdict: Verdict) -> None:
         raise SystemExit(FAILED)
 
 
+def run_command(command: str, prog: str, arguments: Sequence[str]) -> None:
+    """Run ``main`` of the module of a command with what :func:`parsed` makes of the words after it."""
+    _command_module(command).main(*parsed(command, prog, arguments))
+
+
+def parsed(command: str, prog: str, arguments: Sequence[str]) -> tuple[Any, ...]:
+    """A command's options, and the settings if the options have a ``settings_tree``: what its ``main`` takes."""
+    options = _command_module(command).main.__annotations__["options"]
+    if hasattr(options, "settings_tree"):
+        return parse_with_settings(options, prog, arguments)
+    return (parse(options, prog, arguments),)
+
+
+def _command_module(command: str) -> Any:
+    return import_module(f"vip_factors.cli.{command.replace('-', '_')}")
+
+
 def parse(
     options: type[Options],
     prog: str,
     arguments: Sequence[str],
     default: Options | None = None,
-    none_is_a_value: bool = False,
 ) -> Options:
     """Fill a dataclass from arguments; its docstring is the help's first lines, the comments at its fields the rest.
 
     Args:
-        options: the dataclass.
+        options: the dataclass. Its ``none_is_a_value`` offers the word None where a field may be None (a filter that
+            can be switched off, say); if it does not say, a ``settings_tree`` does.
         prog: what the user calls the command.
         arguments: the words after it.
         default: values of the fields that are not given; those of the class if None.
-        none_is_a_value: offer the word None where a field may be None (a filter that can be switched off, say).
 
     Raises:
         InputError: for a number that is out of its range, or an output that is an input or of another suffix.
         SystemExit: after ``--help``, a screen of the options that the class names in ``common``, or ``--help-all`` (0),
             and for options that do not fit (2), which stderr is told.
     """
+    none_is_a_value = getattr(options, "none_is_a_value", hasattr(options, "settings_tree"))
     config = [tyro.conf.EnumChoicesFromValues, *([] if none_is_a_value else [tyro.conf.DisallowNone])]
     if hasattr(options, "common"):
         _tell_short_help(arguments, prog, options)
@@ -99,24 +116,22 @@ def parse_with_settings(
     options: type[Options],
     prog: str,
     arguments: Sequence[str],
-    shown: type,
-    tree: str,
-    none_is_a_value: bool = True,
 ) -> tuple[Options, Any]:
     """As :func:`parse`, of a command that also takes every setting of a tree of settings.
 
     Those are hundreds: ``--help`` tells a few of them, without importing the rest; ``--help-all`` tells all.
 
     Args:
-        options: the command's own options.
-        prog, arguments, none_is_a_value: as for :func:`parse`.
-        shown: a dataclass of the settings to tell by ``--help``, which those of the tree inherit.
-        tree: ``module:class`` of all settings, not imported for the short help; what a configuration or a settings file
-            makes of them holds where nothing else is given, if the command has these options.
+        options: the command's own options, whose ``settings_tree`` has a dataclass of the settings to tell by
+            ``--help``, which those of the tree inherit, and ``module:class`` of all settings, not imported for the
+            short help. What a configuration or a settings file makes of them holds where nothing else is given, if
+            the command has these options.
+        prog, arguments: as for :func:`parse`.
 
     Returns:
         The command's own options, and the settings.
     """
+    shown, tree = cast(Any, options).settings_tree
     _tell_short_help(arguments, prog, options, shown)
     module, name = tree.split(":")
     settings = getattr(import_module(module), name)()
@@ -127,7 +142,7 @@ def parse_with_settings(
     filled: Any = _with_tree(options, type(settings))
     required = [one.name for one in fields(filled) if one.default is MISSING and one.default_factory is MISSING]
     default = filled(**dict.fromkeys(required, tyro.MISSING), tree=settings)
-    found = parse(filled, prog, arguments, default, none_is_a_value)
+    found = parse(filled, prog, arguments, default)
     return cast(Options, found), found.tree
 
 

@@ -1,13 +1,12 @@
 """``vip-factors repetitions``: squats, lunges, jumps and curls, with their figures, as tables, JSON and a picture."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, beside, parse
+from vip_factors.cli.options import Flag, beside
 from vip_factors.repetitions.settings import RepetitionSettings
 
 
@@ -31,14 +30,8 @@ class RepetitionOptions:
     )
 
 
-def parsed(prog: str, arguments: Sequence[str]) -> RepetitionOptions:
-    """The options in the words after the command."""
-    return parse(RepetitionOptions, prog, arguments)
-
-
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: RepetitionOptions) -> None:
     """Run the command."""
-    options = parsed(prog, arguments)
     from vip_factors.cli.terminal import waiting
     from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.repetitions.files import summary, table, write_repetitions

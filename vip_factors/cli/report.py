@@ -1,13 +1,12 @@
 """``vip-factors report``: an estimate as one page for people."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on, parse
+from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 
@@ -43,14 +42,8 @@ class ReportOptions(ManyOptions):
     )
 
 
-def parsed(prog: str, arguments: Sequence[str]) -> ReportOptions:
-    """The options in the words after the command."""
-    return parse(ReportOptions, prog, arguments)
-
-
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: ReportOptions) -> None:
     """Run the command."""
-    options = parsed(prog, arguments)
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
 

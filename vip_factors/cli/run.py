@@ -7,14 +7,14 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import redirect_stdout
 from dataclasses import dataclass
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import tyro
 
 from vip_factors import __version__
-from vip_factors.cli.options import FailOn, Flag, Output, fail_on, parse
+from vip_factors.cli.options import FailOn, Flag, Output, fail_on, run_command
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.ranges import MaybeRate
 
@@ -110,9 +110,8 @@ class RunOptions:
     """Replace files that were there before and are not of an earlier run."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: RunOptions) -> None:
     """Run the command."""
-    options = parse(RunOptions, prog, arguments)
     began = time.perf_counter()
     folder = _run_steps(options)
     print(f"{time.perf_counter() - began:.1f} s in all, files in {folder}")
@@ -342,7 +341,7 @@ def take(step: Step, folder: Path, overwrite: bool = False, main: Main | None = 
 def _run(step: Step, overwrite: bool, main: Main | None) -> list[str]:
     """What the command prints, line by line."""
     if main is None:
-        main = import_module(f"vip_factors.cli.{step.command.replace('-', '_')}").main
+        main = partial(run_command, step.command)
     printed = io.StringIO()
     hint = f"; {step.hint}" if step.hint else ""
     try:

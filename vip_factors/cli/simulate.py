@@ -1,13 +1,12 @@
 """``vip-factors simulate``: a recording with known truth from a motion, or a filmed scene of several people."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, Input, Output, parse
+from vip_factors.cli.options import Flag, Input, Output
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
@@ -60,6 +59,7 @@ class SimulateOptions:
     """
 
     common: ClassVar = ("placement", "seconds", "seed", "noise_free", "overwrite")
+    none_is_a_value: ClassVar = True
     motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION"), Input()]
     """Motion file (.bvh …), or the word gestures for a motion that the package makes."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")]
@@ -85,9 +85,8 @@ class SimulateOptions:
     detector: DetectorSettings = field(default_factory=DetectorSettings)
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: SimulateOptions) -> None:
     """Run the command."""
-    options = parse(SimulateOptions, prog, arguments, none_is_a_value=True)
     video = options.video
     if video.camera == "none" and (video.also or video.bystanders or video.cameras > 1 or video.known_camera_pose):
         raise InputError("--also, --bystanders and --cameras make a scene: expected a --camera as well")

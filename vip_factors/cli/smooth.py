@@ -2,14 +2,14 @@
 
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on, parse_with_settings
+from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.shown_settings import ShownSettings
@@ -31,6 +31,7 @@ class SmoothOptions(ManyOptions):
     """
 
     common: ClassVar = ("out", "settings", "jobs", "overwrite", "fail_on")
+    settings_tree: ClassVar = (ShownSettings, "vip_factors.settings:Settings")
     recording: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files. Several, without a camera, are parts of one
     recording that follow one another in time."""
@@ -47,14 +48,8 @@ class SmoothOptions(ManyOptions):
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
 
 
-def parsed(prog: str, arguments: Sequence[str]) -> "tuple[SmoothOptions, Settings]":
-    """The options and the settings in the words after the command."""
-    return parse_with_settings(SmoothOptions, prog, arguments, ShownSettings, "vip_factors.settings:Settings")
-
-
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: SmoothOptions, settings: "Settings") -> None:
     """Run the command."""
-    options, settings = parsed(prog, arguments)
     from vip_factors.atomic import check_target
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.cli.workers import windows_elsewhere

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, ManyOptions, Output, fail_on, parse_with_settings
+from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, ManyOptions, Output, fail_on
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
@@ -45,6 +45,7 @@ class StreamOptions(ManyOptions):
     """
 
     common: ClassVar = ("out", "json", "web", "rerun", "vmc", "lag", "overwrite")
+    settings_tree: ClassVar = (ShownOfBoth, "vip_factors.live.settings:LiveSettings")
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE"), Input()]
     """Where samples come from."""
     out: Annotated[Path | None, Output(".mcap")] = None
@@ -93,14 +94,8 @@ class StreamOptions(ManyOptions):
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
 
 
-def parsed(prog: str, arguments: Sequence[str]) -> "tuple[StreamOptions, LiveSettings]":
-    """The options and the settings in the words after the command."""
-    return parse_with_settings(StreamOptions, prog, arguments, ShownOfBoth, "vip_factors.live.settings:LiveSettings")
-
-
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: StreamOptions, settings: "LiveSettings") -> None:
     """Run the command."""
-    options, settings = parsed(prog, arguments)
     if options.lag is not None:
         settings = replace(settings, lag_s=options.lag)
     _check(options)

@@ -1,17 +1,16 @@
 """``vip-factors sync``: how far the video's clock is off the sensors', and a scene that says so."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, beside, parse_with_settings
+from vip_factors.cli.options import Flag, Output, beside
 from vip_factors.shown_settings import ShownClock
 
 if TYPE_CHECKING:
-    from vip_factors.initialise.clock import ClockOffset
+    from vip_factors.initialise.clock import ClockOffset, ClockSettings
 
 
 @dataclass(frozen=True)
@@ -24,6 +23,8 @@ class SyncOptions:
     """
 
     common: ClassVar = ("out", "seconds", "dry_run", "picture")
+    settings_tree: ClassVar = (ShownClock, "vip_factors.initialise.clock:ClockSettings")
+    none_is_a_value: ClassVar = False
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Scene (.mcap): sensors, and a camera with detections."""
     out: Annotated[Path | None, Output(".mcap")] = None
@@ -38,11 +39,8 @@ class SyncOptions:
     """Replace files that exist."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: SyncOptions, settings: "ClockSettings") -> None:
     """Run the command."""
-    options, settings = parse_with_settings(
-        SyncOptions, prog, arguments, ShownClock, "vip_factors.initialise.clock:ClockSettings", none_is_a_value=False
-    )
     from math import isfinite
 
     from vip_factors.api import with_clock

@@ -1,6 +1,5 @@
 """``vip-factors train keypoints``: learn from recordings with a known motion where a detector puts its keypoints."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, parse
+from vip_factors.cli.options import Flag, Output
 
 if TYPE_CHECKING:
     from vip_factors.geometry.rotations import Array
@@ -27,6 +26,7 @@ class TrainOptions:
     """
 
     common: ClassVar = ("out", "overwrite")
+    none_is_a_value: ClassVar = True
     what: tyro.conf.Positional[Literal["keypoints"]]
     """What to learn."""
     recordings: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
@@ -44,9 +44,8 @@ class TrainOptions:
     """Truths are no better: markers on the skin, joints by regression."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: TrainOptions) -> None:
     """Run the command."""
-    options = parse(TrainOptions, prog, arguments, none_is_a_value=True)
     from vip_factors.atomic import check_target
     from vip_factors.body.keypoints import KeypointOffsets, OffsetTraining, pooled_offsets
     from vip_factors.cli.terminal import progress_bar

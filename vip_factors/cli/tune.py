@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, Output, parse
+from vip_factors.cli.options import Flag, Output
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate, NotNegativeInt
 
@@ -54,9 +54,8 @@ class TuneOptions:
     """Replace the settings file if it exists."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: TuneOptions) -> None:
     """Run the command."""
-    options = parse(TuneOptions, prog, arguments)
     from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.terminal import note, progress_bar
     from vip_factors.tune.parameters import UNITS, Measure, changed, measured, value_of
@@ -87,7 +86,7 @@ def main(prog: str, arguments: Sequence[str]) -> None:
     lines = report_lines(study.trials, parameters, before, UNITS[measure])
     print("\n".join(lines))
     with atomic_open(options.out, "w", options.overwrite) as file:
-        file.write(settings_text(best(study.trials, before), [*_provenance(prog, options, study, about), *lines]))
+        file.write(settings_text(best(study.trials, before), [*_provenance(options, study, about), *lines]))
     print(options.out)
 
 
@@ -131,11 +130,11 @@ def _scenes(paths: Sequence[Path]) -> "dict[str, Scene]":
     return scenes
 
 
-def _provenance(prog: str, options: TuneOptions, study: "Study", about: str) -> list[str]:
+def _provenance(options: TuneOptions, study: "Study", about: str) -> list[str]:
     from vip_factors import __version__
 
     return [
-        f"{prog} {__version__}, {len(study.trials) - 1} trials by optuna's TPE sampler, {about}",
+        f"vip-factors tune {__version__}, {len(study.trials) - 1} trials by optuna's TPE sampler, {about}",
         f"study {options.study.name}, of {', '.join(study.before or ())}",
         "",
     ]

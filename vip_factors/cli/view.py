@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import tyro
 
 from vip_factors.cli.files import Opened, open_all, open_one
-from vip_factors.cli.options import RERUN_FILE, Flag, Output, parse
+from vip_factors.cli.options import RERUN_FILE, Flag, Output
 from vip_factors.cli.terminal import progress_bar
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
@@ -54,9 +54,8 @@ class ViewOptions:
     """Replace files that exist."""
 
 
-def main(prog: str, arguments: Sequence[str]) -> None:
+def main(options: ViewOptions) -> None:
     """Run the command."""
-    options = parse(ViewOptions, prog, arguments)
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
     from vip_factors.atomic import check_target

@@ -5,7 +5,6 @@ from collections.abc import Callable
 from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import cache, partial
-from importlib import import_module
 from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
@@ -19,6 +18,7 @@ from tests.studies.fuzz.mutations import varint
 from tests.studies.fuzz.run import Case, Files
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.cli.info import file_text
+from vip_factors.cli.options import run_command
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import exp
@@ -158,9 +158,8 @@ def _run_commands(folder: Path, lines: tuple[str, ...]) -> None:
     """Without the lines that they print; what a user can mend is raised."""
     for line in lines:
         command, *words = line.replace("{}", str(folder)).split(" ")
-        module = import_module(f"vip_factors.cli.{command.replace('-', '_')}")
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            module.main(f"vip-factors {command}", words)
+            run_command(command, f"vip-factors {command}", words)
 
 
 def _content(names: str) -> Files:

@@ -9,9 +9,9 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
+from live_sender import write_messages
 
 import vip_factors as vip
-from vip_factors.io.live.open import write_messages
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene

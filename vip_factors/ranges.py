@@ -64,12 +64,12 @@ class RangeError(InputError):
 
     Attributes:
         name: of the setting, dotted.
-        told: its value and what was expected.
+        reason: its value and what was expected.
     """
 
-    def __init__(self, name: str, told: str) -> None:
-        super().__init__(f"{name} {told}")
-        self.name, self.told = name, told
+    def __init__(self, name: str, reason: str) -> None:
+        super().__init__(f"{name} {reason}")
+        self.name, self.reason = name, reason
 
 
 def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:

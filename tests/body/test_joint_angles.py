@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from tests.studies.gait import hip_flexion_of
 from vip_factors.body.anthropometry import skeleton_from_stature
@@ -21,7 +22,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, calibration_pose, joint_index
 from vip_factors.errors import InputError
 from vip_factors.evaluate.body import knee_flexion_of
-from vip_factors.geometry.rotations import Array, exp, rotation_of_sequence, rotation_z
+from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.simulate.gestures import gestures
 
 FORWARD, LEFT, UP = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
@@ -159,7 +160,7 @@ HINGED = {"left_hip": ("pelvis", 1), "right_knee": ("right_hip", -1), "left_ankl
 @given(st.tuples(angle, angle, angle), st.sampled_from(sorted(HINGED)))
 def test_angles_to_rotations_and_back(degrees: tuple[float, float, float], joint: str) -> None:
     above, sign = HINGED[joint]
-    R_above_below = rotation_of_sequence(np.radians([sign * degrees[0], *degrees[1:]]), "zxy")
+    R_above_below = Rotation.from_euler("ZXY", [sign * degrees[0], *degrees[1:]], degrees=True).as_matrix()
     if joint.startswith("left"):
         R_above_below = mirrored(R_above_below)
     R = calibration_pose("n-pose")

@@ -1,12 +1,12 @@
 """From logs, and a video, to files for others in one command; steps are taken again only when something changed."""
 
-import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 
+from vip_factors.cli import report
+from vip_factors.cli.report import ReportOptions
 from vip_factors.cli.run import RunOptions, Step, check, guess_camera, steps, take, usual_folder
 from vip_factors.errors import InputError
 from vip_factors.io.camera_file import read_camera_file
@@ -17,13 +17,12 @@ SMOOTH = "--frame-rate 20 --solve.max-iterations 2"
 @pytest.fixture(autouse=True)
 def reporting(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report of one line."""
-    module = ModuleType("vip_factors.cli.report")
 
-    def main(prog: str, words: Sequence[str]) -> None:
-        Path(words[words.index("--out") + 1]).write_text(" ".join(words))
+    def main(options: ReportOptions) -> None:
+        assert options.out is not None
+        options.out.write_text(f"{options.estimate} {options.recording} {options.video}")
 
-    module.main = main  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "vip_factors.cli.report", module)
+    monkeypatch.setattr(report, "main", main)
 
 
 def test_a_log_alone_to_files_and_a_page(run: Callable, files: object, tmp_path: Path) -> None:

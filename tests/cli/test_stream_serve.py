@@ -9,10 +9,10 @@ import time
 from pathlib import Path
 
 import pytest
+from live_sender import write_messages
 from stub_tracker import scene_file
 
 from tests.studies.processes import begun_by, is_running
-from vip_factors.io.live.open import write_messages
 from vip_factors.io.mcap_recording import read_scene
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"

@@ -52,22 +52,22 @@ def test_stages_tell_frames_share_and_time_left_and_are_never_wholly_done(monkey
     monkeypatch.setattr(terminal.time, "monotonic", lambda: clock[0])
     stages = terminal.Stages(36_000)
     assert str(stages) == "starting"
-    stages.tell("calibration", 0.0)
+    stages.update("calibration", 0.0)
     assert str(stages) == "calibration, 36,000 frames"  # nothing is known yet
     clock[0] = 10.0
-    stages.tell("calibration", 0.25)
+    stages.update("calibration", 0.25)
     assert str(stages) == "calibration, 36,000 frames, 25 %, 30 s left"
-    stages.tell("calibration", 0.2)  # a solve that was further before
+    stages.update("calibration", 0.2)  # a solve that was further before
     clock[0] = 20.0
     assert str(stages) == "calibration, 36,000 frames, 25 %, 20 s left"
-    stages.tell("calibration", 1.0)
+    stages.update("calibration", 1.0)
     assert str(stages) == "calibration, 36,000 frames, 99 %"
-    stages.tell("calibration", 0.5)
+    stages.update("calibration", 0.5)
     assert str(stages).startswith("calibration 2, 36,000 frames, 50 %")
     clock[0] = 620.0
-    stages.tell("windows", 0.0)
+    stages.update("windows", 0.0)
     clock[0] += 600.0
-    stages.tell("windows", 0.5)
+    stages.update("windows", 0.5)
     assert str(stages) == "windows, 36,000 frames, 50 %, 10 min left"
 
 

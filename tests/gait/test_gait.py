@@ -173,7 +173,7 @@ def test_nothing_is_told_of_what_no_sensor_measured(
     assert "gait.png" not in [one.name for one in written]
     assert (tmp_path / "feet" / "curves.csv").read_text().count("\n") == 1
     assert json.loads((tmp_path / "feet" / "gait.json").read_text())["findings"] == [*unsure, said]
-    filmed = gait_of(estimate, recording, filmed=True)  # a camera sees what no sensor measures
+    filmed = gait_of(estimate, recording, with_camera=True)  # a camera sees what no sensor measures
     assert len(filmed.curves) == len(gait_of(whole).curves)
     assert not filmed.findings
 

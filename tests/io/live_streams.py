@@ -6,10 +6,11 @@ from dataclasses import replace
 from threading import Thread
 from typing import Any
 
+from live_sender import write_messages
 from mcap_samples import assert_same
 from scene_samples import filmed_walk
 
-from vip_factors.io.live.open import open_source, write_messages
+from vip_factors.io.live.open import open_source
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.source import LiveSource
 from vip_factors.io.live.streams import NetworkSource

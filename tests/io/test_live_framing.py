@@ -6,9 +6,10 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from live_sender import delimited
 
 from vip_factors.errors import FileFormatError
-from vip_factors.io.live.messages import Deframer, delimited
+from vip_factors.io.live.messages import Deframer
 from vip_factors.io.schemas.live_message_pb2 import LiveMessage
 
 

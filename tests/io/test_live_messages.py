@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from live_sender import delimited, live_messages, sample_message
 from live_streams import QUICK, assert_arrived, short_walk, sorted_out
 from scene_samples import scenes
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.io.live.messages import delimited, header_message, rotation_of, sample_message, setup_of
-from vip_factors.io.live.open import live_messages
+from vip_factors.io.live.messages import header_message, rotation_of, setup_of
 from vip_factors.io.live.session import Client, ClientError, Session
 from vip_factors.io.live.streams import listen
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz

@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from live_sender import delimited, live_messages
 from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, send_scene, short_walk
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.messages import delimited
-from vip_factors.io.live.open import VARIABLE, live_messages, open_source, read_token
+from vip_factors.io.live.open import VARIABLE, open_source, read_token
 from vip_factors.io.live.session import Pace
 from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
 from vip_factors.sensors.live import LiveFinding, VideoFrame

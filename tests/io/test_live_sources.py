@@ -8,11 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from live_sender import delimited, live_messages, write_messages
 from live_streams import QUICK, Background, assert_arrived, received, short_walk, sorted_out
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.messages import delimited
-from vip_factors.io.live.open import RecordingSource, live_messages, open_source, write_messages
+from vip_factors.io.live.open import RecordingSource, open_source
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.streams import StandardInputSource
 from vip_factors.io.mcap_recording import read_scene, write_scene

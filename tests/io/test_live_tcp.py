@@ -9,11 +9,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from live_sender import delimited, live_messages, write_messages
 from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, send_scene, short_walk
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.messages import delimited, header_message
-from vip_factors.io.live.open import live_messages, open_source, write_messages
+from vip_factors.io.live.messages import header_message
+from vip_factors.io.live.open import open_source
 from vip_factors.sensors.live import stream_head
 
 ROOT = Path(__file__).parents[2]

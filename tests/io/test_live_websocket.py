@@ -6,11 +6,12 @@ from dataclasses import replace
 from threading import Event
 
 import pytest
+from live_sender import live_messages
 from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, short_walk
 
 from vip_factors.errors import InputError
 from vip_factors.io.live import websocket
-from vip_factors.io.live.open import live_messages, open_source
+from vip_factors.io.live.open import open_source
 from vip_factors.io.live.session import Client, Session
 from vip_factors.io.live.streams import NetworkSource, listen
 from vip_factors.sensors.scene import Scene

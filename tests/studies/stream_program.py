@@ -25,6 +25,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from tests.live_sender import delimited, sample_message
 from tests.studies.live_run import error_over_time
 from tests.studies.long_stream import LEAST_SCENE_S, LongStream, LongStreamStudy, LongStreamTrials, stream_scene
 from tests.studies.processes import ProcessTree, apart, process_tree
@@ -32,7 +33,7 @@ from tests.studies.study import MB, NAN, Fixed, Study, Tell, bullets, table
 from vip_factors.atomic import partial_path
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.io.live.messages import delimited, header_message, sample_message
+from vip_factors.io.live.messages import header_message
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import LiveSample, VideoFrame

@@ -53,17 +53,17 @@ def main(options: DemoOptions) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     for path in files.values():
         check_target(path, options.overwrite)
-    with progress_bar() as tell:
-        tell("simulating", 0.0)
+    with progress_bar() as progress:
+        progress("simulating", 0.0)
         errors = SimulateSettings(heading_offset_deg=HEADING_OFFSET_DEG, mounting_error_deg=MOUNTING_ERROR_DEG)
         recording = simulated(
             SimulateOptions("gestures", Path(), options.placement, options.seed, seconds=options.seconds, errors=errors)
         )
         write_recording(recording, files["recording.mcap"], options.overwrite)
-        whole = smooth(recording, Settings(frame_rate=options.frame_rate), tell)
+        whole = smooth(recording, Settings(frame_rate=options.frame_rate), progress)
         estimate = whole.only_wearer
         write_estimate(whole, files["estimate.mcap"], options.overwrite)
-        tell("drawing", 0.0)
+        progress("drawing", 0.0)
         truth = recording.truth
         if truth is None:
             raise InputError("the simulated recording has no truth")

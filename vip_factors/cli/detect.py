@@ -67,13 +67,13 @@ def main(options: DetectOptions) -> None:
     for target in (out, options.overlay):
         if target is not None:
             check_target(target, options.overwrite)
-    with progress_bar() as tell:
+    with progress_bar() as progress:
         began = time.perf_counter()
         poses = detect_people(
             options.video, options.settings, Stretch(options.start_s, options.end_s, options.every),
             model=options.model, keypoints=options.keypoints, blazepose=options.blazepose, threads=options.threads,
             on_message=note,
-            on_progress=lambda done, count: tell(f"looking for people in {count:,} frames", done / count),
+            on_progress=lambda done, count: progress(f"looking for people in {count:,} frames", done / count),
         )  # fmt: skip
         seconds = time.perf_counter() - began
         write_poses(out, poses, options.overwrite)
@@ -82,7 +82,7 @@ def main(options: DetectOptions) -> None:
                 options.overlay,
                 poses,
                 options.overwrite,
-                lambda done, count: tell(f"drawing {count:,} frames", done / count),
+                lambda done, count: progress(f"drawing {count:,} frames", done / count),
             )
     print(poses_text(poses, seconds))
     for path in (out, options.overlay):

@@ -41,14 +41,14 @@ def main(options: GaitOptions) -> None:
     from vip_factors.gait.analysis import gaits_of
     from vip_factors.gait.files import write_gait
 
-    with progress_bar() as tell:
-        tell("reading", 0.0)
+    with progress_bar() as progress:
+        progress("reading", 0.0)
         estimate, scene = _read(options)
         if estimate is None:
             assert scene is not None
             from vip_factors.pipeline import smooth
 
-            estimate = smooth(scene, progress=tell)
+            estimate = smooth(scene, progress=progress)
         gaits = gaits_of(estimate, scene)
     if not any(one.strides for one in gaits):
         raise InputError(f"{options.source}: nobody walks in it: no foot takes two steps")

@@ -55,8 +55,8 @@ def main(options: GraphOptions, settings: "Settings") -> None:
     from vip_factors.pipeline import factor_graph
     from vip_factors.viz.graph_picture import graph_picture
 
-    with progress_bar() as tell:
-        graph = factor_graph(scene, settings, tell)
+    with progress_bar() as progress:
+        graph = factor_graph(scene, settings, progress)
     names = scene.names
     description = graph_description(graph, scene.name, names, options.frame)
     with atomic_open(picture, overwrite=options.overwrite) as file:

@@ -78,7 +78,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(given: list[str]) -> int:
     try:
         with warnings.catch_warnings():
-            warnings.showwarning = _Notes().tell
+            warnings.showwarning = _Notes().show
             code = _dispatched(given)
             sys.stdout.flush()
             return code
@@ -136,7 +136,7 @@ class _Notes:
     def __init__(self) -> None:
         self._told: set[str] = set()
 
-    def tell(self, message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+    def show(self, message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         """A warning as one line: what was left out of a file, say; where in our code it arose helps nobody."""
         line = f"{PROGRAM}: note: {' '.join(str(message).split())}"
         if line not in self._told:

@@ -41,7 +41,7 @@ def main(command: str, prog: str, words: Sequence[str]) -> int:
     try:
         check_ranges(options)
     except RangeError as wrong:
-        raise InputError(f"--{wrong.name} {wrong.told}") from wrong
+        raise InputError(f"--{wrong.name} {wrong.reason}") from wrong
     tasks = list(tasks_of(command, prog, given, options, rest))
     summary = _summary_path(command, options, given)
     rows, begun = [_existing_row(task) for task in tasks if _is_there(task)], time.monotonic()

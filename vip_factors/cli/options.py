@@ -96,7 +96,7 @@ def parse(
         check_ranges(given, zero=True)  # settings have checked themselves
         check_outputs(given)
     except RangeError as wrong:
-        raise InputError(f"{_option(options, wrong.name)} {wrong.told}") from wrong
+        raise InputError(f"{_option(options, wrong.name)} {wrong.reason}") from wrong
     return given
 
 

@@ -61,8 +61,8 @@ def main(options: ReportOptions) -> None:
     from vip_factors.io import mcap_estimate, mcap_recording
     from vip_factors.io.mcap_reader import read_contents
 
-    with progress_bar() as tell:
-        tell("reading", 0.0)
+    with progress_bar() as progress:
+        progress("reading", 0.0)
         contents = read_contents(
             options.estimate, lambda channel: mcap_estimate.is_read(channel) or mcap_recording.is_read(channel)
         )
@@ -76,7 +76,7 @@ def main(options: ReportOptions) -> None:
         video = options.video[0] if options.video else options.video is not None
         if video is True:
             _tell_missing(scene)
-        write_report(estimate, out, scene, truth, options.settings, options.overwrite, tell, video)
+        write_report(estimate, out, scene, truth, options.settings, options.overwrite, progress, video)
     print(out)
     if video:
         print(out.with_suffix(".mp4"))

@@ -66,10 +66,10 @@ def main(options: SmoothOptions, settings: "Settings") -> None:
     reports: list[SolveReport] = []
     start, end = source.wearers[0].interval
     with (
-        progress_bar(round((end - start) * settings.frame_rate) + 1) as tell,
+        progress_bar(round((end - start) * settings.frame_rate) + 1) as progress,
         windows_elsewhere(options.jobs, options.cluster) as each,
     ):
-        estimate = smooth_chunks(source, settings, tell, each=each)
+        estimate = smooth_chunks(source, settings, progress, each=each)
         reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
         write_estimate(reported, out, options.overwrite, start_ns=source.wearers[0].head.start_ns)
     head = estimate.head if estimate.closed is None else estimate.closed()

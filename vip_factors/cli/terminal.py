@@ -36,7 +36,7 @@ class Stages:
         self._often = Counter[str]()
         self._stage, self._share, self._begun, self._told = "", 0.0, 0.0, 0.0
 
-    def tell(self, stage: str, share: float) -> None:
+    def update(self, stage: str, share: float) -> None:
         """Take in how far a stage is."""
         if stage != self._stage or (self._share >= 1.0 > share):
             self._often[stage] += 1
@@ -86,7 +86,7 @@ def progress_bar(frames: int = 0) -> Iterator[Tell]:
     stages = Stages(frames)
     if not sys.stderr.isatty():
         with _speaking(stages.__str__):
-            yield stages.tell
+            yield stages.update
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
@@ -96,11 +96,11 @@ def progress_bar(frames: int = 0) -> Iterator[Tell]:
     with Progress(*columns, TimeElapsedColumn(), left, console=Console(stderr=True), transient=True) as bars:
         bar = bars.add_task("starting", total=1.0, left="")
 
-        def tell(stage: str, share: float) -> None:
-            stages.tell(stage, share)
+        def update(stage: str, share: float) -> None:
+            stages.update(stage, share)
             bars.update(bar, description=stages.name, completed=stages.share, left=stages.left)
 
-        yield tell
+        yield update
 
 
 @contextmanager

@@ -60,9 +60,9 @@ def main(options: TrainOptions) -> None:
         raise InputError("no recording named: expected one or more (.mcap) with cameras and truth")
     check_target(options.out, options.overwrite)
     found: dict[str, list[KeypointOffsets]] = {}
-    with progress_bar() as tell:
+    with progress_bar() as progress:
         for path in options.recordings:
-            for one in offsets_in_recording(read_scene(path), Settings(), partial(tell, path.name)):
+            for one in offsets_in_recording(read_scene(path), Settings(), partial(progress, path.name)):
                 found.setdefault(one.keypoints, []).append(one.offsets)
     usual = KeypointOffsetSettings().sigmas
     training = OffsetTraining(options.prior_people, options.habit_share, options.least_sigma_m)

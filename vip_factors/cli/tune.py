@@ -76,8 +76,8 @@ def main(options: TuneOptions) -> None:
         return measured(scenes[name], changed(settings, values), measure)
 
     try:
-        with progress_bar() as tell:
-            study.run(options.trials, judge, tell)
+        with progress_bar() as progress:
+            study.run(options.trials, judge, progress)
     except KeyboardInterrupt:
         note(f"{len(study.trials)} trials are kept in {options.study}: the same command goes on from there")
         raise

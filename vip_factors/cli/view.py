@@ -165,14 +165,14 @@ def _serve(opened: Opened, options: ViewOptions) -> None:
     from vip_factors.cli.terminal import note
     from vip_factors.viz.viewer import serve
 
-    def tell(address: str) -> None:
+    def print_address(address: str) -> None:
         print(address, flush=True)
         note("serving; open this address in a browser, Ctrl-C ends it")
 
     with TemporaryDirectory() as folder:
         rrd = Path(folder) / "view.rrd"
         _show(opened, rrd, options)
-        serve(rrd, options.host, options.port, tell)
+        serve(rrd, options.host, options.port, print_address)
 
 
 def write_film(opened: Opened, path: Path, settings: FilmSettings, overwrite: bool) -> None:
@@ -191,5 +191,5 @@ def write_film(opened: Opened, path: Path, settings: FilmSettings, overwrite: bo
         drawn = DrawnScene(opened.motion.name, (DrawnWearer(opened.motion.name, 0, None, opened.motion, None, None),))
     else:
         drawn = drawn_scene(scene, estimate)
-    with progress_bar() as tell:
-        film(drawn, path, settings, histories, overwrite=overwrite, on_progress=tell)
+    with progress_bar() as progress:
+        film(drawn, path, settings, histories, overwrite=overwrite, on_progress=progress)

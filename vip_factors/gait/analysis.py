@@ -119,14 +119,16 @@ class Gait:
         return next((one for one in self.figures if (one.quantity.name, one.side) == (quantity, side)), None)
 
 
-def gait_of(estimate: WearerEstimate, recording: Recording | None = None, name: str = "", filmed: bool = False) -> Gait:
+def gait_of(
+    estimate: WearerEstimate, recording: Recording | None = None, name: str = "", with_camera: bool = False
+) -> Gait:
     """The gait of a wearer; without what no sensor and no camera measured.
 
     Args:
         estimate: of the wearer.
         recording: that it was made from: the feet's own sensors tell events and lengths better than a motion does.
         name: of the wearer; the motion's if empty.
-        filmed: whether a camera saw the wearer: it measures what sensors do not.
+        with_camera: whether a camera saw the wearer: it measures what sensors do not.
     """
     sensors = {side: found for side in SIDES if (found := foot_sensor(estimate, recording, side)) is not None}
     feet, travel = dict[str, FootEvents](), dict[str, tuple[Array, Array]]()
@@ -138,7 +140,7 @@ def gait_of(estimate: WearerEstimate, recording: Recording | None = None, name: 
         if events is not None:
             travel[side] = travel_of_sensor(sensors[side][0], feet[side].rest)
     bones = bones_with_sensors(estimate, recording)
-    measured = None if filmed else bones
+    measured = None if with_camera else bones
     strides = tuple(_measured_values(one, measured) for one in strides_of(estimate.motion, feet, travel))
     counted, name = [one for one in strides if not one.left_out], name or estimate.motion.name
     curves = _curves(estimate, counted)

@@ -189,20 +189,12 @@ def yaw_of(R: ArrayLike) -> Array:
     return np.arctan2(R[..., 1, 0] - R[..., 0, 1], R[..., 0, 0] + R[..., 1, 1])
 
 
-_ABOUT = {"x": rotation_x, "y": rotation_y, "z": rotation_z}
 # Below this sine or cosine of the middle angle only a sum or difference of the outer two is determined.
 _LOCKED = 1e-9
 
 
-def rotation_of_sequence(angles: Array, axes: str) -> Array:
-    """Rotations ``(..., 3, 3)`` of angles ``(..., 3)`` in radians: of ``"zxy"``, ``Rz(a) Rx(b) Ry(c)``."""
-    first, middle, last = _checked(axes)
-    angles = np.asarray(angles, dtype=float)
-    return _ABOUT[first](angles[..., 0]) @ _ABOUT[middle](angles[..., 1]) @ _ABOUT[last](angles[..., 2])
-
-
 def sequence_of_rotation(R: Array, axes: str) -> Array:
-    """Angles ``(..., 3)`` in radians of rotations ``(..., 3, 3)``; the inverse of :func:`rotation_of_sequence`.
+    """Angles ``(..., 3)`` in radians of rotations ``(..., 3, 3)``: of ``"zxy"``, those of ``Rz(a) Rx(b) Ry(c)``.
 
     The middle angle lies in [−π/2, π/2] of three different axes, and in [0, π] where the first axis comes again; the
     outer ones in (−π, π]. At the ends of the middle one's range they cannot be told apart: the last is then zero.

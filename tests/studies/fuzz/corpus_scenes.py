@@ -13,6 +13,7 @@ from threading import Event
 import numpy as np
 
 from tests.io.pose_files import person, write_mmpose, write_openpose
+from tests.live_sender import write_messages
 from tests.studies.fuzz.corpus import FLOOR, written, written_motions, xsens_log
 from tests.studies.fuzz.mutations import varint
 from tests.studies.fuzz.run import Case, Files
@@ -23,7 +24,6 @@ from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.live.growing import GrowingFileSource
-from vip_factors.io.live.open import write_messages
 from vip_factors.io.live.session import Client, ClientError, Session
 from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.streams import listen

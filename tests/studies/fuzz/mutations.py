@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.io.live.messages import delimited
+from tests.live_sender import delimited
 from vip_factors.io.mcap_records import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD, read_chunk
 from vip_factors.io.motions.amass import RestrictedUnpickler
 

@@ -1,4 +1,4 @@
-"""Live messages: their framing in a stream of bytes, and set-up and samples to and from them."""
+"""Live messages: their framing in a stream of bytes, set-up to and from them, and samples from them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, quaternion_from_matrix
+from vip_factors.geometry.quaternions import UNIT_TOLERANCE
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
-from vip_factors.io.codec import NS_PER_S, DataclassCodec, set_timestamp, time_ns_of
+from vip_factors.io.codec import NS_PER_S, DataclassCodec, time_ns_of
 from vip_factors.io.mcap_camera import camera_info_message, intrinsics_message, intrinsics_of, mount_of
 from vip_factors.io.mcap_frames import camera_path_of, camera_poses
-from vip_factors.io.mcap_samples import fill_sample, keypoint_set_of
+from vip_factors.io.mcap_samples import keypoint_set_of
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
@@ -28,7 +28,7 @@ from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame, checked_head
+from vip_factors.sensors.live import ImuSample, VideoFrame, checked_head
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, Scene
 
@@ -36,16 +36,6 @@ VARINT_BYTES = 5  # enough for 32 GiB
 
 WEARER = DataclassCodec(WearerMessage, Recording)
 HEADER = DataclassCodec(LiveHeader, Scene, {"start": "start_ns"})
-
-
-def delimited(message: bytes) -> bytes:
-    """A serialised message with its length before it."""
-    length, head = len(message), bytearray()
-    while length > 0x7F:
-        head.append(length & 0x7F | 0x80)
-        length >>= 7
-    head.append(length)
-    return bytes(head) + message
 
 
 class Deframer:
@@ -103,26 +93,6 @@ class Deframer:
         if len(self._buffer) - start >= VARINT_BYTES:
             raise FileFormatError("the bytes are no live messages: expected each after its length as a varint")
         return None
-
-
-def sample_message(sample: LiveSample, start_ns: int = 0, frame: int = 0) -> LiveMessage:
-    """The message of one sample; ``frame`` counts the frames of a camera."""
-    message = LiveMessage(carrier=sample.camera if isinstance(sample, VideoFrame) else sample.carrier)
-    content = message.detections if isinstance(sample, VideoFrame) else message.imu
-    content.seconds = sample.time
-    if np.isfinite(sample.time):
-        set_timestamp(content.timestamp, start_ns + round(sample.time * NS_PER_S))
-    if isinstance(sample, VideoFrame):
-        message.detections.frame = frame
-        for pixels, confidence in zip(sample.pixels, sample.confidence, strict=True):
-            message.detections.people.add(pixels=pixels.ravel(), confidence=confidence)
-        return message
-    message.imu.sensor = sample.sensor
-    R = sample.R_inertial_sensor
-    wxyz = None if R is None else quaternion_from_matrix(R, Order.WXYZ).tolist()
-    force, rate = (None if one is None else one.tolist() for one in (sample.specific_force, sample.angular_rate))
-    fill_sample(message.imu, force, wxyz, rate)
-    return message
 
 
 def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str = "") -> ImuSample:

@@ -1,20 +1,17 @@
-"""A live source from what the user wrote, a recording as one, and a scene as the messages that a sender would send."""
+"""A live source from what the user wrote, and a recording as one."""
 
 import os
 import time
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
-from typing import Protocol
 from urllib.parse import urlsplit
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.messages import delimited, header_message, sample_message
 from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import LiveSource
 from vip_factors.io.live.streams import LOCAL, StandardInputSource, TcpSenderSource, TcpServerSource
 from vip_factors.io.live.websocket import WebSocketSource
-from vip_factors.sensors.live import LiveFinding, LiveSample, VideoFrame, live_samples, stream_head
+from vip_factors.sensors.live import LiveFinding, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 VARIABLE = "VIP_FACTORS_TOKEN"
@@ -71,13 +68,13 @@ class RecordingSource(LiveSource):
     def _read(self) -> None:
         samples = live_samples(self._scene)
         self._announce(stream_head(self._scene))
-        for sample in _when_due(samples, self._speed, self._stop.wait):
+        for sample in when_due(samples, self._speed, self._stop.wait):
             if self._stop.is_set():
                 return
             self._put(sample)
 
 
-def _when_due(
+def when_due(
     samples: Iterable[LiveSample], speed: float | None, wait: Callable[[float], object]
 ) -> Iterator[LiveSample]:
     """Each sample when it is due, at a multiple of its own time; at once without one."""
@@ -163,50 +160,3 @@ def _network(
             "127.0.0.1, is for senders on this machine, 0.0.0.0 for those in all its networks"
         )
     return kinds[url.scheme](host, port, settings, on_finding, token)
-
-
-class ByteSink(Protocol):
-    """Where bytes go: an open binary file, a pipe, or a socket's ``makefile("wb")``."""
-
-    def write(self, data: bytes, /) -> object:
-        """All of the bytes."""
-
-    def flush(self) -> object:
-        """Send what was written."""
-
-
-def live_messages(scene: Scene, speed: float | None = None, token: str = "") -> Iterator[bytes]:
-    """The header and then every sample, serialised.
-
-    Args:
-        scene: with the samples.
-        speed: each sample comes when it is due, at this multiple of its own time; None: as fast as it goes.
-        token: for the header.
-    """
-    setup = stream_head(scene)
-    yield header_message(setup, token).SerializeToString()
-    frames: Counter[str] = Counter()
-    for sample in _when_due(live_samples(scene), speed, time.sleep):
-        number = 0
-        if isinstance(sample, VideoFrame):
-            number = frames[sample.camera]
-            frames[sample.camera] += 1
-        yield sample_message(sample, setup.start_ns, number).SerializeToString()
-
-
-def write_messages(scene: Scene, stream: ByteSink, speed: float | None = None, token: str = "") -> int:
-    """Send a scene as a delimited stream; how many messages that were.
-
-    Args:
-        scene: to be sent.
-        stream: that a live source reads at its other end.
-        speed, token: as in :func:`live_messages`.
-    """
-    count = 0
-    for message in live_messages(scene, speed, token):
-        count += 1
-        stream.write(delimited(message))
-        if speed is not None:
-            stream.flush()
-    stream.flush()
-    return count

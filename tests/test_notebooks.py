@@ -12,7 +12,7 @@ import pytest
 from live_sender import write_messages
 
 import vip_factors as vip
-from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures

@@ -8,7 +8,7 @@ import tyro
 
 from vip_factors.cli.options import parse
 from vip_factors.errors import InputError
-from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.ranges import NotNegative, Range, Share, check_ranges
 from vip_factors.settings import Settings

@@ -44,10 +44,10 @@ if TYPE_CHECKING:
     from vip_factors.estimate import Estimate as SceneEstimate
     from vip_factors.factor_graph import keys
     from vip_factors.io.convert import ImportOptions
-    from vip_factors.io.export.settings import ExportSettings
     from vip_factors.io.live.open import open_source
     from vip_factors.io.motions import read_motion
     from vip_factors.io.scene_building import CameraOptions
+    from vip_factors.io.settings import ExportSettings
     from vip_factors.live.settings import LiveSettings
     from vip_factors.live.stream import Stream, stream
     from vip_factors.live.tracker import FixedLagTracker
@@ -82,7 +82,7 @@ _WHERE = {
     "errors": ("VipFactorsError",),
     "estimate": ("Estimate",),
     "io.convert": ("ImportOptions",),
-    "io.export.settings": ("ExportSettings",),
+    "io.settings": ("ExportSettings",),
     "io.live.open": ("open_source",),
     "io.motions": ("read_motion",),
     "io.scene_building": ("CameraOptions",),

@@ -8,8 +8,8 @@ from live_answers import LAG, answer, live_scene
 
 from vip_factors.body.joint_angles import ANGLE_DEFINITIONS, joint_angles
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.io.live.settings import SentPose
 from vip_factors.io.live_outputs import LiveLslSink
+from vip_factors.io.settings import SentPose
 from vip_factors.sensors.live import stream_head
 
 try:

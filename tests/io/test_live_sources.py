@@ -13,9 +13,9 @@ from live_streams import QUICK, Background, assert_arrived, received, short_walk
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.open import RecordingSource, open_source
-from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.streams import StandardInputSource
 from vip_factors.io.mcap_recording import read_scene, write_scene
+from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding
 
 

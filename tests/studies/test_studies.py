@@ -14,7 +14,7 @@ from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.export.animation import write_bvh
-from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.settings import ExportSettings
 from vip_factors.simulate.gestures import gestures
 
 

@@ -8,7 +8,7 @@ import tyro
 
 from vip_factors.cli.options import Flag, ManyOptions
 from vip_factors.errors import InputError
-from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.settings import ExportSettings
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, ManyOptions
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
-from vip_factors.io.live.settings import LiveSourceSettings, SentPose
+from vip_factors.io.settings import LiveSourceSettings, SentPose
 from vip_factors.ranges import Port
 from vip_factors.shown_settings import ShownOfBoth
 from vip_factors.viz.viewer import check_display

@@ -20,9 +20,9 @@ from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live.settings import SentPose
 from vip_factors.io.live_json import ANGLE_NAMES, LiveJsonEncoder, PoseAnswer
 from vip_factors.io.motions.skeleton_maps import UNITY_BONES
+from vip_factors.io.settings import SentPose
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.scene import Scene
 

@@ -80,8 +80,8 @@ def _positions(state: FrameState) -> tuple[Array, Array]:
 
 CORRECTED_DEG_S = 180.0  # a limb's brisk turn
 CORRECTED_M_S = 1.0  # a step a second
-# Batch's factors of ± hold for the trunk, hips, shoulders and wrists of a stream too; a quarter of a second averages less
-# of what is wrong with flexion. On 16 foreign scenes: knees need 1.2 with a camera, elbows 1.0, ankles 1.7.
+# Batch's factors of ± hold for the trunk, hips, shoulders and wrists of a stream too; a quarter of a second averages
+# less of what is wrong with flexion. On 16 foreign scenes: knees need 1.2 with a camera, elbows 1.0, ankles 1.7.
 HINGES = np.array([name.endswith(("knee", "ankle", "elbow")) for name in JOINT_NAMES])
 HINGE_FACTOR = 1.2
 UNKNOWN_ROOT = 0.25 * np.eye(3)  # m², as long as no covariance has been computed

@@ -14,7 +14,7 @@ from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.findings import Finding, bare
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.live.open import open_source, read_token
-from vip_factors.io.live.settings import LiveSourceSettings
+from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import DEFAULT, FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate

@@ -11,7 +11,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.io.export.files import export, resampled
-from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.settings import ExportSettings
 
 
 def _camera(estimate: Estimate) -> CameraEstimate:

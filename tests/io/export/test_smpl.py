@@ -14,9 +14,9 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.files import export
-from vip_factors.io.export.settings import ExportSettings
 from vip_factors.io.mcap_recording import write_scene
 from vip_factors.io.motions.amass import BODY_JOINTS, read_amass
+from vip_factors.io.settings import ExportSettings
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.simulate.gestures import gestures

@@ -25,13 +25,13 @@ from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.live.growing import GrowingFileSource
 from vip_factors.io.live.session import Client, ClientError, Session
-from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.live.streams import listen
 from vip_factors.io.live.websocket import take_message
 from vip_factors.io.mcap_estimate import read_calibration_history, read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording, write_scene
 from vip_factors.io.mcap_source import open_source
+from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import live_samples, stream_head

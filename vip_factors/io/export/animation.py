@@ -27,8 +27,8 @@ from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, continuous, sequence_of_rotation
 from vip_factors.io.export.files import R_YUP_WORLD
-from vip_factors.io.export.settings import ExportSettings, UpAxis
 from vip_factors.io.motions.skeleton_maps import bone_names
+from vip_factors.io.settings import ExportSettings, UpAxis
 
 _IN_BLENDER = """
 import json, bpy

@@ -20,7 +20,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.settings import ExportSettings
 
 DEFAULT = ExportSettings()
 R_YUP_WORLD = R_WORLD_ISB.T

@@ -30,7 +30,7 @@ from vip_factors.geometry.rotations import (
     sequence_of_rotation,
     transpose,
 )
-from vip_factors.io.export.settings import ExportSettings
+from vip_factors.io.settings import ExportSettings
 
 
 def write_csv(estimate: Estimate, path: Path, settings: ExportSettings) -> None:

@@ -10,7 +10,6 @@ from vip_factors.io.codec import time_ns_of
 from vip_factors.io.live.growing_file import CAMERA, Channels, GrowingFile, OnFinding, Route, open_when_it_comes
 from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import Throttle
-from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import LiveSource
 from vip_factors.io.mcap_camera import path_of
 from vip_factors.io.mcap_messages import naming
@@ -18,6 +17,7 @@ from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
+from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.live import LiveFinding, LiveSample
 from vip_factors.sensors.scene import Camera, Scene

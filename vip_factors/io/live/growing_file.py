@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io import mcap_records
-from vip_factors.io.live.settings import LiveSourceSettings
 from vip_factors.io.mcap_messages import PROTOBUF
 from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SCENE_INFO, SUBJECT, WEARER
 from vip_factors.io.mcap_records import McapChannel, RecordError, RecordFile
@@ -22,6 +21,7 @@ from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.io.schemas.subject_pb2 import Subject
+from vip_factors.io.settings import LiveSourceSettings
 
 if TYPE_CHECKING:
     from mcap.records import Channel, Schema

@@ -7,10 +7,10 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import LiveSource
 from vip_factors.io.live.streams import LOCAL, StandardInputSource, TcpSenderSource, TcpServerSource
 from vip_factors.io.live.websocket import WebSocketSource
+from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import Self
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
+from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 from vip_factors.sensors.scene import Scene
 

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.messages import Deframer
 from vip_factors.io.live.session import Client, ClientError, Pace, Session
-from vip_factors.io.live.settings import DEFAULT, LiveSourceSettings
 from vip_factors.io.live.source import POLL, LiveSource
+from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.export.settings import BoneNames
+from vip_factors.io.settings import BoneNames
 
 _SMPL = (
     "pelvis", "spine1", "spine2", "spine3", "neck", "head",

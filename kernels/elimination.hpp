@@ -85,11 +85,10 @@ inline bool eliminate_chain(const Blas& blas, const std::vector<Piece>& pieces, 
     return true;
 }
 
-// The steps, in the place of d, of the shared columns' values.
-inline void substitute_chain(const Blas& blas, const double* shared, const EliminatedChain& chain) {
+// The steps, in the place of d, of the values behind the last frame: of the frames ahead of it, and of shared columns.
+inline void substitute_chain(const Blas& blas, const double* behind, const EliminatedChain& chain) {
     const int64_t n = chain.n, w = chain.w, ahead = chain.ahead;
-    std::vector<double> later(n - w, 0.0);
-    std::copy(shared, shared + n - w - ahead, later.data() + ahead);
+    std::vector<double> later(behind, behind + n - w);
     for (int64_t t = chain.frames - 1; t >= 0; t--) {
         double* x = chain.d + t * w;
         substitute(blas, chain.rows + t * w * n, chain.n, chain.n, chain.w, later.data(), x);

@@ -369,11 +369,11 @@ static bool eliminate_chain(nb::list pieces, In<2> gradient, In<1> damping, int 
 }
 
 // `steps` (T, w) hold d, and then the steps.
-static void substitute_chain(Out<3> rows, In<1> shared, int ahead, Out<2> steps) {
+static void substitute_chain(Out<3> rows, In<1> behind, int ahead, Out<2> steps) {
     const vip::EliminatedChain chain{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
                                      static_cast<int>(rows.shape(2)), rows.data(), steps.data()};
-    expect(steps.size() == rows.shape(0) * rows.shape(1) && chain.n - chain.w - ahead == static_cast<int>(shared.size()));
-    vip::substitute_chain(blas, shared.data(), chain);
+    expect(steps.size() == rows.shape(0) * rows.shape(1) && chain.n - chain.w == static_cast<int>(behind.size()) && ahead <= chain.n - chain.w);
+    vip::substitute_chain(blas, behind.data(), chain);
 }
 
 // Of a slice (N, N) the columns of the frames that there are, and of the last `shared` ones: as a quadratic in x.

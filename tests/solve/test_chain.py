@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import SolveError
-from vip_factors.solve import chain_elimination
+from vip_factors.solve import chain_elimination, strands
 from vip_factors.solve.chain_elimination import ChainElimination, last_covariance
 from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, static_key
 from vip_factors.solve.elimination import chain_marginals, eliminate
@@ -140,7 +140,7 @@ def test_a_cost_that_is_not_finite_is_refused() -> None:
         levenberg_marquardt(Rosenbrock(), np.array([np.nan, 1.0]), SolveSettings())
 
 
-T, W = 6, 4
+T, W = 11, 4
 
 
 def random_chain(tied: bool) -> ChainSystem:
@@ -183,12 +183,16 @@ def scene_system(tied: bool, moving: bool) -> ChainSystem:
 @pytest.mark.parametrize("tied", [True, False])
 @pytest.mark.parametrize("moving", [True, False])
 @pytest.mark.parametrize("pure", [True, False])
+@pytest.mark.parametrize("late", [True, False])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 def test_the_step_and_the_covariance_are_gtsams(
-    tied: bool, moving: bool, pure: bool, damping: float, monkeypatch: pytest.MonkeyPatch
+    tied: bool, moving: bool, pure: bool, late: bool, damping: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if pure:
-        monkeypatch.setattr(chain_elimination, "kernels", None)
+        monkeypatch.setattr(strands, "kernels", None)
+    if late:
+        monkeypatch.setattr(strands, "SEGMENT", 2)  # three of them
+        monkeypatch.setattr(chain_elimination, "_late_chains", lambda system: [2] if tied and system.between else [])
     alone, system = random_chain(tied), scene_system(tied, moving)
     for one in (alone, system):
         expected, step = eliminate(one.stretches(damping)).optimize(), ChainElimination(one, damping).step()
@@ -205,7 +209,7 @@ def test_the_step_and_the_covariance_are_gtsams(
 @pytest.mark.parametrize("tied", [True, False])
 def test_what_is_not_determined_has_no_step(tied: bool, pure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     if pure:
-        monkeypatch.setattr(chain_elimination, "kernels", None)
+        monkeypatch.setattr(strands, "kernels", None)
     system = random_chain(tied)
     system.chains[0].own[3] = -np.eye(W)
     with pytest.raises(SolveError, match="not determined"):

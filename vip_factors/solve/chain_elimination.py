@@ -3,6 +3,7 @@
 What all frames share stands behind the two frames that a frame sees, and is eliminated last. So only one row of blocks
 is made at a time, and what is kept of a frame is how it depends on those after it. Chains that have nothing in common
 in a frame are eliminated one after the other: wearers before a camera that stands still cost what they cost alone.
+Where a camera moves, its poses are eliminated behind the wearers, where that is less work.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,15 +15,13 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.blas import dtrsv
 from scipy.linalg.lapack import dpotrf
 
-from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 from vip_factors.solve.chain_system import REACH, Chain, ChainSystem
 from vip_factors.solve.elimination import LinearSystem, eliminate
-from vip_factors.solve.slices import eliminated
+from vip_factors.solve.strands import SEGMENT, SegmentedStrand, Strand
 
 MOST_KNOTS = 12  # of one group; of more GTSAM eliminates those early that no later frame sees
-Piece = tuple[Array, int, int, int]  # blocks (t, r, c) of some frames' rows, the first row, column and frame
 
 
 def is_dense(system: ChainSystem) -> bool:
@@ -40,9 +39,15 @@ class ChainElimination:
     """
 
     def __init__(self, system: ChainSystem, damping: float) -> None:
-        self._system, self._border = system, _Border(system)
-        H, vector = self._border.static(damping)
-        self._strands = [_Strand(system, self._border, numbers) for numbers in _tied_chains(system)]
+        self._system, late = system, _late_chains(system)
+        self._border = _Border(system, late)
+        H, vector = self._border.information(damping)
+        self._strands = list[Strand | SegmentedStrand]()
+        if late:
+            early = [number for number in range(len(system.chains)) if number not in late]
+            self._strands += [SegmentedStrand(system, self._border, number) for number in early]
+        else:
+            self._strands += [Strand(system, self._border, numbers) for numbers in _tied_chains(system)]
         for strand in self._strands:
             strand.eliminate(damping, H, vector)
         shared, failed = dpotrf(H) if len(vector) else (H, 0)
@@ -54,14 +59,30 @@ class ChainElimination:
         """The minimum of the quadratic."""
         half = dtrsv(self._static, self._vector, trans=1) if len(self._vector) else self._vector
         shared = dtrsv(self._static, half) if len(half) else half
-        steps = dict[int, Array]()
+        steps = self._border.of_late(shared)
         for strand in self._strands:
             steps |= strand.given(shared)
         return ChainSteps(self._system, steps, self._border.by_key(shared))
 
     def border_covariance(self) -> tuple[Array, dict[int, slice]]:
         """Joint covariance ``(s, s)`` of what all frames share, and where in it each group and knot is."""
-        return _inverse_of_square(self._static), self._border.columns
+        first = self._border.late.size
+        return _inverse_of_square(self._static[first:, first:]), self._border.columns
+
+
+def _late_chains(system: ChainSystem) -> list[int]:
+    """Chains that all others meet, where it is less work to eliminate them behind these; else none."""
+    late, widths, T = sorted({q for _, q in system.between}), [len(one.damping) for one in system.chains], system.frames
+    early = [number for number in range(len(widths)) if number not in late]
+    if set(system.between) != {(p, q) for p in early for q in late} or not all(system.chains[p].tied for p in early):
+        return []
+    c, shared = sum(widths[q] for q in late), len(system.static)
+    together = T * sum(widths) * (REACH * sum(widths) + shared) ** 2
+    apart = (T * c + shared) ** 3 / 3
+    for number in early:
+        w, s = widths[number], sum(blocks.shape[2] for (p, _), blocks in system.coupling.items() if p == number)
+        apart += T * w * ((2 * REACH * w + s + c * SEGMENT) ** 2 + 2 * REACH / SEGMENT * (s + T * c) ** 2 / 3)
+    return late if apart < together else []
 
 
 def _tied_chains(system: ChainSystem) -> list[list[int]]:
@@ -73,98 +94,21 @@ def _tied_chains(system: ChainSystem) -> list[list[int]]:
     return [sorted(one) for one in found]
 
 
-class _Strand:
-    """Chains that meet in a frame, side by side: of each frame ``R x + S y = d``, ``y`` the two frames after it, where
-    frames are tied, and those columns of the border that it sees.
+class _Border:
+    """What is eliminated last, side by side: the frames of ``late`` chains, what all frames share, then the later knots
+    of groups that walk.
 
-    Args:
-        system, border: of all chains.
-        numbers: of the chains.
+    Attributes:
+        late: columns ``(T, c)`` of the late chains.
+        of_group: all columns of each group, its later knots behind its own.
+        columns: of each group and knot, counted from behind the late chains.
     """
 
-    def __init__(self, system: ChainSystem, border: "_Border", numbers: Sequence[int]) -> None:
-        self._chains, self._numbers = [system.chains[number] for number in numbers], numbers
-        self._places = _places(self._chains)
-        self._width = self._places[-1].stop
-        self._ahead = REACH * self._width if any(one.tied for one in self._chains) else 0
-        seen = sorted({group for chain, group in system.coupling if chain in numbers})
-        self._columns = np.concatenate([np.zeros(0, int), *(border.of_group[group] for group in seen)])
-        self._pieces = list(self._in_frames(system))
-        start = self._width + self._ahead
-        for group in seen:
-            for place, number in zip(self._places, numbers, strict=True):
-                if (number, group) in system.coupling:
-                    blocks = border.coupling(number, group, system.coupling[number, group])
-                    self._pieces += [(block, place.start, start + column, first) for block, column, first in blocks]
-            start += len(border.of_group[group])
-        rows, self._d = (system.frames, self._width, start), np.zeros((system.frames, self._width))
-        self._rows = np.empty(rows)
-
-    def _in_frames(self, system: ChainSystem) -> Iterator[Piece]:
-        for place, chain in zip(self._places, self._chains, strict=True):
-            yield chain.own, place.start, place.start, 0
-            following = chain.following
-            if following is not None:
-                for ahead in range(REACH):
-                    yield following[:, ahead], place.start, (ahead + 1) * self._width + place.start, 0
-        for (p, q), blocks in system.between.items():
-            if p in self._numbers:
-                first, second = (self._places[self._numbers.index(number)].start for number in (p, q))
-                yield blocks, first, second, 0
-
-    def eliminate(self, damping: float, H: Array, vector: Array) -> None:
-        """Eliminate all frames; what they say of the border is added to ``H`` and ``vector``.
-
-        Raises:
-            SolveError: if a variable is not determined.
-        """
-        n, start = self._rows.shape[2], self._width + self._ahead
-        M, v = np.zeros((n, n)), np.zeros(n)
-        gradient = np.concatenate([one.gradient for one in self._chains], axis=1)
-        damped = damping * np.concatenate([one.damping for one in self._chains])
-        if kernels is None:
-            self._eliminate_purely(gradient, damped, M, v)
-        elif not kernels.eliminate_chain(self._pieces, gradient, damped, self._ahead, M, v, self._rows, self._d):
-            raise SolveError("the linear system is not determined")
-        said = np.triu(M[start:, start:])  # the border may have the columns in another order
-        H[np.ix_(self._columns, self._columns)] += said + np.triu(said, 1).T
-        vector[self._columns] += v[start:]
-
-    def _eliminate_purely(self, gradient: Array, damped: Array, M: Array, v: Array) -> None:
-        w, ahead = self._width, self._ahead
-        seen = w + ahead
-        for t, g in enumerate(gradient):
-            M[:ahead, :ahead], M[:ahead, seen:], v[:ahead] = M[w:seen, w:seen], M[w:seen, seen:], v[w:seen]
-            M[:seen, ahead:seen], M[ahead:seen], v[ahead:seen] = 0.0, 0.0, 0.0
-            for blocks, row, column, first in self._pieces:
-                if first <= t < first + len(blocks):
-                    M[row : row + blocks.shape[1], column : column + blocks.shape[2]] += blocks[t - first]
-            M[range(w), range(w)] += damped
-            rest = np.array(M[w:, w:])
-            R, S_transposed = eliminated(M[:w, :w], np.array(M[:w, w:]), rest)
-            self._rows[t, :, :w], self._rows[t, :, w:], self._d[t] = R, S_transposed.T, dtrsv(R, v[:w] - g, trans=1)
-            M[w:, w:], v[w:] = rest, v[w:] - S_transposed @ self._d[t]
-
-    def given(self, border: Array) -> dict[int, Array]:
-        """Steps ``(T, w)`` of each chain, by its number, of the border's ``(s,)``."""
-        steps, shared = self._d.copy(), border[self._columns]
-        if kernels is not None:
-            kernels.substitute_chain(self._rows, shared, self._ahead, steps)
-        else:
-            later, w = np.zeros(self._ahead), self._width
-            for t in range(len(steps) - 1, -1, -1):
-                right = steps[t] - self._rows[t, :, w:] @ np.concatenate([later, shared])
-                steps[t] = dtrsv(self._rows[t, :, :w], right)
-                later = np.concatenate([steps[t], later])[: self._ahead]
-        return {number: steps[:, place] for number, place in zip(self._numbers, self._places, strict=True)}
-
-
-class _Border:
-    """What frames share, side by side: the static vector, then the later knots of groups that walk."""
-
-    def __init__(self, system: ChainSystem) -> None:
-        self.system, self.width = system, len(system.static)
-        self.of_group = list[np.ndarray]()  # all columns of each, its later knots behind its own
+    def __init__(self, system: ChainSystem, late: Sequence[int]) -> None:
+        self.system, self.width, self._chains = system, len(system.static), late
+        per_frame = sum(len(system.chains[number].damping) for number in late)
+        self.late = np.arange(system.frames * per_frame).reshape(system.frames, per_frame)
+        self.of_group = list[np.ndarray]()
         self.columns = {group.key: group.columns for group in system.groups}
         for group in system.groups:
             own = [np.arange(group.columns.start, group.columns.stop)]
@@ -173,7 +117,37 @@ class _Border:
                     later = self.columns[key] = slice(self.width, self.width + group.knots.columns)
                     own.append(np.arange(later.start, later.stop))
                     self.width = later.stop
-            self.of_group.append(np.concatenate(own))
+            self.of_group.append(self.late.size + np.concatenate(own))
+
+    def _late_places(self) -> Iterator[tuple[int, Chain, np.ndarray]]:
+        """Numbers of the late chains, these, and their columns ``(T, w)``."""
+        start = 0
+        for number in self._chains:
+            chain = self.system.chains[number]
+            yield number, chain, self.late[:, start : start + len(chain.damping)]
+            start += len(chain.damping)
+
+    def information(self, damping: float) -> tuple[Array, Array]:
+        """What is known of it but for what the other chains say: ``(n, n)``, its upper triangle, and ``(n,)``."""
+        first = self.late.size
+        H, vector = np.zeros((first + self.width,) * 2), np.zeros(first + self.width)
+        H[first:, first:], vector[first:] = self._static(damping)
+        for number, chain, columns in self._late_places():
+            vector[columns] = -chain.gradient
+            H[columns[:, :, None], columns[:, None]] = chain.own + np.diag(damping * chain.damping)
+            following = chain.following
+            if following is not None:
+                for ahead in range(REACH):
+                    here, there = columns[: -ahead - 1], columns[ahead + 1 :]
+                    H[here[:, :, None], there[:, None]] = following[: -ahead - 1, ahead]
+            for (p, group), blocks in self.system.coupling.items():
+                if p == number:
+                    H[columns[:, :, None], self.of_group[group][: blocks.shape[2]]] = blocks
+        return H, vector
+
+    def of_late(self, values: Array) -> dict[int, Array]:
+        """Steps ``(T, w)`` of the late chains by their numbers."""
+        return {number: values[columns] for number, _, columns in self._late_places()}
 
     def coupling(self, chain: int, group: int, blocks: Array) -> Iterator[tuple[Array, int, int]]:
         """What ties frames of a chain to a group ``(t, w, c)``, with the first of its columns and the first frame."""
@@ -192,7 +166,7 @@ class _Border:
                 seen += after[near, k] * knots.adjacent[near, 0] + before[near, k] * knots.adjacent[near, 1]
                 yield seen, 0 if k == 0 else blocks.shape[2] + (k - 1) * S, int(near.start)
 
-    def static(self, damping: float) -> tuple[Array, Array]:
+    def _static(self, damping: float) -> tuple[Array, Array]:
         """What all frames together say of the border, ``(s, s)`` and ``(s,)``: the upper triangle counts."""
         system, n = self.system, len(self.system.static)
         H, vector = np.zeros((self.width, self.width)), np.zeros(self.width)
@@ -213,7 +187,7 @@ class _Border:
 
     def by_key(self, values: Array) -> dict[int, Array]:
         """Vectors of groups and knots."""
-        return {key: values[columns] for key, columns in self.columns.items()}
+        return {key: values[self.late.size :][columns] for key, columns in self.columns.items()}
 
 
 @dataclass(frozen=True)
@@ -232,12 +206,6 @@ class ChainSteps:
             if 0 <= key - chain.keys[0] < len(chain.keys):
                 return np.asarray(self.steps[number][key - chain.keys[0]])
         raise KeyError(key)
-
-
-def _places(chains: Sequence[Chain]) -> list[slice]:
-    """Columns of each chain in a frame."""
-    ends = np.cumsum([0, *(len(one.damping) for one in chains)]).tolist()
-    return [slice(*ends[number : number + 2]) for number in range(len(chains))]
 
 
 def last_marginals(system: LinearSystem, keys: Sequence[int]) -> dict[int, Array]:

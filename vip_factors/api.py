@@ -424,7 +424,7 @@ def serve(worn: Recording | Scene, port: int = 8080, host: str = "127.0.0.1", to
         InputError: if a package is missing, or the port is taken.
     """
     from vip_factors.io.live_server import LiveServer
-    from vip_factors.report.live_page import live_page
+    from vip_factors.report.page import live_page
 
     return LiveServer(_scene(worn), live_page(_scene(worn)), port, host, token)
 

@@ -11,7 +11,7 @@ from live_answers import LAG, answer, live_scene
 
 from vip_factors.findings import bare
 from vip_factors.io.live_server import LiveServer
-from vip_factors.report.live_page import live_page
+from vip_factors.report.page import live_page
 from vip_factors.sensors.live import stream_head
 
 BROWSER = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)

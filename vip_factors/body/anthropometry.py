@@ -20,6 +20,16 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
+STATURE_RANGE_M = (0.8, 2.6)  # from a small child to the tallest adults measured
+MASS_RANGE_KG = (8.0, 400.0)
+STATURE_SIGMA_M = 0.010  # a tape's, with the centimetre that people lose from morning to evening
+MASS_SIGMA = 0.03  # of the mass: clothes, meals, scales
+# A tape between two landmarks is read to 5 mm, and a finger finds each end of a joint's axis as well.
+LENGTH_SIGMA_M = 0.007
+FEW_SIGMAS = 3.0  # of stature: so far the prior knows people
+# Of all standard deviations, for every standard deviation of stature beyond: at 1.1 m a thigh and a shank have 3 cm
+# each, about as much as children's are shorter.
+WIDENING = 0.25
 SHIPPED_BODY_PRIOR = Path(__file__).parent.parent / "data" / "body_prior.npz"
 GROUPS = ("male", "female", "both")
 VARIABLES = ("log mass", *BODY_LENGTHS)
@@ -125,18 +135,6 @@ def load_body_prior(path: str | Path | None = None) -> BodyPrior:
         FileFormatError: if the file is not one.
     """
     return _read(Path(path) if path is not None else SHIPPED_BODY_PRIOR)
-
-
-STATURE_RANGE_M = (0.8, 2.6)  # from a small child to the tallest adults measured
-MASS_RANGE_KG = (8.0, 400.0)
-STATURE_SIGMA_M = 0.010  # a tape's, with the centimetre that people lose from morning to evening
-MASS_SIGMA = 0.03  # of the mass: clothes, meals, scales
-# A tape between two landmarks is read to 5 mm, and a finger finds each end of a joint's axis as well.
-LENGTH_SIGMA_M = 0.007
-FEW_SIGMAS = 3.0  # of stature: so far the prior knows people
-# Of all standard deviations, for every standard deviation of stature beyond: at 1.1 m a thigh and a shank have 3 cm
-# each, about as much as children's are shorter.
-WIDENING = 0.25
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
 """The page: all sections, the motion, the script and the style, in one file that asks nobody for anything.
 
 Here too are the sections on how somebody walked and on squats, lunges, jumps and curls.
+
+The page of a stream has the body as it moves, joint angles and findings; ``io/live_server.py`` serves it.
 """
 
 import json
@@ -12,20 +14,24 @@ from importlib.resources import files
 from pathlib import Path
 
 import jinja2
+import numpy as np
 from markupsafe import Markup
 
 from vip_factors import __version__
 from vip_factors.atomic import atomic_open
+from vip_factors.body.joint_angles import is_measured
+from vip_factors.body.skeleton import calibration_pose
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.gait.analysis import Gait, gait_of
 from vip_factors.gait.files import curves_figure
 from vip_factors.gait.strides import QUANTITIES, Quantity
+from vip_factors.io.live_json import VERSION
 from vip_factors.io.video import with_video
 from vip_factors.repetitions.files import HEAD, rows, summary
 from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.repetitions.settings import RepetitionSettings
-from vip_factors.report.angles import angles_section
+from vip_factors.report.angles import PAIRED, TRUNK, angles_section
 from vip_factors.report.blocks import (
     UNKNOWN,
     Block,
@@ -40,6 +46,7 @@ from vip_factors.report.blocks import (
     Tiles,
     capital,
     count,
+    joint_words,
     listed,
     number,
     plus_minus,
@@ -47,12 +54,13 @@ from vip_factors.report.blocks import (
 from vip_factors.report.calibration import found_section, made_section, recorded_section
 from vip_factors.report.fit import fit_section, moments_section, png, strip
 from vip_factors.report.material import Material, material
-from vip_factors.report.motion_data import motion_data
+from vip_factors.report.motion_data import body_data, corners, mesh_data, motion_data, poses_data
 from vip_factors.report.settings import ReportSettings
 from vip_factors.report.summary import summary_section
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.charts import pixels
 
+EXTENT_M = 8.0  # of the ground that is drawn around who walks on it
 CAPTION = (
     "Down, hold, up: the ways and the stay within a tenth of the lowest. Depth: how far the pelvis sinks. "
     "Flexed: knees, or elbows, at the turn. Height by flight: that free fall takes the centre of mass beyond take-off; "
@@ -285,3 +293,39 @@ def repetitions_section(material: Material) -> Section | None:
         blocks += [Heading(wearer.name)] if len(material.wearers) > 1 else []
         blocks += [Paragraph(f"{capital(summary(found))}."), Table(HEAD, rows(found), CAPTION, words=3)]
     return Section("repetitions", "Repetitions", tuple(blocks)) if blocks else None
+
+
+def live_page(setup: Scene) -> str:
+    """The page as HTML; it asks nobody but its server for anything.
+
+    Args:
+        setup: of the stream.
+    """
+    camera, of = setup.camera, len(setup.wearers)
+    bodies = [one.subject.body() for one in setup.wearers]
+    waiting = poses_data(calibration_pose("n-pose")[None], np.zeros((1, 3)))
+    data = {
+        "version": VERSION,
+        "frames": 1,  # the one that is shown, which the script overwrites
+        "floor": 0.0,
+        "centre": [0.0, 0.0],
+        "extent": EXTENT_M,
+        "apart": of > 1 and camera is None,  # where they stand beside each other is not known
+        "bodies": [
+            body_data(one.subject.name, body, (number, of)) | waiting | {"mesh": number}
+            for number, (one, body) in enumerate(zip(setup.wearers, bodies, strict=True))
+        ],
+        "meshes": [mesh_data(one) for one in bodies],
+        "camera": None
+        if camera is None
+        else {"corners": corners(camera.model)} | poses_data(np.eye(3)[None], np.zeros((1, 3))),
+    }
+    angles = []
+    for one in setup.wearers:
+        bones = {site.bone for site in one.placement.sites}
+        measured = [name for name in (*TRUNK, *PAIRED) if is_measured(bones, name)]
+        angles.append((one.subject.name, [(capital(joint_words(name)), name, name in PAIRED) for name in measured]))
+    return environment().get_template("live.html").render(
+        data=as_json(data), name=setup.name, angles=angles, version=__version__, style=packaged("templates/live.css"),
+        script=packaged("viewer/viewer.min.js"), with_camera=camera is not None, apart=data["apart"],
+    )  # fmt: skip

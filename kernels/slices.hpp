@@ -111,7 +111,9 @@ class BodySums {
     // Sum all and carry it over to the joints, by screws (frames, 25, 6, 3), of so many frames from the first slice's on.
     void expand(const double* screws, int64_t frames) {
         for (int64_t t = 0; t < target_.frames; t++) {
-            for (auto* sums : {&information_, &force_, &coupling_}) std::fill(sums->begin(), sums->end(), 0.0);
+            for (auto* sums : {&information_, &force_}) std::fill(sums->begin(), sums->end(), 0.0);
+            for (int64_t row = 0; row < FRAMES * JOINTS * TWIST; row++)  // of columns that twists met before
+                std::fill_n(&coupling_[row * others_], columns_.size(), 0.0);
             std::fill(met_, met_ + PAIRS, false);
             for (const auto& add : adds_) add(t);
             for (int i = 0; i < FRAMES && t + i < frames; i++) {
@@ -221,8 +223,10 @@ class BodySums {
         const int64_t n = others_, used = static_cast<int64_t>(columns_.size());
         for (int b = JOINTS - 1; b > 0; b--) {
             for (int e = 0; e < TWIST; e++) force(i, parents_[b])[e] += force(i, b)[e];
-            double *into = coupling(i, parents_[b]), *from = coupling(i, b);
-            for (int64_t e = 0; e < TWIST * n; e++) into[e] += from[e];
+            for (int e = 0; e < TWIST; e++) {
+                double *into = coupling(i, parents_[b]) + e * n, *from = coupling(i, b) + e * n;
+                for (int64_t d = 0; d < used; d++) into[d] += from[d];
+            }
         }
         std::vector<double> sums(used);
         std::vector<int64_t> at(used);  // all columns of a body's frame have their rows in one order

@@ -46,7 +46,7 @@ class Charts:
                 poses = pose_right_jacobian(frames[:, layout.chain_columns[number]])
         blocks = {
             (owner, block.name): block.chart(static[columns])
-            for owner, block, columns in layout.placed()
+            for owner, block, columns in layout.placed
             if block.free and not block.manifold.is_flat
         }
         return cls(turns, poses, blocks)

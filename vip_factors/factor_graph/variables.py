@@ -109,7 +109,7 @@ def variables_of(layout: Layout, frames: int, knots: dict[int, int] | None = Non
             for joint in range(JOINT_COUNT):
                 yield Variable(JOINT, chain.owner.number, t, joint)
             yield Variable(ROOT, chain.owner.number, t)
-    for owner, block, _ in layout.placed():
+    for owner, block, _ in layout.placed:
         if block.free:
             items = 1 if ROWS[block.name].one_vector else block.items
             for knot in range((knots or {}).get(owner.number, 1) if block.name == HEADINGS else 1):

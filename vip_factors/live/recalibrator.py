@@ -113,7 +113,7 @@ def information_of(solution: FusionSolution, layout: Layout, inflation: float) -
     objective = SceneObjective(solution.model)
     covariance = last_covariance(objective.linearise(solution.state), objective.static_keys)
     own, theirs = list[int](), list[int]()
-    for owner, block, columns in layout.placed():
+    for owner, block, columns in layout.placed:
         found = objective.layout.columns(owner, block.name)
         if block.free and len(found) == block.width:
             own += range(columns.start, columns.stop)

@@ -251,8 +251,9 @@ class SensorPresence:
         awaited = [sensor for sensor, awaited in enumerate(self.awaited) if awaited]
         if not awaited:
             return max(self._reached) - self._settings.patience
-        self._slowest = min(awaited, key=self._reached.__getitem__)
-        reached = sorted(self._reached[sensor] for sensor in awaited)
+        # Of those that are as far, the last one: mostly they arrive in order, and it is looked at instead of all.
+        self._slowest = min(reversed(awaited), key=self._reached.__getitem__)
+        reached = sorted([self._reached[sensor] for sensor in awaited])
         pace = reached[-1 if len(reached) < ENOUGH else -2]
         return max(reached[0] - self._settings.reordering, pace - self._settings.patience)
 

@@ -1,7 +1,7 @@
 """The variables of a problem as columns: what each frame has of its own, and named blocks of what all frames share."""
 
 import itertools
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -167,15 +167,14 @@ class Layout:
     @cached_property
     def static_width(self) -> int:
         """Of the static vector."""
-        return sum(block.width for _, block, _ in self.placed())
+        return sum(block.width for _, block, _ in self.placed)
 
-    def placed(self) -> Iterator[tuple[OwnerId, StaticBlock, slice]]:
+    @cached_property
+    def placed(self) -> tuple[tuple[OwnerId, StaticBlock, slice], ...]:
         """Every block with its columns in the static vector; none of a kept one."""
-        start = 0
-        for owner, blocks in self.blocks:
-            for block in blocks:
-                yield owner, block, slice(start, start + block.width)
-                start += block.width
+        every = [(owner, block) for owner, blocks in self.blocks for block in blocks]
+        columns = _consecutive([block.width for _, block in every])
+        return tuple((*one, own) for one, own in zip(every, columns, strict=True))
 
     @cached_property
     def owners(self) -> tuple[tuple[OwnerId, slice], ...]:
@@ -187,7 +186,7 @@ class Layout:
     @cached_property
     def _ranges(self) -> dict[tuple[OwnerId, str], tuple[ColumnRange, StaticBlock | None]]:
         ranges: dict[tuple[OwnerId, str], tuple[ColumnRange, StaticBlock | None]] = {}
-        for owner, block, columns in self.placed():
+        for owner, block, columns in self.placed:
             if block.free:
                 ranges[owner, block.name] = ColumnRange(STATIC, columns.start, columns.stop), block
         for number, one in enumerate(self.chains):
@@ -236,7 +235,7 @@ class Layout:
 
     def per_column(self, attribute: str) -> Array:
         """``step``, ``process_noise`` or ``relinearise`` of the blocks, for each column of the static vector."""
-        values = [block.per_column(getattr(block, attribute)) for _, block, _ in self.placed() if block.free]
+        values = [block.per_column(getattr(block, attribute)) for _, block, _ in self.placed if block.free]
         return np.concatenate([np.zeros(0), *values])
 
 

@@ -199,7 +199,7 @@ class SceneState:
     def retract_static(self, layout: Layout, step: Array) -> "SceneState":
         """What all frames share moved by a step ``(s,)`` of the layout's static vector."""
         changed: dict[OwnerId, Any] = {}
-        for owner, block, columns in layout.placed():
+        for owner, block, columns in layout.placed:
             if block.free:
                 own = changed.get(owner, self.of(owner))
                 value = block.retract(getattr(own, block.name), step[columns])

@@ -26,7 +26,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import DETECTOR
-from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings, Settings, flatten
 from vip_factors.solve.chain_elimination import last_marginals
@@ -157,7 +157,9 @@ def told_calibration(calibration: Calibration, errors: ModelErrors, settings: Co
     theirs = errors.mounting[np.array([joint_index(one.bone) for one in sensors], int), None]
     mounting = np.hypot(np.array([one.mounting_sigma for one in sensors]).reshape(-1, 3), theirs)
     return {
-        name: replace(one, heading_sigma=heading[s], mounting_sigma=mounting[s])
+        name: SensorCalibration(
+            one.heading, one.R_bone_sensor, heading[s], mounting[s], one.heading_time, one.heading_path, one.bone
+        )
         for s, (name, one) in enumerate(calibration.items())
     }
 

@@ -48,7 +48,7 @@ class Residuals:
     def weight(self) -> Array:
         """Weights ``(t, n)`` on the squared residuals in the normal equations."""
         if self.loss.loss is Loss.SQUARE:
-            return np.broadcast_to(self.confidence, self.residual.shape[:2])
+            return np.full(self.residual.shape[:2], self.confidence, dtype=float)
         return self.confidence * self.loss.weight(self.norm)
 
 

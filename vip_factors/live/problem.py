@@ -48,15 +48,18 @@ def moved_frames(layout: Layout, origins: Sequence[FrameState], static: SceneSta
 
 def stacked(frames: Sequence[FrameState], static: SceneState) -> SceneState:
     """A stretch of frames as the state of a scene; what they share, and whether the camera moves, as in ``static``."""
-    R = np.stack([frame.R_parent_child for frame in frames], axis=1)
-    p = np.stack([frame.p_world_pelvis for frame in frames], axis=1)
     wearers = tuple(
-        replace(one, R_parent_child=R[number], p_world_pelvis=p[number]) for number, one in enumerate(static.wearers)
+        replace(
+            one,
+            R_parent_child=np.array([frame.R_parent_child[number] for frame in frames]),
+            p_world_pelvis=np.array([frame.p_world_pelvis[number] for frame in frames]),
+        )
+        for number, one in enumerate(static.wearers)
     )
     camera = static.camera
     if not len(camera.poses):
-        R_camera = np.stack([frame.R_world_camera for frame in frames])
-        camera = replace(camera, poses=CameraPoses(R_camera, np.stack([frame.p_world_camera for frame in frames])))
+        R_camera = np.array([frame.R_world_camera for frame in frames])
+        camera = replace(camera, poses=CameraPoses(R_camera, np.array([frame.p_world_camera for frame in frames])))
     return replace(static, wearers=wearers, camera=camera)
 
 
@@ -149,14 +152,14 @@ class LagProblem:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
         time = frames[0].time + self.step * np.arange(len(frames))
         parts: tuple[Array, ...] = (
-            np.stack([frame.R_inertial_sensor for frame in frames]),
-            np.stack([frame.orientation_valid for frame in frames]),
-            np.stack([frame.specific_force_inertial for frame in frames]),
-            np.stack([frame.acceleration_valid for frame in frames]),
+            np.array([frame.R_inertial_sensor for frame in frames]),
+            np.array([frame.orientation_valid for frame in frames]),
+            np.array([frame.specific_force_inertial for frame in frames]),
+            np.array([frame.acceleration_valid for frame in frames]),
         )
         wearers = []
         for number, wearer in enumerate(self.wearers):
-            contacts = np.stack([frame.contacts[number] for frame in frames])
+            contacts = np.array([frame.contacts[number] for frame in frames])
             pose = wearer.initial_pose
             if pose is not None:
                 pose = replace(pose, passed=frames[0].number)

@@ -146,11 +146,11 @@ class LagSmoother:
         kept = [self._at(number) for number in range(start, newest + 1)]
         state = stacked([one.state for one in kept], self.shared)
         model = self.problem.model([one.frame for one in kept], beginning=start == self._beginning)
-        charts = Charts.at(self._layout, np.stack([one.coordinates for one in kept]), self._coordinates)
+        coordinates = np.array([one.coordinates for one in kept])
+        charts = Charts.at(self._layout, coordinates, self._coordinates)
         slices = self._slices = joined_slices(self._layouts, model, state, self._slices, charts)
         if self._extra is not None:
             self._extra.add_to(slices[0], state, start, charts)
-        coordinates = np.stack([one.coordinates for one in kept])
         self._hold(coordinates, sum(one.frame.number < self._beginning + self._continued for one in kept))
         if self._information is not None and start == self._beginning:
             self._add_information(self._information)
@@ -232,7 +232,7 @@ class LagSmoother:
         self._solution = found = self._chain.solution()
         coordinates = [found.frames[one.frame.number] for one in self._frames]
         origins = [one.origin for one in self._frames]
-        states = moved_frames(self._layout, origins, self.shared, np.stack(coordinates))
+        states = moved_frames(self._layout, origins, self.shared, np.array(coordinates))
         for one, own, state in zip(self._frames, coordinates, states, strict=True):
             one.coordinates, one.state = own, state
         if self._layout.static_width:

@@ -215,13 +215,13 @@ class Tracking:
         bodies = tuple(
             forward_kinematics(
                 wearer.skeleton,
-                np.stack([one.R_parent_child[number] for one in states]),
-                np.stack([one.p_world_pelvis[number] for one in states]),
+                np.array([one.R_parent_child[number] for one in states]),
+                np.array([one.p_world_pelvis[number] for one in states]),
             )
             for number, wearer in enumerate(smoother.problem.wearers)
         )
-        R = np.stack([one.R_world_camera for one in states])
-        p = np.stack([one.p_world_camera for one in states])
+        R = np.array([one.R_world_camera for one in states])
+        p = np.array([one.p_world_camera for one in states])
         return Belief(first, bodies, R, p, np.broadcast_to(root_covariance, (len(R), *root_covariance.shape)))
 
     def _find_contacts(self, belief: Belief) -> None:

@@ -6,6 +6,7 @@ from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,14 +17,14 @@ from vip_factors.body.model_errors import FILMED
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import SolveError
 from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import rotation_z, wrap_angle, yaw_of
+from vip_factors.geometry.rotations import Array, angle_between, rotation_z, wrap_angle, yaw_of
 from vip_factors.live import recalibrator
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
 from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import RecalibrationProcess
 from vip_factors.live.settings import RecalibrationSettings
-from vip_factors.live.start import TrackingStart
+from vip_factors.live.start import StretchSolution, TrackingStart
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.sensors.live import live_samples, sensor_columns, stream_head
 from vip_factors.sensors.scene import Scene
@@ -152,6 +153,51 @@ def test_starts_that_end_in_one_motion_are_settled(monkeypatch: pytest.MonkeyPat
     assert "start not settled" in told(0.0, least_s=9.0)
     assert "start not settled" in told(40.0, least_s=0.5)
     assert "start not settled" not in told(0.0, least_s=0.5)
+
+
+@pytest.fixture(scope="module")
+def gestures() -> MeasuredStretch:
+    scene = of_unknown_body(filmed_gestures("fixed", 5.0))
+    head = stream_head(scene)
+    assembler = FrameAssembler(sensor_columns(head), SETTINGS.frame_rate, SETTINGS.assembly, head.cameras, 8)
+    return MeasuredStretch(head, [frame for sample in live_samples(scene) for frame in assembler.push(sample)])
+
+
+def test_it_is_found_on_so_many_frames_at_most(gestures: MeasuredStretch, monkeypatch: pytest.MonkeyPatch) -> None:
+    counts, solve = list[int](), recalibrator.solve_stretch
+
+    def counted(*args: Any) -> StretchSolution:
+        found = solve(*args)
+        counts.append(len(found.fused.model.wearers[0].frames))
+        return found
+
+    monkeypatch.setattr(recalibrator, "solve_stretch", counted)
+    recalibrator.recalibrate(gestures, replace(OFTEN, recalibration=RecalibrationSettings(most_frames=40)))
+    assert 20 < counts.pop() <= 40
+
+
+def test_it_goes_on_from_what_was_found_before_unless_a_start_from_nothing_is_another(
+    gestures: MeasuredStretch,
+) -> None:
+    first = recalibrator.recalibrate(gestures, OFTEN)
+
+    def turned(angle: float) -> Array:
+        """Mountings that are found, from ones of which a sensor's is turned."""
+        own = first.shared.wearers[0]
+        mountings = own.R_bone_sensor.copy()
+        mountings[0] = mountings[0] @ rotation_z(angle)
+        shared = replace(first.shared, wearers=(replace(own, R_bone_sensor=mountings),))
+        return (
+            recalibrator.recalibrate(gestures, OFTEN, None, replace(first, shared=shared))
+            .shared.wearers[0]
+            .R_bone_sensor
+        )
+
+    found = first.shared.wearers[0].R_bone_sensor
+    assert np.array_equal(turned(np.deg2rad(120.0)), found)  # from nothing, as before
+    again = turned(0.0)
+    assert not np.array_equal(again, found)
+    assert angle_between(again, found).max() < np.deg2rad(5.0)
 
 
 def test_what_is_known_is_not_forgotten(anew: Tracked) -> None:

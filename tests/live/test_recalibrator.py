@@ -1,7 +1,8 @@
 """When a calibration is found anew, and from which data: after pauses, and after sensors have moved."""
 
 from concurrent.futures import Future
-from typing import Any
+from dataclasses import replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -11,12 +12,12 @@ from vip_factors.errors import SolveError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.live import recalibrator
-from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
+from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import EarlierCalibration
-from vip_factors.sensors.live import sensor_columns, stream_head
+from vip_factors.live.start import EarlierCalibration, TrackingStart
+from vip_factors.sensors.live import VideoFrame, sensor_columns, stream_head
 
 SETTINGS = LiveSettings()
 RATE = 60
@@ -29,11 +30,19 @@ class Asked:
     """Stands for the process: keeps what it is asked, and finds nothing."""
 
     asked: list[tuple[MeasuredStretch, EarlierCalibration | None]]
+    before: list[TrackingStart | None]
+    found: TrackingStart | None = None
 
-    def submit(self, stretch: MeasuredStretch, settings: Any, earlier: EarlierCalibration | None) -> "Future[Any]":
+    def submit(
+        self, stretch: MeasuredStretch, settings: Any, earlier: EarlierCalibration | None, before: TrackingStart | None
+    ) -> "Future[Any]":
         self.asked.append((stretch, earlier))
+        self.before.append(before)
         answer: Future[Any] = Future()
-        answer.set_exception(SolveError("nothing"))
+        if self.found is None:
+            answer.set_exception(SolveError("nothing"))
+        else:
+            answer.set_result(self.found)
         return answer
 
     def close(self) -> None: ...
@@ -42,7 +51,7 @@ class Asked:
 @pytest.fixture
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[tuple[MeasuredStretch, EarlierCalibration | None]]:
     monkeypatch.setattr(recalibrator, "RecalibrationProcess", Asked)
-    Asked.asked = []
+    Asked.asked, Asked.before = [], []
     return Asked.asked
 
 
@@ -50,12 +59,16 @@ def recalibrating() -> Recalibrator:
     return Recalibrator(stream_head(filmed()), SETTINGS, real_time=False)
 
 
+def turning(number: int) -> FrameMeasurement:
+    every, R = np.ones(SENSORS, bool), np.tile(rotation_z(number / RATE), (SENSORS, 1, 1))
+    force: Array = np.zeros((SENSORS, 3))
+    return FrameMeasurement(number, number / RATE, R, every, force, every.copy())
+
+
 def feed(one: Recalibrator, first: int, frames: int) -> list[Finding]:
     told = list[Finding]()
-    force: Array = np.zeros((SENSORS, 3))
     for number in range(first, first + frames):
-        every, R = np.ones(SENSORS, bool), np.tile(rotation_z(number / RATE), (SENSORS, 1, 1))
-        one.remember(FrameMeasurement(number, number / RATE, R, every, force, every.copy()))
+        one.remember(turning(number))
         answer = one.answer(number)
         assert answer is None or isinstance(answer, Finding)
         told += [answer] if answer else []
@@ -96,7 +109,7 @@ def test_a_sensor_that_has_moved_is_used_from_then_on(asked: list[Any]) -> None:
     seen = np.stack([measured.orientation_valid for measured in stretch.measurements])
     number = np.array([measured.frame for measured in stretch.measurements])
     assert number[-1] == 17 * RATE - 2
-    assert number[0] == 1  # a pose that was declared was held before
+    assert number[0] == SETTINGS.coarse_factor  # a pose that was declared was held before
     assert np.array_equal(seen[:, 1], number >= 12 * RATE)
     assert seen[:, [0, 2]].all()
 
@@ -107,3 +120,35 @@ def test_a_sensor_that_moves_ever_again_does_not_keep_it_from_being_found(asked:
         feed(one, second * RATE, RATE)
         one.leave_out([0], second * RATE + RATE - 1)
     assert len(asked) >= 2
+
+
+def test_the_next_one_goes_on_from_the_last_unless_a_sensor_has_moved(
+    asked: list[Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    nothing = cast(Any, None)
+    monkeypatch.setattr(Asked, "found", TrackingStart(nothing, nothing, [], [], (), (), in_place=True))
+    one = recalibrating()
+    for number in range(12 * RATE):
+        one.remember(turning(number))
+        one.answer(number)
+        one.begin(NEWEST)
+    assert [before is not None and before.in_place for before in Asked.before] == [False, True, True]
+    one.leave_out([1], 12 * RATE - 1)
+    for number in range(12 * RATE, 18 * RATE):
+        one.remember(turning(number))
+        one.begin(NEWEST)
+    assert Asked.before[3:] == [None]
+
+
+@pytest.mark.parametrize(("every", "late"), [(1, 0), (2, 1)])
+def test_of_each_camera_one_video_frame_is_kept_for_each_coarse_one(asked: list[Any], every: int, late: int) -> None:
+    one, names = recalibrating(), ("a", "b")
+    for number in range(3 * RATE):
+        seen = [VideoFrame(name, number / RATE, np.zeros((0, 18, 2)), np.zeros((0, 18))) for name in names]
+        video = tuple(PlacedVideoFrame(number, each) for each in seen) if number % every == late else ()
+        one.remember(replace(turning(number), video=video))
+        one.begin(NEWEST)
+    kept = asked[0][0].video
+    for name in names:
+        frames = [each.frame for each in kept if each.video.camera == name]
+        assert frames == list(range(late, len(asked[0][0].measurements), SETTINGS.coarse_factor))

@@ -17,10 +17,9 @@ import threading
 import time
 import weakref
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
-from itertools import chain
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -56,31 +55,41 @@ NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, t
 
 
 def recalibrate(
-    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
-) -> TrackingStart:
+    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None,
+    before: TrackingStart | None = None,
+) -> TrackingStart:  # fmt: skip
     """The last frames of a stretch, with all that the whole of it teaches of what frames share.
 
     Args:
         stretch: all that is to be learnt from.
         settings: of all.
         earlier: from before a pause.
+        before: what was found last, of sensors as they still sit; its frames are not asked for.
 
     Raises:
         RecordingError: if the sensors say too little.
         SolveError: if the problem is not determined.
     """
     own = settings.recalibration
-    batch = replace(settings, calibration=own.calibration)
+    thinning = np.ceil(len(stretch.time) / settings.coarse_factor / own.most_frames)
+    batch = replace(
+        settings,
+        calibration=own.calibration,
+        calibration_rate=settings.calibration_rate / thinning,
+        solve=replace(settings.solve, relative_decrease=settings.fusion.relative_decrease),
+    )
     with threadpool_limits(limits=1, user_api="blas"):
-        coarse, end = solve_stretch(stretch, batch, earlier), stretch.tail(own.frames)
+        coarse, end = solve_stretch(stretch, batch, earlier, before), stretch.tail(own.frames)
         model, state, spreads = coarse.at_full_rate(end, batch)
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
         found = tracking_start(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
         information = information_of(coarse.fused, found.problem.layout, own.inflation)
-        findings = unsettled_starts(coarse)
+        exchanges, in_place = list[Finding](), before is not None and before.in_place
         if stretch.seconds >= SETTLING_S:
-            findings = chain(unsettled_starts(_with_rivals_solved(coarse, batch)), _exchanges(coarse, settings))
-        return replace(found, information=information, findings=tuple(findings))
+            coarse = _with_rivals_solved(coarse, batch)
+            exchanges, in_place = ([], True) if in_place else _exchanges(coarse, settings)
+        findings = (*unsettled_starts(coarse), *exchanges)
+        return replace(found, information=information, findings=findings, in_place=in_place)
 
 
 def _with_rivals_solved(coarse: StretchSolution, settings: LiveSettings) -> StretchSolution:
@@ -95,11 +104,17 @@ def _with_rivals_solved(coarse: StretchSolution, settings: LiveSettings) -> Stre
     return replace(coarse, wearers=wearers)
 
 
-def _exchanges(coarse: StretchSolution, settings: LiveSettings) -> Iterator[Finding]:
-    """About sensors in each other's places."""
-    for recording in coarse.scene.wearers:
-        for exchange in exchanges_of(recording, Settings(calibration=settings.calibration)):
-            yield exchange_finding(recording, exchange, False, "exchange them in the placement")
+def _exchanges(coarse: StretchSolution, settings: LiveSettings) -> tuple[list[Finding], bool]:
+    """About sensors in each other's places; and whether each exchange is as unlikely as those told are likely."""
+    own = Settings(calibration=settings.calibration)
+    least = own.assignment.least
+    found = [(one, exchange) for one in coarse.scene.wearers for exchange in exchanges_of(one, own, -least)]
+    told = [
+        exchange_finding(recording, exchange, False, "exchange them in the placement")
+        for recording, exchange in found
+        if exchange.nats >= least
+    ]
+    return told, not found
 
 
 def information_of(solution: FusionSolution, layout: Layout, inflation: float) -> Array:
@@ -138,6 +153,7 @@ def _freed(model: WearerProblem, state: WearerState, settings: LiveSettings) -> 
     )
 
 
+PIECE = 60  # frames that are handed over at once, in half a millisecond: meanwhile nothing is tracked
 LOOK_S = 1.0  # seconds between looks whether the program that tracks is still there
 POLITE = 10  # of niceness: the tracker's updates come first where both want a core
 
@@ -160,11 +176,12 @@ class RecalibrationProcess:
         self._end = weakref.finalize(self, _ended, self._process)
 
     def submit(
-        self, stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
-    ) -> "Future[TrackingStart]":
+        self, stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None,
+        before: TrackingStart | None = None,
+    ) -> "Future[TrackingStart]":  # fmt: skip
         """Have a stretch solved; one at a time. The answer raises :class:`SolveError` where there is none."""
         answer: Future[TrackingStart] = Future()
-        work = (self._process, pickle.dumps((stretch, settings, earlier), pickle.HIGHEST_PROTOCOL), answer)
+        work = (self._process, stretch, (settings, earlier, before), answer)
         threading.Thread(target=_exchange, args=work, daemon=True).start()
         return answer
 
@@ -173,12 +190,18 @@ class RecalibrationProcess:
         self._end()
 
 
-def _exchange(process: "subprocess.Popen[bytes]", work: bytes, answer: "Future[TrackingStart]") -> None:
-    """Hand work over and wait for what comes back."""
+def _exchange(
+    process: "subprocess.Popen[bytes]", stretch: MeasuredStretch, known: tuple[object, ...],
+    answer: "Future[TrackingStart]",
+) -> None:  # fmt: skip
+    """Hand work over, piece by piece, and wait for what comes back."""
     assert process.stdin is not None
     assert process.stdout is not None
     try:
-        process.stdin.write(work)
+        frames = stretch.measurements
+        pickle.dump((stretch.head, len(frames), known), process.stdin, pickle.HIGHEST_PROTOCOL)
+        for first in range(0, len(frames), PIECE):
+            pickle.dump(frames[first : first + PIECE], process.stdin, pickle.HIGHEST_PROTOCOL)
         process.stdin.flush()
         found = pickle.load(process.stdout)
     except (OSError, ValueError, EOFError, pickle.UnpicklingError):
@@ -212,12 +235,15 @@ def main() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # what a library prints is no answer
     while True:
         try:
-            stretch, settings, earlier = pickle.load(sys.stdin.buffer)
+            head, count, known = pickle.load(sys.stdin.buffer)
+            frames = list[FrameMeasurement]()
+            while len(frames) < count:
+                frames += pickle.load(sys.stdin.buffer)
         except EOFError:
             return
         found: TrackingStart | str
         try:
-            found = recalibrate(stretch, settings, earlier)
+            found = recalibrate(MeasuredStretch(head, frames), *known)
         except VipFactorsError as error:
             found = str(error)
         except Exception as error:  # the stream goes on with what it has, and says so
@@ -286,11 +312,13 @@ class Recalibrator:
         ends = np.cumsum([len(wearer.placement.sites) for wearer in head.wearers])
         self._columns = np.split(np.arange(ends[-1]), ends[:-1])  # of each wearer's sensors
         self._still, self._moving_from = set(range(len(ends))), 0  # wearers, and the frame from which on none are
+        self._filmed: dict[str, int] = {}  # by camera, the coarse frame of its last video frame that is kept
         self._usable_from: dict[int, int] = {}  # by column of sensors that have moved: the frame after
         self.waited_s = 0.0
         self._process: RecalibrationProcess | None = None
         self._job: _Job | None = None
         self._earlier: EarlierCalibration | None = None
+        self._before: TrackingStart | None = None  # the last one found, of sensors that sit as they did
         self._is_stale = False  # whether the job is about what was before a pause
         self._moved: set[int] = set()  # since its data
         self._is_urgent = False  # whether a sensor has moved and nothing was found anew since
@@ -302,11 +330,20 @@ class Recalibrator:
         if not self._measurements:
             self._since = self._began = measured.frame
             self._still = set(range(len(self._columns)))
+        if measured.video:
+            measured = replace(measured, video=tuple(filter(self._is_needed, measured.video)))
         self._measurements.append(measured)
         if self._still:
             first = self._measurements[0]
             self._still -= {one for one in self._still if self._has_turned(self._columns[one], first, measured)}
             self._moving_from = measured.frame + round(MOVING_S * self._settings.frame_rate)
+
+    def _is_needed(self, one: PlacedVideoFrame) -> bool:
+        """Whether it is the first of its camera's since a coarse frame: more of them tell that one hardly more."""
+        camera, coarse = one.video.camera, one.frame // self._settings.coarse_factor
+        is_first = coarse > self._filmed.get(camera, -1)
+        self._filmed[camera] = max(coarse, self._filmed.get(camera, -1))
+        return is_first
 
     def _has_turned(self, columns: np.ndarray, first: FrameMeasurement, now: FrameMeasurement) -> bool:
         """Whether a quarter of the sensors has."""
@@ -319,7 +356,7 @@ class Recalibrator:
 
     def restart(self, earlier: EarlierCalibration | None) -> None:
         """The stream has paused: of before it nothing counts but what ``earlier`` has of it."""
-        self._earlier = earlier
+        self._earlier, self._before = earlier, None
         self._measurements.clear()
         self._usable_from.clear()
         self._due_s, self._is_stale, self._is_urgent = self._settings.recalibration.first_s, True, False
@@ -329,6 +366,7 @@ class Recalibrator:
         own = self._settings.recalibration
         self._usable_from.update((column, number + 1) for column in columns)
         self._moved.update(columns)
+        self._before = None
         if not self._is_urgent:  # else one that moves ever again would keep the calibration from being found
             self._since, self._due_s, self._is_urgent = number, own.first_s * own.growth, True
 
@@ -347,15 +385,18 @@ class Recalibrator:
             return
         stretch = self._stretch()
         earlier = self._earlier if stretch.first <= self._began else None  # older than all that is forgotten: so is it
-        answer = self._process.submit(stretch, self._settings, earlier)
+        before = self._before if earlier is None else None
+        answer = self._process.submit(stretch, self._settings, earlier, before)
         self._job, self._is_stale, self._is_urgent, self._moved = _Job(stretch, newest, answer), False, False, set()
         self._due_s += min((own.growth - 1) * self._due_s, own.longest_s)
 
     def _stretch(self) -> MeasuredStretch:
         measurements = [self._without_moved(one) for one in self._measurements]
-        if measurements[0].frame == 0 and self._usable_from:
-            measurements = measurements[1:]  # sensors that have moved did not sit so while the declared pose was held
-        return MeasuredStretch(self._head, measurements)
+        first = measurements[0].frame
+        if first == 0 and self._usable_from:
+            first = 1  # sensors that have moved did not sit so while the declared pose was held
+        video = -first % self._settings.coarse_factor  # is kept from coarse frames on
+        return MeasuredStretch(self._head, measurements[first + video - measurements[0].frame :])
 
     def _without_moved(self, measured: FrameMeasurement) -> FrameMeasurement:
         moved = [column for column, first in self._usable_from.items() if measured.frame < first]
@@ -390,6 +431,8 @@ class Recalibrator:
             self.waited_s += time.perf_counter() - begin
         if self._is_stale:
             return None
+        if not self._moved:
+            self._before = replace(start, frames=[], states=[], associated=(), information=None)
         video = job.stretch.tail(own.frames).video
         return Recalibration(start, job.at_find, job.stretch.seconds, video, tuple(self._moved))
 

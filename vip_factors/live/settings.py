@@ -142,13 +142,16 @@ class RecalibrationSettings:
     # of data, the most recent: headings of a minute ago are no longer today's. So often it is found anew from then on.
     longest_s: float = 40.0
     # s of the stream between the last of that data and the first answer that has it, at least, and as share of the data
-    # where that is less: on a core of its own the batch stages need half as long as it lasted. A replay waits, and
-    # gives the same answers on any machine.
+    # where that is less: on a core of its own one wearer's takes a quarter of what it lasted or less, two wearers' in a
+    # crowd as long. A replay waits, and gives the same answers on any machine.
     delay_s: NotNegative = 2.0
     delay_share: NotNegative = 0.5
     # Standard deviations are taken so many times as large: on foreign scenes mountings are off by 1.4 sigma.
     inflation: float = 2.0
     frames: int = 30  # that tracking goes on from
+    # Coarse frames that it is found on, at most, spread over the data: of 40 s every 0.27 s. Neighbours tell nearly the
+    # same, and what it takes grows with their number.
+    most_frames: int = 150
     # Constant headings: the tracker goes on from the last of them, and follows them by itself.
     calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(heading_knot_s=None))
 

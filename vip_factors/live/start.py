@@ -8,28 +8,32 @@ import numpy as np
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, lag_frame, without_frames
 from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.scene import KeypointView, SceneProblem
-from vip_factors.problem.state import CameraPoses, SceneState
+from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import coarser
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.stages.association import AssociatedCamera, first_association, usable_cameras
+from vip_factors.stages.association import AssociatedCamera, associate_cameras, first_association, usable_cameras
 from vip_factors.stages.calibration_start import start_findings
 from vip_factors.stages.floor import on_floor
 from vip_factors.stages.fusion import FusionSolution, at_full_rate, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
-from vip_factors.stages.inertial import InertialSolution, at_frames, first_calibration, inertial_tracker
+from vip_factors.stages.inertial import InertialSolution, at_frames, find_start, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
 from vip_factors.stages.solver import Solver
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
+# By which a start from nothing may differ from the calibration found before that is gone on from: nearer than to any
+# other way to strap a sensor on. A wrong one is got out of by the next start that is right.
+ALIKE = np.deg2rad(45.0)
 
 
 @dataclass(frozen=True)
@@ -101,9 +105,16 @@ class StretchSolution:
 
 
 def solve_stretch(
-    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
-) -> StretchSolution:
+    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None,
+    before: "TrackingStart | None" = None,
+) -> StretchSolution:  # fmt: skip
     """Inertial trackers, association and fusion of a stretch.
+
+    Args:
+        stretch: what was measured.
+        settings: of all.
+        earlier: from before a pause.
+        before: found from less of the same; gone on from if a start from nothing is like it.
 
     Raises:
         RecordingError: if the sensors say too little.
@@ -112,9 +123,17 @@ def solve_stretch(
     scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
     if earlier is not None:
         scene = replace(scene, wearers=tuple(earlier.embodied(one) for one in scene.wearers))
-    wearers = tuple(_inertial(stretch, one, settings, solver, earlier) for one in scene.wearers)
+    found = () if before is None else zip(before.problem.wearers, before.shared.wearers, strict=True)
+    begun = [
+        _inertial_as_before(stretch, one, settings, solver, *known)
+        for one, known in zip(scene.wearers, found, strict=False)
+    ]
+    wearers = tuple(one for one in begun if one is not None)
+    is_calibrated = len(wearers) == len(scene.wearers)
+    if not is_calibrated:
+        wearers = tuple(_inertial(stretch, one, settings, solver, earlier) for one in scene.wearers)
     if scene.cameras and settings.fusion.use_camera:
-        solution = _solve_before_cameras(scene, wearers, settings, solver)
+        solution = _solve_before_cameras(scene, wearers, settings, solver, is_calibrated)
         if solution is not None:
             return solution
     models = [with_contacts(replace(one.model, free_pose_mean=False), one.state) for one in wearers]
@@ -124,12 +143,15 @@ def solve_stretch(
 
 
 def _solve_before_cameras(
-    scene: Scene, wearers: Sequence[InertialSolution], settings: LiveSettings, solver: Solver
+    scene: Scene, wearers: Sequence[InertialSolution], settings: LiveSettings, solver: Solver, calibrated: bool
 ) -> StretchSolution | None:
     """The solution in front of cameras; None if they do not show anybody whom it knows."""
     if not any(len(camera.detections) for camera in scene.cameras):
         return None
-    wearers, associated_cameras = first_association(scene, wearers, settings, solver)
+    if calibrated:
+        associated_cameras = associate_cameras(scene, wearers, settings, solver.progress_of("association"))
+    else:
+        wearers, associated_cameras = first_association(scene, wearers, settings, solver)
     associated = usable_cameras(associated_cameras)
     if not associated:
         return None
@@ -138,6 +160,25 @@ def _solve_before_cameras(
     solution = StretchSolution(scene, tuple(wearers), fused, fusion_start, tuple(associated))
     state, about_floor = on_floor(fused.model.wearers, fused.state, settings.floor, solution.is_world_known)
     return replace(solution, fused=replace(fused, state=state), about_floor=about_floor)
+
+
+def _inertial_as_before(
+    stretch: MeasuredStretch, recording: Recording, settings: LiveSettings, solver: Solver, found: WearerProblem,
+    state: WearerState,
+) -> InertialSolution | None:  # fmt: skip
+    """The tracker with a calibration found before; None if a start from nothing is another, or of other sensors."""
+    frames = coarser(stretch.frames(recording.subject.name, recording.placed), settings.coarse_factor)
+    if frames.sensors != found.frames.sensors:
+        return None
+    start, starts = find_start(recording, frames, settings, solver.progress_of("start"))
+    headings = state.headings + robust_mean_angle(wrap_angle(start.headings - state.headings))
+    turned = angle_between(start.R_bone_sensor, state.R_bone_sensor)
+    if max(np.abs(wrap_angle(start.headings - headings)).max(), turned.max()) > ALIKE:
+        return None
+    known = replace(start, headings=headings, R_bone_sensor=state.R_bone_sensor)
+    tracked = inertial_tracker(recording, frames, settings, solver, known)
+    model = replace(tracked.model, prior_headings=start.headings, prior_R_bone_sensor=start.R_bone_sensor)
+    return replace(tracked, model=model, starts=starts)
 
 
 def _inertial(
@@ -179,6 +220,7 @@ class TrackingStart:
         spreads: by camera and wearer, scatter of the detections in OKS sigmas.
         information: ``(s, s)`` about ``shared``, from frames that are not here; None without any.
         findings: about a start that the stretch does not settle.
+        in_place: whether it was shown that no sensors are in each other's places.
     """
 
     problem: LagProblem
@@ -189,6 +231,7 @@ class TrackingStart:
     spreads: tuple[tuple[float, ...], ...]
     information: Array | None = None
     findings: tuple[Finding, ...] = ()
+    in_place: bool = False
 
     @property
     def has_views(self) -> bool:

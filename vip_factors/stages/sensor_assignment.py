@@ -56,13 +56,14 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
     return source, tuple(findings)
 
 
-def exchanges_of(recording: Recording, settings: Settings) -> tuple[Exchange, ...]:
-    """Exchanges of placed sensors, by their numbers, that explain a recording better."""
+def exchanges_of(recording: Recording, settings: Settings, least: float | None = None) -> tuple[Exchange, ...]:
+    """Exchanges of placed sensors, by their numbers, that explain a recording better: by ``least`` nats, if given."""
     if len(recording.placed) < 2:
         return ()
     links = [(one.parent, one.child) for one in placed_links(recording, settings) if one.p_parent is not None]
     signals = [joint_signal(recording.imus[name]) for name in recording.placed]
-    return exchanged_sensors(signals, links, settings.assignment)
+    asked = settings.assignment if least is None else replace(settings.assignment, least=least)
+    return exchanged_sensors(signals, links, asked)
 
 
 # RMS by which sensors of thigh and shank turn against each other: 9.7° or more in 58 recordings and scenes; two on one

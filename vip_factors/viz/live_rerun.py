@@ -37,6 +37,7 @@ END_S, END_FOR_FILE_S = 20.0, 180.0
 FILE_ITEMS = 20_000  # that may wait for a process that writes a file: five minutes, which a viewer should never lag
 KEEP_S = 1.0  # seconds of drawing after which a file is written out: what a killed stream may cost
 FLUSH_S = 2.0  # seconds that Rerun may take to hand over the last: a viewer that was closed takes nothing
+POLITE = 10  # of niceness: on a core that is shared the tracker comes first, and drawing waits
 ENDING = (signal.SIGINT, signal.SIGTERM)
 ENDED = "the viewer's process has ended; tracking goes on without it"
 
@@ -195,6 +196,8 @@ def draw(queue: Any, telling: Connection, setup: Scene, target: LiveTarget, rate
         signal.signal(one, signal.SIG_IGN)  # for the tracker, which says when it is over
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+    if hasattr(os, "nice"):
+        os.nice(POLITE)
     os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a closed viewer, line after line
     os.environ.update(QUIET)
     from vip_factors.viz.live_view import LiveView

@@ -80,11 +80,9 @@ def test_a_scene_of_one_wearer_without_a_camera_is_a_recording(folder: Path) -> 
     opened = open_one(folder / "alone.mcap")
     assert not opened.is_scene
     assert opened.recording.subject.name == "ann"
-    scene, estimate = opened.as_scene()
-    assert len(scene.wearers) == 1
-    assert estimate is None
+    assert opened.estimate is None
     assert open_one(folder / "scene.mcap").scene.camera is not None
-    assert len(open_one(folder / "vip.mcap").scene_estimate.wearers) == 2
+    assert len(open_one(folder / "vip.mcap").estimate.wearers) == 2
 
 
 def test_one_wearer_without_a_camera_goes_all_ways(run: Callable, folder: Path, tmp_path: Path) -> None:

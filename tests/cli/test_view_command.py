@@ -30,15 +30,17 @@ def test_without_a_display_a_window_is_refused_in_one_sentence(run: Callable, fi
 def test_without_a_display_a_window_is_refused_in_python_too(files) -> None:
     from vip_factors.errors import InputError
     from vip_factors.io.mcap_recording import read_recording
+    from vip_factors.viz.compare import Compare
+    from vip_factors.viz.drawn_scene import drawn_wearer
 
     with pytest.raises(InputError, match="no display"):
-        rerun_view.show(read_recording(files.recording))
+        rerun_view.show(drawn_wearer(read_recording(files.recording), None, None, Compare.ROOT))
 
 
 def test_a_display_opens_the_viewer(run: Callable, files, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("DISPLAY", ":7")
     opened = []
-    monkeypatch.setattr("vip_factors.viz.rerun_view.send", lambda drawn, save, overwrite: opened.append(save))
+    monkeypatch.setattr("vip_factors.viz.rerun_view.show", lambda drawn, save, overwrite: opened.append(save))
     assert run("view", files.recording).code == 0
     assert opened == [None]
 

@@ -16,8 +16,8 @@ from vip_factors.estimate import BodyEstimate, Estimate, WearerEstimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.simulate.gestures import gestures
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
-from vip_factors.viz.rerun_view import show_scene
+from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene
+from vip_factors.viz.rerun_view import show
 from vip_factors.viz.summaries import scene_summary
 
 
@@ -33,7 +33,7 @@ def found(sample: Scene) -> Estimate:
 
 def entities(scene: Scene | None, estimate: Estimate | None, rrd: Path) -> set[str]:
     """The entities of the file, as Rerun's own command line reads them back."""
-    show_scene(scene, estimate, rrd, overwrite=True)
+    show(drawn_scene(scene, estimate), rrd, overwrite=True)
     rerun = Path(sys.executable).with_name("rerun")
     done = subprocess.run([str(rerun), "rrd", "print", str(rrd)], capture_output=True, text=True, check=True)
     return set(re.findall(r"/(?:world|plots|charts|summary|legend)[^\s`:,]*", done.stdout.replace("\\ ", "_")))
@@ -91,11 +91,11 @@ def test_every_part_may_be_missing(sample: Scene, found: Estimate, tmp_path: Pat
 def test_nothing_to_show_is_said(sample: Scene, found: Estimate, tmp_path: Path) -> None:
     empty = replace(sample, camera=None, truth=None, wearers=(replace(sample.wearers[0], truth=None),))
     with pytest.raises(InputError, match="nothing to show"):
-        show_scene(empty, None, tmp_path / "a.rrd")
+        show(drawn_scene(empty, None), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="nothing to show"):
-        show_scene(None, None, tmp_path / "a.rrd")
+        show(drawn_scene(None, None), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="1 wearers for a scene of 2"):
-        show_scene(sample, replace(found, wearers=found.wearers[:1]), tmp_path / "a.rrd")
+        show(drawn_scene(sample, replace(found, wearers=found.wearers[:1])), tmp_path / "a.rrd")
     assert not list(tmp_path.iterdir())
 
 
@@ -103,18 +103,18 @@ def test_pictures_come_from_images_or_a_video_file(sample: Scene, tmp_path: Path
     grey = np.full((72, 128, 3), 120, np.uint8)
     blob = cv2.imencode(".jpg", grey)[1].tobytes()
     plain = tmp_path / "plain.rrd"
-    show_scene(sample, None, plain)
+    show(drawn_scene(sample, None), plain)
     embedded = replace(sample.camera, video=Video(None, {0: blob, 3: blob, 999: blob}))
-    show_scene(replace(sample, camera=embedded), None, tmp_path / "images.rrd")
+    show(drawn_scene(replace(sample, camera=embedded), None), tmp_path / "images.rrd")
     path = tmp_path / "v.avi"
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (128, 72))
     for _ in range(5):
         writer.write(grey)
     writer.release()
     filed = replace(sample.camera, video=Video(path))
-    show_scene(replace(sample, camera=filed), None, tmp_path / "file.rrd")
+    show(drawn_scene(replace(sample, camera=filed), None), tmp_path / "file.rrd")
     gone = replace(sample.camera, video=Video(tmp_path / "gone.mp4"))
-    show_scene(replace(sample, camera=gone), None, tmp_path / "gone.rrd")
+    show(drawn_scene(replace(sample, camera=gone), None), tmp_path / "gone.rrd")
     pictures = {}
     for name in ("plain.rrd", "gone.rrd", "images.rrd", "file.rrd"):
         printed = subprocess.run(
@@ -132,7 +132,7 @@ def test_a_camera_without_frames_is_nothing_to_show(sample: Scene, tmp_path: Pat
     wearers = tuple(replace(one, truth=None) for one in sample.wearers)
     blind = replace(sample, wearers=wearers, camera=replace(sample.camera, detections=none), truth=None)
     with pytest.raises(InputError, match="nothing to show"):
-        show_scene(blind, None, tmp_path / "a.rrd")
+        show(drawn_scene(blind, None), tmp_path / "a.rrd")
 
 
 def test_lengths_stand_beside_what_was_likely() -> None:

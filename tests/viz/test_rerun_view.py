@@ -8,6 +8,7 @@ import pytest
 
 from vip_factors.errors import InputError
 from vip_factors.viz.compare import Compare
+from vip_factors.viz.drawn_scene import drawn_wearer
 from vip_factors.viz.rerun_view import show
 
 
@@ -20,7 +21,7 @@ def printed(rrd: Path) -> str:
 
 def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> None:
     rrd = tmp_path / "scene.rrd"
-    show(scene.recording, scene.estimate, scene.truth, rrd)
+    show(drawn_wearer(scene.recording, scene.estimate, scene.truth, Compare.ROOT), rrd)
     chunks = printed(rrd)
     for entity in (
         "/world/walker/estimate/left_knee",
@@ -38,12 +39,12 @@ def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("compare", Compare)
 def test_every_way_to_compare_can_be_written(scene, tmp_path: Path, compare: Compare) -> None:
-    show(None, scene.estimate, scene.truth, tmp_path / "a.rrd", compare=compare)
+    show(drawn_wearer(None, scene.estimate, scene.truth, compare), tmp_path / "a.rrd")
     assert "/truth/pelvis" in printed(tmp_path / "a.rrd")
 
 
 def test_a_bare_recording_stands_in_the_t_pose(scene, tmp_path: Path) -> None:
-    show(replace(scene.recording, truth=None), None, None, tmp_path / "a.rrd")
+    show(drawn_wearer(replace(scene.recording, truth=None), None, None, Compare.ROOT), tmp_path / "a.rrd")
     chunks = printed(tmp_path / "a.rrd")
     assert "/world/walker/body/head/head" in chunks
     assert "/estimate" not in chunks
@@ -51,7 +52,7 @@ def test_a_bare_recording_stands_in_the_t_pose(scene, tmp_path: Path) -> None:
 
 def test_residuals_that_are_missing_leave_no_samples(scene, tmp_path: Path) -> None:
     residuals = {"orientation_deg": np.full((len(scene.truth), 13), np.nan)}
-    show(None, replace(scene.estimate, residuals=residuals), None, tmp_path / "a.rrd")
+    show(drawn_wearer(None, replace(scene.estimate, residuals=residuals), None, Compare.ROOT), tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").stat().st_size > 0
 
 
@@ -59,18 +60,18 @@ def test_an_existing_file_is_kept(scene, tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     path.write_text("precious")
     with pytest.raises(InputError, match="exists"):
-        show(None, scene.estimate, None, path)
+        show(drawn_wearer(None, scene.estimate, None, Compare.ROOT), path)
     assert path.read_text() == "precious"
-    show(None, scene.estimate, None, path, overwrite=True)
+    show(drawn_wearer(None, scene.estimate, None, Compare.ROOT), path, overwrite=True)
     assert path.stat().st_size > 100
 
 
 def test_a_failure_leaves_nothing_behind(scene, tmp_path: Path) -> None:
     elsewhere = replace(scene.truth, start=1000.0)
     with pytest.raises(InputError, match="overlap"):
-        show(None, scene.estimate, elsewhere, tmp_path / "a.rrd")
+        show(drawn_wearer(None, scene.estimate, elsewhere, Compare.ROOT), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="nothing to show"):
-        show(None, None, None, tmp_path / "a.rrd")
+        show(drawn_wearer(None, None, None, Compare.ROOT), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="no folder"):
-        show(None, scene.estimate, None, tmp_path / "missing" / "a.rrd")
+        show(drawn_wearer(None, scene.estimate, None, Compare.ROOT), tmp_path / "missing" / "a.rrd")
     assert list(tmp_path.iterdir()) == []

@@ -57,14 +57,15 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation":
     from vip_factors.evaluate.scene_metrics import doubts
     from vip_factors.io.mcap_estimate import read_start
 
-    scene, estimate = open_one(options.estimate).as_scene()
+    opened = open_one(options.estimate)
+    scene, estimate = opened.scene, opened.estimate
     if estimate is None:
         raise InputError(f"{options.estimate} holds no estimate: expected what vip-factors smooth makes of a recording")
     if options.truth is not None:
         truth = open_one(options.truth)
         if truth.motion is not None:
             return _against_motion(options, estimate, truth.motion)
-        scene = truth.as_scene()[0]
+        scene = truth.scene
     source = options.truth or options.estimate
     if scene is None:
         raise InputError(

@@ -1,4 +1,4 @@
-"""What a file on the command line is: a recording, a scene, an estimate of one of them, both in one, or a motion."""
+"""What a file on the command line is: a recording or a scene, an estimate, both in one, or a motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,45 +16,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Opened:
-    """What some files hold together; the truth is a motion file's, else the recording's.
+    """What some files hold together: a recording is a scene of one wearer without a camera.
 
     Attributes:
-        recording, estimate: of one wearer without a camera.
         motion: of a motion file.
-        scene, scene_estimate: of several wearers, or with a camera.
     """
 
-    recording: "Recording | None" = None
-    estimate: "WearerEstimate | None" = None
-    motion: "Motion | None" = None
     scene: "Scene | None" = None
-    scene_estimate: "Estimate | None" = None
+    estimate: "Estimate | None" = None
+    motion: "Motion | None" = None
 
     @property
-    def truth(self) -> "Motion | None":
-        """The reference motion, if there is one."""
-        if self.motion is not None:
-            return self.motion
-        truth = self.recording.truth if self.recording is not None else None
-        return truth.motion if truth is not None else None
+    def recording(self) -> "Recording | None":
+        """Of a scene of one wearer without a camera."""
+        scene = self.scene
+        return scene.wearers[0] if scene is not None and scene.camera is None and len(scene.wearers) == 1 else None
 
     @property
     def is_scene(self) -> bool:
         """Whether several wearers or a camera are among it."""
-        return self.scene is not None or self.scene_estimate is not None
+        filmed = self.scene is not None and self.recording is None
+        return filmed or (self.estimate is not None and not self.estimate.is_plain)
 
-    def as_scene(self) -> "tuple[Scene | None, Estimate | None]":
-        """All of it as a scene: a plain recording or estimate is one of one wearer without a camera."""
-        from vip_factors.estimate import Estimate
-        from vip_factors.sensors.scene import Scene
-
-        scene, estimate = self.scene, self.scene_estimate
-        if scene is None and self.recording is not None:
-            scene = Scene(self.recording.name, (self.recording,))
-        if estimate is None and self.estimate is not None:
-            one = self.estimate
-            estimate = Estimate(one.name, one.method, (one,), settings=one.settings)
-        return scene, estimate
+    @property
+    def wearer_estimate(self) -> "WearerEstimate | None":
+        """Of the only wearer; None without one."""
+        return None if self.estimate is None else self.estimate.only_wearer
 
 
 def open_all(paths: Sequence[Path]) -> Opened:
@@ -64,14 +51,16 @@ def open_all(paths: Sequence[Path]) -> Opened:
         InputError: if two of them hold a thing of the same kind, or one is missing.
         FileFormatError: if one holds neither a recording, an estimate nor a motion.
     """
-    together: dict[str, Recording | WearerEstimate | Motion | Scene | Estimate] = {}
+    together: dict[str, Motion | Scene | Estimate] = {}
     source: dict[str, Path] = {}
     for path in paths:
-        for kind, content in vars(open_one(path)).items():
+        opened = open_one(path)
+        for kind, content in vars(opened).items():
             if content is None:
                 continue
             if kind in together:
-                raise InputError(f"{path} holds a second {kind} beside that of {source[kind]}: give one of each kind")
+                what = "recording" if kind == "scene" and opened.recording is not None else kind
+                raise InputError(f"{path} holds a second {what} beside that of {source[kind]}: give one of each kind")
             together[kind], source[kind] = content, path
     return Opened(**together)  # type: ignore[arg-type]
 
@@ -96,27 +85,15 @@ def open_one(path: Path) -> Opened:
     return Opened(motion=read_motion(path))
 
 
-# What only scenes and their estimates have among their topics.
-_SCENE = ("/scene/", "/camera/", "/estimate/scene/")
-
-
 def _open_mcap(path: Path) -> Opened:
-    """A scene of one wearer without a camera is opened as the plain recording that it is."""
     from vip_factors.io import mcap_estimate, mcap_recording
     from vip_factors.io.mcap_reader import read_contents
 
     contents = read_contents(path, lambda channel: mcap_estimate.is_read(channel) or mcap_recording.is_read(channel))
     topics = contents.topics
-    estimated = [topic for topic in topics if topic.startswith(mcap_estimate.ESTIMATE)]
-    measured = [topic for topic in topics if not topic.startswith(mcap_estimate.ESTIMATE)]
     if not topics:
         raise FileFormatError(f"{path} is empty: expected a recording or an estimate")
+    estimated = [topic for topic in topics if topic.startswith(mcap_estimate.ESTIMATE)]
     estimate = mcap_estimate.read_estimate(contents) if estimated else None
-    if not any(topic.startswith(_SCENE) for topic in topics):
-        own = not estimated or "/recording/info" in measured
-        recording = mcap_recording.read_recording(contents) if own else None
-        return Opened(recording=recording, estimate=None if estimate is None else estimate.only_wearer)
-    scene = mcap_recording.read_scene(contents) if measured else None
-    if scene is not None and scene.camera is None and len(scene.wearers) == 1:
-        return Opened(recording=scene.wearers[0], scene_estimate=estimate)
-    return Opened(scene=scene, scene_estimate=estimate)
+    measured = not estimated or any(topic in ("/recording/info", mcap_recording.SCENE_INFO) for topic in topics)
+    return Opened(mcap_recording.read_scene(contents) if measured else None, estimate)

@@ -68,14 +68,13 @@ def file_text(path: Path, verbose: bool = False) -> str:
             return recording_text(index.head, index)
     opened = open_one(path)
     parts = []
-    if opened.recording is not None:
-        parts.append(recording_text(opened.recording))
-    if opened.estimate is not None:
-        parts.append(estimate_text(opened.estimate, verbose=verbose))
     if opened.scene is not None:
-        parts.append(scene_text(opened.scene))
-    if opened.scene_estimate is not None:
-        parts.append(scene_estimate_text(opened.scene_estimate, verbose))
+        recording = opened.recording
+        parts.append(scene_text(opened.scene) if recording is None else recording_text(recording))
+    if opened.estimate is not None and opened.is_scene:
+        parts.append(scene_estimate_text(opened.estimate, verbose))
+    elif opened.estimate is not None:
+        parts.append(estimate_text(opened.estimate.only_wearer, verbose=verbose))
     if opened.motion is not None:
         parts.append(f"motion '{opened.motion.name}'\n" + motion_text(opened.motion))
     return "\n\n".join(parts)

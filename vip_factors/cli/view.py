@@ -98,21 +98,14 @@ def main(options: ViewOptions) -> None:
 
 
 def _picture(opened: Opened, png: Path, overwrite: bool) -> None:
-    if opened.scene is not None:
-        from vip_factors.viz.picture import scene_filmstrip
+    from vip_factors.viz.picture import filmstrip, scene_filmstrip
 
-        scene, estimate = opened.as_scene()
-        assert scene is not None
-        scene_filmstrip(scene, estimate, png, overwrite=overwrite)
-        return
-    from vip_factors.viz.picture import filmstrip
-
-    estimate_alone = opened.estimate
-    if estimate_alone is None and opened.scene_estimate is not None:
-        if len(opened.scene_estimate.wearers) > 1:
-            raise InputError("a picture of an estimate of several wearers needs their scene: give its file too")
-        estimate_alone = opened.scene_estimate.wearers[0]
-    filmstrip(estimate_alone, opened.recording, opened.truth, png, overwrite=overwrite)
+    if opened.scene is not None and opened.recording is None:
+        scene_filmstrip(opened.scene, opened.estimate, png, overwrite=overwrite)
+    elif opened.estimate is not None and len(opened.estimate.wearers) > 1:
+        raise InputError("a picture of an estimate of several wearers needs their scene: give its file too")
+    else:
+        filmstrip(opened.wearer_estimate, opened.recording, opened.motion, png, overwrite=overwrite)
 
 
 def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
@@ -120,12 +113,12 @@ def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
     from vip_factors.viz.charts import scene_charts
     from vip_factors.viz.drawn_scene import drawn_scene
 
-    opened = {path: open_one(path).as_scene() for path in paths}
-    scenes = [scene for scene, _ in opened.values() if scene is not None]
+    opened = {path: open_one(path) for path in paths}
+    scenes = [one.scene for one in opened.values() if one.scene is not None]
     if len(scenes) > 1:
         raise InputError("several scenes for one chart: expected one, beside any number of its estimates")
     scene = scenes[0] if scenes else None
-    estimates = {path: estimate for path, (_, estimate) in opened.items() if estimate is not None}
+    estimates = {path: one.estimate for path, one in opened.items() if one.estimate is not None}
     if not estimates:
         raise InputError("no estimate for the chart: give at least one, and its recording or scene for the truth")
     methods = [estimate.method for estimate in estimates.values()]
@@ -136,15 +129,14 @@ def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
 
 def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
     from vip_factors.viz.compare import Compare
+    from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
     from vip_factors.viz.rerun_view import show
 
     if opened.is_scene:
-        from vip_factors.viz.rerun_view import show_scene
-
-        show_scene(*opened.as_scene(), save, options.overwrite)
-        return
-    compare = Compare(options.compare)
-    show(opened.recording, opened.estimate, opened.truth, save, options.overwrite, compare=compare)
+        drawn = drawn_scene(opened.scene, opened.estimate)
+    else:
+        drawn = drawn_wearer(opened.recording, opened.wearer_estimate, opened.motion, Compare(options.compare))
+    show(drawn, save, options.overwrite)
 
 
 def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:
@@ -186,10 +178,9 @@ def write_film(opened: Opened, path: Path, settings: FilmSettings, overwrite: bo
     from vip_factors.viz.film import film
 
     histories = read_calibration_history(settings.headings) if settings.headings is not None else ()
-    scene, estimate = opened.as_scene()
-    if scene is None and estimate is None and opened.motion is not None:
+    if opened.scene is None and opened.estimate is None and opened.motion is not None:
         drawn = DrawnScene(opened.motion.name, (DrawnWearer(opened.motion.name, 0, None, opened.motion, None, None),))
     else:
-        drawn = drawn_scene(scene, estimate)
+        drawn = drawn_scene(opened.scene, opened.estimate)
     with progress_bar() as progress:
         film(drawn, path, settings, histories, overwrite=overwrite, on_progress=progress)

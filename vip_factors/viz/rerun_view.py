@@ -10,16 +10,12 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.atomic import atomic_path
-from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import GHOST_COLOUR, body_colours
 from vip_factors.viz.compare import Compare, floor_height
-from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer, drawn_scene, drawn_wearer
+from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer
 from vip_factors.viz.rerun_body import (
     log_body,
     log_joint_names,
@@ -51,58 +47,16 @@ NAME_COLOUR: Colour = (16, 18, 22)  # on the grey that Rerun puts behind labels
 NAME_ABOVE_HEAD_M = 0.32  # in the head's frame, above its joint: clear of the crown
 
 
-def show(
-    recording: Recording | None = None,
-    estimate: WearerEstimate | None = None,
-    truth: Motion | None = None,
-    save: Path | None = None,
-    overwrite: bool = False,
-    *,
-    compare: Compare = Compare.ROOT,
-) -> None:
-    """Show what is given, in Rerun.
+def show(drawn: DrawnScene, save: Path | None = None, overwrite: bool = False) -> None:
+    """Show what is drawn, in Rerun.
 
     Args:
-        recording: for the sensors' places and measurements; its truth is used if ``truth`` is None.
-        estimate: drawn in colour.
-        truth: drawn as a grey ghost beside an estimate, in colour if there is none.
-        save: ``.rrd`` file, written whole or not at all; without one the viewer is opened, in its own process.
-        overwrite: replace an existing file.
-        compare: where to draw an estimate beside the truth.
-
-    Raises:
-        InputError: if there is nothing to show, estimate and truth have no time in common, or the file exists.
-        OSError: if the file cannot be written.
-    """
-    send(drawn_wearer(recording, estimate, truth, compare), save, overwrite)
-
-
-def show_scene(
-    scene: Scene | None = None,
-    estimate: Estimate | None = None,
-    save: Path | None = None,
-    overwrite: bool = False,
-) -> None:
-    """Show what is given, in Rerun; the estimate in the truth's world where that is known.
-
-    Args:
-        scene: camera, detections, sensors and truth.
-        estimate: bodies in their wearers' colours, camera, and who was assigned to what.
+        drawn: a wearer (:func:`~vip_factors.viz.drawn_scene.drawn_wearer`) or a scene.
         save: ``.rrd`` file, written whole or not at all; without one the viewer is opened, in its own process.
         overwrite: replace an existing file.
 
     Raises:
-        InputError: if there is nothing to show, the two do not belong together, or the file exists.
-        OSError: if the file cannot be written.
-    """
-    send(drawn_scene(scene, estimate), save, overwrite)
-
-
-def send(drawn: DrawnScene, save: Path | None, overwrite: bool) -> None:
-    """Write what is drawn to a file, complete or not at all, or open the viewer and send it there.
-
-    Raises:
-        InputError: if the file exists, or there is no display for the viewer.
+        InputError: if there is nothing to show, the file exists, or there is no display for the viewer.
         OSError: if the file cannot be written.
     """
     if save is not None:

@@ -15,7 +15,7 @@ J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both 
 are zero in the anatomical posture, of a body whose limbs are straight in it.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -126,6 +126,19 @@ def _joints() -> Iterator[_Joint]:
 
 
 _JOINTS = tuple(_joints())
+_BELOW = np.array([joint_index(one.below) for one in _JOINTS])
+_ABOVE = np.array([joint_index(one.above) if one.above else -1 for one in _JOINTS])
+# Numbers of the joints that are looked at in one way, at once.
+_ALIKE = [[n for n, one in enumerate(_JOINTS) if one.axes == axes] for axes in ("yxz", "zxy", "yxy")]
+# How the entries of a joint's rotation change sign as it is looked at: a left one's in a mirror, where z points the
+# other way; elevation from behind, where x and z do, and is a positive turn.
+_MIRRORED, _FROM_BEHIND = np.array([1.0, 1.0, -1.0]), np.array([-1.0, 1.0, -1.0])
+_VIEWS = [
+    (_MIRRORED if one.name.startswith("left_") else 1.0) * (_FROM_BEHIND if one.axes == "yxy" else np.ones(3))
+    for one in _JOINTS
+]
+_SEEN = np.stack([np.outer(one, one) for one in _VIEWS])
+_SIGNS = np.array([[1 if one.axes == "yxy" else sign for _, sign, _ in one.angles] for one in _JOINTS])
 ANGLE_DEFINITIONS: tuple[AngleDefinition, ...] = tuple(
     AngleDefinition(f"{joint.name}_{angle}", joint.name, positive)
     for joint in _JOINTS
@@ -149,7 +162,10 @@ def joint_angles(motion: Motion) -> JointAngles:
 
 def angles_of_segments(R_room_segment: Array) -> Array:
     """The angles ``(T, N)`` in degrees, all within ±180, of :func:`segment_orientations` ``(T, 24, 3, 3)``."""
-    return np.rad2deg(np.concatenate([_angles(joint, _between(joint, R_room_segment)) for joint in _JOINTS], axis=1))
+    degrees = np.empty((len(R_room_segment), len(_JOINTS), 3))
+    for joints in _ALIKE:
+        degrees[:, joints] = np.rad2deg(_angles(joints, _between(joints, R_room_segment)))
+    return degrees.reshape(len(degrees), -1)
 
 
 def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
@@ -160,13 +176,12 @@ def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
     """
     R, axes = segment_orientations(motion), segment_axes(motion.skeleton)
     sigmas = np.full((len(motion), len(ANGLE_DEFINITIONS)), np.nan)
-    for number, joint in enumerate(_JOINTS):
-        bone = joint_index(joint.below)
-        if PARENTS[bone] != (joint_index(joint.above) if joint.above else -1):
+    for number, bone in enumerate(_BELOW):
+        if PARENTS[bone] != _ABOVE[number]:
             continue
-        R_bone_segment, R_above_below = axes[bone], _between(joint, R)
+        R_bone_segment, R_above_below = axes[bone], _between([number], R)
         turned = [
-            _angles(joint, R_above_below @ R_bone_segment.T @ exp(step) @ R_bone_segment)
+            _angles([number], R_above_below @ R_bone_segment.T @ exp(step) @ R_bone_segment)[:, 0]
             for step in (*_STEP * np.eye(3), *-_STEP * np.eye(3))
         ]
         jacobian = np.stack([wrap_angle(turned[k] - turned[k + 3]) / (2 * _STEP) for k in range(3)], axis=-1)
@@ -176,22 +191,17 @@ def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
 
 
 _STEP = 1e-5  # rad: the difference of two angles keeps ten digits
-_HALF_TURN_ABOUT_Y = np.diag([-1.0, 1.0, -1.0])
 
 
-def _between(joint: _Joint, R_room_segment: Array) -> Array:
-    """Rotations ``(T, 3, 3)`` of a joint, of orientations ``(T, 24, 3, 3)``."""
-    R = R_room_segment[:, joint_index(joint.below)]
-    return transpose(R_room_segment[:, joint_index(joint.above)]) @ R if joint.above else R
+def _between(joints: Sequence[int], R_room_segment: Array) -> Array:
+    """Rotations ``(T, J, 3, 3)`` of joints that are alike, of orientations ``(T, 24, 3, 3)``."""
+    R = R_room_segment[:, _BELOW[joints]]
+    return transpose(R_room_segment[:, _ABOVE[joints]]) @ R if _JOINTS[joints[0]].above else R
 
 
-def _angles(joint: _Joint, R_above_below: Array) -> Array:
-    """The three angles ``(T, 3)`` of a joint in radians, as they are meant."""
-    R = mirrored(R_above_below) if joint.name.startswith("left_") else R_above_below
-    signs = np.array([sign for _, sign, _ in joint.angles])
-    if joint.axes == "yxy":  # seen from behind, where x and z point the other way, elevation is a positive turn
-        return sequence_of_rotation(_HALF_TURN_ABOUT_Y @ R @ _HALF_TURN_ABOUT_Y, joint.axes) * abs(signs)
-    return sequence_of_rotation(R, joint.axes) * signs
+def _angles(joints: Sequence[int], R_above_below: Array) -> Array:
+    """The three angles ``(T, J, 3)`` in radians, as they are meant, of joints that are alike."""
+    return sequence_of_rotation(R_above_below * _SEEN[joints], _JOINTS[joints[0]].axes) * _SIGNS[joints]
 
 
 # x forward, y up, z right, as columns in the body's axes: x left, y up, z forward.
@@ -199,9 +209,6 @@ R_BODY_ISB = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
 # The same of the room, which has z up: x of the world, up, and what is to the right of who looks along x. OpenSim's
 # ground is like this.
 R_WORLD_ISB = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-
-# Turns a left segment's rotation into that of a right one, seen in a mirror: z points the other way.
-_MIRROR = np.diag([1.0, 1.0, -1.0])
 
 
 def segment_axes(skeleton: Skeleton) -> Array:
@@ -233,7 +240,7 @@ def segment_orientations(motion: Motion) -> Array:
 
 def mirrored(R: Array) -> Array:
     """Rotations ``(..., 3, 3)`` of the other side's segments, in the same axes."""
-    return _MIRROR @ R @ _MIRROR
+    return R * np.outer(_MIRRORED, _MIRRORED)
 
 
 # A joint's angles are between two segments; of the trunk any bone does.

@@ -6,6 +6,7 @@ people, how many numbers a list has, which values are allowed, or the keys of an
 """
 
 import json
+import re
 from collections.abc import Iterator
 from typing import IO, Annotated, Any, NotRequired, TypedDict
 
@@ -18,7 +19,7 @@ from vip_factors.errors import naming_file
 from vip_factors.estimate import PoseCovariance
 from vip_factors.findings import Finding, verdict
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.scene import Scene
 
@@ -113,7 +114,7 @@ class Answer(TypedDict):
 
 
 class LiveJsonEncoder:
-    """Makes objects of answers.
+    """Makes text of answers: keys never change, so that numbers are put into a text that is there.
 
     Args:
         setup: of the stream.
@@ -123,25 +124,22 @@ class LiveJsonEncoder:
         self._bodies = [_Body(one.subject.body()) for one in setup.wearers]
         self._found: dict[str, Finding] = {}  # the last of each kind
 
-    def encode(self, estimate: LiveEstimate) -> Answer:
-        """The object of one answer."""
+    def encode(self, estimate: LiveEstimate) -> tuple[str, list[FindingAnswer]]:
+        """One answer for :func:`as_text`: all but its findings, which come last, and these."""
         self.note(estimate)
-        told = Answer(
-            version=VERSION,
-            frame=estimate.frame,
-            time=round(estimate.time, TIME_DIGITS),
-            wearers=[self._wearer(number, one) for number, one in enumerate(estimate.wearers)],
-            findings=[_finding(one) for one in estimate.findings],
-            verdict=str(verdict(self._found.values()).severity),
-            preliminary=estimate.preliminary,
-            update_ms=_rounded(1e3 * estimate.seconds, 3),
-        )
+        wearers = [self._wearer(number, one) for number, one in enumerate(estimate.wearers)]
+        camera = ""
         if estimate.camera is not None or estimate.smoothed_camera is not None:
-            told["camera"] = CameraAnswer(newest=_camera(estimate.camera), smoothed=_camera(estimate.smoothed_camera))
-        return told
+            told = CameraAnswer(newest=_camera(estimate.camera), smoothed=_camera(estimate.smoothed_camera))
+            camera = f'"camera":{_dumps(told)},'
+        return (
+            f'{{"version":{VERSION},"frame":{estimate.frame},"time":{estimate.time:.{TIME_DIGITS}f},'
+            f'"wearers":[{",".join(wearers)}],{camera}"verdict":"{verdict(self._found.values()).severity}",'
+            f'"preliminary":{_dumps(estimate.preliminary)},"update_ms":{_dumps(_rounded(1e3 * estimate.seconds, 3))}'
+        ), [_finding(one) for one in estimate.findings]
 
     def note(self, estimate: LiveEstimate) -> None:
-        """Take the findings of an answer into the verdict, without making an object of it."""
+        """Take the findings of an answer into the verdict, without making text of it."""
         self._found |= {one.kind: one for one in estimate.findings}
 
     @property
@@ -149,20 +147,42 @@ class LiveJsonEncoder:
         """The last finding of each kind so far."""
         return [_finding(one) for one in self._found.values()]
 
-    def _wearer(self, number: int, wearer: LiveWearerEstimate) -> WearerAnswer:
+    def _wearer(self, number: int, wearer: LiveWearerEstimate) -> str:
         if wearer.skeleton is not None and wearer.skeleton is not self._bodies[number].skeleton:
             self._bodies[number] = _Body(wearer.skeleton)
         poses = [one for one in (wearer.newest, wearer.smoothed) if one is not None]
-        newest, *smoothed = self._bodies[number].poses(poses)
-        headings = {}
-        for sensor, one in wearer.calibration.items():
-            heading = float(one.heading_at(np.array([wearer.newest.time]))[0])
-            degrees = np.rad2deg([np.angle(np.exp(1j * heading)), one.heading_sigma])
-            headings[sensor] = HeadingAnswer(heading=_rounded(degrees[0], 1), sigma=_rounded(degrees[1], 1))
-        return WearerAnswer(
-            name=wearer.name, newest=newest, smoothed=smoothed[0] if smoothed else None, headings_deg=headings,
-            detection=wearer.detection,
-        )  # fmt: skip
+        newest, smoothed = [*self._bodies[number].texts(poses), "null"][:2]
+        time, calibrations = np.array(wearer.newest.time), wearer.calibration.values()
+        numbers = np.array([(one.heading_at(time), one.heading_sigma) for one in calibrations], float).reshape(-1, 2)
+        degrees = np.rad2deg(np.stack([wrap_angle(numbers[:, 0]), numbers[:, 1]], axis=1))
+        told = {
+            sensor: HeadingAnswer(heading=heading, sigma=sigma)
+            for sensor, (heading, sigma) in zip(wearer.calibration, _list(degrees, 1), strict=True)
+        }
+        return (
+            f'{{"name":{_dumps(wearer.name)},"newest":{newest},"smoothed":{smoothed},'
+            f'"headings_deg":{_dumps(told)},"detection":{_dumps(wearer.detection)}}}'
+        )
+
+
+def _pose_text(sure: bool) -> str:
+    """A :class:`PoseAnswer` with places for its numbers, with standard deviations or without."""
+
+    def places(count: int, digits: int) -> str:
+        return f"[{','.join([f'%.{digits}f'] * count)}]"
+
+    position, turn = places(3, METRE_DIGITS), places(4, QUATERNION_DIGITS)
+    sigma = f',"sigma_deg":%.{DEGREE_DIGITS}f' if sure else ""
+    joint = f'{{"position":{position},"orientation_wxyz":{turn},"rotation_wxyz":{turn}{sigma}}}'
+    joints = ",".join(f'"{name}":{joint}' for name in JOINT_NAMES)
+    angles = ",".join(f'"{name}":%.{DEGREE_DIGITS}f' for name in ANGLE_NAMES)
+    root = f',"root_sigma":{places(3, METRE_DIGITS)}' if sure else ""
+    return f'{{"time":%.{TIME_DIGITS}f,"joints":{{{joints}}},"angles_deg":{{{angles}}}{root}}}'
+
+
+SURE, UNSURE = _pose_text(True), _pose_text(False)
+HALF = np.array([0.5 * 10.0 ** -int(digits) for digits in re.findall(r"%\.(\d)f", SURE)])  # of the last digit
+NOT_FINITE = re.compile(r"(?<=[:,\[])-?(?:nan|inf)")
 
 
 class _Body:
@@ -172,32 +192,22 @@ class _Body:
         self.skeleton = skeleton
         self._R_bone_segment = segment_axes(skeleton)
 
-    def poses(self, poses: list[LivePose]) -> Iterator[PoseAnswer]:
+    def texts(self, poses: list[LivePose]) -> Iterator[str]:
         """All at once: the cost of each is that of its calls."""
         R = np.stack([one.R_parent_child for one in poses])
         state = forward_kinematics(self.skeleton, R, np.stack([one.p_world_pelvis for one in poses]))
         degrees = angles_of_segments(R_WORLD_ISB.T @ state.R_world_bone @ self._R_bone_segment)
-        rows = zip(
-            poses, _list(state.p_world_joint, METRE_DIGITS), _quaternions(state.R_world_bone), _quaternions(R),
-            _list(degrees, DEGREE_DIGITS), strict=True,
-        )  # fmt: skip
-        for pose, positions, orientations, rotations, angles in rows:
-            joints = {
-                name: JointAnswer(position=position, orientation_wxyz=orientation, rotation_wxyz=rotation)
-                for name, position, orientation, rotation in zip(
-                    JOINT_NAMES, positions, orientations, rotations, strict=True
-                )
-            }
-            told = PoseAnswer(
-                time=round(pose.time, TIME_DIGITS), joints=joints,
-                angles_deg=dict(zip(ANGLE_NAMES, angles, strict=True)),
-            )  # fmt: skip
+        turns = quaternion_from_matrix(np.stack([state.R_world_bone, R]), Order.WXYZ)
+        for pose, *own, angles in zip(poses, state.p_world_joint, *turns, degrees, strict=True):
+            root: list[Array] = []
             if pose.joint_covariance is not None and pose.root_covariance is not None:
                 sigma = PoseCovariance(pose.joint_covariance, pose.root_covariance).joint_sigma
-                for name, value in zip(JOINT_NAMES, _list(np.rad2deg(sigma), DEGREE_DIGITS), strict=True):
-                    joints[name]["sigma_deg"] = value
-                told["root_sigma"] = _list(_sigmas(pose.root_covariance), METRE_DIGITS)
-            yield told
+                own, root = [*own, np.rad2deg(sigma)[:, None]], [_sigmas(pose.root_covariance)]
+            numbers = np.concatenate([[pose.time], np.concatenate(own, axis=1).ravel(), angles, *root])
+            if root:  # no negative zero
+                numbers[np.abs(numbers) <= HALF] = 0.0
+            text = (SURE if root else UNSURE) % tuple(numbers.tolist())
+            yield text if np.isfinite(numbers).all() else NOT_FINITE.sub("null", text)
 
 
 class LiveJsonSink:
@@ -219,15 +229,19 @@ class LiveJsonSink:
             BrokenPipeError: if nobody reads any more.
             OSError: if the lines cannot be written, to a file on a full disk say.
         """
-        line = as_text(self._encoder.encode(estimate))
+        line = as_text(*self._encoder.encode(estimate))
         with naming_file("standard output"):
             self._stream.write(line + "\n")
             self._stream.flush()
 
 
-def as_text(answer: Answer) -> str:
-    """An answer on one line."""
-    return json.dumps(answer, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+def as_text(answer: str, findings: list[FindingAnswer]) -> str:
+    """An :class:`Answer` on one line, of what :meth:`LiveJsonEncoder.encode` makes of it."""
+    return f'{answer},"findings":{_dumps(findings)}}}'
+
+
+def _dumps(value: object) -> str:
+    return json.dumps(value, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
 
 
 def _finding(finding: Finding) -> FindingAnswer:

@@ -8,6 +8,7 @@ Labs record the Lab Streaming Layer beside EEG or force plates: https://labstrea
 wearers; channels are named, and described as XDF's meta-data for motion capture have it (type, unit, object, marker).
 """
 
+import json
 import os
 import socket
 from collections.abc import Callable, Iterator, Mapping
@@ -20,7 +21,7 @@ from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live_json import ANGLE_NAMES, LiveJsonEncoder, PoseAnswer
+from vip_factors.io.live_json import ANGLE_NAMES, LiveJsonEncoder, PoseAnswer, as_text
 from vip_factors.io.motions.skeleton_maps import UNITY_BONES
 from vip_factors.io.settings import SentPose
 from vip_factors.live_estimate import LiveEstimate, LivePose
@@ -193,7 +194,7 @@ class LiveLslSink:
             self._least, self._least_before, self._minute = float("inf"), self._least, estimate.time
         self._least = min(self._least, self._clock() - estimate.time)
         sample, time = list[float](), None
-        for wearer in self._encoder.encode(estimate)["wearers"]:
+        for wearer in json.loads(as_text(*self._encoder.encode(estimate)))["wearers"]:
             pose = wearer["newest"] if self._pose is SentPose.NEWEST else wearer["smoothed"]
             time = pose["time"] if pose is not None else time
             sample += _values(pose)

@@ -19,7 +19,7 @@ from vip_factors.io.live.session import WRONG_TOKEN_S
 from vip_factors.io.live.source import JOIN, POLL
 from vip_factors.io.live.streams import LOCAL, PIECE, is_local, listening_socket
 from vip_factors.io.live.websocket import WebSocket, check_websockets
-from vip_factors.io.live_json import Answer, FindingAnswer, LiveJsonEncoder, as_text
+from vip_factors.io.live_json import FindingAnswer, LiveJsonEncoder, as_text
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.scene import Scene
 
@@ -99,10 +99,9 @@ class LiveServer:
             if not self._readers or self._stop.is_set():
                 self._encoder.note(estimate)
                 return
-            answer = self._encoder.encode(estimate)
-            text = as_text(answer)
+            answer, findings = self._encoder.encode(estimate)
             for reader in self._readers:
-                reader.put(answer, text)
+                reader.put(answer, findings)
 
     def close(self) -> None:
         """Send what waits, say goodbye, and let go of the port."""
@@ -208,17 +207,17 @@ class _Reader:
 
     def __init__(self, findings: list[FindingAnswer]) -> None:
         self._changed = Condition()
-        self._waiting: deque[tuple[Answer, str]] = deque()
+        self._waiting: deque[tuple[str, list[FindingAnswer]]] = deque()
         self._missed: deque[FindingAnswer] = deque(findings, MOST_FINDINGS)  # of answers that were left out
 
-    def put(self, answer: Answer, text: str) -> None:
+    def put(self, answer: str, findings: list[FindingAnswer]) -> None:
         """One more; those that wait are left out if they are too many."""
         with self._changed:
             if len(self._waiting) >= MOST_WAITING:
-                for left_out, _ in self._waiting:
-                    self._missed.extend(left_out["findings"])
+                for _, left_out in self._waiting:
+                    self._missed.extend(left_out)
                 self._waiting.clear()
-            self._waiting.append((answer, text))
+            self._waiting.append((answer, findings))
             self._changed.notify()
 
     def get(self) -> str | None:
@@ -226,10 +225,10 @@ class _Reader:
         with self._changed:
             if not self._changed.wait_for(lambda: bool(self._waiting), POLL):
                 return None
-            answer, text = self._waiting.popleft()
+            answer, findings = self._waiting.popleft()
             missed = list(self._missed)
             self._missed.clear()
-        return as_text({**answer, "findings": [*missed, *answer["findings"]]}) if missed else text
+        return as_text(answer, [*missed, *findings])
 
 
 def _request(connection: socket.socket, web: WebSocket) -> "Request | None":

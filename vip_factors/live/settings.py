@@ -198,12 +198,12 @@ class SlipSettings:
 class PaceSettings:
     """When fewer frames are solved, because the tracker is behind a stream that goes on by itself."""
 
-    # s that all samples of late have waited: what a busy core makes them wait now and then is shorter, and an answer
-    # that is a third of a second late is late for whoever watches.
-    behind_s: float = 0.1
-    after_s: NotNegative = 0.25  # of the stream, all of it behind: a burst of late packets is over by then
-    widest: int = 4  # frames to each update, at most: 15 solved each second
-    recover_s: NotNegative = 5.0  # of the stream in time, before one frame less: what was too much may be so again
+    # s that a sample has waited for each frame more to the next update: the longest of an update on a machine that has
+    # time for all is shorter, and what is six times as long is still not late for whoever watches.
+    frame_wait_s: float = 0.025
+    widest: int = 6  # frames to each update, at most: 10 solved each second, on 15 frames of the lag
+    told_s: float = 2.0  # of the stream, over which the rate is told; a shorter stretch is not worth a word
+    recover_s: NotNegative = 5.0  # of the stream with all of them solved, before that is told
 
 
 @dataclass(frozen=True)

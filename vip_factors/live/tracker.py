@@ -123,7 +123,7 @@ class FixedLagTracker:
         tracking, waited = self._tracking, self._recalibrator.waited_s
         try:
             covariance = self._estimates.root_covariance(len(self.head.wearers))
-            self._estimates.add_findings(*self._pace.step(measured.time, self._behind_s))
+            self._estimates.add_findings(*self._pace.step(measured.time, self._behind_s, tracking.solved))
             self._estimates.add_findings(*tracking.step(measured, self._lag, covariance, self._pace.solve_every))
             if tracking.moved:
                 self._recalibrator.leave_out(tracking.moved, measured.frame)

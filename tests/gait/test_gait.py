@@ -13,10 +13,11 @@ import vip_factors as vip
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
-from vip_factors.gait.analysis import Gait, gait_of, gaits_of, travel_of_sensor
+from vip_factors.gait.analysis import Gait, gait_of, gaits_of
 from vip_factors.gait.events import SIDES, events_of_motion, events_of_sensor
 from vip_factors.gait.files import reference_at, references, write_gait
-from vip_factors.sensors.calibration import preset
+from vip_factors.gait.travel import travel_of_foot
+from vip_factors.sensors.calibration import SensorCalibration, SensorSite, preset
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.simulate.recording import simulate_recording
@@ -140,10 +141,33 @@ def test_a_foot_sensor_measures_its_way() -> None:
     force = np.stack([np.gradient(np.gradient(p, time), time), 0 * time, 9.81 + 0 * time], axis=1)
     force[111:113, 0] += (100.0, -85.0)  # 0.15 m/s too much
     stream = ImuStream("foot", time, force, np.tile(np.eye(3), (len(time), 1, 1)))
-    length, sigma = travel_of_sensor(stream, np.array([0.3, 1.6]))
+    length = travel_of_foot(stream, np.array([0.3, 1.6]))
     assert length[0] == pytest.approx(1.4, abs=0.03)
-    assert 0.0 < sigma[0] < 0.2
-    assert np.isnan(travel_of_sensor(replace(stream, specific_force=None), np.array([0.3, 1.6]))[0]).all()
+    assert np.isnan(travel_of_foot(replace(stream, specific_force=None), np.array([0.3, 1.6]))).all()
+
+
+def shank_stream(motion: Motion, site: SensorSite) -> ImuStream:
+    """What an ideal sensor on it measures."""
+    R_world_sensor = motion.state.R_world_bone[:, site.bone_index] @ site.R_bone_sensor
+    a = motion.state.point(site.bone_index, site.p_bone_sensor)
+    for _ in range(2):
+        a = np.gradient(a, 1 / motion.rate, axis=0)
+    force = np.einsum("tji,tj->ti", R_world_sensor, a + np.array([0.0, 0.0, 9.81]))
+    return ImuStream(site.sensor, motion.time, force, R_world_sensor)
+
+
+def test_shanks_tell_lengths_that_the_motion_has_too_short(motion: Motion, recording: Recording) -> None:
+    """Of a motion whose feet slide back as they stand, as those do whose thighs swing too little."""
+    short = replace(motion, p_world_pelvis=motion.p_world_pelvis * np.array([0.93, 0.93, 1.0]))
+    sites = [one for one in recording.placement.sites if one.bone in ("left_knee", "right_knee")]
+    worn = replace(recording, imus={one.sensor: shank_stream(motion, one) for one in sites}, truth=None)
+    known = {one.sensor: SensorCalibration(0.0, one.R_bone_sensor, bone=one.bone) for one in sites}
+    astray = {name: replace(one, heading=np.pi) for name, one in known.items()}
+    for calibration, expected, sigma in ((known, STRIDE_M, 0.035), (astray, 0.93 * STRIDE_M, 0.06)):
+        found = gait_of(WearerEstimate("walker", "SIP", short, calibration), worn).figure("length")
+        assert found is not None
+        assert found.mean == pytest.approx(expected, rel=0.02)
+        assert found.sigma == pytest.approx(sigma * found.mean, rel=0.1)
 
 
 FEET = frozenset({"left_ankle", "right_ankle"})  # between which no joint is

@@ -1,13 +1,5 @@
-"""Gait of an estimate: strides, means and how sure they are, left against right, joint angles over the cycle.
+"""Gait of an estimate: strides, means and how sure they are, left against right, joint angles over the cycle."""
 
-How far a foot came between two moments at rest, by its own sensor: specific force integrated twice.
-
-Orientation tells which way is up; at rest the foot does not move, so what the first integral is off by at the end was
-picked up on the way. It is taken back in proportion to the square of the acceleration, as if an accelerometer erred by
-a share of what it measures: most of it comes in at the landing, whose blows are clipped and fall between samples.
-"""
-
-import itertools
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,28 +7,28 @@ import numpy as np
 
 from vip_factors.body.joint_angles import is_measured, joint_angle_sigmas, joint_angles
 from vip_factors.body.model_errors import shape_factor
-from vip_factors.errors import InputError, RecordingError
+from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.findings import Finding
-from vip_factors.gait.events import SIDES, FootEvents, events_of_motion, events_of_sensor
+from vip_factors.gait.events import EVENT_S, SIDES, FootEvents, events_of_motion, events_of_sensor
 from vip_factors.gait.strides import QUANTITIES, Quantity, Stride, strides_of
+from vip_factors.gait.travel import LEAST_RATE_HZ, stretch_by_shank, travel_of_foot
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.imu_stream import ImuStream, with_orientation
+from vip_factors.sensors.calibration import SensorSite
+from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 
-LEAST_RATE_HZ = 60.0  # of samples: at 30 to 47 Hz lengths were off by decimetres, and toe-offs by 20 to 40 ms
-LONGEST_S = 3.0  # between two rests: errors grow with the square of it
-WIDEST_GAP_S = 0.05  # of lost samples in between
-GRAVITY = np.array([0.0, 0.0, 9.81])
 CYCLE = np.arange(101.0)  # per cent
 # What all strides of a recording are off by together, one standard deviation, as walks of six people with a reference
-# showed: strikes and toe-offs by another sensor or another definition of contact, s; lengths as shares of them, by legs
-# whose hips swing less in the estimate than they do, or by sensors whose blows are clipped; and what lies between the
-# feet or below the toes, by headings, mountings and soles. Half of it differs between the sides.
-EVENT_S, LENGTH_BY_LEGS, LENGTH_BY_SENSOR = 0.02, 0.06, 0.015
+# showed: strikes and toe-offs by another sensor or another definition of contact, s (EVENT_S); lengths as shares of
+# them, by legs alone, as muscles carry a thigh's sensor along with four fifths of what its bone swings, or with what
+# the shanks' sensors make of it, or by feet whose blows are clipped; and what lies between the feet or below the toes,
+# by headings, mountings and soles. Half of it differs between the sides.
+LENGTH_BY_LEGS, LENGTH_BY_SHANKS, LENGTH_BY_SENSOR = 0.06, 0.035, 0.015
 SHARED = {"width": 0.09, "clearance": 0.01, "strike_angle": 4.0}  # m, m, degrees
+MOST_STRETCH = 3 * LENGTH_BY_LEGS  # more is no legs that swing too little, but a sensor that is wrong
 LENGTHS = ("length", "speed", "step_length", "width")  # of which the sides do not differ in it
 FEWEST = 3  # strides of a foot, for a mean
 # How the feet stand to each other is told by sensors on pelvis and shanks; what a foot does by one on it.
@@ -131,22 +123,28 @@ def gait_of(
         with_camera: whether a camera saw the wearer: it measures what sensors do not.
     """
     sensors = {side: found for side in SIDES if (found := foot_sensor(estimate, recording, side)) is not None}
-    feet, travel = dict[str, FootEvents](), dict[str, tuple[Array, Array]]()
+    feet, travel = {side: events_of_motion(estimate.motion, side) for side in SIDES}, dict[str, dict[float, float]]()
+    # A camera sees how far somebody came.
+    stretch = None if with_camera else _stretch(estimate, recording, feet)
     for side in SIDES:
         events = events_of_sensor(*sensors[side]) if side in sensors else None
-        if events is not None and sensors[side][0].rate < LEAST_RATE_HZ and _has_shank(recording, side):
+        if events is not None and sensors[side][0].rate < LEAST_RATE_HZ and shank_site(estimate, recording, side):
             events = None  # all sensors of the legs together tell better when it was than one between two samples
-        feet[side] = events_of_motion(estimate.motion, side) if events is None else _during(events, estimate)
         if events is not None:
-            travel[side] = travel_of_sensor(sensors[side][0], feet[side].rest)
+            feet[side] = _during(events, estimate)
+            travel[side] = _by_strike(feet[side], travel_of_foot(sensors[side][0], feet[side].rest))
     bones = bones_with_sensors(estimate, recording)
     measured = None if with_camera else bones
-    strides = tuple(_measured_values(one, measured) for one in strides_of(estimate.motion, feet, travel))
+    strides = tuple(
+        _measured_values(_with_length(one, stretch, travel.get(one.side, {}).get(one.start, np.nan)), measured)
+        for one in strides_of(estimate.motion, feet)
+    )
     counted, name = [one for one in strides if not one.left_out], name or estimate.motion.name
+    by_legs = LENGTH_BY_LEGS if stretch is None else LENGTH_BY_SHANKS
     curves = _curves(estimate, counted)
     guessed = dict.fromkeys(one.angle for one in curves if not is_measured(measured, one.angle))
     return Gait(
-        name, feet, strides, _figures(counted), tuple(one for one in curves if one.angle not in guessed),
+        name, feet, strides, _figures(counted, by_legs), tuple(one for one in curves if one.angle not in guessed),
         estimate.covariance is not None, bones,
         (*_guessed_events(name, feet, measured), *_left_out(name, list(guessed), measured)),
     )  # fmt: skip
@@ -178,13 +176,65 @@ def _during(events: FootEvents, estimate: WearerEstimate) -> FootEvents:
 
 def foot_sensor(estimate: WearerEstimate, recording: Recording | None, side: str) -> tuple[ImuStream, Array] | None:
     """The samples of the sensor on a foot, and its mounting; None without one."""
-    if recording is None:
+    site = _site(estimate, recording, (f"{side}_ankle", f"{side}_foot"))
+    if site is None or recording is None:
         return None
-    bones = (f"{side}_ankle", f"{side}_foot")
-    for site in recording.placement.sites:
-        if site.bone in bones and site.sensor in recording.imus and site.sensor in estimate.calibration:
-            return recording.imus[site.sensor], estimate.calibration[site.sensor].R_bone_sensor
-    return None
+    return recording.imus[site.sensor], estimate.calibration[site.sensor].R_bone_sensor
+
+
+def shank_site(estimate: WearerEstimate, recording: Recording | None, side: str) -> SensorSite | None:
+    """Of the sensor on a shank, where it was found to sit; None without one."""
+    site = _site(estimate, recording, (f"{side}_knee",))
+    found = [one.posterior for one in estimate.sensor_places if site is not None and one.sensor == site.sensor]
+    return site if site is None or not found else replace(site, p_bone_sensor=found[0])
+
+
+def _site(estimate: WearerEstimate, recording: Recording | None, bones: Collection[str]) -> SensorSite | None:
+    """The first on some bones of a sensor that was used."""
+    sites = () if recording is None else recording.placement.sites
+    known = recording.imus.keys() & estimate.calibration.keys() if recording is not None else set()
+    return next((one for one in sites if one.bone in bones and one.sensor in known), None)
+
+
+def _stretch(estimate: WearerEstimate, recording: Recording | None, feet: Mapping[str, FootEvents]) -> float | None:
+    """By how much all strides are longer than the motion's, as the shanks' sensors tell; None if too few do.
+
+    What makes legs swing too little is the same in all of them: one factor for both sides, the middle of all strides.
+
+    Args:
+        estimate, recording: of the wearer.
+        feet: events by the legs, whether or not the feet have sensors: it is their motion that is stretched.
+    """
+    known = list[float]()
+    for side in SIDES:
+        site = shank_site(estimate, recording, side)
+        if site is None or recording is None:
+            continue
+        calibration, stream = estimate.calibration[site.sensor], recording.imus[site.sensor]
+        own = stretch_by_shank(estimate.motion, side, stream, calibration, site.p_bone_sensor, feet[side])
+        at = _by_strike(feet[side], own)
+        strides = strides_of(estimate.motion, feet)
+        known += [
+            at[one.start] for one in strides if one.side == side and not one.left_out and np.isfinite(at[one.start])
+        ]
+    stretch = float(np.median(known)) if len(known) >= FEWEST else np.nan
+    return stretch if abs(stretch - 1) < MOST_STRETCH else None
+
+
+def _by_strike(feet: FootEvents, values: Array) -> dict[float, float]:
+    """Of strides, by the seconds at which they start."""
+    return dict(zip(feet.strike[:-1].tolist(), values.tolist(), strict=True))
+
+
+def _with_length(stride: Stride, stretch: float | None, by_foot: float) -> Stride:
+    """The stride, its lengths by the motion as the shanks stretch it, or its foot's own sensor, or both by their ±."""
+    values, length = stride.values, (stretch or 1.0) * stride.values["length"]
+    if np.isfinite(by_foot):
+        share = 0.0 if stretch is None else LENGTH_BY_SENSOR**2 / (LENGTH_BY_SENSOR**2 + LENGTH_BY_SHANKS**2)
+        length = (1 - share) * by_foot + share * length
+    step = (stretch or 1.0) * values["step_length"]
+    longer = {"length": length, "speed": length / values["time"], "step_length": step}
+    return replace(stride, values={**values, **longer}, by_sensor=bool(np.isfinite(by_foot)))
 
 
 def bones_with_sensors(estimate: WearerEstimate, recording: Recording | None) -> frozenset[str] | None:
@@ -226,23 +276,17 @@ def _left_out(name: str, angles: Sequence[str], bones: Collection[str] | None) -
     return (Finding("gait not measured", name, words={"what": ", ".join([*joints, *figures])}),)
 
 
-def _has_shank(recording: Recording | None, side: str) -> bool:
-    if recording is None:
-        return False
-    return any(one.bone == f"{side}_knee" and one.sensor in recording.imus for one in recording.placement.sites)
-
-
-def _figures(strides: Sequence[Stride]) -> tuple[Figure, ...]:
+def _figures(strides: Sequence[Stride], by_legs: float) -> tuple[Figure, ...]:
     found = []
     for quantity in QUANTITIES:
-        sides = {side: _figure(quantity, side, [one for one in strides if one.side == side]) for side in SIDES}
-        both = _figure(quantity, "both", strides)
+        sides = {side: _figure(quantity, side, [one for one in strides if one.side == side], by_legs) for side in SIDES}
+        both = _figure(quantity, "both", strides, by_legs)
         known = {side: one for side, one in sides.items() if one is not None}
         found += [*known.values(), *([both] if both is not None else [])]
         if len(known) == len(SIDES):
             left, right = (known[side] for side in SIDES)
             random = [one.variability / np.sqrt(one.count) for one in (left, right)]
-            own = 0.0 if quantity.name in LENGTHS else _shared(quantity, strides) / 2
+            own = 0.0 if quantity.name in LENGTHS else _shared(quantity, strides, by_legs) / 2
             sigma = float(np.linalg.norm([*random, own, own]))
             found.append(
                 Figure(quantity, "difference", min(left.count, right.count), left.mean - right.mean, np.nan, sigma)
@@ -250,24 +294,24 @@ def _figures(strides: Sequence[Stride]) -> tuple[Figure, ...]:
     return tuple(found)
 
 
-def _figure(quantity: Quantity, side: str, strides: Sequence[Stride]) -> Figure | None:
+def _figure(quantity: Quantity, side: str, strides: Sequence[Stride], by_legs: float) -> Figure | None:
     values = np.array([one.values[quantity.name] for one in strides])
     values = values[np.isfinite(values)]
     if len(values) < FEWEST:
         return None
     spread = float(np.std(values, ddof=1))
-    sigma = np.hypot(spread / np.sqrt(len(values)), _shared(quantity, strides))
+    sigma = np.hypot(spread / np.sqrt(len(values)), _shared(quantity, strides, by_legs))
     return Figure(quantity, side, len(values), float(np.mean(values)), spread, float(sigma))
 
 
-def _shared(quantity: Quantity, strides: Sequence[Stride]) -> float:
+def _shared(quantity: Quantity, strides: Sequence[Stride], by_legs: float) -> float:
     """What all strides are off by together, one standard deviation; cycles of one kind of event have none of it."""
     name, values = quantity.name, [one.values for one in strides]
     if name.removesuffix("_percent") in ("step_time", "stance", "swing", "double_support"):
         return EVENT_S if quantity.unit == "s" else 100 * EVENT_S / float(np.mean([one["time"] for one in values]))
     if name in ("length", "speed", "step_length"):
         by_sensor = name != "step_length" and np.mean([one.by_sensor for one in strides]) > 0.5
-        return float(np.nanmean([one[name] for one in values]) * (LENGTH_BY_SENSOR if by_sensor else LENGTH_BY_LEGS))
+        return float(np.nanmean([one[name] for one in values]) * (LENGTH_BY_SENSOR if by_sensor else by_legs))
     return SHARED.get(name, 0.0)
 
 
@@ -303,47 +347,3 @@ def _curves(estimate: WearerEstimate, strides: Sequence[Stride]) -> tuple[Curve,
 
 def _unwrapped(degrees: Array) -> Array:
     return np.unwrap(degrees, axis=0, period=360.0)
-
-
-def travel_of_sensor(stream: ImuStream, rest: Array) -> tuple[Array, Array]:
-    """Between each rest and the next, along the floor, of rests at ``(N,)`` seconds.
-
-    Returns:
-        Lengths ``(N-1,)`` in metres and their standard deviations; NaN where the samples do not tell.
-    """
-    lengths = np.full((2, max(len(rest) - 1, 0)), np.nan)
-    if stream.specific_force is None or stream.rate < LEAST_RATE_HZ or not lengths.size:
-        return lengths[0], lengths[1]
-    try:
-        stream = with_orientation(stream)
-    except RecordingError:  # its samples do not allow an orientation
-        return lengths[0], lengths[1]
-    assert stream.R_inertial_sensor is not None
-    assert stream.specific_force is not None
-    acceleration = (stream.R_inertial_sensor @ stream.specific_force[..., None])[..., 0] - GRAVITY
-    at = np.clip(np.searchsorted(stream.time, rest), 0, len(stream) - 1)
-    left_over = np.full(len(rest) - 1, np.nan)
-    for k, (first, last) in enumerate(itertools.pairwise(at)):
-        time = stream.time[first : last + 1]
-        if len(time) < 3 or time[-1] - time[0] > LONGEST_S or np.max(np.diff(time)) > WIDEST_GAP_S:
-            continue
-        lengths[0, k], left_over[k], lengths[1, k] = _travelled(time, acceleration[first : last + 1])
-    # One stride's remainder says little about how large such remainders are: all of them say it.
-    known = left_over[np.isfinite(left_over)]
-    return lengths[0], lengths[1] * (np.sqrt(np.mean(known**2)) if len(known) else np.nan)
-
-
-def _travelled(time: Array, acceleration: Array) -> tuple[float, float, float]:
-    """Length, m; what of the velocity was left over at the end, m/s an axis; and by how much of it the length errs, s.
-
-    Errors of velocity that pile up like a random walk in a time ``u`` from 0 to 1, and are tied to zero at both ends,
-    have a covariance of ``min(u, u') − u u'``; its double integral is the variance of the length.
-    """
-    from scipy.integrate import cumulative_trapezoid  # late: it takes long to import
-
-    velocity = cumulative_trapezoid(acceleration, time, axis=0, initial=0)
-    u = np.asarray(cumulative_trapezoid(np.asarray(np.sum(acceleration**2, axis=1)), time, initial=0))
-    u /= max(float(u[-1]), 1e-9)
-    length = float(np.linalg.norm(np.trapezoid(velocity - u[:, None] * velocity[-1], time, axis=0)[:2]))
-    variance = 2 * np.trapezoid(u * (time[-1] - time), time) - np.trapezoid(u, time) ** 2
-    return length, float(np.linalg.norm(velocity[-1, :2]) / np.sqrt(2)), float(np.sqrt(max(variance, 0.0)))

@@ -19,6 +19,9 @@ from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.sensors.imu_stream import ImuStream
 
 SIDES = ("left", "right")
+EVENT_S = (
+    0.02  # what strikes and toe-offs are off by together, one standard deviation, as walks with a reference showed
+)
 SWING_HZ, EVENT_HZ = 6.0, 12.0  # of low passes: what a swing is made of, and what its ends are
 LEAST_SWING_DEG = (
     20.0  # that toes turn up by in a swing: three quarters of a right angle in a walk, less when shuffling
@@ -69,7 +72,7 @@ def events_of_sensor(
     time, rate = np.arange(stream.time[0], stream.time[-1], 1 / stream.rate), stream.rate
     if len(time) < rate:
         return None
-    turning = interpolate_points(*_angular_rate(stream), time) @ R_bone_sensor.T
+    turning = interpolate_points(*angular_rate(stream), time) @ R_bone_sensor.T
     swing, toes_up = (_low_passed(-turning[:, 0], hz, rate) for hz in (SWING_HZ, EVENT_HZ))
     off, strike = [], []
     for start, stop in _runs(swing > 0):
@@ -82,11 +85,14 @@ def events_of_sensor(
     return _events(off, strike, time, restless, True)
 
 
-def _angular_rate(stream: ImuStream) -> tuple[Array, Array]:
-    """Times and rates in the sensor's axes; of orientation alone over the steps between its samples."""
-    if stream.angular_rate is not None:
+def angular_rate(stream: ImuStream) -> tuple[Array, Array]:
+    """Times and rates in the sensor's axes: of orientation over the steps between its samples.
+
+    Beside an orientation some makers log as a sample's rate its mean since the one before, which is half a step late.
+    """
+    if stream.R_inertial_sensor is None:
+        assert stream.angular_rate is not None
         return stream.time, stream.angular_rate
-    assert stream.R_inertial_sensor is not None
     R, time = stream.R_inertial_sensor, stream.time
     return (time[1:] + time[:-1]) / 2, log(transpose(R[:-1]) @ R[1:]) / np.diff(time)[:, None]
 

@@ -73,25 +73,17 @@ class Stride:
     values: Mapping[str, float]
     turn_deg: float
     left_out: str
-    by_sensor: bool
+    by_sensor: bool = False
 
 
-def strides_of(
-    motion: Motion, feet: Mapping[str, FootEvents], travel: Mapping[str, tuple[Array, Array]] | None = None
-) -> tuple[Stride, ...]:
-    """All strides of both feet, in the order of time.
+def strides_of(motion: Motion, feet: Mapping[str, FootEvents]) -> tuple[Stride, ...]:
+    """All strides of both feet, in the order of time, with lengths as the motion has them.
 
     Args:
         motion: in a world with z up.
         feet: events by side.
-        travel: lengths between rests and their standard deviations by side, as their own sensors tell them.
     """
-    found = [
-        stride
-        for side in SIDES
-        if side in feet
-        for stride in _of_foot(_Feet(motion, side, feet), (travel or {}).get(side))
-    ]
+    found = [stride for side in SIDES if side in feet for stride in _of_foot(_Feet(motion, side, feet))]
     times = [one.values["time"] for one in found if not one.left_out]
     usual = float(np.median(times)) if times else np.inf
     return tuple(sorted((_without_pause(one, usual) for one in found), key=lambda one: one.start))
@@ -136,15 +128,14 @@ class _Feet:
         return float(time[i + np.argmax(self.speed[i:j])]) if j > i else first
 
 
-def _of_foot(feet: _Feet, travel: tuple[Array, Array] | None) -> Iterator[Stride]:
+def _of_foot(feet: _Feet) -> Iterator[Stride]:
     own, other = feet.events, feet.other
     for k in range(len(own) - 1):
         start, off, end = float(own.strike[k]), float(own.off[k + 1]), float(own.strike[k + 1])
         other_off, other_strike = _within(other.off, start, end), _within(other.strike, start, end)
         rests = float(own.rest[k]), float(own.rest[k + 1])
-        length = travel[0][k] if travel is not None else np.nan
         values = _times(start, off, end, other_off, other_strike)
-        values |= _lengths(feet, rests, (off, end), float(length), other_strike)
+        values |= _lengths(feet, rests, (off, end), other_strike)
         values["speed"] = values["length"] / values["time"]
         turns = (wrap_angle(feet.at(track, rests[1]) - feet.at(track, rests[0]))[0] for track in ("yaw", "facing"))
         turn = float(np.rad2deg(max(map(abs, turns))))
@@ -153,7 +144,7 @@ def _of_foot(feet: _Feet, travel: tuple[Array, Array] | None) -> Iterator[Stride
             "feet do not take turns" if not alternate else "turn" if turn > TURN_DEG else "no step"
             if not values["length"] >= LEAST_M else "pause" if values["time"] > LONGEST_S else ""
         )  # fmt: skip
-        yield Stride(feet.side, start, off, end, values, turn, reason, bool(np.isfinite(length)))
+        yield Stride(feet.side, start, off, end, values, turn, reason)
 
 
 def _within(times: Array, start: float, end: float) -> float:
@@ -171,7 +162,7 @@ def _times(start: float, off: float, end: float, other_off: float, other_strike:
 
 
 def _lengths(
-    feet: _Feet, rests: tuple[float, float], swing: tuple[float, float], length: float, other_strike: float
+    feet: _Feet, rests: tuple[float, float], swing: tuple[float, float], other_strike: float
 ) -> dict[str, float]:
     first, last = (feet.at("ankle", time)[:2] for time in rests)
     way = last - first
@@ -184,7 +175,7 @@ def _lengths(
     floor = (1 - share) * feet.at("toes", rests[0])[2] + share * feet.at("toes", rests[1])[2]
     pitch = feet.at("pitch", swing[1]) - feet.at("pitch", rests[1])
     return {
-        "length": length if np.isfinite(length) else gained,
+        "length": gained,
         "width": float(abs(along[0] * beside[1] - along[1] * beside[0])),
         "step_length": gained - float(along @ beside) if np.isfinite(other_strike) else float("nan"),
         "clearance": float(feet.at("toes", fast)[2] - floor),

@@ -115,6 +115,11 @@ def test_what_is_late_has_waited_but_nothing_of_a_file(drops: bool) -> None:
     clock.now = 2.0
     waited = [queue.waited_s for _ in range(2) if queue.get()]
     assert waited == ([1.0, 0.5] if drops else [0.0, 0.0])
+    assert not queue.is_behind
+    queue.put(imu(2.0))
+    assert not queue.is_behind
+    clock.now = 2.1
+    assert queue.is_behind == drops
 
 
 def test_findings_are_never_dropped() -> None:

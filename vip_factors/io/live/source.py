@@ -18,6 +18,7 @@ KEPT = 8  # one IMU sample in so many stays where they must be dropped: who is l
 MOST_FINDINGS = 1000  # that wait: somebody who connects and errs all the time must not fill the memory
 SAY_EVERY = 1.0  # seconds between findings about dropped samples: the tracker is to know why there is a gap
 TELL_EVERY = 10.0  # seconds between those that are for people
+PAUSE_S = 0.008  # of a reader whose tracker is behind: what comes meanwhile is read at once, and costs it less
 
 
 class LiveQueue:
@@ -102,6 +103,13 @@ class LiveQueue:
         with self._changed:
             self._closed = True
             self._changed.notify_all()
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether the sample that came first has waited for longer than reading takes."""
+        with self._changed:
+            first = [kind[0] for kind in (self._frames, self._imu) if kind]
+            return self._drops and bool(first) and self._clock() - min(first)[1] > PAUSE_S
 
     @property
     def _waiting(self) -> int:
@@ -234,6 +242,11 @@ class LiveSource(ABC):
             yield item
         if self._error is not None:
             raise self._error
+
+    def _pause(self) -> None:
+        """Called by the reader before it reads on."""
+        if self._queue.is_behind:
+            self._stop.wait(PAUSE_S)
 
     def _announce(self, setup: Scene) -> None:
         """Called by the reader, once, before the first sample."""

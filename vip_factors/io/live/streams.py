@@ -119,6 +119,7 @@ class StandardInputSource(LiveSource):
         client.leave(listen(client, self._receive, self._settings, self._stop, may_be_late=True, network=False))
 
     def _receive(self) -> bytes | None:
+        self._pause()
         descriptor = self._descriptor
         if descriptor is None or not select.select([descriptor], [], [], POLL)[0]:
             return None
@@ -246,7 +247,7 @@ class TcpServerSource(NetworkSource):
 
     def _follow(self, client: Client, connection: socket.socket) -> str:
         """A clause about why the client's stream ended; empty if it ended between two messages."""
-        return listen(client, receiver(connection), self._settings, self._stop)
+        return listen(client, receiver(connection, self._pause), self._settings, self._stop)
 
     def _dismiss(self, client: Client, reason: str) -> None:
         """The last words about a client of a port, whose stream ended for a ``reason``, or without one."""
@@ -280,7 +281,7 @@ class TcpSenderSource(NetworkSource):
         while connection is not None:
             client = Client(self._session, self.name)
             with connection:
-                reason = listen(client, receiver(connection), self._settings, self._stop)
+                reason = listen(client, receiver(connection, self._pause), self._settings, self._stop)
             if not reason or self._stop.is_set():
                 client.leave()
                 return
@@ -297,8 +298,8 @@ class TcpSenderSource(NetworkSource):
         return None
 
 
-def receiver(connection: socket.socket) -> Callable[[], bytes | None]:
-    """How :func:`~vip_factors.io.live.streams.listen` gets the bytes of a connection."""
+def receiver(connection: socket.socket, pause: Callable[[], None]) -> Callable[[], bytes | None]:
+    """How :func:`~vip_factors.io.live.streams.listen` gets the bytes of a connection, after a ``pause`` each time."""
     connection.settimeout(POLL)
     with suppress(OSError):  # macOS refuses it for a client that is already gone
         connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -307,6 +308,7 @@ def receiver(connection: socket.socket) -> Callable[[], bytes | None]:
                 connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
     def receive() -> bytes | None:
+        pause()
         try:
             return connection.recv(PIECE)
         except TimeoutError as error:

@@ -162,7 +162,7 @@ class WebSocketSource(TcpServerSource):
 
     def _follow(self, client: Client, connection: socket.socket) -> str:
         web = WebSocket(connection, self._settings.largest_message)
-        reason = listen(client, receiver(connection), self._settings, self._stop, web, take_message)
+        reason = listen(client, receiver(connection, self._pause), self._settings, self._stop, web, take_message)
         web.close(REFUSED if reason else GOING, reason)
         return reason
 

@@ -414,6 +414,9 @@ class StreamSlow(Study):
     """Frames per second."""
     camera: CameraKind = "hand-held"
     """What films."""
+    core: int | None = None
+    """Number of a processor: the program has only this one, and shares it with a busy loop from its first moment on;
+    the machine is not made slow otherwise."""
     command: Fixed[tuple[str, ...]] = COMMAND
 
     def __post_init__(self) -> None:
@@ -429,11 +432,24 @@ class StreamSlow(Study):
         # All of the scene is played forwards: its truth is at hand throughout.
         trials = LongStreamTrials(self.seconds, max(self.seconds + 1.0, LEAST_SCENE_S), self.camera)
         ends = [SETTLED_S, self.begin_s, self.end_s, self.seconds]
-        yield from streamed_spans(trials, self.frame_rate, ends, tell, self.command, self.share)
+        if self.core is None:
+            yield from streamed_spans(trials, self.frame_rate, ends, tell, self.command, self.share)
+            return
+        alone, all_of_them = ("taskset", "-c", str(self.core)), os.sched_getaffinity(0)
+        os.sched_setaffinity(0, all_of_them - {self.core} or all_of_them)  # the sender and the reader are not tried
+        busy = subprocess.Popen([*alone, sys.executable, "-c", "while True: pass"])
+        try:
+            yield from streamed_spans(trials, self.frame_rate, ends, tell, (*alone, *self.command))
+        finally:
+            busy.kill()
+            busy.wait()
+            os.sched_setaffinity(0, all_of_them)
 
     def tables(self, rows: Sequence[StreamSpan | StreamEnd]) -> Iterator[str]:
-        yield (
-            f"A program at {self.frame_rate:g} frames per second got {self.share:g} of the processor time that it took "
-            f"before, from {self.begin_s:g} to {self.end_s:g} s"
+        slow = (
+            f"got {self.share:g} of the processor time that it took before, from {self.begin_s:g} to {self.end_s:g} s"
         )
+        if self.core is not None:
+            slow = "shared its only processor with a busy loop"
+        yield f"A program at {self.frame_rate:g} frames per second {slow}"
         yield from span_tables(rows)

@@ -99,21 +99,27 @@ def interpolate_smoothly(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Arr
     return matrix_from_quaternion(found / np.linalg.norm(found, axis=-1, keepdims=True), Order.WXYZ)
 
 
+def _outer_of_matrix() -> tuple[Array, Array]:
+    """``(16, 9)`` and ``(16,)`` that make 4 q qᵀ of a rotation, both row by row."""
+    of_matrix, constant = np.zeros((4, 4, 3, 3)), np.eye(4)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        of_matrix[0, 0, i, i] = of_matrix[i + 1, i + 1, i, i] = 1.0
+        of_matrix[i + 1, i + 1, [j, k], [j, k]] = -1.0
+        of_matrix[[0, i + 1], [i + 1, 0], k, j], of_matrix[[0, i + 1], [i + 1, 0], j, k] = 1.0, -1.0
+        of_matrix[[j + 1, k + 1], [k + 1, j + 1], j, k] = of_matrix[[j + 1, k + 1], [k + 1, j + 1], k, j] = 1.0
+    return of_matrix.reshape(16, 9), constant.ravel()
+
+
+_OF_MATRIX, _CONSTANT = _outer_of_matrix()
+
+
 def _quaternion_parts(R: Array) -> tuple[Array, Array]:
     """Scalar part ``(...)``, not negative, and vector part ``(..., 3)`` of the unit quaternion of R."""
-    trace = np.trace(R, axis1=-2, axis2=-1)
-    diagonal = np.diagonal(R, axis1=-2, axis2=-1)
     # Each column of 4 q qᵀ is q times four times one component; the longest column is the accurate one.
-    outer = np.empty((*R.shape[:-2], 4, 4))
-    outer[..., 0, 0] = 1 + trace
-    outer[..., 0, 1:] = outer[..., 1:, 0] = np.stack(
-        [R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]], axis=-1
-    )
-    outer[..., 1:, 1:] = R + np.swapaxes(R, -1, -2)
-    index = np.arange(3)
-    outer[..., index + 1, index + 1] = 1 - trace[..., None] + 2 * diagonal
-    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(outer, best[..., None, None], axis=-1)[..., 0]
-    q /= np.linalg.norm(q, axis=-1, keepdims=True)
-    q *= np.where(q[..., :1] < 0, -1.0, 1.0)
+    outer = (R.reshape(-1, 9) @ _OF_MATRIX.T + _CONSTANT).reshape(-1, 4, 4)
+    best = np.argmax(outer[:, range(4), range(4)], axis=-1)
+    q = outer[np.arange(len(outer)), best]
+    q /= np.where(q[:, :1] < 0, -1.0, 1.0) * np.sqrt((q * q).sum(axis=-1, keepdims=True))
+    q = q.reshape(*R.shape[:-2], 4)
     return q[..., 0], q[..., 1:]

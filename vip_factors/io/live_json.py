@@ -130,8 +130,8 @@ class LiveJsonEncoder:
         wearers = [self._wearer(number, one) for number, one in enumerate(estimate.wearers)]
         camera = ""
         if estimate.camera is not None or estimate.smoothed_camera is not None:
-            told = CameraAnswer(newest=_camera(estimate.camera), smoothed=_camera(estimate.smoothed_camera))
-            camera = f'"camera":{_dumps(told)},'
+            newest, smoothed = _cameras(estimate.camera, estimate.smoothed_camera)
+            camera = f'"camera":{_dumps(CameraAnswer(newest=newest, smoothed=smoothed))},'
         return (
             f'{{"version":{VERSION},"frame":{estimate.frame},"time":{estimate.time:.{TIME_DIGITS}f},'
             f'"wearers":[{",".join(wearers)}],{camera}"verdict":"{verdict(self._found.values()).severity}",'
@@ -248,13 +248,16 @@ def _finding(finding: Finding) -> FindingAnswer:
     return FindingAnswer(kind=finding.kind, severity=str(finding.severity), text=str(finding))
 
 
-def _camera(pose: LiveCameraPose | None) -> CameraPoseAnswer | None:
-    if pose is None:
-        return None
+def _cameras(*poses: LiveCameraPose | None) -> list[CameraPoseAnswer | None]:
+    turns = iter(_quaternions(np.stack([one.R_world_camera for one in poses if one is not None])))
+    return [None if one is None else _camera(one, next(turns)) for one in poses]
+
+
+def _camera(pose: LiveCameraPose, turn: list[Number]) -> CameraPoseAnswer:
     told = CameraPoseAnswer(
         time=round(pose.time, TIME_DIGITS),
         position=_list(pose.p_world_camera, METRE_DIGITS),
-        orientation_wxyz=_quaternions(pose.R_world_camera),
+        orientation_wxyz=turn,
     )
     if pose.covariance is not None:
         sigma = _sigmas(pose.covariance)

@@ -4,6 +4,7 @@
 #include <nanobind/stl/string_view.h>
 
 #include "elimination.hpp"
+#include "people.hpp"
 #include "rotations.hpp"
 #include "slices.hpp"
 
@@ -58,6 +59,23 @@ static void screws(In<4> R_world, In<3> p_world, Out<4> out) {
         }
         for (int c = 0; c < 3; c++) into[18 * J + 9 + 4 * c] = 1.0;
     }
+}
+
+// Keypoints (F, W, K, 3) of bodies against rays (F, N, K, 2) and weights (F, N, K); the fits (F, W, N, 4).
+static void fit_people(In<4> points, In<4> rays, In<3> weight, In<2> known, In<1> major, In<1> precision, In<4> covariance,
+                       double depth_share, double side, Out<4> fits) {
+    const size_t F = points.shape(0), W = points.shape(1), K = points.shape(2), N = rays.shape(1);
+    expect(fits.shape(0) == F && fits.shape(1) == W && fits.shape(2) == N && fits.shape(3) == 4 && points.shape(3) == 3);
+    expect(rays.size() == F * N * K * 2 && weight.size() == F * N * K && known.size() == W * K && major.size() == K);
+    expect(precision.size() == K && covariance.size() == F * W * 9);
+    for (size_t f = 0; f < F; f++)
+        for (size_t w = 0; w < W; w++) {
+            const vip::Keypoints keypoints{static_cast<int64_t>(K), known.data() + w * K, major.data(), precision.data()};
+            for (size_t n = 0; n < N; n++)
+                vip::fit_person(keypoints, points.data() + (f * W + w) * K * 3, rays.data() + (f * N + n) * K * 2,
+                                weight.data() + (f * N + n) * K, covariance.data() + (f * W + w) * 9, depth_share, side,
+                                fits.data() + ((f * W + w) * N + n) * 4);
+        }
 }
 
 // Slices (T, n, n) and (T, n).
@@ -414,6 +432,7 @@ NB_MODULE(_kernels, module) {
     module.def("hat", &over_stack<3, 9, vip::hat>, released());
     module.def("forward_kinematics", &forward_kinematics, released());
     module.def("screws", &screws, released());
+    module.def("fit_people", &fit_people, released());
     module.def("add_columns", &add_columns);
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate);

@@ -10,8 +10,11 @@ from vip_factors.assembly import objective
 from vip_factors.assembly.charts import Charts
 from vip_factors.body import kinematics
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.keypoints import keypoint_set
 from vip_factors.compiled import kernels
 from vip_factors.geometry import rotations
+from vip_factors.live import association_evidence
+from vip_factors.live.association_evidence import BodyFitter, People
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
@@ -53,6 +56,23 @@ def test_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(fast.R_world_bone, pure.R_world_bone, atol=1e-10)
     np.testing.assert_allclose(fast.p_world_joint, pure.p_world_joint, atol=1e-10)
     np.testing.assert_allclose(screws, pure.screws, atol=1e-10)
+
+
+def test_fits_of_people(monkeypatch: pytest.MonkeyPatch) -> None:
+    keypoints, random = keypoint_set("blazepose33"), np.random.default_rng(2)
+    F, W, N, K = 3, 2, 4, len(keypoints)
+    fitter = BodyFitter(keypoints, [skeleton_from_stature(one) for one in (1.6, 1.9)], 0.15, 0.1)
+    people = People(random.normal(0.0, 0.2, (F, N, K, 2)), random.uniform(0.0, 1.0, (F, N, K)), np.ones((F, N), bool))
+    people.weight[1, 2] = 0.0
+    fitter.count_keypoints(people)
+    points = random.normal([0.0, 0.0, 3.0], [0.5, 0.5, 2.0], (F, W, K, 3))  # some behind the camera
+    root = random.normal(0.0, 0.1, (F, W, 3, 3))
+    found = [fitter.fit(points, people, root @ root.swapaxes(2, 3))]
+    monkeypatch.setattr(association_evidence, "kernels", None)
+    found.append(fitter.fit(points, people, root @ root.swapaxes(2, 3)))
+    for name in ("shape", "fitting", "seen", "position"):
+        fast, pure = (getattr(one, name) for one in found)
+        np.testing.assert_allclose(fast, pure, rtol=1e-10, atol=1e-10, err_msg=name)
 
 
 @pytest.mark.parametrize("kind", KINDS)

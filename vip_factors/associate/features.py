@@ -31,12 +31,12 @@ def given_keypoints(frequency: Array) -> np.ndarray:
     return np.asarray((frequency > 0) & (frequency >= GIVEN * frequency.max(initial=0.0)))
 
 
-def counts_for(names: Sequence[str], frequency: Array) -> float:
-    """For how many major joints each one counts, by how often ``(K,)`` each keypoint is detected: more than one where
-    the detector gives fewer than usual. The choice of wearers was learned from people of whom twelve or thirteen can be
-    seen.
+def counts_for(major: np.ndarray, frequency: Array) -> float:
+    """For how many ``major`` joints ``(K,)`` each one counts, by how often ``(K,)`` each keypoint is detected: more
+    than one where the detector gives fewer than usual. The choice of wearers was learned from people of whom twelve or
+    thirteen can be seen.
     """
-    given = int(np.sum(major_joints(names) & given_keypoints(frequency)))
+    given = int(np.sum(major & given_keypoints(frequency)))
     return max(1.0, ALL_JOINTS / given) if given else 1.0
 
 
@@ -137,7 +137,7 @@ def _joint_counts(context: Context) -> tuple[Array, ...]:
     Where the detector gives fewer joints than usual, each of them counts for several.
     """
     h, major = context.hypotheses, major_joints(context.names)
-    each = counts_for(context.names, np.sum(context.weight > 0, axis=0))
+    each = counts_for(major, np.sum(context.weight > 0, axis=0))
     sure = np.clip((context.weight[h.detection][:, major] - 0.1) / 0.3, 0, 1)
     error = np.linalg.norm(h.error[:, major], axis=-1)
     fits = np.exp(-0.5 * (np.nan_to_num(error, nan=np.inf) / FITTING_M) ** 2)

@@ -115,10 +115,9 @@ def forward_kinematics(skeleton: Skeleton, R_parent_child: Array, p_world_pelvis
 
 
 def local_rotations(R_world_bone: Array) -> Array:
-    """Joint rotations ``(T, 24, 3, 3)`` of world bone rotations ``(T, 24, 3, 3)``; joint 0 stays in the world."""
+    """Joint rotations ``(..., 24, 3, 3)`` of world bone rotations ``(..., 24, 3, 3)``; joint 0 stays in the world."""
     R_parent_child = R_world_bone.copy()
-    parents = np.array(PARENTS[1:])
-    R_parent_child[:, 1:] = transpose(R_world_bone[:, parents]) @ R_world_bone[:, 1:]
+    R_parent_child[..., 1:, :, :] = transpose(R_world_bone[..., _PARENTS[1:], :, :]) @ R_world_bone[..., 1:, :, :]
     return R_parent_child
 
 

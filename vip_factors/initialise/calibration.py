@@ -284,7 +284,7 @@ def contact_confidence(body: BodyState, points: tuple[tuple[int, Array], ...], s
 
     ``body`` is placed in the world, with a first guess of its root path.
     """
-    p = np.stack([body.point(bone, point) for bone, point in points], axis=1)
+    p = body.points(np.array([bone for bone, _ in points]), np.array([point for _, point in points]))
     velocity = np.gradient(p, step, axis=0)
     speed = np.linalg.norm(velocity, axis=2)
     height = p[:, :, 2] - p[:, :, 2].min(axis=1, keepdims=True)

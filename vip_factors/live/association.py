@@ -1,5 +1,6 @@
 """Which person in a video frame is which wearer, as frames arrive; decided again while they are within the lag."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import islice, pairwise, permutations
@@ -7,7 +8,7 @@ from itertools import islice, pairwise, permutations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from vip_factors.associate.tracklets import FURTHEST
+from vip_factors.associate.tracklets import FURTHEST, LONGEST_GAP_S
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
@@ -119,7 +120,8 @@ class Belief:
 
     def at(self, numbers: Sequence[int]) -> "Belief":
         """Of some of the frames, in order."""
-        rows = np.array(numbers) - self.first
+        at = numbers[0] - self.first
+        rows = np.array(numbers) - self.first if len(numbers) > 1 else slice(at, at + 1)
         bodies = [BodyState(one.R_world_bone[rows], one.p_world_joint[rows]) for one in self.bodies]
         R, p = self.R_world_camera[rows], self.p_world_camera[rows]
         return Belief(numbers[0], bodies, R, p, self.root_covariance[rows])
@@ -258,32 +260,37 @@ class OnlineAssociation:
             one.seen = time if one.seen is None else one.seen
 
     def _keep(self, time: float, people: People, number: np.ndarray) -> None:
+        """Keep a frame, which is later than all before, and how far its persons are from those of the last one."""
+        before = next(reversed(self._frames), -np.inf)
+        if time - before <= LONGEST_GAP_S:
+            self._gaps[before, time] = self._tracks.gap(self._frames[before][1])
         self._frames[time] = people, number
-        for old in [one for one in self._frames if one < time - self.settings.memory_s]:
+        while (old := next(iter(self._frames))) < time - self.settings.memory_s:
             del self._frames[old]
-        for pair in [one for one in self._gaps if one[0] < time - self.settings.memory_s]:
+        while self._gaps and (pair := next(iter(self._gaps)))[0] < time - self.settings.memory_s:
             del self._gaps[pair]
 
     def _lost_m(self) -> Array:
         """By how much positions are more uncertain than the caller says, ``(W,)``."""
         s = self.settings
-        unseen = np.array([0.0 if one.seen is None else self._time - one.seen for one in self._wearers])
-        wide = np.array([one.wide_m for one in self._wearers])
-        return np.minimum(np.hypot(wide, s.drift_m_s * np.maximum(unseen - s.patience_s, 0)), s.most_lost_m)
+        unseen = [0.0 if one.seen is None else self._time - one.seen for one in self._wearers]
+        drift = [s.drift_m_s * max(one - s.patience_s, 0.0) for one in unseen]
+        wide = [math.hypot(one.wide_m, far) for one, far in zip(self._wearers, drift, strict=True)]
+        return np.minimum(wide, s.most_lost_m)
 
     def _odds(self, belief: Belief, people: People) -> _Odds:
         s, R = self.settings, belief.R_world_camera
         points = self._fitter.points(belief.bodies, R, belief.p_world_camera)
         depth = self._fitter.middle(points)[..., 2]
         covariance = transpose(R)[:, None] @ belief.root_covariance @ R[:, None]
-        turn = (np.deg2rad(s.camera_sigma_deg) * depth) ** 2
-        spread = np.stack([turn, turn, 0 * turn], axis=-1) + self._lost_m()[None, :, None] ** 2
-        covariance = covariance + spread[..., None] * np.eye(3)
+        variances = np.einsum("...ii->...i", covariance)
+        variances += self._lost_m()[:, None] ** 2
+        variances[..., :2] += (np.deg2rad(s.camera_sigma_deg) * depth[..., None]) ** 2
         fit = self._fitter.fit(points, people, covariance)
         appearance = (
             s.bias - s.shape_weight * np.log(fit.shape + s.least_shape) - s.misfit_weight * (fit.seen - fit.fitting)
         ) * np.minimum(fit.seen / s.enough_joints, 1.0)
-        across = np.sqrt((covariance[..., 0, 0] + covariance[..., 1, 1]) / 2)[..., None]
+        across = np.sqrt((variances[..., 0] + variances[..., 1]) / 2)[..., None]
         vague = np.log(np.maximum(across / s.known_m, 1.0))
         position = np.maximum(s.near - s.position_weight * np.log1p(fit.position / 4) - vague, -s.far_off)
         usable = (fit.fitting > s.enough_joints) & (fit.position < s.gate)

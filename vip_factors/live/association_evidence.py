@@ -18,6 +18,7 @@ from vip_factors.associate.tracklets import FURTHEST, LONGEST_GAP_S, RIVAL, keyp
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
+from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import CameraModel
 
@@ -94,14 +95,14 @@ class BodyFitter:
         self, keypoints: KeypointSet, skeletons: Sequence[Skeleton], depth_share: float, side_m: float
     ) -> None:
         places = [keypoints.on_body(skeleton) for skeleton in skeletons]
-        self.names = keypoints.keypoints
         self.known = np.array([[place is not None for place in one] for one in places])
         self.bone = np.array([[0 if place is None else place.bone for place in one] for one in places])
         offsets = [[np.zeros(3) if place is None else place.p_bone_point for place in one] for one in places]
         self.offset = np.array(offsets, dtype=float)
         self.precision = 1 / keypoint_sigma(keypoints) ** 2
-        self.major = major_joints(self.names)
-        self.sightings = np.zeros(len(self.names))  # how often each keypoint was
+        self.major = major_joints(keypoints.keypoints)
+        self._share = self.known / np.maximum(self.known.sum(axis=-1, keepdims=True), 1)
+        self.sightings = np.zeros(len(self.major))  # how often each keypoint was
         self.depth_share, self.side_m = depth_share, side_m
 
     def count_keypoints(self, people: People) -> None:
@@ -121,8 +122,7 @@ class BodyFitter:
 
     def middle(self, points: Array) -> Array:
         """Mean ``(..., W, 3)`` of known keypoints ``(..., W, K, 3)``."""
-        share = self.known / np.maximum(self.known.sum(axis=-1, keepdims=True), 1)
-        return np.asarray(np.einsum("...wki,wk->...wi", points, share))
+        return np.asarray((self._share[:, None] @ points)[..., 0, :])
 
     def fit(self, points: Array, people: People, covariance: Array) -> Fit:
         """Compare everybody with everybody.
@@ -132,8 +132,15 @@ class BodyFitter:
             people: of the ``F`` frames.
             covariance: ``(F, W, 3, 3)`` m², camera axes, of where the wearer is before the camera.
         """
+        each = counts_for(self.major, self.sightings)
+        if kernels is not None:
+            found = np.empty((*points.shape[:2], people.there.shape[1], 4))
+            kernels.fit_people(
+                points, people.rays, people.weight, self.known.astype(float), self.major.astype(float), self.precision,
+                covariance, self.depth_share, self.side_m, found,
+            )  # fmt: skip
+            return Fit(found[..., 0], each * found[..., 1], each * found[..., 2], found[..., 3])
         w = people.weight[:, None] * self.known[:, None]  # (F, W, N, K)
-        each = counts_for(self.names, self.sightings)
         place = self.middle(points)
         local = (points - place[..., None, :])[:, :, None]  # (F, W, 1, K, 3)
         place[..., 2] = np.maximum(place[..., 2], NEAREST_M)
@@ -230,6 +237,7 @@ class PersonTracks:
         self.number, self.time = np.zeros(0, int), np.zeros(0)
         self.rays, self.weight = np.zeros((0, self.keypoints, 2)), np.zeros((0, self.keypoints))
         self.evidence = np.zeros((self.wearers, 0))
+        self._gap_from, self._gap = np.zeros(0, int), np.zeros((0, 0))
         self._next = 0
 
     def link(self, time: float, rays: Array, weight: Array) -> np.ndarray:
@@ -238,6 +246,7 @@ class PersonTracks:
         row = np.full(len(rays), -1)
         evidence = np.zeros((self.wearers, len(rays)))
         open_ends = np.flatnonzero(self.time >= time - LONGEST_GAP_S - STILL_THE_SAME_S)
+        self._gap_from, self._gap = self.number[open_ends], np.zeros((len(open_ends), len(rays)))
         if len(open_ends) and len(rays):
             self._continue(open_ends, row, evidence, rays, weight)
         fresh = np.flatnonzero(row < 0)
@@ -249,7 +258,7 @@ class PersonTracks:
 
     def _continue(self, open_ends: np.ndarray, row: np.ndarray, evidence: Array, rays: Array, weight: Array) -> None:
         """Fill in the rows of plain continuations, and what is inherited of others."""
-        gap = image_gap(self.rays[open_ends], rays, self.weight[open_ends], weight)
+        self._gap = gap = image_gap(self.rays[open_ends], rays, self.weight[open_ends], weight)
         near = np.sort(gap, axis=1)[:, :2], np.sort(gap, axis=0)[:2]
         for a, b in zip(*linear_sum_assignment(np.minimum(gap, 10 * FURTHEST)), strict=True):
             if gap[a, b] >= FURTHEST:
@@ -260,6 +269,10 @@ class PersonTracks:
                 row[b] = open_ends[a]
             else:
                 evidence[..., b] = UNCERTAIN * self.evidence[..., open_ends[a]]
+
+    def gap(self, number: np.ndarray) -> Array:
+        """From the open ends of tracks by number ``(M,)`` to the persons linked last: their :func:`image_gap`."""
+        return self._gap[np.searchsorted(self._gap_from, number)]
 
     def _begin(self, evidence: Array) -> None:
         count = evidence.shape[1]

@@ -13,7 +13,7 @@ from vip_factors.live.association import NOBODY, Belief, OnlineAssociation, Onli
 from vip_factors.live.problem import LagFrame
 from vip_factors.problem.scene import Foot, KeypointView
 from vip_factors.problem.state import CameraPoses
-from vip_factors.problem.wearer import WearerProblem
+from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Camera
 from vip_factors.stages.ground import (
@@ -58,10 +58,25 @@ def standing_feet(
 
 
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
+MIDDLE = joint_index("spine2")  # of the body
 
 
 # Of a frame by number: how surely each foot of each wearer stands, ``(G,)``, that is used; None where none is.
 FootContacts = Callable[[int], Sequence[Array | None]]
+
+
+@dataclass(frozen=True)
+class _Wearer:
+    """Of one wearer: the keypoints that are used, which they are and where on the body; feet, and those' columns."""
+
+    used: np.ndarray
+    points: tuple[BodyPoint, ...]
+    on_body: BodyPoints
+    names: tuple[str, ...]
+    feet: tuple[Foot, ...]
+    columns: list[int]
+    stature: float
+    sole: float  # m
 
 
 @dataclass
@@ -88,12 +103,16 @@ class CameraObserver:
     ) -> None:  # fmt: skip
         self.camera, self.spreads, self._settings = camera, list(spreads), settings.reprojection
         self._ground = settings.ground_contact
-        self._skeletons, self._soles = list(skeletons), list(soles)
-        self._association = OnlineAssociation(camera.keypoints, camera.model, skeletons, association)
-        self._used = [points_on_body(camera.keypoints, skeleton) for skeleton in skeletons]
-        self._feet = [seen_feet(camera.keypoints, skeleton) for skeleton in skeletons]
+        self._keypoints = keypoints = camera.keypoints
+        self._association = OnlineAssociation(keypoints, camera.model, skeletons, association)
+        self._wearers = list[_Wearer]()
+        for skeleton, sole in zip(skeletons, soles, strict=True):
+            used, points = points_on_body(keypoints, skeleton)
+            names = tuple(keypoints.keypoints[k] for k in used)
+            feet, stature = seen_feet(keypoints, skeleton), stature_of(skeleton)
+            self._wearers.append(_Wearer(used, points, BodyPoints.of(points), names, *feet, stature, sole))
         self._decided: list[_Decided] = []
-        self.chosen = np.full(len(self._skeletons), NOBODY)  # in the newest video frame
+        self.chosen = np.full(len(skeletons), NOBODY)  # in the newest video frame
 
     def remember(self, number: int, video: VideoFrame, chosen: np.ndarray) -> None:
         """A video frame that was decided at the start."""
@@ -141,23 +160,23 @@ class CameraObserver:
         self, video: VideoFrame, chosen: np.ndarray, belief: Belief, feet: Sequence[Array | None]
     ) -> tuple[KeypointView, ...]:
         return tuple(
-            KeypointView.unseen(points) if person == NOBODY else self._view(video, int(person), number, belief, own)
-            for number, (person, (_, points), own) in enumerate(zip(chosen, self._used, feet, strict=True))
+            KeypointView.unseen(wearer.points) if person == NOBODY else self._view(video, person, number, belief, own)
+            for number, (person, wearer, own) in enumerate(zip(chosen.tolist(), self._wearers, feet, strict=True))
         )
 
     def _view(
         self, video: VideoFrame, person: int, wearer: int, belief: Belief, foot_contacts: Array | None
     ) -> KeypointView:
-        used, points = self._used[wearer]
+        own = self._wearers[wearer]
         lens, settings, body = self.camera.model, self._settings, belief.bodies[wearer]
-        pixels, confidence = video.pixels[person, used], video.confidence[person, used]
+        pixels, confidence = video.pixels[person, own.used], video.confidence[person, own.used]
         seen = (confidence >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
         R, p = belief.R_world_camera[0], belief.p_world_camera[0]
-        depth = R[:, 2] @ (body.p_world_joint[0, joint_index("spine2")] - p)
-        height = lens.focal[1] * stature_of(self._skeletons[wearer]) / max(depth, NEAREST_M)
-        oks, scale = self.camera.keypoints.sigmas[used], np.asarray(AREA_OF_HEIGHT * height)
+        depth = R[:, 2] @ (body.p_world_joint[0, MIDDLE] - p)
+        height = lens.focal[1] * own.stature / max(depth, NEAREST_M)
+        oks, scale = self._keypoints.sigmas[own.used], np.asarray(AREA_OF_HEIGHT * height)
         if settings.biweight.use:
-            predicted = lens.project((np.concatenate([point.of(body) for point in points]) - p) @ R)
+            predicted = lens.project((own.on_body.on(body)[0] - p) @ R)
             weight = adaptive_biweight(pixels, predicted, oks, scale, lens.width, settings.biweight)
             seen, confidence = seen & (weight > 0), confidence * weight
         metre = lens.focal[1] / max(depth, NEAREST_M)
@@ -165,14 +184,11 @@ class CameraObserver:
         confidence = np.where(seen, np.minimum(confidence, 1.0), 0.0)
         pixels = np.where(seen[:, None], pixels, 0.0)
         view = KeypointView(
-            points, pixels[None], sigma[None], oks_px[None], seen[None], np.zeros_like(pixels)[None], confidence[None],
-            names=tuple(self.camera.keypoints.keypoints[k] for k in used),
+            own.points, pixels[None], sigma[None], oks_px[None], seen[None], np.zeros_like(pixels)[None],
+            confidence[None], names=own.names,
         )  # fmt: skip
         if foot_contacts is None:
             return view
-        feet, columns = self._feet[wearer]
         pose = CameraPoses(R[None], p[None])
-        ground = ground_view(
-            view, feet, columns, foot_contacts[None], body, self._soles[wearer], pose, lens, self._ground
-        )
+        ground = ground_view(view, own.feet, own.columns, foot_contacts[None], body, own.sole, pose, lens, self._ground)
         return replace(view, ground=ground)

@@ -1,7 +1,7 @@
 """From the smoother's state to the estimates that users get, which follow it without jumping."""
 
 import time as clock
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -17,6 +17,7 @@ from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
+from vip_factors.problem.state import WearerState
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
@@ -39,43 +40,39 @@ class AnswerFilter:
     share: float
     most: float = np.pi
     most_m: float = 1e3
-    _last: FrameState | None = None
+    _last: Sequence[FrameState] = ()
 
-    def filtered(self, before: FrameState | None, now: FrameState) -> FrameState:
-        """The next frame to tell.
+    def filtered(self, before: Sequence[FrameState | None], now: Sequence[FrameState]) -> Sequence[FrameState]:
+        """The next frame to tell of each of some sequences of them.
 
         Args:
-            before: what is believed by now of the frame told last; None to begin anew.
+            before: what is believed by now of the frame told last of each; None to begin anew.
             now: what is believed of the next one.
         """
-        filtered = self._last
-        if filtered is None or before is None or self.share >= 1:
-            self._last = now
-            return now
-        believed, last, old = _rotations(now), _rotations(before), _rotations(filtered)
-        off = log(transpose(last) @ old)
-        angle = np.linalg.norm(off, axis=1, keepdims=True)
-        R = believed @ exp(off * np.maximum(1 - self.share, 1 - self.most / np.maximum(angle, self.most)))
-        p = [
-            new_p + self._left(old_p - last_p)
-            for old_p, last_p, new_p in zip(_positions(filtered), _positions(before), _positions(now), strict=True)
-        ]
-        joints = R[:-1].reshape(now.R_parent_child.shape)
-        self._last = FrameState(joints, p[0], R[-1], p[1])
+        anew = [old is None or not self._last for old in before]
+        last = [new if begins else old for begins, new, old in zip(anew, now, self._last or now, strict=True)]
+        was = [old or new for new, old in zip(now, before, strict=True)]
+        believed, expected, told = _stacked(now), _stacked(was), _stacked(last)
+        off = log(transpose(expected[0]) @ told[0])
+        R = believed[0] @ exp(off * self._left(off, self.most))
+        off = told[1] - expected[1]
+        p = believed[1] + off * self._left(off, self.most_m)
+        shape = now[0].R_parent_child.shape
+        self._last = [FrameState(R[i, :-1].reshape(shape), p[i, :-1], R[i, -1], p[i, -1]) for i in range(len(now))]
         return self._last
 
-    def _left(self, off: Array) -> Array:
-        """What is left of a difference of positions ``(..., 3)`` after a frame."""
-        distance = np.linalg.norm(off, axis=-1, keepdims=True)
-        return np.asarray(off * np.maximum(1 - self.share, 1 - self.most_m / np.maximum(distance, self.most_m)))
+    def _left(self, off: Array, most: float) -> Array:
+        """What is left of a difference ``(..., 3)`` after a frame, as a share ``(..., 1)``."""
+        distance = np.sqrt(np.einsum("...i,...i->...", off, off))[..., None]
+        return np.maximum(1 - self.share, 1 - most / np.maximum(distance, most))
 
 
-def _rotations(state: FrameState) -> Array:
-    return np.concatenate([state.R_parent_child.reshape(-1, 3, 3), state.R_world_camera[None]])
-
-
-def _positions(state: FrameState) -> tuple[Array, Array]:
-    return state.p_world_pelvis, state.p_world_camera
+def _stacked(states: Sequence[FrameState]) -> tuple[Array, Array]:
+    """Rotations and positions of ``n`` frames, ``(n, ..., 3, 3)`` and ``(n, ..., 3)``, the camera's behind the rest."""
+    R = [part for one in states for part in (one.R_parent_child.reshape(-1, 3, 3), one.R_world_camera[None])]
+    p = [part for one in states for part in (one.p_world_pelvis, one.p_world_camera[None])]
+    n = len(states)
+    return np.concatenate(R).reshape(n, -1, 3, 3), np.concatenate(p).reshape(n, -1, 3)
 
 
 CORRECTED_DEG_S = 180.0  # a limb's brisk turn
@@ -101,7 +98,8 @@ class EstimateBuilder:
         self._sums: Iterator[Array | None] | None = None  # the next of the smoothed frame, on its way
         self._shared: Array | None = None
         self._next_covariance = 0  # frame
-        self._newest_told, self._smoothed_told = self._filters()
+        self._filter = self._fresh_filter()
+        self._told: list[Calibration] = []  # by wearer, as last told: standard deviations change with the covariance
 
     def add_findings(self, *findings: Finding) -> None:
         """Something to tell with the next answer."""
@@ -117,7 +115,7 @@ class EstimateBuilder:
     def reset(self) -> None:
         """Another smoother answers from here on: what was computed of the last one is not of its variables."""
         self._newest = self._smoothed = self._shared = None
-        self._sums = None
+        self._sums, self._told = None, []
 
     def initial_estimates(self, tracking: Tracking, begin: float, first: int) -> list[LiveEstimate]:
         """Answers to the frames that tracking began with, from the number ``first`` on."""
@@ -125,7 +123,7 @@ class EstimateBuilder:
         numbers = smoother.numbers
         self.reset()
         self._measure(smoother, numbers[-1])
-        self._newest_told, self._smoothed_told = self._filters()
+        self._filter = self._fresh_filter()
         answers = []
         for number in numbers:
             seconds = clock.perf_counter() - begin if number == numbers[-1] else 0.0
@@ -168,7 +166,7 @@ class EstimateBuilder:
         self._newest = smoother.covariance(newest)
         every = self._settings.covariance_every
         if self._shared is None or (self._sums is None and newest >= self._next_covariance):
-            self._next_covariance = newest + every
+            self._next_covariance, self._told = newest + every, []
             self._shared = smoother.shared_covariance() if smoother.problem.layout.static_width else np.zeros((0, 0))
             self._sums = smoother.covariance_in_steps(max(smoother.numbers[0], newest - self._lag))
         # A few steps with each update: all at once take as long as the update does.
@@ -177,32 +175,27 @@ class EstimateBuilder:
             if found is not None:
                 self._smoothed, self._sums = found, None
 
-    def _filters(self) -> tuple[AnswerFilter, AnswerFilter]:
-        share = min(1.0, 1 / (self._settings.answer_filter_s * self._settings.frame_rate + 1e-9))
+    def _fresh_filter(self) -> AnswerFilter:
         rate = self._settings.frame_rate
-        most = np.deg2rad(CORRECTED_DEG_S) / rate, CORRECTED_M_S / rate
-        return AnswerFilter(share, *most), AnswerFilter(share, *most)
+        share = min(1.0, 1 / (self._settings.answer_filter_s * rate + 1e-9))
+        return AnswerFilter(share, np.deg2rad(CORRECTED_DEG_S) / rate, CORRECTED_M_S / rate)
 
     def _estimate(self, tracking: Tracking, number: int, back: int, seconds: float) -> LiveEstimate:
         smoother = tracking.smoother
         numbers, time = smoother.numbers, smoother.frame(number).time
-
-        def filtered(one: AnswerFilter, at: int) -> FrameState:
-            return one.filtered(smoother.state(at - 1) if at - 1 in numbers else None, smoother.state(at))
-
-        newest = filtered(self._newest_told, number)
-        smoothed = filtered(self._smoothed_told, back) if back in numbers else None
-        late = smoother.frame(back).time if smoothed is not None else 0.0
-        calibrations, errors = self.calibrations(smoother), UNFILMED
-        if self._head.cameras and smoother.problem.has_views:
-            errors = FILMED
+        told = number, max(back, numbers[0])  # as long as there is no smoothed frame, the oldest one is not told
+        before = [smoother.state(at - 1) if at > numbers[0] else None for at in told]
+        newest, smoothed = self._filter.filtered(before, [smoother.state(at) for at in told])
+        late = smoother.frame(back).time if back in numbers else None
+        errors = FILMED if self._head.cameras and smoother.problem.has_views else UNFILMED
+        calibrations = self._told_calibrations(smoother, errors)
         chosen = tracking.observers[0].chosen if tracking.observers and number == numbers[-1] else None
         wearers = tuple(
             LiveWearerEstimate(
                 wearer.subject.name,
                 _pose(newest, w, time, self._newest, errors),
-                None if smoothed is None else _pose(smoothed, w, late, self._smoothed, errors),
-                told_calibration(calibrations[wearer.subject.name], errors, self._settings),
+                None if late is None else _pose(smoothed, w, late, self._smoothed, errors),
+                calibrations[w],
                 int(chosen[w]) if chosen is not None and chosen[w] >= 0 else None,
                 smoother.problem.wearers[w].skeleton,
             )
@@ -210,8 +203,17 @@ class EstimateBuilder:
         )
         findings, self._findings = tuple(self._findings), []
         camera = self._camera(smoother, newest, time, self._newest)
-        late_camera = None if smoothed is None else self._camera(smoother, smoothed, late, self._smoothed)
+        late_camera = None if late is None else self._camera(smoother, smoothed, late, self._smoothed)
         return LiveEstimate(number, time, wearers, camera, late_camera, findings, seconds)
+
+    def _told_calibrations(self, smoother: LagSmoother, errors: ModelErrors) -> list[Calibration]:
+        """Of each wearer, as they are told."""
+        if not self._told:
+            found = self.calibrations(smoother).values()
+            self._told = [told_calibration(one, errors, self._settings) for one in found]
+        else:
+            self._told = [_moved(one, own) for one, own in zip(self._told, smoother.shared.wearers, strict=True)]
+        return self._told
 
     def _camera(
         self, smoother: LagSmoother, state: FrameState, time: float, covariance: Array | None
@@ -230,6 +232,15 @@ class EstimateBuilder:
         return LiveCameraPose(time, poses.R_world_camera[0], poses.p_world_camera[0], own)
 
 
+def _moved(told: Calibration, own: WearerState) -> Calibration:
+    """The same sensors with today's headings and mountings, as sure as they were."""
+    values = zip(told.items(), wrap_angle(own.headings).tolist(), own.R_bone_sensor, strict=True)
+    return {
+        sensor: SensorCalibration(heading, R, one.heading_sigma, one.mounting_sigma, bone=one.bone)
+        for (sensor, one), heading, R in values
+    }
+
+
 def _pose(
     state: FrameState, wearer: int, time: float, covariance: Array | None, errors: ModelErrors
 ) -> LivePose:  # fmt: skip
@@ -238,7 +249,6 @@ def _pose(
         return LivePose(time, R, p)
     own = covariance[FRAME * wearer : FRAME * (wearer + 1), FRAME * wearer : FRAME * (wearer + 1)]
     joints = own[:ROOT, :ROOT].reshape(JOINT_COUNT, 3, JOINT_COUNT, 3)
-    number = np.arange(JOINT_COUNT)
     factor = np.where(HINGES, np.maximum(errors.joint, HINGE_FACTOR), errors.joint)
-    told = factor[:, None, None] ** 2 * joints[number, :, number]
+    told = factor[:, None, None] ** 2 * np.einsum("jajb->jab", joints)
     return LivePose(time, R, p, told, errors.root**2 * own[ROOT:, ROOT:])

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import least_squares, linear_sum_assignment
 
-from vip_factors.body.kinematics import BodyState, forward_kinematics
+from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rotations
 from vip_factors.body.skeleton import PARENTS, Skeleton, contact_points
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
@@ -39,16 +39,18 @@ def predicted(
     """
     last, state = before[-1]
     older = before[-2][1] if len(before) > 1 else state
-    turned = replace(state, R_parent_child=state.R_parent_child.copy())
+    R_parent_child = np.empty_like(state.R_parent_child)
+    R = np.stack([older.R_parent_child, state.R_parent_child], axis=1)
     for number, wearer in enumerate(problem.wearers):
         bones = [sensor.bone for sensor in wearer.sensors]
-        turns = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings, knocked)
-        R = np.stack([older.R_parent_child[number], state.R_parent_child[number]])
-        R_world_bone = forward_kinematics(wearer.skeleton, R, np.zeros((2, 3))).R_world_bone
-        turns = _steadied(turns, R_world_bone[1, bones] @ transpose(R_world_bone[0, bones]))
-        turned.R_parent_child[number] = _with_turned_bones(R[1], R_world_bone[1], bones, turns)
+        turns, seen = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings, knocked)
+        R_world_bone = forward_kinematics(wearer.skeleton, R[number], np.zeros((2, 3))).R_world_bone
+        went = R_world_bone[1, bones] @ transpose(R_world_bone[0, bones])
+        turns = exp((log(turns) + log(went)) / 2)  # half as measured and half as they went: one measurement trembles
+        R_parent_child[number] = _with_turned_bones(R_world_bone[1], bones, turns, seen)
     pushed = [_pushed(problem, number, last, shared) for number in range(len(problem.wearers))]
-    turned = replace(turned, p_world_pelvis=2 * state.p_world_pelvis - older.p_world_pelvis + pushed)
+    p_world_pelvis = 2 * state.p_world_pelvis - older.p_world_pelvis + pushed
+    turned = FrameState(R_parent_child, p_world_pelvis, state.R_world_camera, state.p_world_camera)
     for number, wearer in enumerate(problem.wearers):
         if not wearer.use_acceleration:
             turned.p_world_pelvis[number] = _on_standing_foot(
@@ -71,7 +73,7 @@ def turned_to(
         R, bones = state.R_parent_child[number], [sensor.bone for sensor in wearer.sensors]
         turns = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings)
         R_world_bone = forward_kinematics(wearer.skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
-        R_parent_child[number] = _with_turned_bones(R, R_world_bone, bones, turns)
+        R_parent_child[number] = _with_turned_bones(R_world_bone, bones, *turns)
     return R_parent_child
 
 
@@ -107,41 +109,28 @@ def _on_standing_foot(
 
 def _turns(
     last: LagFrame, frame: LagFrame, columns: np.ndarray, headings: Array, knocked: Sequence[int] = ()
-) -> list[Array | None]:
-    """How each sensor has turned since the last frame, in the world; None where that was not measured."""
-    both = last.orientation_valid[columns] & frame.orientation_valid[columns] & ~np.isin(columns, knocked)
+) -> tuple[Array, np.ndarray]:
+    """How each sensor has turned since the last frame ``(S, 3, 3)``, in the world, and whether that was measured."""
+    both = last.orientation_valid[columns] & frame.orientation_valid[columns]
+    if len(knocked):
+        both &= ~np.isin(columns, knocked)
     turns = frame.R_inertial_sensor[columns] @ last.R_inertial_sensor[columns].swapaxes(1, 2)
     R = rotation_z(headings)
-    turns = R @ turns @ R.swapaxes(1, 2)
-    return [turn if seen else None for turn, seen in zip(turns, both, strict=True)]
+    return R @ turns @ R.swapaxes(1, 2), both
 
 
-def _steadied(turns: Sequence[Array | None], before: Array) -> list[Array | None]:
-    """Turns ``(S, 3, 3)`` half as measured and half as they were ``before``: one measurement trembles."""
-    known = [number for number, turn in enumerate(turns) if turn is not None]
-    steadied = list(turns)
-    if known:
-        measured = np.stack([turn for turn in turns if turn is not None])
-        for number, turn in zip(known, exp((log(measured) + log(before[known])) / 2), strict=True):
-            steadied[number] = turn
-    return steadied
+def _with_turned_bones(R_world_bone: Array, bones: Sequence[int], turns: Array, seen: np.ndarray) -> Array:
+    """Joint rotations ``(24, 3, 3)`` with ``seen`` bones turned in the world, all others as they are to their parents.
 
-
-def _with_turned_bones(
-    R_parent_child: Array, R_world_bone: Array, bones: Sequence[int], turns: Sequence[Array | None]
-) -> Array:
-    """Joint rotations ``(24, 3, 3)`` with sensed bones turned in the world, all others as they are to their parents."""
-    turn_of = {bone: turn for bone, turn in zip(bones, turns, strict=True) if turn is not None}
-    after: list[Array] = []
-    result = R_parent_child.copy()
+    These turn in the world as the nearest seen bone above them.
+    """
+    own = {bone: number for number, bone in enumerate(bones) if seen[number]}
+    turned_by: list[int] = []
     for joint, parent in enumerate(PARENTS):
-        if joint in turn_of:
-            after.append(turn_of[joint] @ R_world_bone[joint])
-            result[joint] = after[joint] if parent < 0 else after[parent].T @ after[joint]
-        else:
-            after.append(R_parent_child[joint] if parent < 0 else after[parent] @ R_parent_child[joint])
+        turned_by.append(own.get(joint, turned_by[parent] if parent >= 0 else len(turns)))
+    turned = local_rotations(np.concatenate([turns, np.eye(3)[None]])[turned_by] @ R_world_bone)
     # A step back to the nearest rotations: along a chain of sensors rounding grows by a share with every frame.
-    return result @ (3 * np.eye(3) - transpose(result) @ result) / 2
+    return turned @ (3 * np.eye(3) - transpose(turned) @ turned) / 2
 
 
 def _with_camera(
@@ -152,10 +141,10 @@ def _with_camera(
     if not problem.camera.free_pose:
         return state
     p = newer.p_world_camera + CAMERA_KEEPS * (newer.p_world_camera - older.p_world_camera)
-    turn = None
+    turn, measured = np.eye(3), False
     if problem.camera.imu is not None:
-        turn = _turns(last, frame, problem.sensors[-1], np.array([shared.camera.heading]))[0]
-    if turn is None:
+        (turn,), (measured,) = _turns(last, frame, problem.sensors[-1], np.array([shared.camera.heading]))
+    if not measured:
         spin = CAMERA_KEEPS * log(newer.R_world_camera @ older.R_world_camera.T)
         turn = exp(spin)
     return replace(state, R_world_camera=turn @ newer.R_world_camera, p_world_camera=p)

@@ -17,6 +17,7 @@ from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.live.settings import SlipSettings, WatchSettings
 
 IMPACT = 3  # sensors knocked together: a landing
+NONE = np.zeros(0, int)
 
 
 class Knocks(NamedTuple):
@@ -58,6 +59,8 @@ class KnockDetector:
         """
         settings = self._settings
         ringing = self._follow(number, log(R_now @ transpose(R_before)), both)
+        if not ringing.any():
+            return Knocks(NONE, NONE)
         ended = self._quiet >= settings.quiet_s * self._rate
         over = ringing & (ended | (self._frames > settings.ringing_s * self._rate))
         lately = number - self._frames - settings.impact_s * self._rate
@@ -72,15 +75,17 @@ class KnockDetector:
         """Sum up turns from frame to frame ``(S, 3)``, radians; which sensors ``(S,)`` ring from a knock."""
         limit = np.deg2rad(self._settings.knock_deg_s2) / self._rate**2
         knocked = both & self._moving & (np.linalg.norm(turn - self._last_turn, axis=1) > limit)
-        begins = knocked & (self._frames < 0)
-        self._net[begins], self._frames[begins] = 0.0, 0
-        self._quiet[knocked], self._after[knocked], self._knock[knocked] = 0, 0.0, number
-        ringing = both & (self._frames >= 0)
-        self._net[ringing] += turn[ringing]
-        self._frames[ringing] += 1
-        quiet, steady = ringing & ~knocked, both & ~ringing
-        self._quiet[quiet] += 1
-        self._after[quiet] += turn[quiet]
+        ringing = both & (knocked | (self._frames >= 0))
+        if ringing.any():
+            begins = knocked & (self._frames < 0)
+            self._net[begins], self._frames[begins] = 0.0, 0
+            self._quiet[knocked], self._after[knocked], self._knock[knocked] = 0, 0.0, number
+            self._net[ringing] += turn[ringing]
+            self._frames[ringing] += 1
+            quiet = ringing & ~knocked
+            self._quiet[quiet] += 1
+            self._after[quiet] += turn[quiet]
+        steady = both & ~ringing
         share = 1 - np.exp(-1 / (self._settings.steady_s * self._rate))
         # One frame late: the one before a knock may belong to it.
         self._before[steady] += share * (self._last_turn[steady] - self._before[steady])

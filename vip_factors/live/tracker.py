@@ -106,7 +106,7 @@ class FixedLagTracker:
                 begin = clock.perf_counter()
                 self._estimates.add_findings(*self._assembler.take_findings())
                 taken = self._take(measured, begin)
-                answers += [replace(one, preliminary=self._is_preliminary) for one in taken]
+                answers += [replace(one, preliminary=True) for one in taken] if self._is_preliminary else taken
         if answers:
             self._answered = answers[-1].frame
         return answers

@@ -43,6 +43,19 @@ static void forward_kinematics(In<4> R, In<2> offsets, In<2> root, Indices<1> pa
     }
 }
 
+static void points(In<4> R_world, In<3> p_world, Indices<1> bones, In<2> offsets, Out<3> found) {
+    const size_t T = R_world.shape(0), J = R_world.shape(1), n = bones.shape(0);
+    expect(p_world.size() == 3 * T * J && offsets.size() == 3 * n && found.size() == 3 * T * n);
+    for (size_t i = 0; i < n; i++) {
+        const auto bone = static_cast<size_t>(bones(i));
+        expect(bone < J);
+        for (size_t t = 0; t < T; t++) {
+            vip::product<3, 3, 1>(R_world.data() + 9 * (J * t + bone), &offsets(i, 0), &found(t, i, 0));
+            for (size_t c = 0; c < 3; c++) found(t, i, c) += p_world(t, bone, c);
+        }
+    }
+}
+
 static void screws(In<4> R_world, In<3> p_world, Out<4> out) {
     const size_t J = R_world.shape(1);
     expect(out.shape(0) == R_world.shape(0) && out.shape(1) == J + 1 && p_world.shape(1) == J);
@@ -431,6 +444,7 @@ NB_MODULE(_kernels, module) {
     module.def("inverse_right_jacobian", &over_stack<3, 9, vip::inverse_right_jacobian>, released());
     module.def("hat", &over_stack<3, 9, vip::hat>, released());
     module.def("forward_kinematics", &forward_kinematics, released());
+    module.def("points", &points, released());
     module.def("screws", &screws, released());
     module.def("fit_people", &fit_people, released());
     module.def("add_columns", &add_columns);

@@ -50,12 +50,14 @@ def test_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
     R, p = rotations.exp(random.standard_normal((5, 24, 3))), random.standard_normal((5, 3))
     skeleton = skeleton_from_stature(1.8)
     fast = kinematics.forward_kinematics(skeleton, R, p)
-    screws = fast.screws
+    screws, on_bones = fast.screws, (np.array([3, 3, 20]), random.standard_normal((3, 3)))
+    points = fast.points(*on_bones)
     monkeypatch.setattr(kinematics, "kernels", None)
     pure = kinematics.forward_kinematics(skeleton, R, p)
     np.testing.assert_allclose(fast.R_world_bone, pure.R_world_bone, atol=1e-10)
     np.testing.assert_allclose(fast.p_world_joint, pure.p_world_joint, atol=1e-10)
     np.testing.assert_allclose(screws, pure.screws, atol=1e-10)
+    np.testing.assert_allclose(points, pure.points(*on_bones), atol=1e-10)
 
 
 def test_fits_of_people(monkeypatch: pytest.MonkeyPatch) -> None:

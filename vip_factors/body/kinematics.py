@@ -56,6 +56,10 @@ class BodyState:
 
     def points(self, bones: np.ndarray, p_bone_point: Array) -> Array:
         """World positions ``(T, n, 3)`` of points fixed to bones ``(n,)``, ``(n, 3)`` metres in their bones' axes."""
+        if kernels is not None:
+            found = np.empty((len(self.p_world_joint), len(bones), 3))
+            kernels.points(self.R_world_bone, self.p_world_joint, bones, p_bone_point, found)
+            return found
         return self.p_world_joint[:, bones] + (self.R_world_bone[:, bones] @ p_bone_point[..., None])[..., 0]
 
     def joints_by_offsets(self, directions: Array) -> Array:

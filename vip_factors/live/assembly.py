@@ -28,6 +28,7 @@ class VideoQueue:
     def __init__(self) -> None:
         self._waiting: list[tuple[float, str, int, VideoFrame]] = []
         self._handed_out: deque[tuple[str, float]] = deque(maxlen=MOST_REMEMBERED)
+        self._newest: dict[str, float] = {}  # s, by camera
         self._arrived = 0
 
     @property
@@ -37,10 +38,13 @@ class VideoQueue:
 
     def add(self, time: float, frame: VideoFrame) -> bool:
         """A frame at ``time`` on the stream's clock; False if it is there already. The oldest makes room."""
-        waiting = [(camera, moment) for moment, camera, _, _ in self._waiting[-MOST_REMEMBERED:]]
-        for camera, moment in (*waiting, *self._handed_out):
-            if camera == frame.camera and abs(moment - time) <= SAME_TIME:
-                return False
+        newest = self._newest.get(frame.camera, -math.inf)
+        if time <= newest + SAME_TIME:  # else nobody needs to look: mostly they come in order
+            waiting = [(camera, moment) for moment, camera, _, _ in self._waiting[-MOST_REMEMBERED:]]
+            for camera, moment in (*waiting, *self._handed_out):
+                if camera == frame.camera and abs(moment - time) <= SAME_TIME:
+                    return False
+        self._newest[frame.camera] = max(newest, time)
         if len(self._waiting) >= MOST_WAITING:
             self._waiting.pop(0)
         self._arrived += 1
@@ -153,7 +157,7 @@ class FrameAssembler:
         if column is None:
             self._refuse_unknown(f"sensor '{_short(sample.sensor)}' of '{_short(sample.carrier)}'")
             return []
-        known = oriented(sample, self._attitudes[column])
+        known = sample if sample.R_inertial_sensor is not None else oriented(sample, self._attitudes[column])
         checked = checked_imu(known) if isinstance(known, ImuSample) else known
         if isinstance(checked, str):
             self._refuse("unusable", column, self._labels[column], "sample", checked)

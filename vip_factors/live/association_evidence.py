@@ -102,12 +102,14 @@ class BodyFitter:
         self.precision = 1 / keypoint_sigma(keypoints) ** 2
         self.major = major_joints(keypoints.keypoints)
         self._share = self.known / np.maximum(self.known.sum(axis=-1, keepdims=True), 1)
-        self.sightings = np.zeros(len(self.major))  # how often each keypoint was
+        self._flags = self.known.astype(float), self.major.astype(float)
+        self.sightings, self._each = np.zeros(len(self.major)), 1.0  # how often each keypoint was; what one counts for
         self.depth_share, self.side_m = depth_share, side_m
 
     def count_keypoints(self, people: People) -> None:
         """Take in which keypoints the detector gives, of one more video frame."""
-        self.sightings += np.sum(people.weight > 0, axis=(0, 1))
+        self.sightings += np.count_nonzero(people.weight, axis=(0, 1))
+        self._each = counts_for(self.major, self.sightings)
 
     def points(self, bodies: Sequence[BodyState], R_world_camera: Array, p_world_camera: Array) -> Array:
         """Keypoints ``(F, W, K, 3)`` in the camera's axes, metres.
@@ -132,12 +134,12 @@ class BodyFitter:
             people: of the ``F`` frames.
             covariance: ``(F, W, 3, 3)`` m², camera axes, of where the wearer is before the camera.
         """
-        each = counts_for(self.major, self.sightings)
+        each = self._each
         if kernels is not None:
             found = np.empty((*points.shape[:2], people.there.shape[1], 4))
             kernels.fit_people(
-                points, people.rays, people.weight, self.known.astype(float), self.major.astype(float), self.precision,
-                covariance, self.depth_share, self.side_m, found,
+                points, people.rays, people.weight, *self._flags, self.precision, covariance, self.depth_share,
+                self.side_m, found,
             )  # fmt: skip
             return Fit(found[..., 0], each * found[..., 1], each * found[..., 2], found[..., 3])
         w = people.weight[:, None] * self.known[:, None]  # (F, W, N, K)

@@ -236,7 +236,9 @@ def _moved(told: Calibration, own: WearerState) -> Calibration:
     """The same sensors with today's headings and mountings, as sure as they were."""
     values = zip(told.items(), wrap_angle(own.headings).tolist(), own.R_bone_sensor, strict=True)
     return {
-        sensor: SensorCalibration(heading, R, one.heading_sigma, one.mounting_sigma, bone=one.bone)
+        sensor: SensorCalibration(
+            heading, R, one.heading_sigma, one.mounting_sigma, one.heading_time, one.heading_path, one.bone
+        )
         for (sensor, one), heading, R in values
     }
 

@@ -1,7 +1,8 @@
 """Samples of sensors: whether each can be used, and what the newest say of an instant and a window around another."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +22,7 @@ MOST_PEOPLE = 1000  # in one video frame: no detector tells more apart
 PIXEL_LIMIT = 1e5  # no image is as wide, nor is a keypoint marked so far outside of one
 
 
-@dataclass(frozen=True)
-class CheckedImu:
+class CheckedImu(NamedTuple):
     """A usable IMU sample.
 
     Attributes:
@@ -37,8 +37,8 @@ class CheckedImu:
 
 
 def oriented(sample: ImuSample, attitude: AttitudeFilter) -> ImuSample | str:
-    """The sample with an orientation, found from its angular rate if it has none; or what is wrong with it."""
-    if sample.R_inertial_sensor is not None or sample.angular_rate is None or sample.specific_force is None:
+    """A sample that has none with an orientation, if its angular rate tells it; or what is wrong with it."""
+    if sample.angular_rate is None or sample.specific_force is None:
         return sample
     time = _checked_time(sample.time)
     if isinstance(time, str):
@@ -122,7 +122,7 @@ def _numbers(values: Array, shape: tuple[int, ...]) -> list[float] | None:
     if array.shape != shape:
         return None
     numbers: list[float] = array.ravel().tolist()
-    return numbers if all(map(math.isfinite, numbers)) else None
+    return numbers if math.isfinite(sum(numbers)) or all(map(math.isfinite, numbers)) else None
 
 
 def _is_rotation(R: list[float]) -> bool:
@@ -176,6 +176,7 @@ def _second_antiderivative(time: Array, h: float) -> Array:
 
 
 RATE_SAMPLES = 128  # kept of each sensor, for its rate: the median of so many steps is within 2 % at 30 % loss
+RATE_EVERY = 32  # samples: so often the rate is found anew
 CAPACITY = 256  # samples of each sensor at first: two seconds at 120 Hz
 MOST = 8192  # samples of each sensor: eight seconds at 1 kHz; beyond, the oldest half goes
 SAME_TIME = 1e-6  # s: samples closer than this are one sample sent twice
@@ -219,7 +220,8 @@ class SensorBuffer:
         self._force[sensor, place] = force
         self._count[sensor] = count + 1
         self._inserted[sensor] += 1
-        if self._inserted[sensor] < 32 or self._inserted[sensor] % 16 == 0:
+        # Of sensors that send alike one at a time: all of them in one update made it a longer one.
+        if self._inserted[sensor] < RATE_EVERY or (self._inserted[sensor] - 5 * sensor) % RATE_EVERY == 0:
             recent = row[max(count + 1 - RATE_SAMPLES, 0) : count + 1]
             self._period[sensor] = float(np.median(np.diff(recent))) if len(recent) > 1 else 0.0
         return True

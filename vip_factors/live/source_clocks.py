@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from vip_factors.findings import Finding
 from vip_factors.live.finding_log import FindingLog
@@ -35,8 +36,7 @@ class _Refused:
         return Finding("clock refused", numbers=dict(zip(("before", "after"), self.leap, strict=True)))
 
 
-@dataclass(frozen=True)
-class Admitted:
+class Admitted(NamedTuple):
     """A sample's time on the stream's clock, None if refused; and what has happened to its clock, if anything."""
 
     time: float | None

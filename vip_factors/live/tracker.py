@@ -3,6 +3,7 @@
 import gc
 import time as clock
 from collections import deque
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -74,7 +75,8 @@ class FixedLagTracker:
         self._recalibrator = Recalibrator(head, settings, real_time)
         self._pace = SolvePace(settings.solve_every, rate, settings.pace)
         self._real_time, self._behind_s = real_time, 0.0
-        self._threads = ThreadpoolController()  # finding the libraries takes longer than an update: once
+        # Finding the libraries takes longer than an update: once.
+        self._blas = ThreadpoolController().select(user_api="blas")
 
     def push(self, sample: LiveSample) -> list[LiveEstimate]:
         """Take one sample; the answers that it allows, in order.
@@ -101,7 +103,8 @@ class FixedLagTracker:
         if not measurements:
             return []
         answers: list[LiveEstimate] = []
-        with self._threads.limit(limits=1, user_api="blas"):
+        is_limited = all(one.num_threads == 1 for one in self._blas.lib_controllers)
+        with nullcontext() if is_limited else self._blas.limit(limits=1):
             for measured in measurements:
                 begin = clock.perf_counter()
                 self._estimates.add_findings(*self._assembler.take_findings())

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Flag, Output, beside
 from vip_factors.errors import InputError
 
@@ -39,7 +40,6 @@ class BodyOptions:
 
 def main(options: BodyOptions) -> None:
     """Run the command."""
-    from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.info_text import body_lines
     from vip_factors.io.body_file import body_of_estimate, write_body_file
     from vip_factors.viz.body_chart import body_picture

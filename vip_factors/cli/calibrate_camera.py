@@ -8,7 +8,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Output
+from vip_factors.cli.terminal import note, progress_bar
+from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
     from vip_factors.io.calibrate_camera import CalibrationImage, CameraCalibration
@@ -57,9 +60,6 @@ class CalibrateCameraOptions:
 
 def main(options: CalibrateCameraOptions) -> None:
     """Calibrate a camera from the command line's arguments."""
-    from vip_factors.atomic import check_target
-    from vip_factors.cli.terminal import note
-    from vip_factors.errors import InputError
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
 
     check_target(options.out, options.overwrite)
@@ -91,7 +91,6 @@ def _calibrated(
     options: CalibrateCameraOptions, board: "Board"
 ) -> "tuple[CameraModel, Sequence[str], dict[str, str | float | int], Sequence[BoardView]]":
     """The intrinsics, warnings, what to write beside them, and the views of the board."""
-    from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.calibrate_camera import CameraCalibrationSettings, calibrate, find_views
 
     settings = CameraCalibrationSettings(options.images, options.views, options.distortion)
@@ -130,7 +129,6 @@ def calibration_text(calibration: "CameraCalibration", seen: int) -> str:
 
 
 def _board(options: CalibrateCameraOptions) -> "Board":
-    from vip_factors.errors import InputError
     from vip_factors.io.calibrate_camera_board import Charuco, Checkerboard
 
     given = options.checkerboard or options.charuco
@@ -155,7 +153,6 @@ def _floor(
     """The camera's pose over the floor, and what it says in words."""
     import numpy as np
 
-    from vip_factors.errors import InputError
     from vip_factors.io.calibrate_camera import floor_pose, image_file, one_image
 
     if options.floor_image is not None:
@@ -182,8 +179,6 @@ def _floor(
 
 
 def _view_in(board: "Board", source: Path, image: "CalibrationImage") -> "BoardView":
-    from vip_factors.errors import InputError
-
     found = board.find(image.name, image.grey)
     if found is None:
         raise InputError(f"{source}: no {board.text} in image {image.name}: --floor needs one that shows it")

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Input, Output
+from vip_factors.cli.terminal import waiting
+from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
@@ -120,10 +123,7 @@ class ConvertOptions:
 def main(options: ConvertOptions) -> None:
     """Convert a log as the command line's arguments say."""
     from vip_factors.api import convert
-    from vip_factors.atomic import check_target
     from vip_factors.cli.info_text import recording_text, scene_text
-    from vip_factors.cli.terminal import waiting
-    from vip_factors.errors import InputError
     from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording, write_scene
 
@@ -149,8 +149,6 @@ def main(options: ConvertOptions) -> None:
 
 
 def _write_templates(options: ConvertOptions) -> None:
-    from vip_factors.cli.terminal import waiting
-    from vip_factors.errors import InputError
     from vip_factors.io.convert_template import write_templates
 
     assert options.template is not None
@@ -172,8 +170,6 @@ def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
     Raises:
         InputError: if detections or the camera's file are missing.
     """
-    from vip_factors.errors import InputError
-
     if options.detections is None or options.camera is None:
         usual = ConvertOptions(options.log, options.out)
         given = [name for name in _OF_CAMERA if getattr(options, name) != getattr(usual, name)]

@@ -4,7 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Flag
+from vip_factors.cli.terminal import progress_bar
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 
@@ -34,9 +36,7 @@ MOUNTING_ERROR_DEG = 10.0  # straps put on by eye
 
 def main(options: DemoOptions) -> None:
     """Run the command."""
-    from vip_factors.atomic import atomic_open, check_target
     from vip_factors.cli.simulate import SimulateOptions, simulated
-    from vip_factors.cli.terminal import progress_bar
     from vip_factors.evaluate.evaluation import evaluate
     from vip_factors.io.mcap_estimate_writer import write_estimate
     from vip_factors.io.mcap_recording import write_recording

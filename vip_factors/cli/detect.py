@@ -7,8 +7,11 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Output, beside
+from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.detect.settings import DetectSettings
+from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
     from vip_factors.detect.video import VideoPoses
@@ -56,10 +59,7 @@ class DetectOptions:
 
 def main(options: DetectOptions) -> None:
     """Run the command."""
-    from vip_factors.atomic import check_target
-    from vip_factors.cli.terminal import note, progress_bar
     from vip_factors.detect.video import Stretch, detect_people, write_overlay, write_poses
-    from vip_factors.errors import InputError
 
     if options.keypoints is not None and options.model is None:
         raise InputError("--keypoints given without --model: BlazePose has its own 33")

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Flag, ManyOptions, Output
+from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -38,9 +40,6 @@ class EvaluateOptions(ManyOptions):
 
 def main(options: EvaluateOptions) -> None:
     """Run the command."""
-    from vip_factors.atomic import atomic_open, check_target
-    from vip_factors.cli.terminal import waiting
-
     if options.json is not None:
         check_target(options.json, options.overwrite)
     with waiting(f"comparing {options.estimate.name} with the truth"):

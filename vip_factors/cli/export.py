@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from vip_factors.cli.options import Flag, ManyOptions
+from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 from vip_factors.io.settings import ExportSettings
 
@@ -36,7 +37,6 @@ def main(options: ExportOptions) -> None:
     if len(options.files) < 2:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
     from vip_factors.cli.options import keep_inputs
-    from vip_factors.cli.terminal import waiting
     from vip_factors.io.export.files import export, export_format
     from vip_factors.io.mcap_estimate import read_estimate
 

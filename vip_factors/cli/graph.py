@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Flag, Output, beside
+from vip_factors.cli.terminal import progress_bar
 from vip_factors.configurations import Configuration
 from vip_factors.ranges import Range
 from vip_factors.shown_settings import ShownSettings
@@ -44,8 +46,6 @@ class GraphOptions:
 
 def main(options: GraphOptions, settings: "Settings") -> None:
     """Run the command."""
-    from vip_factors.atomic import atomic_open, check_target
-    from vip_factors.cli.terminal import progress_bar
     from vip_factors.io.mcap_recording import read_scene
 
     picture = options.picture or beside(options.recording, ".graph.svg")

@@ -6,6 +6,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import atomic_open
 from vip_factors.cli.options import Flag, Output
 from vip_factors.errors import InputError
 
@@ -84,7 +85,6 @@ def _tell_sites(options: InfoOptions) -> None:
     from vip_factors.cli.info_text import sites_text
 
     if options.picture is not None:
-        from vip_factors.atomic import atomic_open
         from vip_factors.viz.drawn_body import sites_picture
 
         with atomic_open(options.picture, overwrite=options.overwrite) as file:

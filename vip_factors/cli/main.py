@@ -121,8 +121,6 @@ def _dispatched(given: list[str]) -> int:
 def _command(name: str) -> str:
     from difflib import get_close_matches
 
-    from vip_factors.errors import InputError
-
     if name in COMMANDS:
         return name
     near = get_close_matches(name, COMMANDS, n=1)

@@ -7,6 +7,7 @@ from typing import Annotated, ClassVar
 import tyro
 
 from vip_factors.cli.options import Flag, beside
+from vip_factors.cli.terminal import waiting
 from vip_factors.repetitions.settings import RepetitionSettings
 
 
@@ -32,7 +33,6 @@ class RepetitionOptions:
 
 def main(options: RepetitionOptions) -> None:
     """Run the command."""
-    from vip_factors.cli.terminal import waiting
     from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.repetitions.files import summary, table, write_repetitions
     from vip_factors.repetitions.repetitions import all_repetitions

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on
+from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 
@@ -44,9 +46,6 @@ class ReportOptions(ManyOptions):
 
 def main(options: ReportOptions) -> None:
     """Run the command."""
-    from vip_factors.atomic import check_target
-    from vip_factors.cli.terminal import progress_bar
-
     out = options.out or beside(options.estimate, ".html")
     if out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"{out}: expected a name that ends in .html")
@@ -85,8 +84,6 @@ def main(options: ReportOptions) -> None:
 
 def _tell_missing(scene: "Scene | None") -> None:
     """Say that the recording's video is not where it was."""
-    from vip_factors.cli.terminal import note
-
     video = scene.camera.video if scene is not None and scene.camera is not None else None
     if video is not None and video.path is not None and not video.path.is_file() and not video.images:
         note(f"note: no video at {video.path}: the film has a plain ground instead; --video FILM names it")

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 import tyro
 
 from vip_factors import __version__
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import FailOn, Flag, Output, fail_on, run_command
+from vip_factors.cli.terminal import note
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.ranges import MaybeRate
 
@@ -176,7 +178,6 @@ def check(options: RunOptions) -> None:
     for text in (options.detect_options, options.convert_options, options.smooth_options):
         if any(word.startswith("--fail-on") for word in _words(text)):
             raise InputError(f"{text}: say --fail-on to run itself")
-    from vip_factors.atomic import check_target
     from vip_factors.io.export.files import FORMATS
 
     for target in options.export:
@@ -288,7 +289,6 @@ def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
     """
     import math
 
-    from vip_factors.cli.terminal import note
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
     from vip_factors.io.video import video_size
     from vip_factors.sensors.camera_model import CameraModel

@@ -6,7 +6,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Input, Output
+from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
@@ -90,8 +92,6 @@ def main(options: SimulateOptions) -> None:
     video = options.video
     if video.camera == "none" and (video.also or video.bystanders or video.cameras > 1 or video.known_camera_pose):
         raise InputError("--also, --bystanders and --cameras make a scene: expected a --camera as well")
-    from vip_factors.atomic import check_target
-
     check_target(options.out, options.overwrite)
     told = _write_recording(options) if options.video.camera == "none" else _write_scene(options)
     print(told)
@@ -99,7 +99,6 @@ def main(options: SimulateOptions) -> None:
 
 
 def _write_recording(options: SimulateOptions) -> str:
-    from vip_factors.cli.terminal import waiting
     from vip_factors.io.mcap_recording import write_recording
 
     with waiting("simulating"):
@@ -110,7 +109,6 @@ def _write_recording(options: SimulateOptions) -> str:
 
 
 def _write_scene(options: SimulateOptions) -> str:
-    from vip_factors.cli.terminal import waiting
     from vip_factors.io.mcap_recording import write_scene
 
     with waiting("simulating"):

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on
+from vip_factors.cli.terminal import progress_bar
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.shown_settings import ShownSettings
@@ -50,8 +52,6 @@ class SmoothOptions(ManyOptions):
 
 def main(options: SmoothOptions, settings: "Settings") -> None:
     """Run the command."""
-    from vip_factors.atomic import check_target
-    from vip_factors.cli.terminal import progress_bar
     from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.io.mcap_estimate_writer import write_estimate
     from vip_factors.io.mcap_source import open_source

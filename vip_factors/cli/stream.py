@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import check_partial, check_target, partial_path
 from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, ManyOptions, Output, fail_on
+from vip_factors.cli.terminal import StatusLine
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
@@ -21,7 +23,6 @@ from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
     from vip_factors.cli.stream_session import Interrupts, Session, Sink
-    from vip_factors.cli.terminal import StatusLine
     from vip_factors.io.live.source import LiveSource
     from vip_factors.io.live_mcap import LiveMcapSink
     from vip_factors.io.live_outputs import LiveVmcSink
@@ -102,7 +103,6 @@ def main(options: StreamOptions, settings: "LiveSettings") -> None:
     from threadpoolctl import threadpool_limits
 
     from vip_factors.cli.stream_session import Interrupts
-    from vip_factors.cli.terminal import StatusLine
 
     # Lines of JSON on the same terminal would run into the status.
     line = StatusLine(wanted=not (options.json and sys.stdout.isatty()))
@@ -121,8 +121,6 @@ def main(options: StreamOptions, settings: "LiveSettings") -> None:
 
 
 def _check(options: StreamOptions) -> None:
-    from vip_factors.atomic import check_partial, check_target
-
     if options.rerun:
         check_display(INSTEAD_OF_A_WINDOW)
     for wanted in (options.out, options.rerun_save):
@@ -302,8 +300,6 @@ def _conclude(
 
 def _tell_partial(*wanted: Path | None) -> None:
     """Where there is something left of files that could not be completed."""
-    from vip_factors.atomic import partial_path
-
     for path in wanted:
         if path is not None and (partial := partial_path(path)).exists():
             print(f"note: what was written until then is in {partial}, which can be read", file=sys.stderr)

@@ -6,7 +6,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Output, beside
+from vip_factors.cli.terminal import waiting
+from vip_factors.errors import InputError
 from vip_factors.shown_settings import ShownClock
 
 if TYPE_CHECKING:
@@ -44,9 +47,6 @@ def main(options: SyncOptions, settings: "ClockSettings") -> None:
     from math import isfinite
 
     from vip_factors.api import with_clock
-    from vip_factors.atomic import check_target
-    from vip_factors.cli.terminal import waiting
-    from vip_factors.errors import InputError
     from vip_factors.io.mcap_recording import read_scene, write_scene
     from vip_factors.sensors.camera_model import VideoClock
 
@@ -100,7 +100,6 @@ def draw_offset(offset: "ClockOffset", path: Path, overwrite: bool = False) -> N
     Raises:
         InputError: if motions were not compared, or the file exists or is not named ``.png``.
     """
-    from vip_factors.errors import InputError
     from vip_factors.viz.charts import Curve, curve_chart
 
     if offset.curve is None:

@@ -7,7 +7,10 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Output
+from vip_factors.cli.terminal import progress_bar
+from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
     from vip_factors.geometry.rotations import Array
@@ -46,10 +49,7 @@ class TrainOptions:
 
 def main(options: TrainOptions) -> None:
     """Run the command."""
-    from vip_factors.atomic import check_target
     from vip_factors.body.keypoints import KeypointOffsets, OffsetTraining, pooled_offsets
-    from vip_factors.cli.terminal import progress_bar
-    from vip_factors.errors import InputError
     from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keypoint_offsets
     from vip_factors.io.mcap_recording import read_scene
     from vip_factors.settings import Settings

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
+from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Flag, Output
+from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate, NotNegativeInt
 
@@ -56,8 +58,6 @@ class TuneOptions:
 
 def main(options: TuneOptions) -> None:
     """Run the command."""
-    from vip_factors.atomic import atomic_open, check_target
-    from vip_factors.cli.terminal import note, progress_bar
     from vip_factors.tune.parameters import UNITS, Measure, changed, measured, value_of
     from vip_factors.tune.study import Study, Task, best, report_lines, settings_text
 

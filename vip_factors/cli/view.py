@@ -7,9 +7,10 @@ from typing import Annotated, ClassVar, Literal
 
 import tyro
 
+from vip_factors.atomic import check_target
 from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import RERUN_FILE, Flag, Output
-from vip_factors.cli.terminal import progress_bar
+from vip_factors.cli.terminal import note, progress_bar, waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
 from vip_factors.viz.film_settings import FilmSettings
@@ -58,8 +59,6 @@ def main(options: ViewOptions) -> None:
     """Run the command."""
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
-    from vip_factors.atomic import check_target
-
     targets = (options.save, options.screenshot, options.picture, options.chart, options.video)
     for wanted in targets:
         if wanted is not None:
@@ -142,7 +141,6 @@ def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
 def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:
     from tempfile import TemporaryDirectory
 
-    from vip_factors.cli.terminal import waiting
     from vip_factors.viz.viewer import screenshot
 
     with TemporaryDirectory() as folder, waiting("rendering"):
@@ -154,7 +152,6 @@ def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:
 def _serve(opened: Opened, options: ViewOptions) -> None:
     from tempfile import TemporaryDirectory
 
-    from vip_factors.cli.terminal import note
     from vip_factors.viz.viewer import serve
 
     def print_address(address: str) -> None:

@@ -408,5 +408,5 @@ def _path_text(p_world_camera: Array) -> str:
     return f"{len(p_world_camera)} poses, a path of {length:.1f} m"
 
 
-def _count(number: int, one: str, more: str = "") -> str:
-    return f"{number} {one if number == 1 else more or one + 's'}"
+def _count(number: int, one: str) -> str:
+    return f"{number} {one if number == 1 else one + 's'}"

@@ -286,7 +286,6 @@ def _cost(rows: Array, wanted: Array) -> float:
 
 
 STANDARD_GRAVITY = 9.81
-STILL_TURN, STILL_CHANGE, STILL_S = 0.3, 0.5, 0.5  # rad/s; m/s² about the mean; s on end
 LEAST_RANGE = 15.0  # m/s²: accelerometers of bodies measure 2 g at least, and what rests at 1 g is constant too
 SAME = 1e-3  # of the range: a clipped axis repeats one number; converting from its own unit rounds the last digit
 

@@ -232,30 +232,30 @@ SLACK = 50.0  # nats: a candidate that is less likely than the best by more wand
 NEAR = np.deg2rad([-20, -15, -10, -5, 5, 10, 15, 20])  # of the best heading, to see how sharp it is
 
 
-def likely_candidates(candidates: Candidates, costs: Sequence[Array], count: int = KEPT) -> Candidates:
+def likely_candidates(candidates: Candidates, costs: Sequence[Array]) -> Candidates:
     """The likeliest of each sensor that differ, likeliest first, as particles: one mounting with each heading.
 
     ``costs`` by sensor ``(K, M)`` are least costs with each candidate. Where there are few, the first comes again.
     """
-    chosen = [_distinct(candidates, s, cost, count) for s, cost in enumerate(costs)]
+    chosen = [_distinct(candidates, s, cost) for s, cost in enumerate(costs)]
     return Candidates(
         np.stack([candidates.headings[s, one[:, 0]] for s, one in enumerate(chosen)]),
         tuple(candidates.R_bone_sensor[s][one[:, 0], one[:, 1]][:, None] for s, one in enumerate(chosen)),
     )
 
 
-def _distinct(candidates: Candidates, s: int, cost: Array, count: int) -> np.ndarray:
+def _distinct(candidates: Candidates, s: int, cost: Array) -> np.ndarray:
     left, chosen = np.round(cost, TIED), list[tuple[int, int]]()
     headings, mountings = candidates.headings[s], candidates.R_bone_sensor[s]
     rows = mountings.reshape(*mountings.shape[:2], 9)
     worst = float(cost.min()) + SLACK
-    while len(chosen) < count and float(left.min()) < worst:
+    while len(chosen) < KEPT and float(left.min()) < worst:
         k, m = np.unravel_index(int(left.argmin()), left.shape)
         # The trace of the rotation between two, of which one plus twice its angle's cosine is made.
         alike = rows @ rows[k, m] > 1 + 2 * np.cos(DISTINCT)
         left[alike & (np.abs(wrap_angle(headings - headings[k])) < DISTINCT)[:, None]] = np.inf
         chosen.append((int(k), int(m)))
-    return np.array([*chosen, *[chosen[0]] * (count - len(chosen))])
+    return np.array([*chosen, *[chosen[0]] * (KEPT - len(chosen))])
 
 
 def refined_candidates(particles: Candidates, costs: Callable[[Candidates], Sequence[Array]], root: int) -> Candidates:

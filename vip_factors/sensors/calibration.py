@@ -201,9 +201,7 @@ PRESETS: dict[str, tuple[str, ...]] = {
 }
 
 
-def sensor_site(
-    site_name: str, skeleton: Skeleton, sensor: str | None = None, mounting_sigma: float = STRAPPED_MOUNTING_SIGMA
-) -> SensorSite:
+def sensor_site(site_name: str, skeleton: Skeleton, sensor: str | None = None) -> SensorSite:
     """A sensor at one of the :data:`SITES`, fitted to a skeleton.
 
     Raises:
@@ -214,7 +212,7 @@ def sensor_site(
     along = skeleton.p_parent_joint[joint_index(site.child)] if site.child else np.zeros(3)
     p_bone_sensor = site.along * along + stature_of(skeleton) * (site.depth * outward + np.array([0, site.lift, 0]))
     R_bone_sensor = np.stack([x_axis, np.cross(outward, x_axis), outward], axis=1)
-    return SensorSite(sensor or site_name, site.bone, p_bone_sensor, R_bone_sensor, mounting_sigma)
+    return SensorSite(sensor or site_name, site.bone, p_bone_sensor, R_bone_sensor)
 
 
 def placement_of(rule: Placement | Mapping[str, str] | str, skeleton: Skeleton) -> Placement:
@@ -238,10 +236,7 @@ def site_name(site: SensorSite, skeleton: Skeleton) -> str | None:
     return nearest if nearest is not None and apart[nearest] < AT_THE_SITE_M else None
 
 
-def preset(
-    name: str, skeleton: Skeleton, sensors: Mapping[str, str] | None = None,
-    mounting_sigma: float = STRAPPED_MOUNTING_SIGMA,
-) -> Placement:  # fmt: skip
+def preset(name: str, skeleton: Skeleton, sensors: Mapping[str, str] | None = None) -> Placement:
     """One of the :data:`PRESETS`, fitted to a skeleton; ``sensors`` maps sites to sensor names where they differ.
 
     Raises:
@@ -250,5 +245,5 @@ def preset(
     if name not in PRESETS:
         raise InputError(f"unknown placement '{name}': expected one of {', '.join(PRESETS)}")
     names = sensors or {}
-    sites = tuple(sensor_site(site, skeleton, names.get(site), mounting_sigma) for site in PRESETS[name])
+    sites = tuple(sensor_site(site, skeleton, names.get(site)) for site in PRESETS[name])
     return Placement(sites, name)

@@ -192,21 +192,13 @@ def check_times(time: Array, whose: str) -> None:
 RATE_LIMIT = 70.0  # rad/s: the widest gyroscopes measure 4000 °/s; more means degrees per second
 
 
-@dataclass(frozen=True)
-class AttitudeSettings:
-    """How a stream's orientation is found.
-
-    Attributes:
-        longest_gap: seconds; over a longer gap the turn about the vertical is a guess, and no later sample undoes it.
-            In one second a limb can turn by any angle, but packets lost by radio come back sooner.
-        tilt_time: seconds over which gravity corrects the tilt; 3 s is the value VQF was tuned to on human motion.
-    """
-
-    longest_gap: float = 1.0
-    tilt_time: float = 3.0
+# Over a longer gap the turn about the vertical is a guess, and no later sample undoes it. In one second a limb can turn
+# by any angle, but packets lost by radio come back sooner.
+LONGEST_GAP_S = 1.0
+TILT_TIME_S = 3.0  # over which gravity corrects the tilt: the value VQF was tuned to on human motion
 
 
-def with_orientation(stream: ImuStream, settings: AttitudeSettings | None = None) -> ImuStream:
+def with_orientation(stream: ImuStream) -> ImuStream:
     """The stream with ``R_inertial_sensor`` filled in; one that has it already comes back as it is.
 
     Both directions of time are used (offline VQF: Laidig & Seel, Information Fusion 91, 2023) and no magnetometer,
@@ -220,8 +212,7 @@ def with_orientation(stream: ImuStream, settings: AttitudeSettings | None = None
     """
     if stream.R_inertial_sensor is not None:
         return stream
-    settings = settings or AttitudeSettings()
-    specific_force, angular_rate = _checked(stream, settings)
+    specific_force, angular_rate = _checked(stream)
     grid = np.linspace(stream.time[0], stream.time[-1], round((stream.time[-1] - stream.time[0]) * stream.rate) + 1)
     from vqf import offlineVQF
 
@@ -230,13 +221,13 @@ def with_orientation(stream: ImuStream, settings: AttitudeSettings | None = None
         interpolate_points(stream.time, specific_force, grid),
         None,
         float(grid[1] - grid[0]),
-        {"tauAcc": settings.tilt_time},
+        {"tauAcc": TILT_TIME_S},
     )
     R_inertial_sensor = matrix_from_quaternion(estimate["quat6D"], Order.WXYZ)
     return replace(stream, R_inertial_sensor=interpolate_rotations(grid, R_inertial_sensor, stream.time))
 
 
-def _checked(stream: ImuStream, settings: AttitudeSettings) -> tuple[Array, Array]:
+def _checked(stream: ImuStream) -> tuple[Array, Array]:
     name = stream.name
     if stream.angular_rate is None or stream.specific_force is None:
         missing = "angular rate" if stream.angular_rate is None else "specific force"
@@ -253,10 +244,10 @@ def _checked(stream: ImuStream, settings: AttitudeSettings) -> tuple[Array, Arra
             "check the unit (rad/s, not degrees per second)"
         )
     for start, end in stream.gaps:
-        if end - start > settings.longest_gap:
+        if end - start > LONGEST_GAP_S:
             raise RecordingError(
                 f"sensor '{name}' lost {end - start:.2f} s of samples at t = {start:.2f} s: its heading cannot be "
-                f"carried over more than {settings.longest_gap:g} s; cut the recording there, or export orientations"
+                f"carried over more than {LONGEST_GAP_S:g} s; cut the recording there, or export orientations"
             )
     return stream.specific_force, stream.angular_rate
 
@@ -268,8 +259,7 @@ class AttitudeFilter:
     then the heading drifts more than it does afterwards.
     """
 
-    def __init__(self, settings: AttitudeSettings | None = None) -> None:
-        self._settings = settings or AttitudeSettings()
+    def __init__(self) -> None:
         self._first: list[tuple[float, Array, Array]] = []
 
     def orientation(self, time: float, specific_force: Array, angular_rate: Array) -> Array | None:
@@ -278,7 +268,7 @@ class AttitudeFilter:
         None for a sample that is not newer than the one before. After a gap, or where time has stepped back, that is
         longer than a heading can be carried over, a new one begins.
         """
-        if self._first and abs(time - self._last[0]) > self._settings.longest_gap:
+        if self._first and abs(time - self._last[0]) > LONGEST_GAP_S:
             self._first = []
         if self._first and time <= self._last[0]:
             return None
@@ -295,7 +285,7 @@ class AttitudeFilter:
         from vqf import VQF
 
         self._step = float(np.median(np.diff([time for time, _, _ in self._first]))) if len(self._first) > 1 else 0.01
-        self._filter = VQF(self._step, tauAcc=self._settings.tilt_time)
+        self._filter = VQF(self._step, tauAcc=TILT_TIME_S)
         self._last = self._first[0][0] - self._step, self._first[0][2]
         for sample in self._first:
             self._take(*sample)

@@ -8,14 +8,18 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from types import FrameType
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.cli.terminal import StatusLine
 from vip_factors.findings import Finding, bare
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, LiveSample, VideoFrame
+from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, VideoFrame
+
+if TYPE_CHECKING:
+    from vip_factors.live.tracker import FixedLagTracker
+    from vip_factors.viz.live_rerun import LiveRerunSink
 
 T = TypeVar("T")
 ENDING = (signal.SIGINT, signal.SIGTERM)
@@ -23,37 +27,11 @@ RECENT = 600  # updates, ten seconds, that the line's figures are of
 LINE_S = 0.25  # seconds between looks of the line: it is read, not watched
 
 
-class Tracker(Protocol):
-    """What answers samples with estimates: :class:`vip_factors.live.tracker.FixedLagTracker`."""
-
-    def push(self, sample: LiveSample) -> list[LiveEstimate]:
-        """The answers that one more sample brings."""
-
-    def finish(self) -> list[LiveEstimate]:
-        """The answers that are left at the end."""
-
-    def note_loss(self) -> None:
-        """Samples that were sent do not come, because the tracker did not keep up."""
-
-    def note_behind(self, seconds: float) -> None:
-        """The next sample has waited for so long."""
-
-
 class Sink(Protocol):
     """Where estimates go."""
 
     def write(self, estimate: LiveEstimate) -> None:
         """Take in the answer to one frame."""
-
-
-class VideoSink(Sink, Protocol):
-    """A sink that shows what was seen, too."""
-
-    def write_video(self, frame: VideoFrame) -> None:
-        """Take in a video frame, before the answer to it."""
-
-    def findings(self) -> tuple[str, ...]:
-        """What it has to say."""
 
 
 class Interrupts:
@@ -130,9 +108,9 @@ class Session:
 
     def __init__(
         self,
-        tracker: Tracker,
+        tracker: "FixedLagTracker",
         sinks: Sequence[Sink],
-        viewers: Sequence[VideoSink],
+        viewers: "Sequence[LiveRerunSink]",
         line: StatusLine,
         lasts_s: float | None = None,
     ) -> None:

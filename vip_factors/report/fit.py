@@ -33,7 +33,7 @@ from vip_factors.report.blocks import (
 )
 from vip_factors.report.material import Material, Wearer
 from vip_factors.viz.images import jpeg_bytes, png_bytes
-from vip_factors.viz.picture import frame_picture, pose_picture
+from vip_factors.viz.picture import frame_picture, mean_residual, pose_picture
 
 APART_S = 1.0  # between two moments of one wearer
 SMOOTH_S = 0.2  # a moment lasts: single frames do not count
@@ -58,14 +58,6 @@ def fit_section(material: Material) -> Section:
     blocks += _reprojection_table(material)
     blocks += _truth(material)
     return Section("fit", "How well it fits", tuple(blocks))
-
-
-def mean_residual(values: Array) -> Array:
-    """Mean over the sensors ``(T,)``; NaN where none gave anything."""
-    some = np.isfinite(values).any(axis=1)
-    mean = np.full(len(values), np.nan)
-    mean[some] = np.nanmean(values[some], axis=1)
-    return mean
 
 
 def _residual_chart(material: Material, kind: str) -> Chart | None:

@@ -165,24 +165,20 @@ def drawn_wearer(
     Raises:
         InputError: if none is given, the estimate has no frames, or estimate and truth have no time in common.
     """
-    if truth is None and recording is not None and recording.truth is not None:
-        truth = recording.truth.motion
-    truth = known_truth(truth)
-    bones, motion, rest = known_bones(recording, truth), None, None
-    if estimate is not None:
-        motion = check_frames(estimate.motion)
-        if truth is not None:
-            motion, truth = common_frames(motion, truth)
-            motion = onto_truth(motion, truth, compare)
-    elif truth is None:
+    wearer = _wearer(0, recording, estimate, truth)
+    if wearer.motion is not None and wearer.truth is not None:
+        wearer = replace(wearer, motion=onto_truth(wearer.motion, wearer.truth, compare))
+    elif wearer.shown is None:
         if recording is None:
             raise InputError("nothing to show: expected a recording, an estimate or a motion")
-        rest = _resting(recording)
-    shown = motion or truth or rest
+        wearer = replace(wearer, rest=_resting(recording))
+    shown = wearer.shown or wearer.rest
     assert shown is not None
-    subject = recording.subject.name if recording is not None else shown.name
-    wearer = DrawnWearer(subject or "wearer", 0, motion, truth, recording, estimate, bones=bones, rest=rest)
-    wearer = replace(wearer, gauge_yaw=_shared_heading_error(wearer))
+    wearer = replace(
+        wearer,
+        name=(recording.subject.name if recording is not None else shown.name) or "wearer",
+        gauge_yaw=_shared_heading_error(wearer),
+    )
     name = estimate.name if estimate is not None else recording.name if recording is not None else shown.name
     return DrawnScene(name, (wearer,), compare=compare)
 
@@ -262,18 +258,29 @@ def _further(scene: Scene | None) -> tuple[DrawnCamera, ...]:
 
 def _wearers_of(scene: Scene | None, estimate: Estimate | None) -> list[DrawnWearer]:
     count = len(scene.wearers) if scene is not None else len(estimate.wearers) if estimate is not None else 0
-    wearers = []
-    for index in range(count):
-        recording = scene.wearers[index] if scene is not None else None
-        one = estimate.wearers[index] if estimate is not None else None
-        motion = check_frames(one.motion) if one is not None else None
-        truth = known_truth(recording.truth.motion if recording is not None and recording.truth is not None else None)
-        bones = known_bones(recording, truth)
-        if motion is not None and truth is not None:
-            motion, truth = common_frames(motion, truth)
-        name = recording.subject.name if recording is not None else f"wearer {index + 1}"
-        wearers.append(DrawnWearer(name, index, motion, truth, recording, one, bones=bones))
-    return wearers
+    return [
+        _wearer(
+            index,
+            scene.wearers[index] if scene is not None else None,
+            estimate.wearers[index] if estimate is not None else None,
+        )
+        for index in range(count)
+    ]
+
+
+def _wearer(
+    index: int, recording: Recording | None, estimate: WearerEstimate | None, truth: Motion | None = None
+) -> DrawnWearer:
+    """The estimate and the truth, that given or else the recording's, at common frames."""
+    motion = check_frames(estimate.motion) if estimate is not None else None
+    if truth is None and recording is not None and recording.truth is not None:
+        truth = recording.truth.motion
+    truth = known_truth(truth)
+    bones = known_bones(recording, truth)
+    if motion is not None and truth is not None:
+        motion, truth = common_frames(motion, truth)
+    name = recording.subject.name if recording is not None else f"wearer {index + 1}"
+    return DrawnWearer(name, index, motion, truth, recording, estimate, bones=bones)
 
 
 def _moved(wearer: DrawnWearer, gauge: Alignment) -> DrawnWearer:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -155,13 +155,6 @@ def _even(length: float) -> int:
     return 2 * round(length / 2)
 
 
-class FilmFile(Protocol):
-    """Takes pictures one by one."""
-
-    def add(self, picture: np.ndarray) -> None:
-        """One more ``(H, W, 3)`` uint8, red green blue, all of one size."""
-
-
 def check_film(path: Path) -> None:
     """Fail before the work, not after it.
 
@@ -182,7 +175,7 @@ def check_film(path: Path) -> None:
 
 
 @contextmanager
-def film_file(path: Path, rate: float, overwrite: bool) -> Iterator[FilmFile]:
+def film_file(path: Path, rate: float, overwrite: bool) -> "Iterator[_Mp4 | _Animation]":
     """A film to add pictures to; it appears when the block ends without an exception.
 
     Args:
@@ -216,6 +209,7 @@ class _Mp4:
         self._begun = False
 
     def add(self, picture: np.ndarray) -> None:
+        """One more picture ``(H, W, 3)`` uint8, red green blue, all of one size."""
         if not self._begun:
             self._stream.height, self._stream.width = picture.shape[:2]
             self._begun = True

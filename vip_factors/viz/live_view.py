@@ -4,7 +4,6 @@ Everything that has come since the last time is logged at once: the more there i
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import rerun as rr
@@ -50,12 +49,8 @@ FINDINGS, SUMMARY = "findings", "summary"
 CALIBRATION_S = 1.0  # seconds between the sensors' mountings as drawn: they settle slowly
 
 
-@dataclass(frozen=True)
-class _SeenFrame:
-    """One video frame with the wearer of each person in it, −1 for nobody."""
-
-    frame: VideoFrame
-    labels: np.ndarray
+SeenFrame = tuple[VideoFrame, np.ndarray]
+"""One video frame with the wearer of each person in it, :data:`NOBODY` for others."""
 
 
 class LiveBody:
@@ -173,7 +168,7 @@ class LiveView:
         elif camera.known_path is not None:
             log_camera(self._stream, entity, camera.known_path, camera.model)
 
-    def _seen(self, items: Sequence[LiveEstimate | VideoFrame]) -> list[_SeenFrame]:
+    def _seen(self, items: Sequence[LiveEstimate | VideoFrame]) -> list[SeenFrame]:
         """The first camera's video frames, each with what the first answer after it says of the people in it."""
         seen = []
         for item in items:
@@ -181,22 +176,22 @@ class LiveView:
                 if self._setup.camera is None or item.camera != self._setup.camera.name:
                     continue
                 if self._pending is not None:
-                    seen.append(_SeenFrame(self._pending, np.full(len(self._pending.pixels), NOBODY)))
+                    seen.append((self._pending, np.full(len(self._pending.pixels), NOBODY)))
                 self._pending = item
             elif self._pending is not None:
                 labels = np.full(len(self._pending.pixels), NOBODY)
                 for index, wearer in enumerate(item.wearers):
                     if wearer.detection is not None and wearer.detection < len(labels):
                         labels[wearer.detection] = index
-                seen.append(_SeenFrame(self._pending, labels))
+                seen.append((self._pending, labels))
                 self._pending = None
         return seen
 
-    def _log_seen(self, seen: list[_SeenFrame]) -> None:
+    def _log_seen(self, seen: list[SeenFrame]) -> None:
         camera = self._setup.camera
         if not seen or camera is None:
             return
-        time = np.array([one.frame.time for one in seen])
+        time = np.array([frame.time for frame, _ in seen])
         for index, name in enumerate([*self._setup.names, NOBODYS]):
             mine = index < len(self._setup.wearers)
             people, frames = _people(seen, index if mine else NOBODY, camera.keypoints)
@@ -271,13 +266,13 @@ def _path(estimates: Sequence[LiveEstimate]) -> CameraPath | None:
     return CameraPath(np.array([one.time for one in poses]), R, p)
 
 
-def _people(seen: list[_SeenFrame], index: int, keypoints: KeypointSet) -> tuple[Array, np.ndarray]:
+def _people(seen: list[SeenFrame], index: int, keypoints: KeypointSet) -> tuple[Array, np.ndarray]:
     """Pixels ``(n, K, 2)`` of a wearer's detections, NaN where a keypoint was not found, and their frames ``(n,)``."""
-    chosen = [np.flatnonzero(one.labels == index) for one in seen]
+    chosen = [np.flatnonzero(labels == index) for _, labels in seen]
     frames = np.repeat(np.arange(len(seen)), [len(one) for one in chosen])
     found = [
-        np.where((one.frame.confidence[rows] > 0)[..., None], one.frame.pixels[rows], np.nan)
-        for one, rows in zip(seen, chosen, strict=True)
+        np.where((frame.confidence[rows] > 0)[..., None], frame.pixels[rows], np.nan)
+        for (frame, _), rows in zip(seen, chosen, strict=True)
     ]
     shape = (-1, len(keypoints), 2)
     return np.concatenate([np.asarray(one, float).reshape(shape) for one in found]), frames

@@ -209,12 +209,16 @@ def _curve(wearer: DrawnWearer) -> tuple[Array | None, str]:
     if error is not None:
         return error, "joint error, mm"
     if estimate is not None and "orientation_deg" in estimate.residuals:
-        residual = estimate.residuals["orientation_deg"]
-        some = np.isfinite(residual).any(axis=1)
-        mean = np.full(len(residual), np.nan)
-        mean[some] = np.nanmean(residual[some], axis=1)
-        return mean, "mean orientation residual, °"
+        return mean_residual(estimate.residuals["orientation_deg"]), "mean orientation residual, °"
     return None, ""
+
+
+def mean_residual(values: Array) -> Array:
+    """Mean over the sensors ``(T,)``; NaN where none gave anything."""
+    some = np.isfinite(values).any(axis=1)
+    mean = np.full(len(values), np.nan)
+    mean[some] = np.nanmean(values[some], axis=1)
+    return mean
 
 
 def _subtitle(estimate: WearerEstimate | None, shown: Motion, values: Array | None, compared: bool) -> str:

@@ -14,7 +14,7 @@ from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.scene import Video
 from vip_factors.viz.colours import UNCLAIMED, wearer_colour
-from vip_factors.viz.images import limb_pairs
+from vip_factors.viz.images import jpeg_bytes, limb_pairs, video_stream
 from vip_factors.viz.rerun_body import (
     NOBODY_CLASS,
     TRAIL_RADIUS_M,
@@ -174,7 +174,7 @@ def log_video(stream: rr.RecordingStream, entity: str, video: Video, time: Array
         return True
     if video.path is None or not video.path.is_file():
         return False
-    return _log_mp4(stream, entity, video.path, time) or _log_decoded(stream, entity, video.path, time)
+    return _log_mp4(stream, entity, video.path, time) or _log_decoded(stream, entity, video, time)
 
 
 def _log_mp4(stream: rr.RecordingStream, entity: str, path: Path, time: Array) -> bool:
@@ -192,19 +192,12 @@ def _log_mp4(stream: rr.RecordingStream, entity: str, path: Path, time: Array) -
     return count > 0
 
 
-def _log_decoded(stream: rr.RecordingStream, entity: str, path: Path, time: Array) -> bool:
-    import cv2
-
-    reader, found = cv2.VideoCapture(str(path)), 0
-    try:
-        for instant in time:
-            good, image = reader.read()
-            if not good:
-                break
-            _, encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 85])
-            column = rr.EncodedImage.columns(blob=[encoded.tobytes()])
-            stream.send_columns(entity, indexes=[time_column(np.array([instant]))], columns=column)
-            found += 1
-    finally:
-        reader.release()
+def _log_decoded(stream: rr.RecordingStream, entity: str, video: Video, time: Array) -> bool:
+    found = 0
+    for instant, image in zip(time, video_stream(video, range(len(time))), strict=True):
+        if image is None:
+            break
+        column = rr.EncodedImage.columns(blob=[jpeg_bytes(image, 85)])
+        stream.send_columns(entity, indexes=[time_column(np.array([instant]))], columns=column)
+        found += 1
     return found > 0

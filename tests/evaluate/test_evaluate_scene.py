@@ -165,7 +165,6 @@ def test_by_hand() -> None:
     assert (score.swapped, score.strangers, score.missed) == (1, 1, 2)
     assert score.precision == pytest.approx(3 / 5)
     assert score.recall == pytest.approx(3 / 6)
-    assert score.recall_of == pytest.approx({0: 1 / 3, 1: 1.0, 2: 0.0})
 
 
 @given(LABELS)
@@ -180,8 +179,3 @@ def test_nothing_given_has_no_precision_and_no_recall() -> None:
     score = association_score(np.full(3, -1), np.array([0, 1, -1]))
     assert np.isnan(score.precision)
     assert score.recall == 0
-
-
-def test_labels_of_other_detections_are_refused() -> None:
-    with pytest.raises(InputError, match="same scene"):
-        association_score(np.zeros(3, int), np.zeros(4, int))

@@ -192,7 +192,6 @@ class AssociationScore:
         swapped: labels that name another wearer than the detection's.
         strangers: labels given to detections of bystanders, or of nobody.
         missed: wearers' detections that were given to nobody.
-        recall_of: recall of each wearer, by index.
     """
 
     given: int
@@ -201,7 +200,6 @@ class AssociationScore:
     swapped: int
     strangers: int
     missed: int
-    recall_of: Mapping[int, float]
 
     @property
     def precision(self) -> float:
@@ -215,17 +213,7 @@ class AssociationScore:
 
 
 def association_score(labels: np.ndarray, truth: np.ndarray) -> AssociationScore:
-    """Score labels ``(N,)`` of detections against the true ones: index of the wearer, −1 for nobody.
-
-    Raises:
-        InputError: if they are not of the same detections.
-    """
-    labels, truth = np.asarray(labels), np.asarray(truth)
-    if labels.shape != truth.shape or labels.ndim != 1:
-        raise InputError(
-            f"{labels.shape} labels for {truth.shape} true ones: expected one each per detection; are estimate and "
-            "truth of the same scene?"
-        )
+    """Score labels ``(N,)`` of detections against the true ones: index of the wearer, −1 for nobody."""
     given, is_true = labels != NOBODY, truth != NOBODY
     correct = is_true & (labels == truth)
     return AssociationScore(
@@ -235,7 +223,6 @@ def association_score(labels: np.ndarray, truth: np.ndarray) -> AssociationScore
         swapped=int((given & is_true & ~correct).sum()),
         strangers=int((given & ~is_true).sum()),
         missed=int((is_true & ~given).sum()),
-        recall_of={int(w): float(correct[truth == w].mean()) for w in np.unique(truth[is_true])},
     )
 
 

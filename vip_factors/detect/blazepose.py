@@ -7,12 +7,11 @@ graph: landmarks are refined by the heat maps around them, two auxiliary ones te
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -71,12 +70,8 @@ def square_of(hip: Array, top: Array) -> Square:
     return Square(float(hip[0]), float(hip[1]), 2 * MARGIN * float(np.hypot(x, y)), float(np.arctan2(x, -y)))
 
 
-class Model(Protocol):
-    """A model: one input, named outputs in the order of the file."""
-
-    def __call__(self, given: np.ndarray) -> list[np.ndarray]:
-        """Outputs for ``(1, height, width, 3)`` floats."""
-        ...
+Model = Callable[[np.ndarray], list[np.ndarray]]
+"""A model: its outputs, in the order of the file, for ``(1, height, width, 3)`` floats."""
 
 
 def check_interpreter() -> None:

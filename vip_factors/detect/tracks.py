@@ -6,7 +6,6 @@ for again where it was lost.
 
 import os
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -76,14 +75,6 @@ SURE = 0.5  # confidence of a landmark that counts when two poses are compared
 ENOUGH = 4  # landmarks that both poses must have for that
 
 
-class LandmarkFinder(Protocol):
-    """What :class:`~vip_factors.detect.blazepose.LandmarkModel` does."""
-
-    def look(self, image: np.ndarray, square: Square) -> PersonLandmarks:
-        """Landmarks of the person in a square."""
-        ...
-
-
 @dataclass
 class Track:
     """One person.
@@ -112,7 +103,7 @@ class Tracker:
         settings: thresholds and periods.
     """
 
-    def __init__(self, detector: PersonDetector, landmarks: LandmarkFinder, settings: DetectSettings) -> None:
+    def __init__(self, detector: PersonDetector, landmarks: LandmarkModel, settings: DetectSettings) -> None:
         self._detector, self._landmarks, self._settings = detector, landmarks, settings
         self._tracks: list[Track] = []
         self._lost: list[Track] = []

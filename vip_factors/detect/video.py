@@ -8,7 +8,7 @@ between, and tells nothing until it is wide again.
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -165,8 +165,8 @@ def detect_video(
     keypoints = keypoint_set(BLAZEPOSE) if model is None else model.keypoints
     frames: list[list[TrackedPose]] = [[] for _ in range(len(facts))]
     images = iterate_frames(path, facts.time, looked.step, looked.start, looked.stop)
-    for index, image, people in _followed(images, tracker):
-        poses = [_pose(one, image, model) for one in people]
+    for index, time, image in images:
+        poses = [_pose(one, image, model) for one in tracker.step(image, time)]
         frames[index] = [one for one in poses if np.any(one.confidence > 0)]
         on_progress(index + 1 - looked.start, looked.stop - looked.start)
     somebody = [[one for one in poses if one.track not in tracker.given_up] for poses in frames]
@@ -223,11 +223,6 @@ def write_poses(path: Path, poses: VideoPoses, overwrite: bool = False) -> None:
         "video_rate_hz": round(facts.rate, 4),
     }
     write_mmpose(path, poses.keypoints, poses.frames, facts.time, about, overwrite)
-
-
-def _followed(images: Iterator, tracker: Tracker) -> Iterator[tuple[int, np.ndarray, list[Track]]]:
-    for index, time, image in images:
-        yield index, image, tracker.step(image, time)
 
 
 def _pose(track: Track, image: np.ndarray, model: OnnxPose | None) -> TrackedPose:

@@ -4,16 +4,19 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
 from tests.studies.__main__ import study_of
-from vip_factors.cli.convert import ConvertOptions
-from vip_factors.cli.options import parse
+from vip_factors.cli.main import COMMANDS
+from vip_factors.cli.options import parsed
+from vip_factors.cli.run import RunOptions
 from vip_factors.io.convert import FORMATS as LOG_FORMATS
 from vip_factors.io.export.files import FORMATS as EXPORT_FORMATS
+from vip_factors.io.placement_file import placement_from_file
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -76,17 +79,43 @@ def test_page_is_in_the_navigation(name: str) -> None:
     assert re.search(rf"[ ]{re.escape(name)}$", NAVIGATION, flags=re.MULTILINE), f"mkdocs.yml: nav lacks {name}"
 
 
-def bash_commands(page: Path) -> list[list[str]]:
-    blocks = re.findall(r"^```bash\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
-    lines = "".join(blocks).replace("\\\n", " ").splitlines()
-    return [shlex.split(line, comments=True) for line in lines if line.startswith("vip-factors convert")]
+def blocks(page: Path, kind: str) -> list[str]:
+    return re.findall(rf"^```{kind}\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
+
+
+def commands(page: Path) -> list[list[str]]:
+    """The words after the program's name, of commands that are not for many files."""
+    lines = "".join(blocks(page, "bash")).replace("\\\n", " ").splitlines()
+    found = [
+        shlex.split(re.split(" [|>]", line)[0], comments=True) for line in lines if line.startswith("vip-factors ")
+    ]
+    many = re.compile("@|s3:|estimates/")
+    return [words[1:] for words in found if words[1] in COMMANDS and not any(map(many.match, words))]
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=[*NAMES, "README.md"])
-def test_conversions_are_understood(page: Path) -> None:
-    for words in bash_commands(page):
-        options = parse(ConvertOptions, "vip-factors convert", words[2:])
-        assert (options.out is None) == (options.template is not None)
+def test_commands_are_understood(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("tuned.toml").touch()
+    for command, *words in commands(page):
+        options, *_ = parsed(command, f"vip-factors {command}", words)
+        assert command != "convert" or (options.out is None) == (options.template is not None)
+
+
+def test_the_way_from_a_video_is_shown_whole() -> None:
+    page = DOCS / "video.md"
+    assert {words[0] for words in commands(page)} == {"convert", "detect", "report", "run"}
+    passed_on = re.findall(r"`--([a-z-]+)=", page.read_text(encoding="utf-8"))
+    assert {one.replace("-", "_") for one in passed_on} <= {one.name for one in fields(RunOptions)}
+
+
+def test_placements_are_placements(tmp_path: Path) -> None:
+    placements = blocks(DOCS / "converting.md", "toml")
+    assert len(placements) == 2
+    for text in placements:
+        path = tmp_path / "placement.toml"
+        path.write_text(text)
+        assert set(placement_from_file(path).sensors) == set(tomllib.loads(text)["sensors"])
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=[*NAMES, "CONTRIBUTING.md"])

@@ -4,10 +4,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 from detect.stub_people import People
+from films import write_video
 
 from vip_factors.detect import blazepose, model_files, tracks
 from vip_factors.detect.tracks import Tracker
@@ -16,12 +16,7 @@ from vip_factors.io.detections.read import read_detections
 
 @pytest.fixture
 def video(tmp_path: Path) -> Path:
-    path = tmp_path / "walk.mp4"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), 10, (640, 240))
-    for _ in range(10):
-        writer.write(np.zeros((240, 640, 3), np.uint8))
-    writer.release()
-    return path
+    return write_video(tmp_path / "walk.mp4", np.zeros((10, 240, 640, 3), np.uint8))
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from films import write_video
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.cli.main import main
@@ -86,10 +87,7 @@ def test_a_film_is_beside_the_page(files: Path, tmp_path: Path, capsys: pytest.C
 
 def test_a_film_is_of_the_video_that_is_named(files: Path, tmp_path: Path) -> None:
     scene, video, page = read_scene(files / "scene.mcap"), tmp_path / "v.avi", tmp_path / "page.html"
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (1280, 720))
-    for _ in scene.camera.detections.time:
-        writer.write(np.full((720, 1280, 3), (0, 200, 0), np.uint8))
-    writer.release()
+    write_video(video, [np.full((720, 1280, 3), (0, 200, 0), np.uint8)] * len(scene.camera.detections.time), 30.0)
     words = ["report", str(files / "scene.estimate.mcap"), "--recording", str(files / "scene.mcap"), "--moments", "0"]
     assert main([*words, "--video-height", "96", "--video", str(video), "--out", str(page)]) == 0
     good, picture = cv2.VideoCapture(str(page.with_suffix(".mp4"))).read()

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
+from films import write_video
 
 from vip_factors.cli import report
 from vip_factors.cli.report import ReportOptions
@@ -130,11 +132,7 @@ def test_the_folder_is_beside_the_video(tmp_path: Path) -> None:
 
 
 def test_a_guessed_camera(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    cv2 = pytest.importorskip("cv2")
-    video, path = tmp_path / "a.mp4", tmp_path / "camera.toml"
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"mp4v"), 10, (240, 320))
-    writer.write(cv2.UMat(320, 240, cv2.CV_8UC3).get())
-    writer.release()
+    video, path = write_video(tmp_path / "a.mp4", np.zeros((1, 320, 240, 3), np.uint8)), tmp_path / "camera.toml"
     guess_camera(video, 90.0, path)
     model = read_camera_file(path)
     assert (model.width, model.height) == (240, 320)

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 import pytest
 from detect.stub_people import People
+from films import write_video
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.detect.onnx_pose import Box
@@ -22,12 +23,7 @@ FRAMES, RATE = 30, 15.0
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("video") / "walk.mp4"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), RATE, (640, 240))
-    for _ in range(FRAMES):
-        writer.write(np.zeros((240, 640, 3), np.uint8))
-    writer.release()
-    return path
+    return write_video(tmp_path_factory.mktemp("video") / "walk.mp4", np.zeros((FRAMES, 240, 640, 3), np.uint8), RATE)
 
 
 def tracker(people: People) -> Tracker:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from board_images import CAMERA, SQUARE_M, lying, poses, rays, render
+from films import write_video
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -353,10 +354,7 @@ def test_images_and_videos(tmp_path: Path) -> None:
     cv2.imwrite(str(folder / "x.png"), np.zeros((20, 31), np.uint8))
     with pytest.raises(InputError, match=r"x\.png has 31 x 20 pixels.*same size"):
         list(calibration_images(folder, 100))
-    video = cv2.VideoWriter(str(tmp_path / "v.avi"), cv2.VideoWriter_fourcc(*"MJPG"), 30, (64, 48))
-    for index in range(10):
-        video.write(np.full((48, 64, 3), 20 * index, np.uint8))
-    video.release()
+    write_video(tmp_path / "v.avi", [np.full((48, 64, 3), 20 * index, np.uint8) for index in range(10)])
     assert [image.number for image in calibration_images(tmp_path / "v.avi", 4)] == [0, 3, 6, 9]
     assert abs(int(one_image(tmp_path / "v.avi", 5).grey[0, 0]) - 100) < 4
     with pytest.raises(InputError, match="no frame 99"):

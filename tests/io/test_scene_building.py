@@ -3,9 +3,9 @@
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from films import write_video
 from mcap_samples import assert_same, walk
 from pose_files import person, write_coco, write_openpose
 from scene_samples import filmed_walk
@@ -97,16 +97,12 @@ def test_a_known_pose_is_that_of_the_camera_file(given: CameraOptions) -> None:
     np.testing.assert_allclose(camera.known_path.p_world_camera, [[0, 0, 1.5]])
 
 
-def write_video(path: Path, frames: int, rate: float = 8.0) -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, (640, 480))
-    for index in range(frames):
-        writer.write(np.full((480, 640, 3), 5 * index, np.uint8))
-    writer.release()
-    return path
+def greys(frames: int) -> list[np.ndarray]:
+    return [np.full((480, 640, 3), 5 * index, np.uint8) for index in range(frames)]
 
 
 def test_times_are_those_of_the_video(given: CameraOptions, tmp_path: Path) -> None:
-    video = write_video(tmp_path / "v.mp4", 24)
+    video = write_video(tmp_path / "v.mp4", greys(24), 8.0)
     with pytest.warns(SceneWarning, match="8.00 frames a second, not 10"):
         camera = add_camera(Scene("s", (of("Ada"),)), replace(given, video=video, embed=True)).camera
     assert camera is not None
@@ -120,18 +116,18 @@ def test_what_does_not_belong_together_is_refused(given: CameraOptions, tmp_path
     with pytest.raises(InputError, match="without times: give the video's rate"):
         add_camera(scene, replace(given, rate=None))
     with pytest.raises(InputError, match=r"v\.mp4 has 12 frames, but the detections have 20"):
-        add_camera(scene, replace(given, video=write_video(tmp_path / "v.mp4", 12)))
+        add_camera(scene, replace(given, video=write_video(tmp_path / "v.mp4", greys(12), 8.0)))
     given.camera.write_text(CAMERA.format(320, 240))
     with pytest.raises(InputError, match=r"poses\.json: \d+ % of the points.*320 by 240.*camera\.toml.*resolution"):
         add_camera(scene, given)
     with pytest.raises(InputError, match="640 by 480 pixels, but the camera was calibrated at 320 by 240"):
-        add_camera(scene, replace(given, video=write_video(tmp_path / "w.mp4", 20)))
+        add_camera(scene, replace(given, video=write_video(tmp_path / "w.mp4", greys(20), 8.0)))
     given.camera.write_text(CAMERA.format(1920, 1440))
     with pytest.warns(SceneWarning, match="if the detector saw a smaller image"):
         add_camera(scene, given)
     given.camera.write_text(CAMERA.format(640, 480))
     with pytest.warns(SceneWarning, match=r"ends at frame 20 of the 40 in .*if the detector left frames out"):
-        add_camera(scene, replace(given, rate=None, video=write_video(tmp_path / "x.mp4", 40)))
+        add_camera(scene, replace(given, rate=None, video=write_video(tmp_path / "x.mp4", greys(40), 8.0)))
     nobody = write_openpose(tmp_path / "nobody", {frame: [] for frame in range(7)})
     with pytest.raises(InputError, match="in none of 7 video frames is anybody"):
         add_camera(scene, replace(given, detections=nobody))

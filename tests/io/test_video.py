@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from films import write_video
 from mcap_samples import walk
 from scene_samples import MODEL, filmed_walk
 
@@ -24,19 +25,12 @@ from vip_factors.io.video import (
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
 
-
-def write_video(path: Path, frames: int = 20, rate: float = 10.0, size: tuple[int, int] = (640, 480)) -> Path:
-    """Frame i is all of red 10 i."""
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, size)
-    for index in range(frames):
-        writer.write(np.full((size[1], size[0], 3), (0, 0, 10 * index), np.uint8))
-    writer.release()
-    return path
+REDS = [np.full((480, 640, 3), (0, 0, 10 * index), np.uint8) for index in range(20)]  # frame i is all of red 10 i
 
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_video(tmp_path_factory.mktemp("video") / "v.mp4")
+    return write_video(tmp_path_factory.mktemp("video") / "v.mp4", REDS)
 
 
 def reds(frames) -> list[int]:
@@ -143,11 +137,8 @@ def test_a_torso_out_of_the_picture_has_none(corners: np.ndarray) -> None:
 
 
 def test_torsos_of_a_video(tmp_path: Path) -> None:
-    path = tmp_path / "shirts.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (120, 90))
-    for number in range(6):
-        writer.write(picture((200, 30, 30) if number < 3 else (30, 30, 200))[..., ::-1])
-    writer.release()
+    shirts = [picture((200, 30, 30) if number < 3 else (30, 30, 200))[..., ::-1] for number in range(6)]
+    path = write_video(tmp_path / "shirts.avi", shirts)
     keypoints = keypoint_set("coco17")
     pixels = np.full((6, 17, 2), 5.0)
     for name, at in zip(("left_shoulder", "right_shoulder", "right_hip", "left_hip"), CORNERS, strict=True):

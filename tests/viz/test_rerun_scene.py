@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from films import write_video
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
@@ -106,12 +107,7 @@ def test_pictures_come_from_images_or_a_video_file(sample: Scene, tmp_path: Path
     show(drawn_scene(sample, None), plain)
     embedded = replace(sample.camera, video=Video(None, {0: blob, 3: blob, 999: blob}))
     show(drawn_scene(replace(sample, camera=embedded), None), tmp_path / "images.rrd")
-    path = tmp_path / "v.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (128, 72))
-    for _ in range(5):
-        writer.write(grey)
-    writer.release()
-    filed = replace(sample.camera, video=Video(path))
+    filed = replace(sample.camera, video=Video(write_video(tmp_path / "v.avi", [grey] * 5)))
     show(drawn_scene(replace(sample, camera=filed), None), tmp_path / "file.rrd")
     gone = replace(sample.camera, video=Video(tmp_path / "gone.mp4"))
     show(drawn_scene(replace(sample, camera=gone), None), tmp_path / "gone.rrd")

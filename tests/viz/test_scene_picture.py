@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from films import write_video
 from matplotlib.colors import to_rgb
 from scene_sample import Injected, estimate_of, scene_sample
 
@@ -61,11 +62,7 @@ def test_frames_of_the_video_are_the_background(sample: Scene, tmp_path: Path) -
 
 
 def test_frames_are_found_in_files_and_rubbish_is_left_out(tmp_path: Path) -> None:
-    path = tmp_path / "v.avi"
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 30.0, (64, 48))
-    for level in range(0, 250, 25):
-        writer.write(np.full((48, 64, 3), level, np.uint8))
-    writer.release()
+    path = write_video(tmp_path / "v.avi", [np.full((48, 64, 3), level, np.uint8) for level in range(0, 250, 25)])
     found = list(video_stream(Video(path), [2, 7, 99]))
     assert [one is not None for one in found] == [True, True, False]
     assert found[1].mean() == pytest.approx(175, abs=3)

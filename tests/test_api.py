@@ -9,12 +9,16 @@ from pathlib import Path
 import gtsam
 import numpy as np
 import pytest
+from exercises import exercises
+from simulated_walk import walk
 
 import vip_factors as vip
 from vip_factors import api
 from vip_factors.estimate import WearerEstimate
 from vip_factors.evaluate.evaluation import Evaluation
+from vip_factors.gait.files import NAMES as GAIT_FILES
 from vip_factors.geometry.rotations import Array
+from vip_factors.repetitions.files import NAMES as REPETITION_FILES
 from vip_factors.settings import SolverName
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 
@@ -52,7 +56,7 @@ FUNCTIONS = {
     "evaluate": "estimate truth",
     "export": "estimate path settings overwrite",
     "factor_graph": "recording settings",
-    "gait": "estimate recording",
+    "gait": "estimate recording out overwrite",
     "joint_angles": "motion",
     "live_samples": "scene",
     "open_source": "text follow real_time speed settings on_finding token",
@@ -60,7 +64,7 @@ FUNCTIONS = {
     "read": "path then",
     "read_estimate": "path",
     "read_motion": "path",
-    "repetitions": "estimate",
+    "repetitions": "estimate settings out overwrite",
     "report": "estimate path recording truth settings overwrite video",
     "run": "options",
     "serve": "worn port host token",
@@ -131,7 +135,7 @@ def test_from_sensors_to_a_file_of_another_program(
 def test_an_evaluation_printed_begins_with_five_lines(recording: vip.Scene, estimate: vip.Estimate) -> None:
     found = vip.evaluate(estimate, recording)
     assert isinstance(found, Evaluation)
-    assert str(found).splitlines()[:5] == found.summary()
+    assert str(found).splitlines()[:5] == found.summary()[1:]
     one = vip.evaluate(estimate.wearers[0], recording.wearers[0])
     assert one["mpjpe"] == found["mpjpe"]
 
@@ -166,6 +170,34 @@ def test_objects_tell_of_themselves_in_a_few_lines(recording: vip.Scene, estimat
         assert one._repr_html_().startswith("<table><caption>")
     assert "verdict: " in repr(estimate)
     assert "6, 0.0 to " in repr(recording)
+    assert "<th>positions</th><td>" in found._repr_html_()
+
+
+def test_what_is_found_tells_of_itself_in_a_few_lines(estimate: vip.Estimate, recording: vip.Scene) -> None:
+    answer = next(vip.Stream(recording, vip.LiveSettings(frame_rate=20.0)).answers(vip.live_samples(recording)))
+    for one in (estimate.only_wearer.motion, estimate.joint_angles(), answer):
+        assert 2 <= len(repr(one).splitlines()) <= 4
+    assert repr(answer).startswith("answer to frame 0, ")
+
+
+def test_gait_and_repetitions_tell_of_themselves_and_are_written(tmp_path: Path) -> None:
+    (walked,) = vip.gait(walk(), out=tmp_path / "gait")
+    assert repr(walked).splitlines()[0].endswith("events by the motion of the legs")
+    assert "<th>speed</th><td>" in walked._repr_html_()
+    (exercised,) = vip.repetitions(exercises(("squat", "squat")), out=tmp_path / "gym")
+    assert repr(exercised).splitlines()[0] == "exercises: 2 squats"
+    assert "<th>squat</th><td>" in exercised._repr_html_()
+    made = {path.name for path in tmp_path.rglob("*.*")}
+    assert made == {*GAIT_FILES, *REPETITION_FILES}
+    with pytest.raises(vip.VipFactorsError, match="exists already"):
+        vip.repetitions(exercises(("squat",)), out=tmp_path / "gym")
+
+
+def test_what_is_no_recording_or_estimate_is_told(recording: vip.Scene, tmp_path: Path) -> None:
+    with pytest.raises(vip.VipFactorsError, match=r"walk\.mcap: expected a recording or a scene, as vip\.read"):
+        vip.smooth("walk.mcap")  # type: ignore[arg-type]
+    with pytest.raises(vip.VipFactorsError, match=r"Scene simulated: expected an estimate, as vip\.smooth"):
+        vip.report(recording, tmp_path / "walk.html")  # type: ignore[arg-type]
 
 
 def test_an_estimate_as_angles_positions_and_columns(estimate: vip.Estimate) -> None:

@@ -18,6 +18,7 @@ from vip_factors.io.convert import ImportOptions
 from vip_factors.io.scene_building import CameraOptions
 from vip_factors.io.settings import ExportSettings
 from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
+from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.detections import Detections
@@ -294,7 +295,7 @@ def smooth(
     from vip_factors import pipeline
     from vip_factors.settings import Settings
 
-    return pipeline.smooth(recording, settings or Settings(), progress, extra_factors)
+    return pipeline.smooth(_scene(recording), settings or Settings(), progress, extra_factors)
 
 
 def factor_graph(recording: Recording | Scene, settings: "Settings | None" = None) -> "FactorGraph":
@@ -306,7 +307,7 @@ def factor_graph(recording: Recording | Scene, settings: "Settings | None" = Non
     from vip_factors import pipeline
     from vip_factors.settings import Settings
 
-    return pipeline.factor_graph(recording, settings or Settings())
+    return pipeline.factor_graph(_scene(recording), settings or Settings())
 
 
 def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
@@ -324,31 +325,57 @@ def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
     return evaluate_scene(_estimate(estimate), _scene(truth))
 
 
-def gait(estimate: Moved, recording: Recording | Scene | None = None) -> "tuple[Gait, ...]":
+def gait(
+    estimate: Moved,
+    recording: Recording | Scene | None = None,
+    *,
+    out: StrPath | None = None,
+    overwrite: bool = False,
+) -> "tuple[Gait, ...]":
     """How each wearer walked: events, strides, figures with their ±, joint angles over the cycle.
 
     Args:
         estimate: of one wearer or several.
         recording: that it was made from: sensors on the feet tell events and lengths better than a motion does.
+        out: folder for tables, JSON and a picture of it, made if need be; none if absent.
+        overwrite: whether files there may be replaced.
 
     Raises:
-        InputError: if the two are not of the same wearers.
+        InputError: if the two are not of the same wearers, or files may not be written.
     """
     from vip_factors.gait.analysis import gaits_of
+    from vip_factors.gait.files import write_gait
 
-    return gaits_of(_estimate(estimate), None if recording is None else _scene(recording))
+    found = gaits_of(_estimate(estimate), None if recording is None else _scene(recording))
+    if out is not None:
+        write_gait(found, Path(out), overwrite)
+    return found
 
 
-def repetitions(estimate: WearerEstimate | Estimate) -> tuple[WearerRepetitions, ...]:
+def repetitions(
+    estimate: Moved,
+    settings: RepetitionSettings | None = None,
+    *,
+    out: StrPath | None = None,
+    overwrite: bool = False,
+) -> tuple[WearerRepetitions, ...]:
     """Squats, lunges, jumps and curls of each wearer: times, depth, tempo, ranges, symmetry, jump height, with their ±.
 
     Args:
         estimate: of one wearer or several.
+        settings: what counts.
+        out: folder for a table, JSON and a picture of it, made if need be; none if absent.
+        overwrite: whether files there may be replaced.
 
     Raises:
-        InputError: if one has no frames.
+        InputError: if one has no frames, or files may not be written.
     """
-    return all_repetitions(_estimate(estimate))
+    found = all_repetitions(_estimate(estimate), settings)
+    if out is not None:
+        from vip_factors.repetitions.files import write_repetitions
+
+        write_repetitions(found, Path(out), overwrite)
+    return found
 
 
 def export(
@@ -468,10 +495,21 @@ def picture(
 
 
 def _scene(recording: Recording | Scene) -> Scene:
+    if not isinstance(recording, Recording | Scene):
+        raise InputError(f"{_called(recording)}: expected a recording or a scene, as vip.read gives of a file")
     return recording if isinstance(recording, Scene) else Scene(recording.name, (recording,))
+
+
+def _called(given: object) -> str:
+    """What a user handed over, in a few words."""
+    if isinstance(given, str | PathLike):
+        return f"{given!s:.80}"
+    return f"{type(given).__name__} {getattr(given, 'name', '')}".strip()
 
 
 def _estimate(estimate: Moved) -> Estimate:
     if isinstance(estimate, Motion):
         estimate = WearerEstimate(estimate.name, "motion", estimate, {})
+    if not isinstance(estimate, WearerEstimate | Estimate):
+        raise InputError(f"{_called(estimate)}: expected an estimate, as vip.smooth makes, or vip.read_estimate reads")
     return estimate if isinstance(estimate, Estimate) else Estimate.of_one(estimate)

@@ -6,6 +6,7 @@ from vip_factors.body.skeleton import Skeleton
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
+from vip_factors.summarised import Summarised
 
 
 @dataclass(frozen=True)
@@ -58,8 +59,8 @@ class LiveWearerEstimate:
     skeleton: Skeleton | None = None
 
 
-@dataclass(frozen=True)
-class LiveEstimate:
+@dataclass(frozen=True, repr=False)
+class LiveEstimate(Summarised):
     """The answer to one frame; every frame gets one, in order.
 
     Attributes:
@@ -81,3 +82,10 @@ class LiveEstimate:
     findings: tuple[Finding, ...] = ()
     seconds: float = 0.0
     preliminary: bool = False
+
+    def summary(self) -> list[str]:
+        """When it is of, where everybody is, and what was noticed."""
+        poses = ((one.name, one.newest) for one in self.wearers)
+        wearers = (f"{name}: pelvis at {pose.p_world_pelvis.round(2)} m at {pose.time:.2f} s" for name, pose in poses)
+        title = f"answer to frame {self.frame}, {self.time:.2f} s{', preliminary' * self.preliminary}"
+        return [title, *wearers, *(f"{one.severity}: {one}" for one in self.findings)]

@@ -12,7 +12,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import PoseCovariance, WearerEstimate
-from vip_factors.repetitions.files import summary, table
+from vip_factors.repetitions.files import table
 from vip_factors.repetitions.repetitions import Repetition
 from vip_factors.simulate.gestures import gestures
 
@@ -38,12 +38,16 @@ def found(motion: Motion) -> Sequence[Repetition]:
 
 def test_each_is_found_once(found: Sequence[Repetition]) -> None:
     assert [one.kind for one in found] == list(KINDS)
-    assert summary(found) == "3 squats, 2 lunges, 2 jumps, 3 curls"
     for number, one in enumerate(found):
         assert one.start == pytest.approx(BEGIN + number * CYCLE, abs=0.3)
         assert one.start < one.turn < one.end < one.start + CYCLE
     assert {one.side for one in found if one.kind == "lunge"} == {"left"}
     assert table(found).count("\n") == len(found)
+
+
+def test_they_are_counted_by_kind(motion: Motion) -> None:
+    (one,) = vip.repetitions(motion)
+    assert one.counts == "3 squats, 2 lunges, 2 jumps, 3 curls"
 
 
 def test_figures_of_squats_and_curls(found: Sequence[Repetition], motion: Motion) -> None:

@@ -32,6 +32,7 @@ from vip_factors.geometry.rotations import (
     transpose,
     wrap_angle,
 )
+from vip_factors.summarised import Summarised
 
 
 @dataclass(frozen=True)
@@ -45,13 +46,22 @@ class AngleDefinition:
     positive: str
 
 
-@dataclass(frozen=True)
-class JointAngles:
+@dataclass(frozen=True, repr=False)
+class JointAngles(Summarised):
     """Joint angles of a motion: ``time`` ``(T,)`` seconds from the recording's start, ``degrees`` ``(T, N)``."""
 
     time: Array
     definitions: tuple[AngleDefinition, ...]
     degrees: Array
+
+    def summary(self) -> list[str]:
+        """How many there are, and how they are called."""
+        N = len(self.names)
+        return [
+            "joint angles",
+            f"degrees: {len(self.time)} frames, {N} angles",
+            f"names: {', '.join(self.names[:3])} …",
+        ]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from vip_factors.compiled import kernels
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, hat, transpose
+from vip_factors.summarised import Summarised
 
 # Of each joint (row), the bones it moves; the last row is the root's translation, which moves them all.
 MOVES = np.ones((JOINT_COUNT + 1, JOINT_COUNT))
@@ -129,8 +130,8 @@ FASTEST_HZ = 1e6  # what is faster than a million frames a second is a mistake o
 FARTHEST_M = 1e8  # nobody is farther from the origin than the Earth is wide, and its square is still a number
 
 
-@dataclass(frozen=True)
-class Motion:
+@dataclass(frozen=True, repr=False)
+class Motion(Summarised):
     """Poses of one person at a constant rate, in a world with Z up.
 
     Attributes:
@@ -168,6 +169,11 @@ class Motion:
 
     def __len__(self) -> int:
         return len(self.p_world_pelvis)
+
+    def summary(self) -> list[str]:
+        """How long it is, and of what body."""
+        frames = f"frames: {len(self)} at {self.rate:g} Hz, from {self.start:.2f} s on"
+        return [f"motion '{self.name}'", frames, f"body: {self.skeleton.source}"]
 
     @property
     def time(self) -> Array:

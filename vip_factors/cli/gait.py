@@ -11,7 +11,6 @@ from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
     from vip_factors.estimate import Estimate
-    from vip_factors.gait.analysis import Gait
     from vip_factors.sensors.scene import Scene
 
 
@@ -53,7 +52,7 @@ def main(options: GaitOptions) -> None:
     if not any(one.strides for one in gaits):
         raise InputError(f"{options.source}: nobody walks in it: no foot takes two steps")
     for gait in gaits:
-        _print_summary(gait)
+        print(gait)
     for path in write_gait(gaits, options.out or beside(options.source, ".gait"), options.overwrite):
         print(path)
 
@@ -71,16 +70,3 @@ def _read(options: GaitOptions) -> "tuple[Estimate | None, Scene | None]":
     if measured and not any(topic.startswith("/estimate") for topic in contents.topics):
         return None, scene
     return mcap_estimate.read_estimate(contents), scene
-
-
-def _print_summary(gait: "Gait") -> None:
-    by = {True: "foot sensors", False: "the motion of the legs"}
-    told = " and ".join(dict.fromkeys(by[one.by_sensor] for one in gait.feet.values()))
-    print(f"{gait.name}: {len(gait.strides)} strides, {len(gait.counted)} of them in the means; events by {told}")
-    for finding in gait.findings:
-        print(f"  {finding.severity}: {finding}")
-    for name in ("speed", "cadence", "time", "length"):
-        one = gait.figure(name)
-        if one is not None:
-            mean, sigma = (f"{value:.{one.quantity.decimals}f}" for value in (one.mean, one.sigma))
-            print(f"  {one.quantity.words}: {mean} ± {sigma} {one.quantity.unit}")

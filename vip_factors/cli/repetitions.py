@@ -34,13 +34,13 @@ class RepetitionOptions:
 def main(options: RepetitionOptions) -> None:
     """Run the command."""
     from vip_factors.io.mcap_estimate import read_estimate
-    from vip_factors.repetitions.files import summary, table, write_repetitions
+    from vip_factors.repetitions.files import table, write_repetitions
     from vip_factors.repetitions.repetitions import all_repetitions
 
     with waiting(f"reading {options.estimate.name}"):
         found = all_repetitions(read_estimate(options.estimate), options.settings)
     for one in found:
-        print(f"{one.name}: {summary(one.repetitions) or 'no repetitions'}")
+        print(one.summary()[0])
         if one.repetitions:
             print(table(one.repetitions))
     for path in write_repetitions(found, options.out or beside(options.estimate, ".repetitions"), options.overwrite):

@@ -90,12 +90,13 @@ class Evaluation(Summarised):
         return self.metrics[metric].value
 
     def __str__(self) -> str:
-        return "\n".join([*self.summary(), "", self.to_table().rstrip()])
+        return "\n".join([*self.summary()[1:], "", self.to_table().rstrip()])
 
     def summary(self) -> list[str]:
-        """Five lines, each with the gauge that its errors are in."""
+        """A title, and five lines, each with the gauge that its errors are in."""
         wearers = {name: one.metrics for name, one in self.wearers.items()}
-        return summary_lines(self.metrics, wearers or {self.name: self.metrics})
+        lines = summary_lines(self.metrics, wearers or {self.name: self.metrics})
+        return [f"evaluation of '{self.name}', {self.method}", *lines]
 
     def to_table(self) -> str:
         """Markdown: the metrics, then joints, lengths and sensors, or pairs and every wearer of a scene."""

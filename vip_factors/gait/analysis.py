@@ -19,6 +19,7 @@ from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
+from vip_factors.summarised import Summarised
 
 CYCLE = np.arange(101.0)  # per cent
 # What all strides of a recording are off by together, one standard deviation, as walks of six people with a reference
@@ -77,8 +78,8 @@ class Curve:
     sigma: Array
 
 
-@dataclass(frozen=True)
-class Gait:
+@dataclass(frozen=True, repr=False)
+class Gait(Summarised):
     """How somebody walked.
 
     Attributes:
@@ -100,6 +101,18 @@ class Gait:
     with_covariance: bool
     bones: frozenset[str] | None = None
     findings: tuple[Finding, ...] = ()
+
+    def summary(self) -> list[str]:
+        """How many strides there are, what told them, what is odd, and the figures that most ask for."""
+        by = {True: "foot sensors", False: "the motion of the legs"}
+        told = " and ".join(dict.fromkeys(by[one.by_sensor] for one in self.feet.values()))
+        found = f"{len(self.strides)} strides, {len(self.counted)} of them in the means; events by {told}"
+        lines = [f"{self.name or 'wearer'}: {found}"]
+        lines += [f"{one.severity}: {one}" for one in self.findings]
+        for one in filter(None, map(self.figure, ("speed", "cadence", "time", "length"))):
+            mean, sigma = (f"{value:.{one.quantity.decimals}f}" for value in (one.mean, one.sigma))
+            lines.append(f"{one.quantity.words}: {mean} ± {sigma} {one.quantity.unit}")
+        return lines
 
     @property
     def counted(self) -> tuple[Stride, ...]:

@@ -24,14 +24,6 @@ UNKNOWN_CELL = "\u2013"  # a dash
 WIDTH, ROW_HEIGHT, MARGIN = 1400.0, 210.0, 90.0
 
 
-def summary(repetitions: Sequence[Repetition]) -> str:
-    """``6 squats, 2 jumps``."""
-    kinds = [one.kind for one in repetitions]
-    return ", ".join(
-        f"{kinds.count(kind)} {kind}{'s' if kinds.count(kind) > 1 else ''}" for kind in KIND_COLOURS if kind in kinds
-    )
-
-
 HEAD = ("", "kind", "side", "from s", "to s", "down / hold / up s", "depth cm", "flexed °", "left less right °",
         "flight s", "height cm by flight", "by rise")  # fmt: skip
 
@@ -152,7 +144,7 @@ def draw_repetitions(wearers: Sequence[WearerRepetitions], path: Path, overwrite
 
 def _draw_wearer(figure: Any, top: float, one: WearerRepetitions) -> None:
     signals, time = one.signals, one.signals.time
-    write(figure, (30, top + 36), f"{one.name}: {summary(one.repetitions) or 'no repetitions'}", 22, weight="bold")
+    write(figure, (30, top + 36), one.summary()[0], 22, weight="bold")
     floor = float(np.median(signals.lower_foot))
     panels = (
         ("pelvis above the lower foot, and centre of mass above the floor (dark), m",

@@ -6,9 +6,10 @@ of the elbow's flexion while the upper arm hangs. Both count where at least two 
 no exercise. A jump counts by itself: the centre of mass falls freely while both feet are off the floor.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.repetitions.signals import SIDES, Signals, signals_of
+from vip_factors.summarised import Summarised
 
 Kind = Literal["squat", "lunge", "jump", "curl"]
 Side = Literal["left", "right", "both"]
@@ -85,13 +87,25 @@ class _Low:
     end: float
 
 
-@dataclass(frozen=True)
-class WearerRepetitions:
+@dataclass(frozen=True, repr=False)
+class WearerRepetitions(Summarised):
     """The repetitions of one wearer, in the order of time, and the signals that they were told from."""
 
     name: str
     signals: Signals
     repetitions: tuple[Repetition, ...]
+
+    @property
+    def counts(self) -> str:
+        """``6 squats, 2 jumps``."""
+        kinds = Counter(one.kind for one in self.repetitions)
+        counts = (f"{kinds[kind]} {kind}{'s' if kinds[kind] > 1 else ''}" for kind in get_args(Kind) if kinds[kind])
+        return ", ".join(counts) or "no repetitions"
+
+    def summary(self) -> list[str]:
+        """How many of each kind, and when."""
+        title = f"{self.name or 'wearer'}: {self.counts}"
+        return [title, *(f"{one.kind}: {one.start:.1f} to {one.end:.1f} s, {one.side}" for one in self.repetitions)]
 
 
 def all_repetitions(estimate: Estimate, settings: RepetitionSettings | None = None) -> tuple[WearerRepetitions, ...]:

@@ -28,7 +28,7 @@ from vip_factors.gait.files import curves_figure
 from vip_factors.gait.strides import QUANTITIES, Quantity
 from vip_factors.io.live_json import VERSION
 from vip_factors.io.video import with_video
-from vip_factors.repetitions.files import HEAD, rows, summary
+from vip_factors.repetitions.files import HEAD, rows
 from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.report.angles import PAIRED, TRUNK, angles_section
@@ -287,11 +287,11 @@ def repetitions_section(material: Material) -> Section | None:
     """Of the wearers who exercise; None if nobody does."""
     blocks: list[Block] = []
     for wearer in material.wearers:
-        found = repetitions_of(wearer.estimate, RepetitionSettings()).repetitions
-        if not found:
+        found = repetitions_of(wearer.estimate, RepetitionSettings())
+        if not found.repetitions:
             continue
         blocks += [Heading(wearer.name)] if len(material.wearers) > 1 else []
-        blocks += [Paragraph(f"{capital(summary(found))}."), Table(HEAD, rows(found), CAPTION, words=3)]
+        blocks += [Paragraph(f"{capital(found.counts)}."), Table(HEAD, rows(found.repetitions), CAPTION, words=3)]
     return Section("repetitions", "Repetitions", tuple(blocks)) if blocks else None
 
 

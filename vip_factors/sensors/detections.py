@@ -15,10 +15,11 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera_model import NEAREST_M, CameraModel, VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.imu_stream import check_times
+from vip_factors.summarised import Summarised
 
 
-@dataclass(frozen=True)
-class Detections:
+@dataclass(frozen=True, repr=False)
+class Detections(Summarised):
     """``N`` people found in ``F`` video frames, ``K`` keypoints each.
 
     Attributes:
@@ -50,6 +51,11 @@ class Detections:
         check_times(self.time, "video frames of the detections")
         if N and (np.any(np.diff(self.frame) < 0) or self.frame[0] < 0 or self.frame[-1] >= len(self.time)):
             raise RecordingError(f"detections: frame numbers are not in order within the {len(self.time)} video frames")
+
+    def summary(self) -> list[str]:
+        """How much was detected, and of what."""
+        who = f"detected: {len(self)} 2D poses ({self.keypoints.name}) in {len(self.time)} video frames"
+        return ["detections", who]
 
     @classmethod
     def none(cls, keypoints: KeypointSet) -> "Detections":

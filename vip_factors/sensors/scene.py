@@ -81,12 +81,12 @@ class Camera(Summarised):
 
     def summary(self) -> list[str]:
         """What it is, and what was detected in its video."""
-        found, known = self.detections, "" if self.known_path is None else ", pose known"
+        known = "" if self.known_path is None else ", pose known"
         stands = f"{'moves' if self.moving else 'stands still'}{known}"
         return [
             f"camera '{self.name}'",
             f"image: {self.model.width} by {self.model.height} pixels, {stands}",
-            f"detected: {len(found)} 2D poses ({found.keypoints.name}) in {len(found.time)} video frames",
+            *self.detections.summary()[1:],
         ]
 
     @property

@@ -26,6 +26,22 @@ def assert_one_sentence(told, *words: str) -> None:
         assert word in told.err
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("stream", "a.mcap", "--web", "80a"), "--web is '80a': expected a whole number"),
+        (("stream", "a.mcap", "--lag", "abc"), "--lag is 'abc': expected a number"),
+        (("smooth", "a.mcap", "--fail-on", "nver"), "--fail-on is 'nver': expected one of 'never', 'care', 'doubt'"),
+        (("smooth", "a.mcap", "--frame-rat", "3"), "unrecognized options: --frame-rat, 3; perhaps --frame-rate is"),
+        (("smooth", "a.mcap", "--frame-rate"), "missing value for argument '--frame-rate'"),
+        (("report", "a.mcap", "b.mcap"), "unrecognized options: b.mcap"),
+        (("report",), "missing from vip-factors report: ESTIMATE"),
+    ],
+)
+def test_words_that_do_not_fit_are_told_in_a_sentence(run, words: tuple[str, ...], told: str) -> None:
+    assert_one_sentence(run(*words), told, f"all options: vip-factors {words[0]} --help-all")
+
+
 def test_sentences_name_options_and_no_functions(run, files, tmp_path: Path) -> None:
     assert_one_sentence(run("smooth", files.recording), "--overwrite")
     assert_one_sentence(

@@ -8,9 +8,11 @@ import inspect
 import os
 import re
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stderr
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass, make_dataclass
 from importlib import import_module
-from itertools import combinations
+from io import StringIO
+from itertools import combinations, pairwise, takewhile
 from pathlib import Path
 from textwrap import dedent, wrap
 from typing import Annotated, Any, Literal, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -29,6 +31,15 @@ LINES = 2  # at most for what it does
 WHOLE: Any = {"break_on_hyphens": False, "placeholder": " …"}  # words
 # What stands for a value; anything else is text.
 VALUES: dict[Any, str] = {Path: "PATH", float: "NUMBER", int: "N"}
+RULES = ("─", "---")
+MISFITS = (  # what tyro says of a value that does not fit, and what we say
+    (r"Error parsing (\S+): no type matching (?:{None}\|)?(\S+) could be .*from \[('.*')\]", r"\1 is \3: expected \2"),
+    (r"Error parsing (\S+): invalid literal for int.*: ('.*')", r"\1 is \2: expected INT"),
+    (r"Error parsing (\S+): could not convert string to float: ('.*')", r"\1 is \2: expected FLOAT"),
+    ("INT$", "a whole number"),
+    ("FLOAT$", "a number"),
+    (r"invalid choice ('.*') for argument '(\S+)'\. Expected one of \((.*)\)", r"\2 is \1: expected one of \3"),
+)
 Options = TypeVar("Options")
 
 
@@ -82,9 +93,9 @@ def parse(
         default: values of the fields that are not given; those of the class if None.
 
     Raises:
-        InputError: for a number that is out of its range, or an output that is an input or of another suffix.
-        SystemExit: after ``--help``, a screen of the options that the class names in ``common``, or ``--help-all`` (0),
-            and for options that do not fit (2), which stderr is told.
+        InputError: for words that do not fit, a number that is out of its range, or an output that is an input or of
+            another suffix.
+        SystemExit: 0 after ``--help``, a screen of the options that the class names in ``common``, or ``--help-all``.
     """
     none_is_a_value = getattr(options, "none_is_a_value", hasattr(options, "settings_tree"))
     config = [tyro.conf.EnumChoicesFromValues, *([] if none_is_a_value else [tyro.conf.DisallowNone])]
@@ -92,12 +103,28 @@ def parse(
         _tell_short_help(arguments, prog, options)
     words = [HELP[1] if word == HELP_ALL else word for word in arguments]
     try:
-        given = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
+        with redirect_stderr(StringIO()) as box:
+            given = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
         check_ranges(given, zero=True)  # settings have checked themselves
         check_outputs(given)
     except RangeError as wrong:
         raise InputError(f"{_option(options, wrong.name)} {wrong.reason}") from wrong
+    except SystemExit as end:
+        if not end.code:
+            raise
+        raise InputError(f"{_sentence(box.getvalue())}; all options: {prog} {HELP_ALL}") from None
     return given
+
+
+def _sentence(box: str) -> str:
+    """Of the box that tyro draws about words that do not fit: what it says above its first rule, in our words."""
+    lines = list(filter(None, (line.strip("│ ") for line in box.splitlines()[1:])))
+    lines = lines[lines[0].startswith(RULES) :]  # where the terminal has no boxes, the title has a rule, too
+    text = " ".join(takewhile(lambda line: not line.startswith((*RULES, "Got errors")), lines)).rstrip(".")
+    for theirs, ours in MISFITS:
+        text = re.sub(theirs, ours, text)
+    meant = next((after for line, after in pairwise(lines) if line == "Perhaps you meant:"), "").partition(" ")[0]
+    return f"{text[:1].lower()}{text[1:]}{f'; perhaps {meant} is meant' * bool(meant)}"
 
 
 def _option(options: type, name: str) -> str:

@@ -23,7 +23,7 @@ class ReportOptions(ManyOptions):
     The page needs no network. With the recording it also tells of sensors and video, and shows frames of it.
     """
 
-    common: ClassVar = ("recording", "truth", "out", "overwrite")
+    common: ClassVar = ("recording", "truth", "video", "out", "overwrite")
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     recording: Path | None = None

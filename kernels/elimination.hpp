@@ -15,9 +15,11 @@ struct Blas {
     void (*dsyrk)(const char*, const char*, int*, int*, double*, double*, int*, double*, double*, int*);
     void (*dtrsv)(const char*, const char*, const char*, int*, double*, int*, double*, int*);
     void (*dgemv)(const char*, int*, int*, double*, double*, int*, double*, int*, double*, double*, int*);
+    void (*dgemm)(const char*, const char*, int*, int*, int*, double*, double*, int*, double*, int*, double*, double*, int*);
     void (*dsymv)(const char*, int*, double*, double*, int*, double*, int*, double*, double*, int*);
 };
 
+constexpr int REACH = 2;  // frames after its own that a factor sees
 inline double ONE = 1.0, MINUS_ONE = -1.0;
 inline int NEXT = 1;
 
@@ -42,6 +44,26 @@ inline void substitute(const Blas& blas, double* M, int row, int n, int w, doubl
     if (w == 0) return;
     if (rest > 0) blas.dgemv("T", &rest, &w, &MINUS_ONE, M + w, &row, y, &NEXT, &ONE, x, &NEXT);
     blas.dtrsv("L", "T", "N", &w, M, &row, x, &NEXT);
+}
+
+// R x + S y = d: w rows of n columns, with the stride of the matrix that they lie in.
+struct Conditional {
+    double* rows;
+    const double* d;
+    int row, n, w;
+};
+
+inline void substitute(const Blas& blas, const Conditional& of, double* y, double* x) {
+    std::copy(of.d, of.d + of.w, x);
+    substitute(blas, of.rows, of.row, of.n, of.w, y, x);
+}
+
+// Y of Rᵀ Y = Y as it was, of m columns, and B − Sᵀ Y in the place of B.
+inline void forward(const Blas& blas, const Conditional& of, double* Y, double* B, int m) {
+    int w = of.w, rest = of.n - of.w, row = of.row;
+    if (w == 0 || m == 0) return;
+    blas.dtrsm("R", "L", "T", "N", &m, &w, &ONE, of.rows, &row, Y, &m);
+    if (rest > 0) blas.dgemm("N", "T", &m, &rest, &w, &MINUS_ONE, Y, &m, of.rows + w, &row, &ONE, B, &m);
 }
 
 // Blocks (frames, rows, columns) from a first frame on, of which the first element stands at `row` and `column` of a matrix.

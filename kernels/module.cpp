@@ -339,6 +339,7 @@ static void use_blas(nb::dict functions) {
     };
     load("dpotrf", blas.dpotrf), load("dtrsm", blas.dtrsm), load("dsyrk", blas.dsyrk);
     load("dtrsv", blas.dtrsv), load("dgemv", blas.dgemv), load("dsymv", blas.dsymv);
+    load("dgemm", blas.dgemm);
 }
 
 // The variables first … first + width, of which those before are eliminated already.
@@ -370,11 +371,51 @@ static void reorder(In<2> information, In<1> vector, Indices<1> order, Out<2> in
     }
 }
 
-// `found` (w) holds d, and then x; rows (w, n) with the stride of the matrix that they lie in.
-static void substitute(nb::ndarray<double, nb::ndim<2>, nb::device::cpu> rows, In<1> later, Out<1> found) {
-    const auto w = static_cast<int>(rows.shape(0)), n = static_cast<int>(rows.shape(1));
-    expect((w == 0 || rows.stride(1) == 1) && found.shape(0) == rows.shape(0) && later.shape(0) + found.shape(0) == rows.shape(1));
-    vip::substitute(blas, rows.data(), static_cast<int>(rows.stride(0)), n, w, const_cast<double*>(later.data()), found.data());
+// R and S (w, n), with the stride of the matrix that they lie in.
+using Matrix = nb::ndarray<double, nb::ndim<2>, nb::device::cpu>;
+
+static vip::Conditional conditional(Matrix rows, const double* d) {
+    expect((rows.size() == 0 || rows.stride(1) == 1) && rows.shape(0) <= rows.shape(1));
+    return {rows.data(), d, static_cast<int>(rows.stride(0)), static_cast<int>(rows.shape(1)), static_cast<int>(rows.shape(0))};
+}
+
+static vip::Conditional conditional(nb::handle rows, nb::handle d) {
+    const auto right = nb::cast<In<1>>(d);
+    const vip::Conditional found = conditional(nb::cast<Matrix>(rows), right.data());
+    expect(static_cast<int>(right.shape(0)) == found.w);
+    return found;
+}
+
+static void forward(Matrix rows, Out<2> right, Out<2> behind) {
+    const vip::Conditional of = conditional(rows, nullptr);
+    expect(static_cast<int>(right.shape(0)) == of.w && static_cast<int>(behind.shape(0)) == of.n - of.w && behind.shape(1) == right.shape(1));
+    vip::forward(blas, of, right.data(), behind.data(), static_cast<int>(right.shape(1)));
+}
+
+// Of each frame R and S, and d; and where what is shared steps behind it, the same of that.
+static void substitute_lag(nb::list frames, In<1> shared, Out<2> values) {
+    expect(frames.size() == values.shape(0));
+    const auto T = static_cast<int64_t>(frames.size()), w = static_cast<int64_t>(values.shape(1));
+    const auto s = static_cast<int64_t>(shared.shape(0));
+    std::vector<double> later(vip::REACH * w + s);  // of the frames ahead, and of what is shared
+    for (int64_t t = T - 1; t >= 0; t--) {
+        const nb::tuple one = nb::cast<nb::tuple>(frames[t]);
+        const int64_t ahead = std::min<int64_t>(vip::REACH, T - 1 - t) * w;
+        if (t == T - 1) std::copy(shared.data(), shared.data() + s, later.data());
+        if (one.size() > 2) {
+            const vip::Conditional step = conditional(one[2], one[3]);
+            expect(step.w == s && step.n == s + ahead + s);
+            std::vector<double> before(s);
+            vip::substitute(blas, step, later.data(), before.data());
+            std::copy(before.begin(), before.end(), later.begin() + ahead);
+        }
+        const vip::Conditional own = conditional(one[0], one[1]);
+        expect(own.w == w && own.n == w + ahead + s);
+        vip::substitute(blas, own, later.data(), values.data() + t * w);
+        const int64_t next = std::min<int64_t>(vip::REACH, T - t) * w;
+        std::copy_backward(later.data() + ahead, later.data() + ahead + s, later.data() + next + s);
+        std::copy(values.data() + t * w, values.data() + t * w + next, later.data());
+    }
 }
 
 // Pieces: blocks (t, r, c) of some frames' rows in a matrix, with the first row, column and frame.
@@ -442,6 +483,7 @@ NB_MODULE(_kernels, module) {
     module.def("log", &over_stack<9, 3, vip::log>, released());
     module.def("right_jacobian", &over_stack<3, 9, vip::right_jacobian>, released());
     module.def("inverse_right_jacobian", &over_stack<3, 9, vip::inverse_right_jacobian>, released());
+    module.def("pose_right_jacobian", &over_stack<6, 36, vip::pose_right_jacobian>, released());
     module.def("hat", &over_stack<3, 9, vip::hat>, released());
     module.def("forward_kinematics", &forward_kinematics, released());
     module.def("points", &points, released());
@@ -451,7 +493,8 @@ NB_MODULE(_kernels, module) {
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate);
     module.def("reorder", &reorder);
-    module.def("substitute", &substitute);
+    module.def("substitute_lag", &substitute_lag);
+    module.def("forward", &forward);
     module.def("eliminate_chain", &eliminate_chain);
     module.def("substitute_chain", &substitute_chain);
     module.def("slice_in_coordinates", &slice_in_coordinates);

@@ -79,4 +79,26 @@ template <int n, int k, int m> inline void product(const double* A, const double
         }
 }
 
+// Of SE(3), rotation first (6, 6): vip_factors/geometry/poses.py.
+inline void pose_right_jacobian(const double* step, double* J) {
+    const double turn[3] = {-step[0], -step[1], -step[2]}, shift[3] = {-step[3], -step[4], -step[5]}, q = square(turn);
+    double a = 1. / 6 - q / 120, b = 1. / 24 - q / 720, c = 1. / 120 - q / 2520;
+    if (q >= SMALL_SQUARE) {
+        const double angle = std::sqrt(q), sine = std::sin(angle);
+        a = (angle - sine) / (q * angle), b = (q / 2 + std::cos(angle) - 1) / (q * q);
+        c = 0.5 * (b + 3 * (angle - sine - q * angle / 6) / (q * q * angle));
+    }
+    double own[9], P[9], S[9], PS[9], SP[9], PSP[9], PPS[9], SPP[9], PSPP[9], PPSP[9];
+    right_jacobian(step, own), hat(turn, P), hat(shift, S);
+    product<3, 3, 3>(P, S, PS), product<3, 3, 3>(S, P, SP), product<3, 3, 3>(PS, P, PSP), product<3, 3, 3>(P, PS, PPS);
+    product<3, 3, 3>(SP, P, SPP), product<3, 3, 3>(PSP, P, PSPP), product<3, 3, 3>(P, PSP, PPSP);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const int at = 3 * i + j;
+            J[6 * i + j] = J[6 * (i + 3) + j + 3] = own[at], J[6 * i + j + 3] = 0.0;
+            J[6 * (i + 3) + j] = S[at] / 2 + a * (PS[at] + SP[at] + PSP[at]) + b * (PPS[at] + SPP[at] - 3 * PSP[at]) +
+                                 c * (PSPP[at] + PPSP[at]);
+        }
+}
+
 }  // namespace vip

@@ -12,7 +12,7 @@ from vip_factors.body import kinematics
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.compiled import kernels
-from vip_factors.geometry import rotations
+from vip_factors.geometry import poses, rotations
 from vip_factors.live import association_evidence
 from vip_factors.live.association_evidence import BodyFitter, People
 from vip_factors.problem.scene import SceneProblem
@@ -36,6 +36,12 @@ def test_of_rotation_vectors(name: str) -> None:
     np.testing.assert_allclose(fast(vectors()), fast.__wrapped__(vectors()), atol=1e-10)
     np.testing.assert_allclose(fast([0.1, 0.2, 0.3]), fast.__wrapped__([0.1, 0.2, 0.3]), atol=1e-10)
     assert fast(np.zeros((4, 0, 3))).shape == (4, 0, 3, 3)
+
+
+def test_jacobian_of_poses() -> None:
+    steps = np.concatenate([vectors(), np.random.default_rng(1).standard_normal(vectors().shape)], axis=-1)
+    expected = poses.pose_right_jacobian.__wrapped__(steps)
+    np.testing.assert_allclose(poses.pose_right_jacobian(steps), expected, atol=1e-10)
 
 
 def test_logarithm() -> None:

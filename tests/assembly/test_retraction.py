@@ -100,7 +100,7 @@ def test_a_stream_moves_by_coordinates_as_batch_moves_by_steps(kind: str, far: f
         )
         for t in range(problem.frames)
     ]
-    live = moved_frames(layout, origins, without_frames(state), steps)
+    live = moved_frames(layout, origins, steps)
     batch = state.retract_frames(layout, steps).retract_static(layout, static)
     for t, one in enumerate(live):
         for number, wearer in enumerate(batch.wearers):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vip_factors.compiled import compiled
 from vip_factors.geometry.rotations import SMALL_ANGLE, Array, exp, hat, nearest_rotation, right_jacobian, rotation_z
 
 
@@ -14,7 +15,8 @@ def retract_pose(R: Array, p: Array, steps: Array) -> tuple[Array, Array]:
     return R @ exp(steps[..., :3]), p + (R @ turned)[..., 0]
 
 
-def pose_right_jacobian(steps: Array) -> Array:
+@compiled((6,), (6, 6))
+def pose_right_jacobian(steps: ArrayLike) -> Array:
     """``J_r`` with ``Exp(ξ + dξ) ≈ Exp(ξ) Exp(J_r dξ)``, ``(..., 6, 6)``, of steps ``(..., 6)``.
 
     Barfoot, "State Estimation for Robotics", eqs. 7.85–7.86 (there left, translation first): ``J_r(ξ) = J_l(−ξ)``, with

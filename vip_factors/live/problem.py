@@ -5,10 +5,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.geometry.rotations import Array
+from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.geometry.poses import retract_pose
+from vip_factors.geometry.rotations import Array, exp
 from vip_factors.live.measurement import FrameMeasurement
 from vip_factors.live.settings import LiveSettings
-from vip_factors.problem.layout import Layout
+from vip_factors.problem.layout import ROOT, Layout, Owner
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, SceneState
 from vip_factors.problem.variables import scene_layout
@@ -33,28 +35,27 @@ class FrameState:
     p_world_camera: Array
 
 
-def moved_frames(layout: Layout, origins: Sequence[FrameState], static: SceneState, steps: Array) -> list[FrameState]:
+def moved_frames(layout: Layout, origins: Sequence[FrameState], steps: Array) -> list[FrameState]:
     """Each of the frames at coordinates ``(n, w)`` from where these are zero."""
-    moved = stacked(origins, static).retract_frames(layout, steps)
-    R = np.stack([one.R_parent_child for one in moved.wearers], axis=1)
-    p = np.stack([one.p_world_pelvis for one in moved.wearers], axis=1)
-    poses = moved.camera.poses
-    if len(static.camera.poses):  # a camera that stands still is no frame's
-        camera = [(one.R_world_camera, one.p_world_camera) for one in origins]
-    else:
-        camera = list(zip(poses.R_world_camera, poses.p_world_camera, strict=True))
+    R, p = (np.array([getattr(one, name) for one in origins]) for name in ("R_parent_child", "p_world_pelvis"))
+    camera = [(one.R_world_camera, one.p_world_camera) for one in origins]
+    for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
+        own = steps[:, columns]
+        if chain.owner.kind is Owner.CAMERA:
+            R_camera, p_camera = (np.array(one) for one in zip(*camera, strict=True))
+            camera = list(zip(*retract_pose(R_camera, p_camera, own), strict=True))
+        else:
+            at = chain.owner.number
+            R[:, at] @= exp(own[:, :ROOT].reshape(len(own), JOINT_COUNT, 3))
+            p[:, at] += own[:, ROOT:]
     return [FrameState(R[t], p[t], *camera[t]) for t in range(len(origins))]
 
 
 def stacked(frames: Sequence[FrameState], static: SceneState) -> SceneState:
     """A stretch of frames as the state of a scene; what they share, and whether the camera moves, as in ``static``."""
+    R, p = (np.array([getattr(one, name) for one in frames]) for name in ("R_parent_child", "p_world_pelvis"))
     wearers = tuple(
-        replace(
-            one,
-            R_parent_child=np.array([frame.R_parent_child[number] for frame in frames]),
-            p_world_pelvis=np.array([frame.p_world_pelvis[number] for frame in frames]),
-        )
-        for number, one in enumerate(static.wearers)
+        replace(one, R_parent_child=R[:, at], p_world_pelvis=p[:, at]) for at, one in enumerate(static.wearers)
     )
     camera = static.camera
     if not len(camera.poses):

@@ -230,10 +230,8 @@ class LagSmoother:
 
     def _take(self) -> None:
         self._solution = found = self._chain.solution()
-        coordinates = [found.frames[one.frame.number] for one in self._frames]
-        origins = [one.origin for one in self._frames]
-        states = moved_frames(self._layout, origins, self.shared, np.array(coordinates))
-        for one, own, state in zip(self._frames, coordinates, states, strict=True):
+        states = moved_frames(self._layout, [one.origin for one in self._frames], found.values)
+        for one, own, state in zip(self._frames, found.values, states, strict=True):
             one.coordinates, one.state = own, state
         if self._layout.static_width:
             self._coordinates = found.shared

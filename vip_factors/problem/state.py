@@ -198,13 +198,12 @@ class SceneState:
 
     def retract_static(self, layout: Layout, step: Array) -> "SceneState":
         """What all frames share moved by a step ``(s,)`` of the layout's static vector."""
-        changed: dict[OwnerId, Any] = {}
+        moved: dict[OwnerId, dict[str, Any]] = {}
         for owner, block, columns in layout.placed:
             if block.free:
-                own = changed.get(owner, self.of(owner))
-                value = block.retract(getattr(own, block.name), step[columns])
-                changed[owner] = replace(own, **{block.name: value})
-        return self.replaced(changed) if changed else self
+                value = block.retract(getattr(self.of(owner), block.name), step[columns])
+                moved.setdefault(owner, {})[block.name] = value
+        return self.replaced({owner: replace(self.of(owner), **values) for owner, values in moved.items()})
 
     def retract_frames(self, layout: Layout, steps: Array) -> "SceneState":
         """Every frame moved by steps ``(T, w)`` of the layout's frames."""

@@ -41,10 +41,6 @@ class _Conditional:
 
     def given(self, later: Array) -> Array:
         """The variables, of the values of the later ones."""
-        if kernels is not None:
-            found = self.d.copy()
-            kernels.substitute(self.rows, later, found)
-            return found
         right = self.d - self.S @ later
         solved: Array = dtrsv(self.R, right) if len(right) else right  # of nothing at all it complains
         return solved
@@ -209,24 +205,24 @@ class LagSolution:
     """The minimum over the lag, and how sure it is.
 
     Attributes:
-        frames: ``(w,)`` by number.
+        values: ``(T, w)`` of the frames.
         shared: ``(s,)``, what the newest frame shares with those to come.
     """
 
     def __init__(self, eliminated: dict[int, _Eliminated], last: _Conditional, width: int) -> None:
         self._eliminated, self._last, self.width = dict(eliminated), last, width
-        self.frames = dict[int, Array]()
-        self.shared = shared = last.given(np.zeros(0))
-        ahead = np.zeros(0)  # of the frames there are
-        for number, one in sorted(eliminated.items(), reverse=True):
-            if one.shared is not None:
-                shared = one.shared.given(np.concatenate([ahead, shared]))
-            own = self.frames[number] = one.frame.given(np.concatenate([ahead, shared]))
-            ahead = np.concatenate([own, ahead])[: REACH * width]
+        self.shared = last.given(np.zeros(0))
+        self.values = _substituted(list(eliminated.values()), self.shared, width)
+
+    @property
+    def frames(self) -> dict[int, Array]:
+        """The values by a frame's number."""
+        return dict(zip(self._eliminated, self.values, strict=True))
 
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what the newest frame shares with those to come."""
-        half = _forward(self._last, np.eye(len(self.shared)))
+        s = len(self.shared)
+        half = _forward(self._last, np.eye(s), np.zeros((0, s)))
         return np.asarray(half.T @ half)
 
     def covariance(self, number: int) -> Array:
@@ -242,29 +238,48 @@ class LagSolution:
         substitution forwards. No information matrix is inverted, so an accelerometer's double integration costs no
         digits.
         """
-        w, newest = self.width, max(self._eliminated)
-        total, own, shared = np.zeros((w, w)), np.eye(w), np.zeros((len(self.shared), w))
-        later = np.zeros((min(REACH, newest - number) * w, w))
+        w, s, newest = self.width, len(self.shared), max(self._eliminated)
+        total, own = np.zeros((w, w)), np.eye(w)
+        behind = np.zeros((min(REACH, newest - number) * w + s, w))  # of the frames ahead, and of what is shared
         for at in range(number, newest + 1):
-            one, ahead = self._eliminated[at], len(later)
-            Y = _forward(one.frame, own)
-            total = total + Y.T @ Y
-            behind = np.concatenate([later, shared]) - one.frame.S.T @ Y
-            later, shared = behind[:ahead], behind[ahead:]
+            one, ahead = self._eliminated[at], len(behind) - s
+            Y = _forward(one.frame, own, behind)
+            total += Y.T @ Y
             if one.shared is not None:
-                Y = _forward(one.shared, shared)
+                stepped = behind[ahead:].copy()
+                behind[ahead:] = 0.0
+                Y = _forward(one.shared, stepped, behind)
                 total += Y.T @ Y
-                behind = np.concatenate([later, np.zeros_like(shared)]) - one.shared.S.T @ Y
-                later, shared = behind[:ahead], behind[ahead:]
             yield None
-            own, later = later[:w], later[w:]
+            if at < newest:
+                own, behind = behind[:w], behind[w:]
             if at + 1 + REACH <= newest:
-                later = np.concatenate([later, np.zeros((w, w))])
-        Y = _forward(self._last, shared)
+                behind = np.concatenate([behind[: ahead - w], np.zeros((w, w)), behind[ahead - w :]])
+        Y = _forward(self._last, behind, np.zeros((0, w)))
         yield total + Y.T @ Y
 
 
-def _forward(conditional: _Conditional, right: Array) -> Array:
-    """``Y`` of ``Rᵀ Y = right``."""
-    found: Array = dtrsm(1.0, conditional.R, right, trans_a=1)
+def _substituted(frames: list[_Eliminated], shared: Array, width: int) -> Array:
+    """Values ``(T, w)`` of frames in their order, of what the newest one shares with those to come."""
+    values = np.empty((len(frames), width))
+    if kernels is not None:
+        steps = [() if one.shared is None else (one.shared.rows, one.shared.d) for one in frames]
+        own = [(one.frame.rows, one.frame.d, *step) for one, step in zip(frames, steps, strict=True)]
+        kernels.substitute_lag(own, shared, values)
+        return values
+    for t, one in reversed(list(enumerate(frames))):
+        ahead = values[t + 1 : t + 1 + REACH].ravel()
+        if one.shared is not None:
+            shared = one.shared.given(np.concatenate([ahead, shared]))
+        values[t] = one.frame.given(np.concatenate([ahead, shared]))
+    return values
+
+
+def _forward(conditional: _Conditional, right: Array, behind: Array) -> Array:
+    """``Y`` of ``Rᵀ Y = right``, in its place; ``Sᵀ Y`` is taken from ``behind``."""
+    if kernels is not None:
+        kernels.forward(conditional.rows, right, behind)
+        return right
+    found: Array = dtrsm(1.0, conditional.R, right, trans_a=1) if right.size else right
+    behind -= conditional.S.T @ found
     return found

@@ -114,16 +114,19 @@ class JoinedSolution:
     chains no covariances are known: they are zero.
 
     Attributes:
-        frames: ``(w,)`` by number.
+        values: ``(T, w)`` of the frames.
         shared: ``(s,)``, what the newest frame shares with those to come.
     """
 
     def __init__(self, columns: Sequence[Columns], solutions: Sequence[LagSolution]) -> None:
         self._columns, self._solutions = columns, solutions
-        numbers = list(solutions[0].frames)
-        frames = [np.stack([one.frames[number] for number in numbers]) for one in solutions]
         self.shared = _mean([one.static for one in columns], [one.shared for one in solutions])
-        self.frames = dict(zip(numbers, _mean([one.frame for one in columns], frames), strict=True))
+        self.values = _mean([one.frame for one in columns], [one.values for one in solutions])
+
+    @property
+    def frames(self) -> dict[int, Array]:
+        """The values by a frame's number."""
+        return dict(zip(self._solutions[0].frames, self.values, strict=True))
 
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what the newest frame shares with those to come."""

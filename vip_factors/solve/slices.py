@@ -82,4 +82,6 @@ class Slices:
         if len(value) < self.width:
             seen = np.concatenate([np.arange(frames), np.arange(self.width - self.static, self.width)])
             H, gradient = H[np.ix_(seen, seen)], gradient[seen]
+        else:
+            H = H.copy()  # the slices' memory is used again, and what is made of this is kept
         return H, dsymv(1.0, H.T, value, lower=1) - gradient  # the triangle above the diagonal, transposed

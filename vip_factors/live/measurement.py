@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -87,7 +88,7 @@ class MeasuredStretch:
 
     def measuring(self, carrier: str) -> list[str]:
         """Names of a carrier's sensors that measured orientations throughout, or of late, or nearly so."""
-        seen = np.stack([one.orientation_valid for one in self.measurements])
+        seen = self._stacked[1]
         lately = seen[self.time > self.time[-1] - LATELY_S]
         share = np.maximum(seen.mean(axis=0), lately.mean(axis=0))
         return [name for (who, name), own in zip(self.columns, share, strict=True) if who == carrier and own > MEASURES]
@@ -99,17 +100,16 @@ class MeasuredStretch:
     def frames(self, carrier: str, sensors: Sequence[str]) -> ImuFrames:
         """Some of a carrier's sensors at all frames."""
         columns = np.array([self.column(carrier, sensor) for sensor in sensors], dtype=int)
-        some = self.measurements
-        force = np.stack([one.specific_force_inertial[columns] for one in some])
-        whole = np.stack([one.acceleration_valid[columns] for one in some])
-        return ImuFrames(
-            tuple(sensors),
-            self.time,
-            np.stack([one.R_inertial_sensor[columns] for one in some]),
-            np.stack([one.orientation_valid[columns] for one in some]),
-            np.concatenate([force[1:], np.zeros_like(force[:1])]),  # a measurement holds the frame before it
-            np.concatenate([whole[1:], np.zeros_like(whole[:1])]),
-        )
+        R, seen, force, whole = (values[:, columns] for values in self._stacked)
+        return ImuFrames(tuple(sensors), self.time, R, seen, force, whole)
+
+    @cached_property
+    def _stacked(self) -> tuple[Array, ...]:
+        """All sensors at all frames: orientations, whether they were measured, specific forces, whether they were."""
+        names = ("R_inertial_sensor", "orientation_valid", "specific_force_inertial", "acceleration_valid")
+        R, seen, *late = (np.stack([getattr(one, name) for one in self.measurements]) for name in names)
+        # A measurement holds the specific force of the frame before it.
+        return R, seen, *(np.concatenate([values[1:], np.zeros_like(values[:1])]) for values in late)
 
     def scene(self) -> Scene:
         """The head with what was measured, frames as if they were samples."""

@@ -6,6 +6,7 @@
 #include "elimination.hpp"
 #include "people.hpp"
 #include "rotations.hpp"
+#include "samples.hpp"
 #include "slices.hpp"
 
 namespace nb = nanobind;
@@ -15,6 +16,7 @@ using vip::BodySums, vip::Rows, vip::Target;
 template <int N> using In = nb::ndarray<const double, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
 template <int N> using Out = nb::ndarray<double, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
 template <int N> using Indices = nb::ndarray<const int64_t, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+using Flags = nb::ndarray<bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
 static void expect(bool is_so) {
     if (!is_so) throw nb::value_error("shapes do not match");
@@ -89,6 +91,20 @@ static void fit_people(In<4> points, In<4> rays, In<3> weight, In<2> known, In<1
                                 weight.data() + (f * N + n) * K, covariance.data() + (f * W + w) * 9, depth_share, side,
                                 fits.data() + ((f * W + w) * N + n) * 4);
         }
+}
+
+// Of each of S sensors its first `count` samples of (S, n), (S, n, 9), (S, n, 3); R (S, 3, 3) and force (S, 3).
+static void measure(In<2> time, In<3> R, In<3> force, Indices<1> count, In<1> period, double at, double step,
+                    double gap_factor, Out<3> found_R, Flags seen, Out<2> found_force, Flags whole) {
+    const size_t S = time.shape(0), n = time.shape(1);
+    expect(R.size() == 9 * S * n && force.size() == 3 * S * n && count.size() == S && period.size() == S);
+    expect(found_R.size() == 9 * S && found_force.size() == 3 * S && seen.size() == S && whole.size() == S);
+    for (size_t s = 0; s < S; s++) {
+        expect(count(s) >= 0 && count(s) <= static_cast<int64_t>(n));
+        const vip::Samples samples{&time(s, 0), &R(s, 0, 0), &force(s, 0, 0), count(s), period(s)};
+        const vip::Covered covered = vip::measure(samples, at, step, gap_factor, &found_R(s, 0, 0), &found_force(s, 0));
+        seen(s) = covered.orientation, whole(s) = covered.acceleration;
+    }
 }
 
 // Slices (T, n, n) and (T, n).
@@ -488,6 +504,7 @@ NB_MODULE(_kernels, module) {
     module.def("forward_kinematics", &forward_kinematics, released());
     module.def("points", &points, released());
     module.def("screws", &screws, released());
+    module.def("measure", &measure, released());
     module.def("fit_people", &fit_people, released());
     module.def("add_columns", &add_columns);
     module.def("use_blas", &use_blas);

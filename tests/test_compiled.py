@@ -13,8 +13,9 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.compiled import kernels
 from vip_factors.geometry import poses, rotations
-from vip_factors.live import association_evidence
+from vip_factors.live import association_evidence, sensor_samples
 from vip_factors.live.association_evidence import BodyFitter, People
+from vip_factors.live.sensor_samples import SensorBuffer
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
@@ -64,6 +65,23 @@ def test_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_allclose(fast.p_world_joint, pure.p_world_joint, atol=1e-10)
     np.testing.assert_allclose(screws, pure.screws, atol=1e-10)
     np.testing.assert_allclose(points, pure.points(*on_bones), atol=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_measurements_of_sensors(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Sensors of several rates with gaps, one that does not measure force, one with a single sample, one with none."""
+    random, buffer, step = np.random.default_rng(seed), SensorBuffer(6), 1 / 60
+    for sensor, count in enumerate((70, 150, 40, 40, 1, 0)):
+        times = np.sort(random.uniform(0.0, 0.6, count)) if sensor == 3 else np.linspace(0.0, 0.6, count)
+        for time in times[random.uniform(size=count) < 0.9]:
+            force = (np.nan,) * 3 if sensor == 2 and time < 0.3 else tuple(random.standard_normal(3))
+            buffer.insert(sensor, float(time), rotations.exp(random.standard_normal(3)).ravel().tolist(), force)
+    for time in np.arange(-2, 40) * step:
+        fast = buffer.measure(time, step)
+        monkeypatch.setattr(sensor_samples, "kernels", None)
+        for one, pure in zip(fast, buffer.measure(time, step), strict=True):
+            np.testing.assert_allclose(one, pure, atol=1e-10)
+        monkeypatch.undo()
 
 
 def test_fits_of_people(monkeypatch: pytest.MonkeyPatch) -> None:

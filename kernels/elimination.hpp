@@ -16,7 +16,6 @@ struct Blas {
     void (*dtrsv)(const char*, const char*, const char*, int*, double*, int*, double*, int*);
     void (*dgemv)(const char*, int*, int*, double*, double*, int*, double*, int*, double*, double*, int*);
     void (*dgemm)(const char*, const char*, int*, int*, int*, double*, double*, int*, double*, int*, double*, double*, int*);
-    void (*dsymv)(const char*, int*, double*, double*, int*, double*, int*, double*, double*, int*);
 };
 
 constexpr int REACH = 2;  // frames after its own that a factor sees

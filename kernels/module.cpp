@@ -354,8 +354,7 @@ static void use_blas(nb::dict functions) {
         if (into == nullptr) throw nb::python_error();
     };
     load("dpotrf", blas.dpotrf), load("dtrsm", blas.dtrsm), load("dsyrk", blas.dsyrk);
-    load("dtrsv", blas.dtrsv), load("dgemv", blas.dgemv), load("dsymv", blas.dsymv);
-    load("dgemm", blas.dgemm);
+    load("dtrsv", blas.dtrsv), load("dgemv", blas.dgemv), load("dgemm", blas.dgemm);
 }
 
 // The variables first … first + width, of which those before are eliminated already.
@@ -464,23 +463,23 @@ static void substitute_chain(Out<3> rows, In<1> behind, int ahead, Out<2> steps)
     vip::substitute_chain(blas, behind.data(), chain);
 }
 
-// Of a slice (N, N) the columns of the frames that there are, and of the last `shared` ones: as a quadratic in x.
-static void slice_in_coordinates(Out<2> hessian, In<1> gradient, In<1> value, int shared, Out<2> information, Out<1> vector) {
+// Of a slice (N, N) the columns of the frames that there are, and of the last `shared` ones: as a quadratic in x. The
+// slice is zero then, as far as it counts: here each row is at hand.
+static void slice_in_coordinates(Out<2> hessian, Out<1> gradient, In<1> value, int shared, Out<2> information, Out<1> vector) {
     auto N = static_cast<int64_t>(hessian.shape(0)), n = static_cast<int64_t>(value.shape(0)), head = n - shared;
-    expect(hessian.shape(1) == hessian.shape(0) && gradient.shape(0) == hessian.shape(0) && n <= N && head >= 0);
+    expect(hessian.shape(1) == hessian.shape(0) && gradient.shape(0) == hessian.shape(0) && n <= N && head >= 0 && shared >= 0);
     expect(information.shape(0) == value.shape(0) && information.shape(1) == value.shape(0) && vector.shape(0) == value.shape(0));
+    double* v = vector.data();
+    std::fill(v, v + n, 0.0);
     for (int64_t i = 0; i < n; i++) {
         const int64_t row = i < head ? i : N - n + i;
-        const double* from = hessian.data() + row * N;
-        double* into = information.data() + i * n;
+        double *from = hessian.data() + row * N, *into = information.data() + i * n;
         if (i < head) std::copy(from + i, from + head, into + i);
         std::copy(from + std::max(row, N - shared), from + N, into + std::max(i, head));
-        vector.data()[i] = gradient.data()[row];
+        std::fill(from + row, from + N, 0.0);
+        v[i] += vip::times_upper(into + i, n - i, value.data() + i, v + i) - gradient.data()[row];
+        gradient.data()[row] = 0.0;
     }
-    int size = static_cast<int>(n);
-    if (size > 0)
-        blas.dsymv("L", &size, &vip::ONE, information.data(), &size, const_cast<double*>(value.data()), &vip::NEXT,
-                   &vip::MINUS_ONE, vector.data(), &vip::NEXT);
 }
 
 // What is known before of the first columns and of the last `shared` ones.

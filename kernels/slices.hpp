@@ -22,6 +22,16 @@
 namespace vip {
 
 constexpr int JOINTS = 24, TWIST = 6, FRAMES = 3, SCREWS = JOINTS + 1, BODY = 3 * SCREWS, POSE = 3 * (JOINTS - 1);
+// Of a row of a symmetric matrix from its diagonal on: its product with x; what its mirror adds to y behind the diagonal.
+VIP_WIDE inline double times_upper(const double* __restrict row, int64_t n, const double* __restrict x, double* __restrict y) {
+    double sums[8] = {row[0] * x[0]};
+    int64_t j = 1;
+    for (; j + 8 <= n; j += 8)
+        for (int k = 0; k < 8; k++) sums[k] += row[j + k] * x[j + k], y[j + k] += row[j + k] * x[0];
+    for (; j < n; j++) sums[0] += row[j] * x[j], y[j] += row[j] * x[0];
+    return ((sums[0] + sums[1]) + (sums[2] + sums[3])) + ((sums[4] + sums[5]) + (sums[6] + sums[7]));
+}
+
 constexpr int PAIRS = 6;  // of frames i ≤ j of a slice
 
 inline int pair_of(int i, int j) { return i * FRAMES - i * (i - 1) / 2 + j - i; }

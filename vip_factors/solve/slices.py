@@ -54,6 +54,7 @@ class Slices:
         self.frame, self.static = frame, static
         self.hessian = np.zeros((frames, self.width, self.width))
         self.gradient = np.zeros((frames, self.width))
+        self._filled = set[int]()  # that are not zero
 
     @property
     def width(self) -> int:
@@ -62,14 +63,14 @@ class Slices:
 
     def emptied(self, frames: int) -> "Slices":
         """Of so many frames, all zero; in the same memory, if it is enough: new pages cost more than zeros."""
-        if frames > len(self.hessian):
-            return Slices(self.frame, self.static, frames)
-        self.hessian[:frames] = 0.0
-        self.gradient[:frames] = 0.0
-        return self
+        found = Slices(self.frame, self.static, frames) if frames > len(self.hessian) else self
+        for t in found._filled:
+            found.hessian[t] = found.gradient[t] = 0.0
+        found._filled = set(range(frames))
+        return found
 
     def in_coordinates(self, t: int, value: Array) -> tuple[Array, Array]:
-        """One slice as ``½ xᵀ H x − vectorᵀ x`` of coordinates: ``H`` ``(n, n)`` and ``vector`` ``(n,)``.
+        """One slice as ``½ xᵀ H x − vectorᵀ x`` of coordinates: ``H`` ``(n, n)``, ``vector`` ``(n,)``; it is taken out.
 
         The slice is a quadratic in steps from the coordinates ``value`` ``(n,)`` of its frame, of those of the next two
         that are there, and of what all frames share. Of ``H`` what lies on and above the diagonal counts.
@@ -77,6 +78,7 @@ class Slices:
         if kernels is not None:
             information, vector = np.empty((len(value), len(value))), np.empty(len(value))
             kernels.slice_in_coordinates(self.hessian[t], self.gradient[t], value, self.static, information, vector)
+            self._filled.discard(t)
             return information, vector
         H, gradient, frames = self.hessian[t], self.gradient[t], len(value) - self.static
         if len(value) < self.width:

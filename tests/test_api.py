@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 import gtsam
 import numpy as np
@@ -263,6 +264,14 @@ def test_factors_of_your_own(recording: vip.Scene, estimate: vip.Estimate) -> No
 
     found = vip.smooth(recording, QUICK, extra_factors=raised)
     np.testing.assert_allclose(found.positions()[:, 0], top, atol=0.05)
+
+
+@pytest.mark.parametrize("camera", [None, "fixed"])
+def test_progress_tells_that_standard_deviations_are_computed(camera: Literal["fixed"] | None) -> None:
+    stages = list[str]()
+    scene = vip.simulate(seconds=1.2, placement="sip6", camera=camera, seed=1)
+    vip.smooth(scene, replace(QUICK, covariance=True), lambda stage, share: stages.append(stage))
+    assert "standard deviations" in stages
 
 
 def test_a_report_and_a_picture(recording: vip.Scene, estimate: vip.Estimate, tmp_path: Path) -> None:

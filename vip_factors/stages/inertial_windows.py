@@ -259,6 +259,8 @@ def _solved(
     if span.start and not frames.orientation_valid.any():
         return None
     model, state = _solve_window(shared, frames, streams, plan, span, settings, own)
+    if settings.covariance:
+        own.on_progress("standard deviations", 0.0)
     wearer = _decode(model, state, settings, _covariance(model, state) if settings.covariance else None)
     return SolvedWindow(span, (replace(wearer, reports=tuple(own.reports)),))
 

@@ -224,6 +224,8 @@ class SolvedStretch:
         else:
             settings = replace(settings, covariance=False)
         reports = tuple(self.solver.reports)
+        if settings.covariance:
+            self.solver.on_progress("standard deviations", 0.0)
         estimate = scene_estimate(self.scene, self.solution, fine, self.associated, reports, settings)
         sensors = [one.model.frames.sensors for one in self.inertial]
         wearers = tuple(

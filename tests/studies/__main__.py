@@ -27,6 +27,7 @@ STUDIES = {
     "disk-full": "stream_ends:DiskFull",
     "long": "long_stream:Long",
     "speed": "speed:Speed",
+    "many": "many:ManyRecordings",
     "recordings": "recordings:Recordings",
     "golden": "golden:Golden",
     "population": "population:Population",

@@ -52,8 +52,16 @@ def process_tree(pid: int) -> ProcessTree | None:
     fields = _stat(pid)
     if fields is None:
         return None
-    ticks = int(fields[11]) + int(fields[12])
-    return ProcessTree(_resident(pid), sum(map(_resident, begun_by(pid))), ticks / os.sysconf("SC_CLK_TCK"))
+    return ProcessTree(_resident(pid), sum(map(_resident, begun_by(pid))), cpu_seconds(pid)[0])
+
+
+def cpu_seconds(pid: int) -> tuple[float, float]:
+    """Of a process itself, and of those that it began and that have ended; NaN where the system does not say."""
+    fields = _stat(pid)
+    if fields is None:
+        return float("nan"), float("nan")
+    own, begun = (sum(map(int, fields[first : first + 2])) / os.sysconf("SC_CLK_TCK") for first in (11, 13))
+    return own, begun
 
 
 def begun_by(pid: int) -> list[int]:

@@ -82,6 +82,7 @@ struct EliminatedChain {
 inline bool eliminate_chain(const Blas& blas, const std::vector<Piece>& pieces, const double* gradient,
                             const double* damping, double* M, double* v, const EliminatedChain& into) {
     const int64_t n = into.n, w = into.w, ahead = into.ahead, seen = w + ahead;
+    int64_t width = seen;  // behind it stand columns that no frame has met so far
     for (int64_t t = 0; t < into.frames; t++) {
         for (int64_t r = 0; r < ahead; r++) {  // the frames move on by one
             double *to = M + r * n, *from = M + (w + r) * n;
@@ -91,15 +92,21 @@ inline bool eliminate_chain(const Blas& blas, const std::vector<Piece>& pieces, 
             v[r] = v[w + r];
         }
         for (int64_t r = ahead; r < seen; r++) std::fill(M + r * n + r, M + (r + 1) * n, 0.0), v[r] = 0.0;
-        for (const Piece& one : pieces)
-            for (int64_t r = 0; r < one.rows && t >= one.first && t < one.first + one.frames; r++) {
+        for (const Piece& one : pieces) {
+            if (t < one.first || t >= one.first + one.frames) continue;
+            width = std::max(width, one.column + one.columns);
+            for (int64_t r = 0; r < one.rows; r++) {
                 const double* from = one.data + (t - one.first) * one.step + r * one.row_step;
                 double* to = M + (one.row + r) * n + one.column;
-                for (int64_t c = std::max<int64_t>(0, one.row + r - one.column); c < one.columns; c++)
-                    to[c] += from[c * one.column_step];
+                const int64_t c0 = std::max<int64_t>(0, one.row + r - one.column), step = one.column_step;
+                if (step == 1)  // which the compiler makes quick
+                    for (int64_t c = c0; c < one.columns; c++) to[c] += from[c];
+                else
+                    for (int64_t c = c0; c < one.columns; c++) to[c] += from[c * step];
             }
+        }
         for (int64_t r = 0; r < w; r++) M[r * (n + 1)] += damping[r], v[r] -= gradient[t * w + r];
-        if (!eliminate(blas, M, v, into.n, into.n, into.w)) return false;
+        if (!eliminate(blas, M, v, into.n, static_cast<int>(width), into.w)) return false;
         for (int64_t r = 0; r < w; r++) std::copy(M + r * n + r, M + (r + 1) * n, into.rows + (t * w + r) * n + r);
         std::copy(v, v + w, into.d + t * w);
     }

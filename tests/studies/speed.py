@@ -80,7 +80,7 @@ class LoadTime:
 class Speed(Study):
     """Seconds, memory and a stream's updates against length, wearers, sensors, cameras and cores, and their floors."""
 
-    vary: tuple[str, ...] = ("frames", "wearers", "sensors", "cameras")
+    vary: tuple[str, ...] = ("frames", "wearers", "sensors", "cameras", "cores")
     """Of what there is more and less: frames, wearers, strangers, sensors, cameras, cores."""
     long: Flag = False
     """Also 10,000 and 100,000 frames."""
@@ -143,7 +143,7 @@ def _quantiles(one: LoadTime) -> list[float]:
 
 
 def draw(rows: Sequence[LoadTime], path: Path) -> None:
-    """Curves of what was varied: seconds, and below them the floor."""
+    """Curves of what was varied and the floors below: seconds, and milliseconds of updates where a stream was fed."""
     from matplotlib.figure import Figure
 
     base, curves = rows[0].load, list[tuple[str, list[LoadTime]]]()
@@ -151,18 +151,29 @@ def draw(rows: Sequence[LoadTime], path: Path) -> None:
         alike = [one for one in rows if replace(one.load, **{axis: getattr(base, axis)}) == base]
         if len(alike) > 1:
             curves.append((axis, sorted(alike, key=attrgetter(f"load.{axis}"))))
-    figure = Figure((3.2 * max(len(curves), 1), 3.2), layout="constrained")
-    panes = figure.subplots(1, max(len(curves), 1), squeeze=False, sharey=True)[0]
-    for pane, (axis, ones) in zip(panes, curves, strict=False):
+    fed, most = [one for one in rows if one.stream is not None], max(len(curves), 1)
+    figure = Figure((3.2 * most, 6.4 if fed else 3.2), layout="constrained")
+    panes = figure.subplots(2 if fed else 1, most, squeeze=False)
+    top = max(one.seconds for one in rows if one.load.frames == base.frames)
+    for pane, (axis, ones) in zip(panes[0], curves, strict=False):
         x = [getattr(one.load, axis) for one in ones]
         pane.plot(x, [one.seconds for one in ones], "o-", label="all")
         pane.plot(x, [one.elimination for one in ones], "s--", label="elimination alone")
+        if axis == "frames" and max(x) > 20 * min(x):
+            pane.set(xlabel=axis, xscale="log", yscale="log")
+        else:  # one scale for all, to be compared
+            pane.set(xlabel=axis, xticks=x, ylim=(0, None if axis == "frames" else 1.05 * top))
+    for pane, (axis, ones) in zip(panes[-1] if fed else (), curves, strict=False):
+        updates = [(getattr(one.load, axis), _quantiles(one), one.nothing) for one in ones if one.stream is not None]
+        x = [value for value, *_ in updates]
+        pane.plot(x, [1e3 * found[2] for _, found, _ in updates], "^-", label="99 %")
+        pane.plot(x, [1e3 * found[0] for _, found, _ in updates], "o-", label="median")
+        pane.plot(x, [1e3 * nothing for *_, nothing in updates], "s--", label="doing nothing")
         pane.set(xlabel=axis, xticks=x, ylim=(0, None))
-        if axis == "frames":
-            pane.set(xscale="log", yscale="log", ylim=(None, None)) if max(x) > 20 * min(x) else None
-    panes[0].set_ylabel("s")
-    if curves:
-        panes[0].legend(frameon=False)
+    for pane, unit in zip(panes[:, 0], ("s", "ms of an update"), strict=False):
+        pane.set_ylabel(unit)
+        if curves:
+            pane.legend(frameon=False)
     figure.savefig(path)
 
 

@@ -61,7 +61,8 @@ def joint_signal(stream: ImuStream) -> JointSignal | None:
         return None
     # Coarse frames, FINE times, each a part of a step later than before.
     time = np.arange(stream.time[0], stream.time[-1], STEP / FINE)
-    phases = [coarser(resample_streams([stream], time[phase:]), FINE) for phase in range(FINE)]
+    fine = resample_streams([stream], time)
+    phases = [coarser(fine.window(slice(phase, None)), FINE) for phase in range(FINE)]
     count = min(len(one) for one in phases) - 2
     values, known = np.zeros((count, FINE, 3, 4)), np.zeros((count, FINE), bool)
     for phase, frames in enumerate(phases):

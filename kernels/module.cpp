@@ -8,19 +8,12 @@
 #include "rotations.hpp"
 #include "samples.hpp"
 #include "slices.hpp"
+#include "terms.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
-using vip::BodySums, vip::Rows, vip::Target;
-
-template <int N> using In = nb::ndarray<const double, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
-template <int N> using Out = nb::ndarray<double, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
-template <int N> using Indices = nb::ndarray<const int64_t, nb::ndim<N>, nb::c_contig, nb::device::cpu>;
+using vip::BodySums, vip::Follows, vip::In, vip::Indices, vip::Mask, vip::Out, vip::Target, vip::expect;
 using Flags = nb::ndarray<bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-
-static void expect(bool is_so) {
-    if (!is_so) throw nb::value_error("shapes do not match");
-}
 
 // One function of SO(3) over a stack (n, …).
 template <int in, int out, void f(const double*, double*)> static void over_stack(In<2> from, Out<2> to) {
@@ -171,176 +164,121 @@ static void in_chains(Target* target, nb::list chains, Out<2> shared, Out<1> sha
     for (int64_t c = 0; c < s; c++) target->orders.back()[vip::FRAMES * W + c] = c;
 }
 
-// What factors (t, n) of m rows are, but for the twists that they see: residuals; confidences and the constants of the
-// loss (t or 1, n or 1); Jacobian blocks (t, n, m, c), each with its first column of a slice, and whether every factor
-// has its own item there.
-struct Factors {
-    In<3> residual;
-    In<2> confidence;
-    std::string loss;
-    In<2> constant;
-    nb::list blocks;
-};
-
-static double broadcast(const In<2>& values, size_t t, size_t f) {
-    return values.data()[(values.shape(0) > 1 ? t : 0) * values.shape(1) + (values.shape(1) > 1 ? f : 0)];
+// A body's sums, from the frame `begin` on; see BodySums.
+static void in_body(BodySums* self, const Target& target, int64_t begin, In<4> R, In<3> p, In<4> turns, int64_t first,
+                    int64_t frame, Indices<1> parents, Indices<1> columns, In<3> directions) {
+    expect(parents.shape(0) == vip::JOINTS && columns.shape(0) == vip::BLOCKS && p.shape(1) == R.shape(1));
+    expect(R.shape(1) == vip::JOINTS || (R.size() == 0 && first < 0));  // none: of a camera alone
+    expect(p.shape(0) == R.shape(0) && (turns.size() == 0 || turns.size() >= R.size()) && directions.shape(2) <= 60);
+    expect(begin >= 0 && begin + target.frames <= static_cast<int64_t>(R.shape(0)));
+    const vip::Bones bones{R.data(), p.data(), turns.size() ? turns.data() : nullptr, static_cast<int64_t>(R.shape(0))};
+    new (self) BodySums(target, begin, bones, first, frame, parents.data(), columns.data(),
+                        directions.size() ? directions.data() : nullptr, static_cast<int>(directions.shape(2)));
+    self->later([R, p, turns, directions](int64_t) {});  // keeps the arrays
 }
 
-static double weight_of(const Factors& factors, size_t t, size_t f, size_t m) {  // vip_factors/terms/robust.py
-    const double confidence = broadcast(factors.confidence, t, f), *r = &factors.residual(t, f, 0);
-    if (factors.loss == "square" || confidence == 0) return confidence;
-    double square = 0;
-    for (size_t i = 0; i < m; i++) square += r[i] * r[i];
-    const double norm = std::sqrt(confidence * square), k = broadcast(factors.constant, t, f);
-    if (factors.loss == "huber") return confidence * std::min(1.0, k / std::max(norm, 1e-300));
-    return confidence / (1 + norm / k * (norm / k));
+static vip::Believed believed(std::string_view loss, double k, double share) { return {loss[0], k, share}; }
+
+static vip::MovingPoints moving(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> shift) {
+    expect(p_bone.shape(0) == bones.size() && p_bone.shape(1) == 3);
+    expect(sums.lengths() == 0 || (shift.shape(0) == bones.size() && static_cast<int>(shift.shape(2)) == sums.lengths()));
+    for (size_t i = 0; i < bones.size(); i++) expect(bones(i) >= 0 && bones(i) < vip::JOINTS);
+    return {sums, bones, p_bone, shift, {}, {}, {}, {}, {}, {}};
 }
 
-// The rows of factors, slice by slice.
-class FactorRows {
-  public:
-    FactorRows(const Target& target, int64_t first, int groups, int k, const Factors& factors)
-        : first_(first), groups_(groups), k_(k), factors_(factors) {
-        const size_t T = factors.residual.shape(0), n = factors.residual.shape(1), m = factors.residual.shape(2);
-        for (const In<2>* one : {&factors.confidence, &factors.constant})
-            expect((one->shape(0) == T || one->shape(0) == 1) && (one->shape(1) == n || one->shape(1) == 1));
-        expect(first >= 0 && first + static_cast<int64_t>(T) <= target.frames);
-        for (nb::handle item : factors.blocks) {
-            const nb::tuple one = nb::cast<nb::tuple>(item);
-            blocks_.push_back({nb::cast<In<4>>(one[0]), nb::cast<int64_t>(one[1]), 0, nb::cast<bool>(one[2])});
-            Block& block = blocks_.back();
-            block.width = static_cast<int64_t>(block.jacobian.shape(3)), direct_ += block.width;
-            expect(block.jacobian.shape(0) == T && block.jacobian.shape(1) == n && block.jacobian.shape(2) == m);
-            expect(block.start >= 0 && block.start + block.width * static_cast<int64_t>(block.each ? n : 1) <= target.width());
-        }
-    }
+static bool of_all(const BodySums& sums, size_t frames) { return static_cast<int64_t>(frames) == sums.bones().frames; }
 
-    // Takes every factor of a slice that weighs anything; `lead` writes its first groups · k columns.
-    template <class Lead, class Take> void of(int64_t slice, Lead lead, Take take) {
-        const size_t T = factors_.residual.shape(0), n = factors_.residual.shape(1), m = factors_.residual.shape(2);
-        if (slice < first_ || slice >= first_ + static_cast<int64_t>(T)) return;
-        const auto t = static_cast<size_t>(slice - first_);
-        const int64_t width = groups_ * k_ + direct_;
-        J_.resize(m * width), columns_.resize(direct_);
-        for (size_t f = 0; f < n; f++) {
-            const double weight = weight_of(factors_, t, f, m);
-            if (weight == 0) continue;
-            lead(t, f, J_.data(), width);
-            int64_t at = 0;
-            for (const Block& one : blocks_) {
-                const double* from = one.jacobian.data() + (t * n + f) * m * one.width;
-                for (size_t r = 0; r < m; r++)
-                    std::copy(from + r * one.width, from + (r + 1) * one.width, J_.data() + r * width + groups_ * k_ + at);
-                for (int64_t c = 0; c < one.width; c++)
-                    columns_[at + c] = one.start + (one.each ? static_cast<int64_t>(f) * one.width : 0) + c;
-                at += one.width;
-            }
-            take(f, Rows{static_cast<int>(m), groups_, k_, static_cast<int>(direct_), J_.data(), &factors_.residual(t, f, 0),
-                         columns_.data(), weight});
-        }
-    }
-
-  private:
-    struct Block {
-        In<4> jacobian;
-        int64_t start, width;
-        bool each;
-    };
-    int64_t first_;
-    int groups_, k_;
-    Factors factors_;
-    std::vector<Block> blocks_;
-    int64_t direct_ = 0;
-    std::vector<double> J_;
-    std::vector<int64_t> columns_;
-};
-
-static void add_columns(const Target& target, int64_t first, In<3> residual, In<2> confidence, std::string_view loss,
-                        In<2> constant, nb::list blocks) {
-    FactorRows rows(target, first, 0, 0, {residual, confidence, std::string(loss), constant, blocks});
-    for (int64_t t = first; t < first + static_cast<int64_t>(residual.shape(0)); t++)
-        rows.of(t, [](size_t, size_t, double*, int64_t) {}, [&](size_t, const Rows& own) { BodySums::add_direct(target, t, own); });
+static void add_orientation(BodySums& sums, Indices<1> bones, In<3> mounting, In<2> headings, In<4> measured, Mask valid,
+                            double sigma, std::string_view loss, double k, double share, In<3> charts) {
+    const size_t n = bones.size();
+    expect(mounting.shape(0) == n && headings.shape(1) == n && measured.shape(1) == n && valid.shape(1) == n);
+    expect(of_all(sums, measured.shape(0)) && of_all(sums, valid.shape(0)) && (charts.size() == 0 || charts.shape(0) == n));
+    expect(headings.shape(0) == 1 || of_all(sums, headings.shape(0)));
+    sums.later(vip::Orientation{sums, bones, mounting, headings, measured, valid, sigma, believed(loss, k, share), charts});
 }
 
-static void add_bones(BodySums& sums, int64_t first, Indices<1> bones, In<4> by_twist, In<3> residual, In<2> confidence,
-                      std::string_view loss, In<2> constant, nb::list blocks) {
-    const size_t n = by_twist.shape(1), m = by_twist.shape(2), k = by_twist.shape(3);
-    expect(bones.shape(0) == n && by_twist.shape(0) == residual.shape(0) && n == residual.shape(1) && m == residual.shape(2));
-    FactorRows rows(sums.target(), first, 1, static_cast<int>(k), {residual, confidence, std::string(loss), constant, blocks});
-    sums.later([=, &sums](int64_t slice) mutable {
-        rows.of(slice,
-                [&](size_t t, size_t f, double* J, int64_t width) {
-                    for (size_t r = 0; r < m; r++) std::copy(&by_twist(t, f, r, 0), &by_twist(t, f, r, 0) + k, J + r * width);
-                },
-                [&](size_t f, const Rows& own) { sums.add(slice, bones(f), own); });
-    });
+static void add_acceleration(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> shift, In<2> headings, In<3> force, Mask valid,
+                             double step, double sigma, std::string_view loss, double k, double share) {
+    const size_t n = bones.size();
+    expect(headings.shape(1) == n && force.shape(1) == n && valid.shape(1) == n);
+    expect(of_all(sums, force.shape(0)) && of_all(sums, valid.shape(0)) && (headings.shape(0) == 1 || of_all(sums, headings.shape(0))));
+    sums.later(vip::Acceleration{moving(sums, bones, p_bone, shift), headings, force, valid, step, sigma, believed(loss, k, share)});
 }
 
-static void add_differences(BodySums& sums, int64_t first, Indices<1> bones, In<3> arms, In<1> coefficients, In<3> residual,
-                            In<2> confidence, std::string_view loss, In<2> constant, nb::list blocks) {
-    const int groups = static_cast<int>(coefficients.shape(0));
-    expect(groups <= vip::FRAMES && bones.shape(0) == residual.shape(1) && residual.shape(2) == 3);
-    expect(arms.shape(0) + 1 == residual.shape(0) + coefficients.shape(0) && arms.shape(1) == bones.shape(0));
-    FactorRows rows(sums.target(), first, groups, 6, {residual, confidence, std::string(loss), constant, blocks});
-    auto lead = [=](size_t t, size_t f, double* J, int64_t width) {
-        for (int g = 0; g < groups; g++) {  // a twist (ω, v) moves a point by ω × arm + v
-            const double* arm = &arms(t + g, f, 0);
-            const double away[3] = {-arm[0], -arm[1], -arm[2]};
-            double crossing[9];
-            vip::hat(away, crossing);
-            for (int r = 0; r < 3; r++)
-                for (int c = 0; c < 3; c++) {
-                    J[r * width + 6 * g + c] = coefficients(g) * crossing[3 * r + c];
-                    J[r * width + 6 * g + 3 + c] = r == c ? coefficients(g) : 0.0;
-                }
-        }
-    };
-    sums.later([=, &sums](int64_t slice) mutable {
-        rows.of(slice, lead, [&](size_t f, const Rows& own) { sums.add(slice, bones(f), own); });
-    });
+static void add_contact(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> shift, In<2> confidence, double sole, double step,
+                        double sigma, std::string_view loss, double k, double share, Follows follows) {
+    expect(confidence.shape(1) == bones.size() && of_all(sums, confidence.shape(0)));
+    expect(follows.size() == 0 || of_all(sums, follows.size() + 1));
+    sums.later(vip::Contact{moving(sums, bones, p_bone, shift), confidence, sole, step, sigma, believed(loss, k, share), follows});
 }
 
-// Coordinates of all joints together, in one frame or two: P (69, 69) between D (frames, t, 23, 3, 3); force (t, 69).
-static void add_joints(BodySums& sums, int64_t first, In<5> D, In<2> P, In<1> weight, In<2> force) {
-    const size_t frames = D.shape(0), T = D.shape(1), size = 9 * (vip::JOINTS - 1);
-    expect(frames <= vip::FRAMES && D.shape(2) == vip::JOINTS - 1 && P.shape(0) == vip::POSE && P.shape(1) == vip::POSE);
-    expect(weight.shape(0) == T && force.shape(0) == T && force.shape(1) == vip::POSE);
-    expect(first >= 0 && first + static_cast<int64_t>(T) <= sums.target().frames);
-    for (size_t t = 0; t < T; t++)
-        for (size_t i = 0; i < frames; i++) {
-            const double* own = D.data() + (i * T + t) * size;
-            const int64_t at = first + static_cast<int64_t>(t);
-            for (size_t j = i; j < frames; j++)
-                sums.add_joints(at, static_cast<int>(i), static_cast<int>(j), own, D.data() + (j * T + t) * size,
-                                P.data(), weight(t));
-            for (int a = 0; a < vip::JOINTS - 1; a++)
-                for (int c = 0; c < 3; c++)
-                    for (int r = 0; r < 3; r++)
-                        sums.target().gradient(at, sums.column(static_cast<int>(i), 3 + 3 * a + c)) += own[9 * a + 3 * r + c] * force(t, 3 * a + r);
-        }
+static void add_reprojection(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> shift, In<3> R_camera, In<2> p_camera,
+                             In<1> lens, In<3> pixels, In<2> sigma, Mask seen, In<3> speed, In<1> late, In<1> since,
+                             std::string_view loss, double k, double share, bool variables, In<3> charts, Indices<1> items,
+                             In<2> signs) {
+    const size_t n = bones.size();
+    for (size_t width : {pixels.shape(1), sigma.shape(1), seen.shape(1), speed.shape(1), items.size(), signs.shape(0)}) expect(width == n);
+    for (size_t frames : {pixels.shape(0), sigma.shape(0), seen.shape(0), speed.shape(0), late.size(), since.size()}) expect(of_all(sums, frames));
+    for (size_t frames : {R_camera.shape(0), p_camera.shape(0)}) expect(frames == 1 || of_all(sums, frames));
+    expect(lens.size() == 12 && (charts.size() == 0 || charts.shape(0) == 1 || of_all(sums, charts.shape(0))));
+    vip::Lens model;
+    std::copy(lens.data(), lens.data() + 12, reinterpret_cast<double*>(&model));
+    sums.later(vip::Reprojection{moving(sums, bones, p_bone, shift), R_camera, p_camera, model, pixels, sigma, seen, speed, late,
+                                 since, believed(loss, k, share), variables, charts, items, signs});
 }
 
-// Each joint by itself: D (t, 23, 3, 3), weights and residuals (t, 23, 3).
-static void add_each_joint(BodySums& sums, int64_t first, In<4> D, In<3> residual, In<3> weight) {
-    const Target& target = sums.target();
-    expect(D.shape(1) == vip::JOINTS - 1 && residual.size() * 3 == D.size() && weight.size() == residual.size());
-    expect(first >= 0 && first + static_cast<int64_t>(D.shape(0)) <= target.frames);
-    for (size_t t = 0; t < D.shape(0); t++)
-        for (size_t a = 0; a < D.shape(1); a++)
-            for (int c = 0; c < 3; c++) {
-                const int64_t at = first + static_cast<int64_t>(t), own = sums.column(0, 3 + 3 * static_cast<int64_t>(a));
-                for (int r = 0; r < 3; r++) {
-                    const double pushed = weight(t, a, r) * D(t, a, r, c);
-                    target.gradient(at, own + c) += pushed * residual(t, a, r);
-                    for (int d = c; d < 3; d++) target.add(at, own + c, own + d, pushed * D(t, a, r, d));
-                }
-            }
+static void add_pose_prior(BodySums& sums, In<4> R, In<2> information, In<1> mean, double weight) {
+    expect(of_all(sums, R.shape(0)) && information.size() == vip::POSE * vip::POSE && mean.size() == vip::POSE);
+    sums.later(vip::PosePrior{sums, R, information, mean, weight});
 }
 
-static void expand(BodySums& sums, In<4> screws) {
-    expect(static_cast<int64_t>(screws.shape(0)) >= sums.target().frames && screws.shape(1) == vip::SCREWS);
+static void add_smoothness(BodySums& sums, In<4> R, In<2> information, Follows follows, double weight) {
+    expect(of_all(sums, R.shape(0)) && information.size() == vip::POSE * vip::POSE && of_all(sums, follows.size() + 1));
+    sums.later(vip::Smoothness{sums, R, information, follows, weight});
+}
+
+static void add_joint_limit(BodySums& sums, In<4> R, In<1> lower, In<1> upper, double sigma, bool per_axis, std::string_view loss,
+                            double k, double share) {
+    expect(of_all(sums, R.shape(0)) && lower.size() == vip::POSE && upper.size() == vip::POSE);
+    sums.later(vip::JointLimit{sums, R, lower, upper, sigma, per_axis, believed(loss, k, share)});
+}
+
+static void add_hinge(BodySums& sums, In<4> R, Indices<1> hinges, Indices<1> joints, In<2> square, In<2> axes, In<3> by_tilts,
+                      In<1> offsets, In<1> whitening, std::string_view loss, double k, double share) {
+    const size_t n = hinges.size();
+    expect(of_all(sums, R.shape(0)) && n > 0 && n <= 16 && joints.size() == n && offsets.size() == n && whitening.size() == n);
+    expect(square.size() == 3 * n && axes.size() == 3 * n && by_tilts.size() == 6 * n);
+    sums.later(vip::Hinge{sums, R, hinges, joints, square, axes, by_tilts, offsets, whitening, believed(loss, k, share)});
+}
+
+static vip::Camera camera(BodySums& sums, In<3> R, In<2> p, In<3> charts) {
+    for (size_t frames : {R.shape(0), p.shape(0)}) expect(frames == 1 || of_all(sums, frames));
+    expect(R.size() == 9 * R.shape(0) && p.size() == 3 * p.shape(0));
+    expect(charts.size() == 0 || charts.size() == 36 || charts.size() == 36 * static_cast<size_t>(sums.bones().frames));
+    return {sums, R, p, charts};
+}
+
+static void add_camera_orientation(BodySums& sums, In<3> R, In<2> p, In<3> charts, In<2> mounting, double heading, In<4> measured,
+                                   Mask valid, double sigma, std::string_view loss, double k, double share, In<3> chart) {
+    expect(mounting.size() == 9 && of_all(sums, valid.shape(0)) && measured.size() == 9 * valid.shape(0));
+    sums.later(vip::CameraOrientation{camera(sums, R, p, charts), mounting, heading, measured, valid, sigma, believed(loss, k, share), chart});
+}
+
+static void add_camera_acceleration(BodySums& sums, In<3> R, In<2> p, In<3> charts, In<1> place, double heading, In<3> force,
+                                    Mask valid, double step, double sigma, std::string_view loss, double k, double share) {
+    expect(place.size() == 3 && of_all(sums, valid.shape(0)) && force.size() == 3 * valid.shape(0));
+    sums.later(vip::CameraAcceleration{camera(sums, R, p, charts), place, heading, force, valid, step, sigma, believed(loss, k, share)});
+}
+
+static void add_camera_velocity(BodySums& sums, In<3> R, In<2> p, In<3> charts, double step, In<1> sigmas, std::string_view loss,
+                                double k, double share) {
+    expect(sigmas.size() == 6);
+    sums.later(vip::CameraVelocity{camera(sums, R, p, charts), step, sigmas, believed(loss, k, share)});
+}
+
+static void expand(BodySums& sums) {
     nb::gil_scoped_release released;  // stretches are summed side by side
-    sums.expand(screws.data(), static_cast<int64_t>(screws.shape(0)));
+    sums.expand();
 }
 
 static vip::Blas blas;
@@ -505,7 +443,6 @@ NB_MODULE(_kernels, module) {
     module.def("screws", &screws, released());
     module.def("measure", &measure, released());
     module.def("fit_people", &fit_people, released());
-    module.def("add_columns", &add_columns);
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate);
     module.def("reorder", &reorder);
@@ -519,13 +456,17 @@ NB_MODULE(_kernels, module) {
         .def("__init__", &in_slices, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
         .def("__init__", &in_chains, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>());
     nb::class_<BodySums>(module, "BodySums")
-        .def("__init__", [](BodySums* self, const Target& target, int64_t first, int64_t frame, Indices<1> parents, int64_t others) {
-            expect(parents.shape(0) == vip::JOINTS);
-            new (self) BodySums(target, first, frame, parents.data(), others);
-        }, nb::keep_alive<1, 2>())
-        .def("add_bones", &add_bones)
-        .def("add_differences", &add_differences)
-        .def("add_joints", &add_joints)
-        .def("add_each_joint", &add_each_joint)
+        .def("__init__", &in_body, nb::keep_alive<1, 2>())
+        .def("orientation", &add_orientation)
+        .def("acceleration", &add_acceleration)
+        .def("contact", &add_contact)
+        .def("reprojection", &add_reprojection)
+        .def("pose_prior", &add_pose_prior)
+        .def("smoothness", &add_smoothness)
+        .def("joint_limit", &add_joint_limit)
+        .def("hinge", &add_hinge)
+        .def("camera_orientation", &add_camera_orientation)
+        .def("camera_acceleration", &add_camera_acceleration)
+        .def("camera_velocity", &add_camera_velocity)
         .def("expand", &expand);
 }

@@ -16,7 +16,7 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import in_stretches
-from vip_factors.solve.chain_system import frame_keys
+from vip_factors.solve.chain_system import REACH, frame_keys
 from vip_factors.solve.elimination import chain_marginals
 
 
@@ -133,7 +133,7 @@ def test_it_does_not_matter_how_many_frames_are_evaluated_together(
 ) -> None:
     problem, state = small_model(silent=silent)
     whole = dense(WearerObjective(problem).linearise(state))
-    for chunk in (1, 2):  # the last frame is then alone
+    for chunk in (REACH, REACH + 1):  # stretches write into the frames behind them; the last frame is once alone
         monkeypatch.setattr(assembly, "CHUNK", chunk)
         assert_same(dense(WearerObjective(problem).linearise(state)), whole)
 

@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from vip_factors.terms.equations import (
     JointEquations,
     KnotEquations,
     Residuals,
+    Term,
 )
 
 JOINTS = slice(3, ROOT)  # columns of joints 1 … 23 in a body's frame
@@ -27,18 +29,16 @@ _EACH = np.arange(POSE_SIZE).reshape(-1, 3) + JOINTS.start
 
 
 class Accumulator(Scatter):
-    """Sums equations over a stretch of frames; arguments as of :class:`~vip_factors.assembly.scatter.Scatter`.
-
-    Attributes:
-        by_first_frame: whether it takes the factors whose first frame is in the stretch, whatever else they see; else
-            those that see a frame of it, and of them what they say of the stretch.
-    """
-
-    by_first_frame = False
+    """Sums equations over a stretch of frames; arguments as of :class:`~vip_factors.assembly.scatter.Scatter`."""
 
     def __init__(self, layout: Layout, begin: int, count: int, charts: Charts | None = None) -> None:
         super().__init__(layout, begin, count, charts)
         self._bones: dict[int, BoneBlocks] = {}
+
+    def add_term(self, term: Term[Any], at: Any) -> None:
+        """Take in a term at a state: of the factors that see a frame of the stretch what they say of it."""
+        for equations in term.within(at, self.stretch):
+            self.add(equations)
 
     def add(self, equations: Equations) -> None:
         """Take in the equations of one term."""

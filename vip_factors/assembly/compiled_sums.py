@@ -1,117 +1,112 @@
-"""Equations summed by compiled code: what the accumulators of slices and of chains do with NumPy."""
+"""Terms summed by compiled code, where there is a twin of them: what the accumulators do with equations in NumPy.
 
-from collections.abc import Sequence
+A twin takes what the term's equations are made of, and no array of residuals or Jacobians comes to be. What has none
+goes the way of NumPy, into the same sums.
+"""
+
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from vip_factors.assembly.accumulator import Accumulator, add_mean, force_of
+from vip_factors.assembly.accumulator import Accumulator
 from vip_factors.assembly.chain import ChainAccumulator
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.slices import SliceAccumulator
+from vip_factors.body.hinges import TILTS
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array
-from vip_factors.problem.layout import FRAME, STATIC, Layout, OwnerId
+from vip_factors.problem.layout import STATIC, Layout, Owner, OwnerId
+from vip_factors.problem.variables import ROWS
+from vip_factors.problem.wearer import BodyPoints
 from vip_factors.solve.chain_system import REACH, ChainSystem
 from vip_factors.solve.slices import Slices
-from vip_factors.terms.equations import (
-    BoneEquations,
-    DenseEquations,
-    DifferenceEquations,
-    Equations,
-    JacobianBlock,
-    JointEquations,
-    KnotEquations,
-)
+from vip_factors.terms.equations import Evaluation, Term
+from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
+from vip_factors.terms.hinge import hinges_of_rows
+from vip_factors.terms.robust import RobustLoss
 
+CAMERA = -1  # beside the numbers of wearers
 _PARENTS = np.array(PARENTS)
+_NONE = np.zeros((0, 0, 0))
+_NEVER = np.zeros((0, 0, 0, 0))
+_NO_FRAME = np.zeros(0, bool)
 
 
 class _Compiled(Accumulator):
     """Sums a stretch of frames into ``target``, where compiled code finds the places of a slice's columns."""
 
-    by_first_frame = True
-
     def into(self, target: Any) -> None:
         """Begin."""
         self._target = target
-        self._bodies = dict[int, Any]()  # by chain
+        self._bodies = dict[int, Any]()  # by wearer; and the camera
 
-    def add(self, equations: Equations) -> None:
-        """Take in the equations of one term."""
-        match equations:
-            case BoneEquations():
-                by_twist, others = equations.derivatives()
-                self._add(equations, others, self._body(equations.owner), by_twist)
-            case DifferenceEquations():
-                self._add(equations, equations.blocks(), self._body(equations.owner))
-            case DenseEquations():
-                self._add(equations, equations.blocks(), None)
-            case JointEquations():
-                self._add_joints(equations)
-            case KnotEquations():
-                self.add_knots(equations)
+    def add_term(self, term: Term[Any], at: Any) -> None:
+        """Take in a term: of the factors whose first frame is in the stretch all that they say."""
+        twin = TWINS.get(term.kind)
+        if twin is None:
+            super().add_term(term, at)
+        elif isinstance(at, CameraEvaluation):
+            twin(self._camera(at), at, self)
+        else:
+            twin(self._body(at.wearer if isinstance(at, ViewEvaluation) else at), at, self)
 
     def finish(self, bodies: Sequence[BodyState]) -> None:
         """See the base."""
-        for chain, sums in self._bodies.items():
-            wearer = self.layout.chains[chain].owner.number
-            there = min(self.begin + self.count + REACH, len(bodies[wearer].p_world_joint))
-            screws = bodies[wearer].at(slice(self.begin, there)).screws
-            sums.expand(screws if self.charts is None else self.charts.screws(wearer, screws))
+        Accumulator.finish(self, bodies)  # what lies below the diagonal does not count
+        for sums in self._bodies.values():
+            sums.expand()
 
-    def _body(self, owner: OwnerId) -> Any:
-        """Where an owner's bones are summed; None where they are kept."""
-        chain = self.layout.chain_of(owner)
-        if chain is not None and chain not in self._bodies:
-            first, width = self.layout.chain_columns[chain].start, self.layout.frame_width
-            others = width - FRAME + self.layout.static_width
-            self._bodies[chain] = kernels.BodySums(self._target, first, width, _PARENTS, others)
-        return None if chain is None else self._bodies[chain]
+    def _body(self, at: WearerEvaluation) -> Any:
+        """Where a wearer's terms are summed."""
+        if at.number not in self._bodies:
+            chain, variation = self.layout.chain_of(at.owner), at.problem.variation
+            first = -1 if chain is None else self.layout.chain_columns[chain].start
+            turns = _NEVER if self.charts is None or chain is None else self.charts.turns[at.number]
+            directions = variation.directions if at.problem.body_moves and variation is not None else _NONE
+            self._bodies[at.number] = kernels.BodySums(
+                self._target, self.begin, at.body.R_world_bone, at.body.p_world_joint, turns, first,
+                self.layout.frame_width, _PARENTS, _columns(self.layout, at.number), directions,
+            )  # fmt: skip
+        return self._bodies[at.number]
 
-    def _add(
-        self, eq: BoneEquations | DifferenceEquations | DenseEquations, blocks: Sequence[JacobianBlock], body: Any,
-        by_twist: Array | None = None,
-    ) -> None:  # fmt: skip
-        placed = [
-            (one.jacobian, self._start(one.range.chain, one.ahead) + one.range.start, one.block.each)
-            for one in self.placed(blocks, eq)
-        ]
-        rows = eq.residual, _of_each(eq.confidence), eq.loss.loss.value, _of_each(eq.loss.k), placed
-        first = eq.first - self.begin
-        if body is None:
-            kernels.add_columns(self._target, first, *rows)
-        elif isinstance(eq, DifferenceEquations):
-            body.add_differences(first, _numbers(eq.bones), eq.arms, eq.coefficients, *rows)
-        elif isinstance(eq, BoneEquations):
-            body.add_bones(first, _numbers(eq.bones), by_twist, *rows)
+    def _camera(self, at: CameraEvaluation) -> Any:
+        """Where the terms of the camera alone are summed."""
+        if CAMERA not in self._bodies:
+            R, p = np.zeros((at.frames, 0, 3, 3)), np.zeros((at.frames, 0, 3))
+            width, columns = self.layout.frame_width, _columns(self.layout, CAMERA)
+            self._bodies[CAMERA] = kernels.BodySums(
+                self._target, self.begin, R, p, _NEVER, -1, width, _PARENTS, columns, _NONE
+            )
+        return self._bodies[CAMERA]
 
-    def _start(self, chain: int, ahead: int) -> int:
-        """First column of a chain's frame, or of what all frames share, in a slice."""
-        width = self.layout.frame_width
-        return (REACH + 1) * width if chain == STATIC else ahead * width + self.layout.chain_columns[chain].start
+    def chart(self, owner: OwnerId, block: str) -> Array:
+        """Of a static block's items, or of a camera's poses; nothing where steps are coordinates."""
+        if self.charts is None:
+            return _NONE
+        poses = self.charts.poses if block == "poses" else None
+        found = self.charts.static.get((owner, block), poses)
+        return _NONE if found is None else found
 
-    def _add_joints(self, eq: JointEquations) -> None:
-        chain, body = self.layout.chain_of(eq.owner), self._body(eq.owner)
-        if chain is None or not eq.acts:
-            return
-        by_joints = [
-            D if self.charts is None else D @ self.charts.joints(eq.owner.number, eq.first + ahead, len(D))
-            for ahead, D in enumerate(eq.by_joints())
-        ]
-        if eq.whitening is None:
-            shape = by_joints[0].shape[:3]
-            weight = np.broadcast_to(eq.weight.reshape(*shape[:2], -1), shape)
-            body.add_each_joint(eq.first - self.begin, by_joints[0], eq.residual.reshape(shape), weight)
-            return
-        force = force_of(eq)
-        body.add_joints(eq.first - self.begin, np.stack(by_joints), eq.information, eq.weight[:, 0], force)
-        if eq.mean is not None:
-            for ahead, D in enumerate(by_joints):
-                add_mean(self, eq, chain, ahead, D, force)
+
+@cache
+def _names() -> tuple[tuple[str, Owner], ...]:
+    return tuple((row.name, row.owner) for row in ROWS.values())
+
+
+def _columns(layout: Layout, wearer: int) -> np.ndarray:
+    """First columns of all blocks in a slice, as one wearer sees them; below nought of one that does not move."""
+    columns = np.full(len(ROWS), -1)
+    for number, (name, kind) in enumerate(_names()):
+        found = layout.columns_of(OwnerId(kind, wearer) if kind is Owner.WEARER else OwnerId(kind), name)
+        if found is not None:
+            shared = (REACH + 1) * layout.frame_width
+            start = shared if found.chain == STATIC else layout.chain_columns[found.chain].start
+            columns[number] = start + found.start
+    return columns
 
 
 class CompiledSliceAccumulator(_Compiled, SliceAccumulator):
@@ -150,11 +145,154 @@ def _places(system: ChainSystem, layout: Layout, chain: int) -> np.ndarray:
     return places
 
 
-def _of_each(values: np.ndarray | float) -> Array:
-    """What factors ``(t, n)`` have, as it is broadcast to them."""
-    return np.asarray(values, dtype=float).reshape(np.shape(values) or (1, 1))
+# Twins: of a term what it is made of, for the sums of the body that it sees.
+
+
+def _believed(loss: RobustLoss, at: Evaluation) -> tuple[str, float, float]:
+    return loss.loss.value, loss.k, at.frame_share
+
+
+def _headings(at: WearerEvaluation) -> Array:
+    """``(T or 1, S)``, at the frames where they walk."""
+    return np.atleast_2d(at.headings(slice(None)))
+
+
+def _shift(at: WearerEvaluation, points: BodyPoints) -> Array:
+    """How points shift on their bones with the body's lengths, ``(n, 3, B)``; nothing where these are kept."""
+    if at.problem.variation is None or not at.problem.body_moves:
+        return _NONE
+    return at.problem.variation.of_points(at.problem.skeleton, points.bones, points.p_bone_point)
 
 
 @cache
 def _numbers(bones: tuple[int, ...]) -> np.ndarray:
     return np.array(bones)
+
+
+def _orientation(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+    problem, settings = at.problem, at.problem.settings.orientation
+    sums.orientation(
+        _numbers(problem.sensor_points.bones), at.state.R_bone_sensor, _headings(at), problem.frames.R_inertial_sensor,
+        problem.frames.orientation_valid, settings.sigma, *_believed(settings.loss, at),
+        scatter.chart(at.owner, "R_bone_sensor"),
+    )  # fmt: skip
+
+
+def _acceleration(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+    problem, settings = at.problem, at.problem.settings.acceleration
+    if problem.use_acceleration:
+        points, frames = problem.sensor_points, problem.frames
+        sums.acceleration(
+            _numbers(points.bones), at.sensor_points.p_bone_point, _shift(at, points), _headings(at),
+            frames.specific_force_inertial, frames.acceleration_valid, frames.step, settings.sigma,
+            *_believed(settings.loss, at),
+        )  # fmt: skip
+
+
+def _contact(sums: Any, at: WearerEvaluation, settings: Any, follows: np.ndarray) -> None:
+    problem, points = at.problem, at.problem.contact_points
+    sums.contact(
+        _numbers(points.bones), at.contact_points.p_bone_point, _shift(at, points), problem.contact_confidence, at.sole,
+        problem.frames.step, settings.sigma, *_believed(settings.loss, at), follows,
+    )  # fmt: skip
+
+
+def _floor_contact(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+    if at.problem.has_floor and at.problem.contacts:
+        _contact(sums, at, at.problem.settings.floor_contact, _NO_FRAME)
+
+
+def _foot_contact(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+    if at.problem.use_acceleration and at.problem.contacts and at.frames > 1:
+        _contact(sums, at, at.problem.settings.foot_contact, at.problem.frames.follows)
+
+
+def _pose_prior(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+    scale = at.problem.settings.pose_prior.scale
+    prior = at.problem.prior
+    sums.pose_prior(at.state.R_parent_child, prior.information, at.state.pose_mean, at.frame_share * scale**2)
+
+
+def _smoothness(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+    problem, settings = at.problem, at.problem.settings.smoothness
+    if problem.use_acceleration and settings.use and at.frames > 1:
+        scale, R = settings.time / problem.frames.step, at.state.R_parent_child
+        sums.smoothness(R, problem.prior.information, problem.frames.follows, at.frame_share * scale**2)
+
+
+def _joint_limit(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+    limits, settings = at.problem.limits, at.problem.settings.joint_limit
+    sums.joint_limit(
+        at.state.R_parent_child, limits.lower, limits.upper, np.deg2rad(settings.sigma_deg), settings.per_axis,
+        *_believed(settings.loss, at),
+    )  # fmt: skip
+
+
+def _hinge(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+    settings = at.problem.settings.hinge
+    if settings.use:
+        sums.hinge(
+            at.state.R_parent_child, *hinges_of_rows(at.state.hinges), at.state.hinges[TILTS:], 1 / settings.sigmas,
+            *_believed(settings.loss, at),
+        )  # fmt: skip
+
+
+def _reprojection(sums: Any, at: ViewEvaluation, scatter: _Compiled) -> None:
+    view, poses, lens = at.view, at.state.poses, at.camera.model
+    if not view.points or not view.seen.any():
+        return
+    settings, every, is_first = at.camera.settings.reprojection, slice(None), at.owner.number == 0
+    numbers = np.array([*lens.focal, *lens.centre, *lens.distortion, *[0.0] * (8 - len(lens.distortion))])
+    sums.reprojection(
+        _numbers(view.body_points.bones), at.points_on(view.body_points).p_bone_point,
+        _shift(at.wearer, view.body_points), poses.R_world_camera, poses.p_world_camera, numbers, view.pixels,
+        view.sigma, view.seen, view.pixels_per_second, at.seconds_late(every), at.since_middle(every),
+        *_believed(settings.loss, at), is_first, scatter.chart(at.owner, "poses") if is_first else _NONE, *view.offsets,
+    )  # fmt: skip
+
+
+def _poses(at: CameraEvaluation, scatter: _Compiled) -> tuple[Array, Array, Array]:
+    return at.state.poses.R_world_camera, at.state.poses.p_world_camera, scatter.chart(at.owner, "poses")
+
+
+def _camera_orientation(sums: Any, at: CameraEvaluation, scatter: _Compiled) -> None:
+    imu = at.problem.imu
+    if imu is not None:
+        settings = at.problem.settings.orientation
+        sums.camera_orientation(
+            *_poses(at, scatter), at.state.R_camera_imu, at.state.heading, imu.R_inertial_sensor, imu.orientation_valid,
+            settings.sigma(at.problem.orientation_weight(at.step)), *_believed(settings.loss, at),
+            scatter.chart(at.owner, "R_camera_imu"),
+        )  # fmt: skip
+
+
+def _camera_acceleration(sums: Any, at: CameraEvaluation, scatter: _Compiled) -> None:
+    imu = at.problem.imu
+    if imu is not None and at.is_path:
+        settings = at.problem.settings.acceleration
+        sums.camera_acceleration(
+            *_poses(at, scatter), at.problem.p_camera_imu, at.state.heading, imu.specific_force_inertial,
+            imu.acceleration_valid, at.step, settings.sigma, *_believed(settings.loss, at),
+        )  # fmt: skip
+
+
+def _camera_velocity(sums: Any, at: CameraEvaluation, scatter: _Compiled) -> None:
+    if at.is_path:
+        settings = at.problem.settings.velocity
+        sums.camera_velocity(*_poses(at, scatter), at.step, settings.sigmas, *_believed(settings.loss, at))
+
+
+TWINS: dict[str, Callable[[Any, Any, _Compiled], None]] = {
+    "orientation": _orientation,
+    "acceleration": _acceleration,
+    "pose prior": _pose_prior,
+    "smoothness": _smoothness,
+    "joint limit": _joint_limit,
+    "hinge": _hinge,
+    "floor contact": _floor_contact,
+    "foot contact": _foot_contact,
+    "reprojection": _reprojection,
+    "camera orientation": _camera_orientation,
+    "camera acceleration": _camera_acceleration,
+    "camera velocity": _camera_velocity,
+}

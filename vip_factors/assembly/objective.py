@@ -1,5 +1,6 @@
 """A whole problem as one objective: every term of the registry, summed over all frames."""
 
+import itertools
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -25,7 +26,9 @@ from vip_factors.terms.equations import Equations, Term
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
 
-CHUNK = 32  # frames evaluated together: enough to amortise NumPy's calls, few enough to stay in a processor's cache
+# Frames evaluated together: enough to amortise calls, few enough to stay in a processor's cache. At least REACH, for a
+# stretch writes into so many frames behind it, while the one after the next is summed.
+CHUNK = 32
 
 
 class Step(Protocol):
@@ -34,9 +37,6 @@ class Step(Protocol):
     def at(self, key: int) -> Array:
         """One of them."""
         ...
-
-
-Which = Callable[[Term[Any], Any, slice], Iterator[Equations]]
 
 
 class SceneEvaluation:
@@ -60,41 +60,35 @@ class SceneEvaluation:
 
     def equations(self) -> Iterator[tuple[str, Equations]]:
         """Of all factors, with their kinds."""
-        yield from self.of_bodies(slice(0, self.camera.frames), Term.of_first_in)
-        yield from self.of_camera()
+        bodies = (self.of_body(number) for number in range(len(self.wearers)))
+        for term, at in itertools.chain(*bodies, self.of_camera()):
+            yield from ((term.kind, one) for one in term.all(at))
 
-    def of_bodies(self, frames: slice, which: Which) -> Iterator[tuple[str, Equations]]:
-        """Of those of a stretch that see a wearer."""
-        for number in range(len(self.wearers)):
-            yield from self.of_body(number, frames, which)
-
-    def of_body(self, number: int, frames: slice, which: Which) -> Iterator[tuple[str, Equations]]:
-        """Of those that see one of the wearers."""
+    def of_body(self, number: int) -> Iterator[tuple[Term[Any], Any]]:
+        """The terms that see one of the wearers, each with what it looks at."""
         at = self.wearers[number].apart()
         if self._wearers_move:
-            for term in WEARER_TERMS:
-                yield from ((term.kind, one) for one in which(term, at, frames))
+            yield from ((term, at) for term in WEARER_TERMS)
         for camera, one in enumerate(self._viewpoints):
             owner = OwnerId(Owner.CAMERA, camera)
             view = ViewEvaluation(at, owner, one.problem, one.state, one.views[number], *self._offsets)
-            for seen in VIEW_TERMS:
-                yield from ((seen.kind, each) for each in which(seen, view, frames))
+            yield from ((seen, view) for seen in VIEW_TERMS)
 
-    def of_camera(self) -> Iterator[tuple[str, Equations]]:
-        """Of those that see the camera alone."""
-        for term in CAMERA_TERMS:
-            yield from ((term.kind, one) for one in term.all(self.camera))
+    def of_camera(self) -> Iterator[tuple[Term[Any], Any]]:
+        """Those that see the camera alone."""
+        return ((term, self.camera) for term in CAMERA_TERMS)
 
     def add_bodies_to(self, sums: Accumulator) -> None:
-        """Sum the equations of an accumulator's stretch that see a wearer."""
-        for _, equations in self.of_bodies(sums.stretch, Term.of_first_in if sums.by_first_frame else Term.within):
-            sums.add(equations)
+        """Sum what sees a wearer in an accumulator's stretch."""
+        for number in range(len(self.wearers)):
+            for term, at in self.of_body(number):
+                sums.add_term(term, at)
         sums.finish(self.bodies)
 
     def add_camera_to(self, sums: Accumulator) -> None:
-        """Sum those that see the camera alone; they are small, and one stretch of all frames is the fastest."""
-        for _, equations in self.of_camera():
-            sums.add(equations)
+        """Sum what sees the camera alone; it is little, and one stretch of all frames is the fastest."""
+        for term, at in self.of_camera():
+            sums.add_term(term, at)
 
 
 class SceneObjective:
@@ -241,8 +235,8 @@ def joined_slices(
     evaluation.add_camera_to(sums[-1])
     for number in range(len(problem.wearers)):
         own = sums[number if len(sums) > 1 else 0]
-        for _, equations in evaluation.of_body(number, own.stretch, Term.of_first_in):
-            own.add(equations)
+        for term, at in evaluation.of_body(number):
+            own.add_term(term, at)
     for own in sums:
         own.finish(evaluation.bodies)
     return slices

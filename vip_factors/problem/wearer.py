@@ -156,9 +156,10 @@ class WearerProblem:
         """The contacts, as arrays."""
         return BodyPoints.of(self.contacts)
 
-    def frame_share(self, first: slice) -> Array:
-        """What frames count ``(t, 1)``: their share of a correlation time."""
-        return np.full((first.stop - first.start, 1), min(1.0, self.frames.step / self.settings.correlation_s))
+    @property
+    def frame_share(self) -> float:
+        """What a frame counts: its share of a correlation time."""
+        return float(min(1.0, self.frames.step / self.settings.correlation_s))
 
     @property
     def body_moves(self) -> bool:

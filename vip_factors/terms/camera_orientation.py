@@ -23,6 +23,10 @@ class CameraOrientationSettings:
     sigma_deg: float = 1.5  # a rigid mount: what remains are the errors of the attitude filter (data sheets: 0.5–2.5)
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # magnets in doors and cars
 
+    def sigma(self, weight: float) -> float:
+        """Standard deviation in radians, of each row, whose variance is divided by a weight."""
+        return float(np.deg2rad(self.sigma_deg) / np.sqrt(weight))
+
 
 def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor a frame."""
@@ -30,7 +34,7 @@ def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
     if imu is None:
         return
     settings: CameraOrientationSettings = at.problem.settings.orientation
-    sigma = np.deg2rad(settings.sigma_deg) / np.sqrt(at.problem.orientation_weight(at.step))
+    sigma = settings.sigma(at.problem.orientation_weight(at.step))
     R, mounting = at.poses(first).R_world_camera, at.state.R_camera_imu
     error = orientation_residual(R, mounting, at.state.heading, imu.R_inertial_sensor[first, 0])
 

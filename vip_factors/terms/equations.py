@@ -188,8 +188,9 @@ class Evaluation(Protocol):
         """Whether its first frame is that of the whole, with which the priors on what all frames share come."""
         ...
 
-    def frame_share(self, first: slice) -> Array:
-        """What frames count, ``(t, 1)``."""
+    @property
+    def frame_share(self) -> float:
+        """What a frame counts."""
         ...
 
 
@@ -228,7 +229,7 @@ class Term(Generic[At]):
         """The equations of the factors whose first frame lies in a stretch, as much as they count."""
         for one in self.of_first(at, first):
             if self.every_frame:  # share times the cost: what is far off is forgiven as before
-                share = at.frame_share(first)  # the equations are new, and nobody else's yet: no copy of them
+                share = at.frame_share  # the equations are new, and nobody else's yet: no copy of them
                 object.__setattr__(one, "confidence", one.confidence * share)
                 object.__setattr__(one, "loss", one.loss.tempered(share))
             yield one

@@ -49,9 +49,10 @@ class WearerEvaluation:
         """Whether its first frame is that of the whole."""
         return self.problem.is_beginning
 
-    def frame_share(self, first: slice) -> Array:
-        """What frames count, ``(t, 1)``."""
-        return self.problem.frame_share(first)
+    @property
+    def frame_share(self) -> float:
+        """What a frame counts."""
+        return self.problem.frame_share
 
     def apart(self) -> "WearerEvaluation":
         """The same for another thread."""
@@ -159,10 +160,10 @@ class CameraEvaluation:
         """Whether its first frame is that of the whole."""
         return self.problem.is_beginning
 
-    def frame_share(self, first: slice) -> Array:
-        """What frames count, ``(t, 1)``."""
-        share = min(1.0, self.step / self.problem.settings.correlation_s)
-        return np.full((first.stop - first.start, 1), share)
+    @property
+    def frame_share(self) -> float:
+        """What a frame counts."""
+        return float(min(1.0, self.step / self.problem.settings.correlation_s))
 
     @property
     def is_path(self) -> bool:
@@ -228,6 +229,7 @@ class ViewEvaluation:
         """Whether its first frame is that of the whole."""
         return self.camera.is_beginning
 
-    def frame_share(self, first: slice) -> Array:
-        """What frames count that the camera saw, ``(t, 1)``."""
-        return np.minimum(1.0, self.view.frames_apart * self.wearer.frame_share(first))
+    @property
+    def frame_share(self) -> float:
+        """What a frame counts that the camera saw."""
+        return min(1.0, self.view.frames_apart * self.wearer.frame_share)

@@ -48,6 +48,13 @@ _SQUARE_HAT = hat(_SQUARE)
 _EACH = np.arange(ROWS)
 
 
+def hinges_of_rows(variables: Array) -> tuple[Array, ...]:
+    """Of each row the number of its hinge and its joint, its direction in the lower bone ``(ROWS, 3)``, the hinge's
+    axis in the upper one ``(ROWS, 3)``, and that by its tilt ``(ROWS, 3, 2)``.
+    """
+    return _OF_HINGE, _JOINT, _SQUARE, *_axes(variables[:TILTS].tobytes())
+
+
 @lru_cache(maxsize=16)  # they seldom change, and a stream asks often
 def _axes(tilts: bytes) -> tuple[Array, Array]:
     """Of the hinge of each row, in the bone above: its direction ``(ROWS, 3)``, and by its tilt ``(ROWS, 3, 2)``."""

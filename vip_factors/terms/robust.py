@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import cast
 
 import numpy as np
 
@@ -24,11 +23,11 @@ class RobustLoss:
     loss: Loss = Loss.SQUARE
     k: float = 1.345
 
-    def tempered(self, share: Array | float) -> "RobustLoss":
+    def tempered(self, share: float) -> "RobustLoss":
         """``share`` times this loss, of residuals that are scaled by its root."""
         if self.loss is Loss.SQUARE:
             return self
-        return RobustLoss(self.loss, cast(float, self.k * np.sqrt(share)))  # of each frame, where shares are
+        return RobustLoss(self.loss, float(self.k * np.sqrt(share)))
 
     def weight(self, norm: Array) -> Array:
         """Factor on the squared residual in the normal equations (IRLS), for norms of any shape."""

@@ -133,7 +133,7 @@ def test_a_viewer_that_cannot_draw_says_why(tmp_path: Path) -> None:
 
 
 ORPHAN = """
-import sys, time
+import os, sys, time
 sys.path.insert(0, sys.argv[1])
 from live_answers import answer, live_scene, setup_of
 from pathlib import Path
@@ -141,20 +141,26 @@ from vip_factors.viz.live_rerun import LiveRerunSink, LiveTarget
 if __name__ == "__main__":
     scene = live_scene(0.1)
     sink = LiveRerunSink(setup_of(scene), LiveTarget(save=Path(sys.argv[2])))
+    writer = sink._queue._writer
+    def send(content):
+        writer.send_bytes(content)
+        if sys.argv[3] == "half an item":
+            os.write(writer.fileno(), (1000).to_bytes(4) + b"half")
+        print(sink._process.pid, flush=True)
+    sink._queue._send_bytes = send
     sink.write(answer(scene, 0))
-    print(sink._process.pid, flush=True)
     time.sleep(60)
 """
 
 
-def test_a_killed_tracker_leaves_no_process(tmp_path: Path) -> None:
+@pytest.mark.parametrize("last", ["whole", "half an item"])
+def test_a_killed_tracker_leaves_no_process(tmp_path: Path, last: str) -> None:
     script = tmp_path / "orphan.py"
     script.write_text(ORPHAN)
-    command = [sys.executable, str(script), str(Path(__file__).parents[1]), str(tmp_path / "a.rrd")]
-    tracker = subprocess.Popen(command, stdout=subprocess.PIPE)
-    viewer = int(tracker.stdout.readline())
-    tracker.kill()
-    tracker.communicate()
+    command = [sys.executable, str(script), str(Path(__file__).parents[1]), str(tmp_path / "a.rrd"), last]
+    with subprocess.Popen(command, stdout=subprocess.PIPE) as tracker:
+        viewer = int(tracker.stdout.readline())
+        tracker.kill()
     deadline = time.monotonic() + 20
     while Path(f"/proc/{viewer}").exists() or _alive(viewer):
         assert time.monotonic() < deadline

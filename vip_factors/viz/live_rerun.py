@@ -200,6 +200,7 @@ def draw(queue: Any, telling: Connection, setup: Scene, target: LiveTarget, rate
         os.nice(POLITE)
     os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a closed viewer, line after line
     os.environ.update(QUIET)
+    queue._writer.close()  # the tracker's own is the only one: else half an item of a killed tracker would never end
     from vip_factors.viz.live_view import LiveView
 
     try:
@@ -208,7 +209,7 @@ def draw(queue: Any, telling: Connection, setup: Scene, target: LiveTarget, rate
             view = LiveView(stream, setup, rate)
             gather = GATHER_S if target.save is None else GATHER_FOR_FILE_S
             kept = time.monotonic()
-            while (items := _gathered(queue, gather)) is not None:
+            for items in _gathered(queue, gather):
                 view.log(items)
                 if target.save is not None and time.monotonic() - kept >= KEEP_S:
                     hand_over(stream, partial_path(target.save), target.save)
@@ -256,29 +257,26 @@ def _end(stream: "rr.RecordingStream", target: LiveTarget, telling: Connection) 
     stream.disconnect()
 
 
-def _gathered(queue: Any, seconds: float) -> list[LiveEstimate | VideoFrame] | None:
-    """What has come, waiting for at least one; None after the last."""
-    items: list[LiveEstimate | VideoFrame] = []
-    while not items:
-        try:
-            first = queue.get(timeout=1.0)
-        except Empty:
-            parent = multiprocessing.parent_process()
-            if parent is not None and not parent.is_alive():
-                return None
-            continue
-        if first is None:
-            return None
-        items.append(first)
-    until = time.monotonic() + seconds
-    while (left := until - time.monotonic()) > 0:
-        try:
-            # Taken out all the time, not at its end: what the pipe between the processes holds is no more than 64 KiB.
-            item = queue.get(timeout=left)
-        except Empty:
-            break
-        if item is None:
-            queue.put(None)  # found again after these have been drawn
-            break
-        items.append(item)
-    return items
+def _gathered(queue: Any, seconds: float) -> Iterator[list[LiveEstimate | VideoFrame]]:
+    """What comes within some time of the first, until None comes or the tracker's process is gone."""
+    is_over = False
+    while not is_over:
+        items: list[LiveEstimate | VideoFrame] = []
+        until = None
+        while not is_over and (until is None or time.monotonic() < until):
+            try:
+                # Taken out all the time, not at its end: what the pipe between the processes holds is 64 KiB.
+                item = queue.get(timeout=until and max(until - time.monotonic(), 0.0))
+            except Empty:
+                break
+            except (EOFError, OSError):  # killed, perhaps in the midst of an item
+                item = None
+                if (parent := multiprocessing.parent_process()) is not None:
+                    parent.join(1.0)  # its pipes end one after the other
+            if item is None:
+                is_over = True
+            else:
+                items.append(item)
+                until = until or time.monotonic() + seconds
+        if items:
+            yield items

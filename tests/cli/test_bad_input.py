@@ -98,6 +98,7 @@ def test_ctrl_c_leaves_nothing_half_written(run, files, tmp_path: Path, monkeypa
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
+    monkeypatch.setattr("vip_factors.cli.terminal.LINE_S", 3600.0)  # else how far it is would be lines of their own
     monkeypatch.setattr("vip_factors.io.mcap_writer.MessageWriter.add_in_order", interrupted)
     told = run(
         "smooth", files.recording, "--out", tmp_path / "e.mcap", "--frame-rate", "5", "--solve.max-iterations", "1"

@@ -39,7 +39,7 @@ if TYPE_CHECKING:  # these take a while, and not every command that calls a func
 StrPath = str | PathLike[str]
 Moved = Motion | WearerEstimate | Estimate
 """What moves: an estimate, that of one wearer, or a motion by itself."""
-GESTURES = "gestures"  # in place of a motion: the package's own
+GESTURES, WALK = "gestures", "walk"  # in place of a motion: the package's own
 SECONDS = 20.0  # of it
 OUT_OF_STEP_S = 3.7  # between people who show the package's own motion; no multiple of its periods
 BYSTANDER_REACH_M = 3.0  # from the middle: some pass between camera and wearers, some leave the image
@@ -182,7 +182,7 @@ def detect(
 
 
 Played = Motion | StrPath
-"""A motion, a motion file (.bvh …), or the word ``"gestures"`` for one that the package makes."""
+"""A motion, a motion file (.bvh …), or the words ``"gestures"`` and ``"walk"`` for what the package makes."""
 
 
 def simulate(
@@ -261,7 +261,7 @@ def _played(source: Played, seconds: float | None, number: int) -> Motion:
     """A motion; of the package's own one out of step with that of others."""
     if isinstance(source, Motion):
         return source
-    if source != GESTURES:
+    if source not in (GESTURES, WALK):
         from vip_factors.io.motions import read_motion
 
         return read_motion(Path(source))
@@ -269,7 +269,7 @@ def _played(source: Played, seconds: float | None, number: int) -> Motion:
     from vip_factors.simulate.staging import from_time
 
     shift = OUT_OF_STEP_S * number
-    return from_time(gestures((SECONDS if seconds is None else seconds) + shift), shift)
+    return from_time(gestures((SECONDS if seconds is None else seconds) + shift, straight=source == WALK), shift)
 
 
 def smooth(

@@ -20,6 +20,7 @@ from vip_factors.gait.travel import travel_of_foot
 from vip_factors.sensors.calibration import SensorCalibration, SensorSite, preset
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
+from vip_factors.simulate.gestures import STEP_HZ
 from vip_factors.simulate.recording import simulate_recording
 
 SECONDS, TURN_AT = 12.0, 5.2
@@ -120,6 +121,22 @@ def test_curves_are_over_the_cycle(motion: Motion, recording: Recording, gait: G
     wide = next(one for one in surer.curves if (one.angle, one.side) == ("left_knee_flexion", "left"))
     assert surer.with_covariance
     assert np.all(wide.sigma > knee.sigma)
+
+
+def test_the_walk_that_the_package_makes_can_be_measured() -> None:
+    made = vip.simulate("walk", seconds=8.0, initial_pose="none").wearers[0]
+    assert made.truth is not None
+    motion = made.truth.motion
+    way_m = np.linalg.norm(motion.p_world_pelvis[-1] - motion.p_world_pelvis[0])
+    for recording in (made, None):  # by sensors on the feet, and by the legs
+        gait = gait_of(estimate_of(motion, made), recording)
+        assert {one.by_sensor for one in gait.feet.values()} == {recording is not None}
+        assert len(gait.counted) == len(gait.strides) >= 10
+        speed, time = gait.figure("speed"), gait.figure("time")
+        assert speed is not None
+        assert time is not None
+        assert abs(speed.mean - way_m / np.ptp(motion.time)) < 3 * speed.sigma
+        assert time.mean == pytest.approx(1 / STEP_HZ, abs=0.02)
 
 
 def test_who_does_not_walk_has_no_strides() -> None:

@@ -63,7 +63,7 @@ class SimulateOptions:
     common: ClassVar = ("placement", "seconds", "seed", "noise_free", "overwrite")
     none_is_a_value: ClassVar = True
     motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION"), Input()]
-    """Motion file (.bvh …), or the word gestures for a motion that the package makes."""
+    """Motion file (.bvh …), or the words gestures and walk (straight on) for motions that the package makes."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")]
     """Recording (.mcap) to write."""
     placement: PresetName = "totalcapture13"

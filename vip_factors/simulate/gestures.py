@@ -16,31 +16,36 @@ from vip_factors.simulate.staging import path_of_standing_feet
 STEP_HZ = 0.85  # full gait cycles per second: a relaxed pace is 0.9
 STRIDE = 0.15  # rad that the hip swings to either side: a slow walk of about 0.45 m/s
 TURN_RAD_S = 0.4  # of the walker: a circle of about 1.1 m radius, so that every direction is faced
+WALK_STRIDE, WALK_ROLL = 0.3, 0.35  # rad, of hip and foot: 0.7 m/s
 GESTURE_HZ = 0.23  # of raising the arms sideways
 
 
-def gestures(seconds: float = 20.0, rate: float = 120.0, skeleton: Skeleton | None = None) -> Motion:
+def gestures(
+    seconds: float = 20.0, rate: float = 120.0, skeleton: Skeleton | None = None, straight: bool = False
+) -> Motion:
     """Walking a circle, arms swinging and rising sideways in turn, trunk and head swaying; ``rate`` frames per second.
 
-    It starts near the origin, feet on the floor z = 0. A person of 1.75 m, if no skeleton is given.
+    It starts near the origin, feet on the floor z = 0. A person of 1.75 m, if no skeleton is given. If ``straight``,
+    the way is, with longer steps and feet that roll from heel to toes: of a circle gait counts no stride.
     """
     skeleton = skeleton or skeleton_from_stature(1.75)
     time = np.arange(round(seconds * rate) + 1) / rate
     R = np.broadcast_to(np.eye(3), (len(time), JOINT_COUNT, 3, 3)).copy()
-    _trunk(R, time)
+    _trunk(R, time, 0.0 if straight else TURN_RAD_S)
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        _leg(R, time, side, sign)
+        _leg(R, time, side, sign, *((WALK_STRIDE, WALK_ROLL) if straight else (STRIDE, 0.0)))
         _arm(R, time, side, sign)
     hanging = forward_kinematics(skeleton, R, np.zeros((len(time), 3)))
-    return Motion(skeleton, R, path_of_standing_feet(skeleton, hanging), rate, 0.0, "gestures")
+    path, name = path_of_standing_feet(skeleton, hanging), "walk" if straight else "gestures"
+    return Motion(skeleton, R, path, rate, 0.0, name)
 
 
 def _wave(time: Array, frequency: float, phase: float = 0.0) -> Array:
     return np.sin(2 * np.pi * frequency * time + phase)
 
 
-def _trunk(R: Array, time: Array) -> None:
-    turn = TURN_RAD_S * time + 0.06 * _wave(time, STEP_HZ)
+def _trunk(R: Array, time: Array, turn_rad_s: float) -> None:
+    turn = turn_rad_s * time + 0.06 * _wave(time, STEP_HZ)
     tilt = 0.03 * _wave(time, 2 * STEP_HZ) + 0.05
     R[:, 0] = rotation_z(turn) @ R_WORLD_FACING_X @ rotation_x(tilt) @ rotation_z(0.04 * _wave(time, STEP_HZ, 0.4))
     for name in ("spine1", "spine2", "spine3"):
@@ -49,14 +54,15 @@ def _trunk(R: Array, time: Array) -> None:
     R[:, joint_index("head")] = rotation_y(look) @ rotation_x(nod)
 
 
-def _leg(R: Array, time: Array, side: str, sign: float) -> None:
+def _leg(R: Array, time: Array, side: str, sign: float, most: float, rolling: float) -> None:
     phase = 0.0 if sign > 0 else np.pi
     lift = (0.5 + 0.5 * _wave(time, STEP_HZ, phase)) ** 2  # 0 while standing, 1 with the knee up
-    stride = STRIDE * _wave(time, STEP_HZ, phase - np.pi / 2)  # forward while lifted
+    roll = rolling * np.sqrt(lift) * _wave(time, STEP_HZ, phase + np.pi / 2)  # toes down when lifted, up when set down
+    stride = most * _wave(time, STEP_HZ, phase - np.pi / 2)  # forward while lifted
     hip, knee = 0.10 + stride + 0.45 * lift, 0.18 + 0.80 * lift
     R[:, joint_index(f"{side}_hip")] = rotation_z(sign * 0.04) @ rotation_x(-hip)
     R[:, joint_index(f"{side}_knee")] = rotation_x(knee)
-    R[:, joint_index(f"{side}_ankle")] = rotation_x(hip - knee + 0.25 * lift + 0.03)  # level while it stands
+    R[:, joint_index(f"{side}_ankle")] = rotation_x(hip - knee + 0.25 * lift + 0.03 + roll)  # level while it stands
     R[:, joint_index(f"{side}_foot")] = rotation_x(-0.1 * lift)
 
 

@@ -267,11 +267,14 @@ def test_factors_of_your_own(recording: vip.Scene, estimate: vip.Estimate) -> No
 
 
 @pytest.mark.parametrize("camera", [None, "fixed"])
-def test_progress_tells_that_standard_deviations_are_computed(camera: Literal["fixed"] | None) -> None:
-    stages = list[str]()
+def test_progress_tells_standard_deviations_by_frames(camera: Literal["fixed"] | None) -> None:
+    told = list[tuple[str, float]]()
     scene = vip.simulate(seconds=1.2, placement="sip6", camera=camera, seed=1)
-    vip.smooth(scene, replace(QUICK, covariance=True), lambda stage, share: stages.append(stage))
-    assert "standard deviations" in stages
+    vip.smooth(scene, replace(QUICK, covariance=True), lambda *one: told.append(one))
+    shares = [share for stage, share in told if stage == "standard deviations"]
+    assert shares == sorted(shares)
+    assert (shares[0], shares[-1]) == (0.0, 1.0)
+    assert len(shares) > 6  # one for each frame
 
 
 def test_a_report_and_a_picture(recording: vip.Scene, estimate: vip.Estimate, tmp_path: Path) -> None:

@@ -16,8 +16,8 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import in_stretches
+from vip_factors.solve.chain_elimination import chain_marginals
 from vip_factors.solve.chain_system import REACH, frame_keys
-from vip_factors.solve.elimination import chain_marginals
 
 
 def graph_of(problem: WearerProblem, state: WearerState) -> FactorGraph:

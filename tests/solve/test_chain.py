@@ -6,9 +6,9 @@ import pytest
 
 from vip_factors.errors import SolveError
 from vip_factors.solve import chain_elimination, strands
-from vip_factors.solve.chain_elimination import ChainElimination, last_covariance
+from vip_factors.solve.chain_elimination import ChainElimination, chain_marginals, last_covariance, tree_marginals
 from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, static_key
-from vip_factors.solve.elimination import chain_marginals, eliminate
+from vip_factors.solve.elimination import eliminate
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
 T, D, S = 7, 3, 2
@@ -198,11 +198,46 @@ def test_the_step_and_the_covariance_are_gtsams(
         expected, step = eliminate(one.stretches(damping)).optimize(), ChainElimination(one, damping).step()
         for key in [key for chain in one.chains for key in chain.keys] + [group.key for group in one.groups]:
             np.testing.assert_allclose(step.at(key), expected.at(key), rtol=1e-9, atol=1e-12)
-    keys = [group.key for group in system.groups]
-    marginals, found = chain_marginals(system), last_covariance(system, keys)
+    keys, marginals = [group.key for group in system.groups], tree_marginals(system)
+    found = last_covariance(system, keys)
     for number, key in enumerate(keys):
         own = slice(2 * number, 2 * number + 2)
         np.testing.assert_allclose(found[own, own], marginals[key], rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("tied", [True, False])
+@pytest.mark.parametrize("moving", [True, False])
+@pytest.mark.parametrize("pure", [True, False])
+def test_all_marginals_are_gtsams(tied: bool, moving: bool, pure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    if pure:
+        monkeypatch.setattr(strands, "kernels", None)
+    for system in (random_chain(tied), scene_system(tied, moving)):
+        told = list[float]()
+        found, expected = chain_marginals(system, told.append), tree_marginals(system)
+        assert found.keys() == expected.keys()
+        for key, block in expected.items():
+            np.testing.assert_allclose(found[key], block, rtol=0.0, atol=1e-10 * np.abs(block).max())
+        assert told == sorted(told)
+        assert (told[0], told[-1]) == (0.0, 1.0)
+
+
+def test_marginals_of_many_frames_keep_their_digits() -> None:
+    """Of points whose accelerations are known well and places badly: errors do not grow by the frame."""
+    frames, random = 300, np.random.default_rng(4)
+    part = Chain.empty(0, frames, np.ones(W), tied=True)
+    assert part.following is not None
+    part.own[:] = 1e-2 * np.eye(W)
+    for t in range(frames - 2):
+        mixed = 1e2 * random.standard_normal((W, W))
+        J = np.kron([1.0, -2.0, 1.0], mixed).reshape(W, 3, W)
+        for i in range(3):
+            part.own[t + i] += J[:, i].T @ J[:, i]
+            for j in range(i + 1, 3):
+                part.following[t + i, j - i - 1] += J[:, i].T @ J[:, j]
+    system = ChainSystem([part], [], np.zeros((0, 0)), np.zeros(0), np.zeros(0))
+    found = chain_marginals(system)
+    for key, block in tree_marginals(system).items():
+        np.testing.assert_allclose(found[key], block, rtol=0.0, atol=1e-8 * np.abs(block).max())
 
 
 @pytest.mark.parametrize("pure", [True, False])
@@ -214,3 +249,5 @@ def test_what_is_not_determined_has_no_step(tied: bool, pure: bool, monkeypatch:
     system.chains[0].own[3] = -np.eye(W)
     with pytest.raises(SolveError, match="not determined"):
         ChainElimination(system, 0.0)
+    with pytest.raises(SolveError, match="standard deviations: the data do not determine"):
+        chain_marginals(system)

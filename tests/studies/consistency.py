@@ -26,7 +26,7 @@ from vip_factors.sensors.calibration import PRESETS
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.scene_settings import CameraKind
-from vip_factors.solve.elimination import chain_marginals
+from vip_factors.solve.chain_elimination import chain_marginals
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 from vip_factors.stages.decode import static_covariance
 

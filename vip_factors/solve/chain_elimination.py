@@ -6,7 +6,7 @@ in a frame are eliminated one after the other: wearers before a camera that stan
 Where a camera moves, its poses are eliminated behind the wearers, where that is less work.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -22,6 +22,7 @@ from vip_factors.solve.elimination import LinearSystem, eliminate
 from vip_factors.solve.strands import SEGMENT, SegmentedStrand, Strand
 
 MOST_KNOTS = 12  # of one group; of more GTSAM eliminates those early that no later frame sees
+_UNDETERMINED = "standard deviations: the data do not determine everything that is looked for"
 
 
 def is_dense(system: ChainSystem) -> bool:
@@ -34,12 +35,16 @@ def is_dense(system: ChainSystem) -> bool:
 class ChainElimination:
     """The triangular factor of a linearisation with ``damping`` units on the diagonal.
 
+    Args:
+        system, damping: what is eliminated.
+        late: numbers of chains to eliminate behind all others; if None, those with which it is less work.
+
     Raises:
         SolveError: if a variable is not determined.
     """
 
-    def __init__(self, system: ChainSystem, damping: float) -> None:
-        self._system, late = system, _late_chains(system)
+    def __init__(self, system: ChainSystem, damping: float, late: Sequence[int] | None = None) -> None:
+        self._system, late = system, _late_chains(system) if late is None else late
         self._border = _Border(system, late)
         H, vector = self._border.information(damping)
         self._strands = list[Strand | SegmentedStrand]()
@@ -68,6 +73,18 @@ class ChainElimination:
         """Joint covariance ``(s, s)`` of what all frames share, and where in it each group and knot is."""
         first = self._border.late.size
         return _inverse_of_square(self._static[first:, first:]), self._border.columns
+
+    def marginals(self, progress: Callable[[float], None]) -> dict[int, Array]:
+        """Covariance of every variable by key, where no chain is late; ``progress`` is told what fraction is done."""
+        covariance, places = self.border_covariance()
+        found = _blocks(covariance, places)
+        count = len(found) + self._system.frames * len(self._system.chains)
+        for strand in self._strands:
+            assert isinstance(strand, Strand)
+            for of_frame in strand.marginals(covariance):
+                found |= of_frame
+                progress(len(found) / count)
+        return found
 
 
 def _late_chains(system: ChainSystem) -> list[int]:
@@ -208,14 +225,45 @@ class ChainSteps:
         raise KeyError(key)
 
 
+def chain_marginals(system: LinearSystem, progress: Callable[[float], None] = lambda done: None) -> dict[int, Array]:
+    """Marginal covariance of every variable, by key, of the undamped linearisation at a solution.
+
+    Args:
+        system: the linearisation.
+        progress: called with what fraction is done.
+
+    Raises:
+        SolveError: if a variable is not determined.
+    """
+    progress(0.0)
+    try:
+        if isinstance(system, ChainSystem) and is_dense(system):
+            elimination = ChainElimination(system, 0.0, late=())
+        else:
+            return tree_marginals(system)
+    except (SolveError, RuntimeError) as error:
+        raise SolveError(_UNDETERMINED) from error
+    return elimination.marginals(progress)
+
+
+def tree_marginals(system: LinearSystem) -> dict[int, Array]:
+    """Of GTSAM's Bayes tree: of a user's own terms, which may tie anything, and of many knots."""
+    graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
+    for part, keys in system.stretches(0.0):
+        graph.push_back(part)
+        for index in range(keys.size()):
+            ordering.push_back(keys.at(index))
+    tree = graph.eliminateMultifrontal(ordering)
+    return {ordering.at(index): tree.marginalCovariance(ordering.at(index)) for index in range(ordering.size())}
+
+
 def last_marginals(system: LinearSystem, keys: Sequence[int]) -> dict[int, Array]:
     """Marginal covariances of the variables that are eliminated last: of what all frames share, at no further cost.
 
     Raises:
         SolveError: if a variable is not determined.
     """
-    covariance, places = _last_covariance(system, keys)
-    return {key: np.array(covariance[own, own], dtype=float) for key, own in places.items()}
+    return _blocks(*_last_covariance(system, keys))
 
 
 def last_covariance(system: LinearSystem, keys: Sequence[int]) -> Array:
@@ -239,7 +287,7 @@ def _last_covariance(system: LinearSystem, keys: Sequence[int]) -> tuple[Array, 
             tail.push_back(net.at(index))
     R, _ = tail.matrix()
     if not np.all(np.abs(np.diag(R)) > 0):
-        raise SolveError("standard deviations: the data do not determine everything that is looked for")
+        raise SolveError(_UNDETERMINED)
     places, start = dict[int, slice](), 0
     for index in range(tail.size()):
         block = slice(start, start + len(tail.at(index).R()))
@@ -248,6 +296,10 @@ def _last_covariance(system: LinearSystem, keys: Sequence[int]) -> tuple[Array, 
     if set(places) != set(keys):
         raise SolveError("covariance: the variables asked for are not the last ones")
     return _inverse_of_square(R), places
+
+
+def _blocks(covariance: Array, places: Mapping[int, slice]) -> dict[int, Array]:
+    return {key: np.array(covariance[own, own], dtype=float) for key, own in places.items()}
 
 
 def _inverse_of_square(R: Array) -> Array:

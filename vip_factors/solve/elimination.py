@@ -57,21 +57,3 @@ def coupling_factor(first_key: int, second_key: int, block: Array) -> gtsam.Hess
     return gtsam.HessianFactor(
         first_key, second_key, zero, block, none, np.zeros((columns, columns)), np.zeros(columns), 0.0
     )
-
-
-def chain_marginals(system: LinearSystem) -> dict[int, Array]:
-    """Marginal covariance of every variable, by key, of the undamped linearisation at a solution.
-
-    Raises:
-        SolveError: if a variable is not determined.
-    """
-    graph, ordering = gtsam.GaussianFactorGraph(), gtsam.Ordering()
-    for part, keys in system.stretches(0.0):
-        graph.push_back(part)
-        for index in range(keys.size()):
-            ordering.push_back(keys.at(index))
-    try:
-        tree = graph.eliminateMultifrontal(ordering)
-        return {ordering.at(index): tree.marginalCovariance(ordering.at(index)) for index in range(ordering.size())}
-    except RuntimeError as error:
-        raise SolveError("standard deviations: the data do not determine everything that is looked for") from error

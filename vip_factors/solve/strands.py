@@ -89,6 +89,28 @@ class _Run:
             ahead = np.concatenate([steps[t], ahead])[: self._ahead]
         return steps
 
+    def marginals(self, others: Array) -> Iterator[Array]:
+        """Covariances ``(w, w)`` of the frames, the last one first, of the others' joint one. No frame is behind them.
+
+        With ``K = −R⁻¹S``, ``Σ_xy = K Σ_yy`` and ``Σ_xx = R⁻¹R⁻ᵀ + Σ_xy Kᵀ``: all that a later frame asks for stands in
+        the rows of this one (Takahashi, Fagan and Chen 1973).
+        """
+        n, w = self._rows.shape[2], self._d.shape[1]
+        seen, joint, right = w + self._ahead, np.zeros((n, n)), np.zeros((w, n))
+        joint[seen:, seen:] = others
+        for rows in self._rows[::-1]:
+            right[:, :w], right[:, w:] = np.eye(w), -rows[:, w:]
+            solved = dtrsm(1.0, rows[:, :w], right)
+            inverse, K = solved[:, :w], solved[:, w:]
+            joint[:w, w:] = K @ joint[w:, w:]
+            joint[w:, :w] = joint[:w, w:].T
+            own = inverse @ inverse.T + joint[:w, w:] @ K.T
+            joint[:w, :w] = (own + own.T) / 2  # what is not symmetric would grow from frame to frame
+            yield joint[:w, :w].copy()
+            ahead = slice(w, seen)  # of the frame before
+            joint[ahead, ahead], joint[ahead, seen:] = joint[: self._ahead, : self._ahead], joint[: self._ahead, seen:]
+            joint[seen:, ahead] = joint[ahead, seen:].T
+
 
 class Strand:
     """Chains that meet in a frame, side by side.
@@ -142,6 +164,12 @@ class Strand:
         """Steps ``(T, w)`` of each chain, by its number, of the border's ``(s,)``."""
         steps = self._run.given(np.concatenate([np.zeros(self._ahead), border[self._columns]]))
         return {number: steps[:, place] for number, place in zip(self._numbers, self._places, strict=True)}
+
+    def marginals(self, border: Array) -> Iterator[dict[int, Array]]:
+        """Covariances by key, a frame at a time, of the border's joint one ``(s, s)``."""
+        found = self._run.marginals(border[np.ix_(self._columns, self._columns)])
+        for t, one in zip(reversed(range(len(self._chains[0].keys))), found, strict=True):
+            yield {chain.keys[t]: one[place, place] for chain, place in zip(self._chains, self._places, strict=True)}
 
 
 class SegmentedStrand:

@@ -18,6 +18,8 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.solve.chain_elimination import chain_marginals
+from vip_factors.stages.solver import Solver
 from vip_factors.terms import acceleration, orientation
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import reprojection_residual
@@ -87,14 +89,19 @@ class SceneCovariance:
         return SceneCovariance(wearers, self.camera[frames] if self.camera is not None and moving else self.camera)
 
 
-def scene_covariance(objective: SceneObjective, marginals: Mapping[int, Array]) -> SceneCovariance:
-    """The covariance of all poses, out of the marginals of all variables."""
-    wearers = []
-    for number in range(len(objective.problem.wearers)):
+def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> SceneCovariance:
+    """The covariance of all poses at a solution.
+
+    Raises:
+        SolveError: if a variable is not determined.
+    """
+    objective, wearers = SceneObjective(model), list[PoseCovariance]()
+    marginals = chain_marginals(objective.linearise(state), solver.progress_of("standard deviations"))
+    for number in range(len(model.wearers)):
         keys = objective.frame_keys(OwnerId(Owner.WEARER, number))
         assert keys is not None
         wearers.append(pose_covariance(keys, marginals))
-    if not objective.problem.camera.free_pose:
+    if not model.camera.free_pose:
         return SceneCovariance(tuple(wearers), None)
     path = objective.frame_keys(CAMERA)
     if path is not None:

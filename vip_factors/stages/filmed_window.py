@@ -87,7 +87,7 @@ def solve_scene_window(
     last = (calibration.camera_path, 0.0) if before is None else _last(before)
     initial, solution, associated = _coarsely(scene, trackers, begins, last, settings, solver)
     fine = fuse_finely(scene, initial, solution, associated, time, settings, solver)
-    covariance = _covariance(scene, solution, fine) if settings.covariance else None
+    covariance = _covariance(scene, solution, fine, solver) if settings.covariance else None
     estimates = decode_wearers(fine.model, fine.state, covariance)
     first = measured.cameras[0]
     wearer = np.full(len(first.detections), -1)
@@ -140,7 +140,7 @@ def _coarsely(
     return initial, solution, associated
 
 
-def _covariance(scene: Scene, solution: FusionSolution, fine: FusionSolution) -> SceneCovariance:
+def _covariance(scene: Scene, solution: FusionSolution, fine: FusionSolution, solver: Solver) -> SceneCovariance:
     """Of a window's poses, with mountings as sure as they were found."""
     wearers = tuple(
         replace(
@@ -149,7 +149,7 @@ def _covariance(scene: Scene, solution: FusionSolution, fine: FusionSolution) ->
         )
         for one, model in zip(scene.wearers, solution.model.wearers, strict=True)
     )  # fmt: skip
-    return full_rate_covariance(replace(solution, model=replace(solution.model, wearers=wearers)), fine)
+    return full_rate_covariance(replace(solution, model=replace(solution.model, wearers=wearers)), fine, solver)
 
 
 def _findings(

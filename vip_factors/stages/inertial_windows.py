@@ -12,7 +12,6 @@ from functools import partial
 
 import numpy as np
 
-from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
@@ -28,7 +27,6 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sources import RecordingSource, frames_of, samples_around, without_gaps
 from vip_factors.settings import Settings, flatten
-from vip_factors.solve.elimination import chain_marginals
 from vip_factors.stages.calibration_start import start_choice, start_findings
 from vip_factors.stages.decode import decode, scene_covariance
 from vip_factors.stages.drift import drift_findings, leap_findings
@@ -259,9 +257,11 @@ def _solved(
     if span.start and not frames.orientation_valid.any():
         return None
     model, state = _solve_window(shared, frames, streams, plan, span, settings, own)
+    covariance = None
     if settings.covariance:
-        own.on_progress("standard deviations", 0.0)
-    wearer = _decode(model, state, settings, _covariance(model, state) if settings.covariance else None)
+        scene = SceneProblem.unfilmed([model]), SceneState.unfilmed([state])
+        covariance = scene_covariance(*scene, own).wearers[0]
+    wearer = _decode(model, state, settings, covariance)
     return SolvedWindow(span, (replace(wearer, reports=tuple(own.reports)),))
 
 
@@ -332,12 +332,6 @@ def _unknown(frames: ImuFrames) -> PoseCovariance:
     return PoseCovariance(
         np.tile(np.pi**2 * np.eye(3), (len(frames), JOINT_COUNT, 1, 1)), walked[:, None, None] ** 2 * np.eye(3)
     )
-
-
-def _covariance(model: WearerProblem, state: WearerState) -> PoseCovariance:
-    objective = SceneObjective(SceneProblem.unfilmed([model]))
-    marginals = chain_marginals(objective.linearise(SceneState.unfilmed([state])))
-    return scene_covariance(objective, marginals).wearers[0]
 
 
 def _decode(

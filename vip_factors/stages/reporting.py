@@ -19,7 +19,6 @@ from vip_factors.estimate import (
     Estimate,
     PoseCovariance,
     SensorPlaceEstimate,
-    SolveReport,
     WearerEstimate,
 )
 from vip_factors.findings import Finding
@@ -30,7 +29,6 @@ from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings, Settings, flatten
 from vip_factors.solve.chain_elimination import last_marginals
-from vip_factors.solve.elimination import chain_marginals
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.decode import (
     SceneCovariance,
@@ -44,6 +42,7 @@ from vip_factors.stages.decode import (
 from vip_factors.stages.drift import clock_findings
 from vip_factors.stages.findings import in_picture_of, quality_checks
 from vip_factors.stages.fusion import FusionSolution
+from vip_factors.stages.solver import Solver
 from vip_factors.terms.sensor_position import sensor_position_whitening
 
 
@@ -52,13 +51,13 @@ def scene_estimate(
     coarse: FusionSolution,
     fine: FusionSolution,
     associated: Sequence[AssociatedCamera],
-    reports: tuple[SolveReport, ...],
     settings: Settings,
+    solver: Solver,
 ) -> Estimate:
     """The estimate: motions and camera of the full rate; bodies, and how sure what is shared is, of the coarse one."""
     assert scene.camera is not None
     shared = marginals_of_shared(coarse)
-    covariance = full_rate_covariance(coarse, fine) if settings.covariance else None
+    covariance = full_rate_covariance(coarse, fine, solver) if settings.covariance else None
     wearers = tuple(
         replace(
             with_sigmas(estimate, coarse.model, number, shared),
@@ -80,7 +79,7 @@ def scene_estimate(
     ]
     findings = tuple(dict.fromkeys(found))
     estimate = Estimate(
-        scene.name, "VIP", wearers, camera, given, reports, findings, flatten(settings),
+        scene.name, "VIP", wearers, camera, given, tuple(solver.reports), findings, flatten(settings),
         detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
     )  # fmt: skip
     if associated[0].camera is not first:  # nobody was found there, and it is nowhere
@@ -164,18 +163,12 @@ def told_calibration(calibration: Calibration, errors: ModelErrors, settings: Co
     }
 
 
-def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution) -> SceneCovariance:
+def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution, solver: Solver) -> SceneCovariance:
     """How sure the poses of the full rate are: as sure as those of the nearest coarse frame.
 
     There headings and mountings are free: at the full rate they are kept, as if they were known.
     """
-    return at_nearest(coarse_covariance(coarse), coarse, fine.model.wearers[0].frames.time)
-
-
-def coarse_covariance(coarse: FusionSolution) -> SceneCovariance:
-    """How sure all poses of the coarse frames are."""
-    objective = SceneObjective(coarse.model)
-    return scene_covariance(objective, chain_marginals(objective.linearise(coarse.state)))
+    return at_nearest(scene_covariance(coarse.model, coarse.state, solver), coarse, fine.model.wearers[0].frames.time)
 
 
 def at_nearest(covariance: SceneCovariance, coarse: FusionSolution, time: Array) -> SceneCovariance:

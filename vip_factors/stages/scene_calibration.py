@@ -26,14 +26,14 @@ from vip_factors.settings import Settings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.association import AssociatedCamera, first_association, usable_cameras
 from vip_factors.stages.calibration_start import start_choice, start_findings
-from vip_factors.stages.decode import decode_camera, decode_wearers
+from vip_factors.stages.decode import decode_camera, decode_wearers, scene_covariance
 from vip_factors.stages.drift import found_clock
 from vip_factors.stages.findings import film_findings
 from vip_factors.stages.floor import on_floor, with_declared_floor
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds, with_level_floor
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, inertial_trackers
-from vip_factors.stages.reporting import at_nearest, coarse_covariance, scene_estimate, who_is_who
+from vip_factors.stages.reporting import at_nearest, scene_estimate, who_is_who
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_checks import Corrections, checked_scene, corrected_elsewhere
 from vip_factors.stages.solver import Solver
@@ -223,10 +223,7 @@ class SolvedStretch:
             fine = fuse_finely(self.scene, self.initial, fine, self.associated, time, settings, self.solver)
         else:
             settings = replace(settings, covariance=False)
-        reports = tuple(self.solver.reports)
-        if settings.covariance:
-            self.solver.on_progress("standard deviations", 0.0)
-        estimate = scene_estimate(self.scene, self.solution, fine, self.associated, reports, settings)
+        estimate = scene_estimate(self.scene, self.solution, fine, self.associated, settings, self.solver)
         sensors = [one.model.frames.sensors for one in self.inertial]
         wearers = tuple(
             replace(one, start=start_choice(own, inertial.starts))
@@ -242,11 +239,12 @@ class SolvedStretch:
 
     def windows(self, plan: WindowPlan, settings: Settings) -> Iterator[SolvedWindow]:
         """Windows at the full rate, which start from the solution of all coarse frames and are in its world."""
-        covariance = coarse_covariance(self.solution) if settings.covariance else None
+        coarse = self.solution
+        covariance = scene_covariance(coarse.model, coarse.state, self.solver) if settings.covariance else None
         for span in plan.windows():
             time, own = plan.time(span), replace(self.solver, reports=[])
-            fine = fuse_finely(self.scene, self.initial, self.solution, self.associated, time, settings, own)
-            sure = None if covariance is None else at_nearest(covariance, self.solution, time)
+            fine = fuse_finely(self.scene, self.initial, coarse, self.associated, time, settings, own)
+            sure = None if covariance is None else at_nearest(covariance, coarse, time)
             wearers = decode_wearers(fine.model, fine.state, sure)
             first = self.scene.cameras[0]
             camera = decode_camera(first.name, fine.model, fine.state, sure, first.clock)

@@ -218,7 +218,7 @@ def _stretch(estimate: WearerEstimate, recording: Recording | None, feet: Mappin
         estimate, recording: of the wearer.
         feet: events by the legs, whether or not the feet have sensors: it is their motion that is stretched.
     """
-    known = list[float]()
+    known, counted = list[float](), [one for one in strides_of(estimate.motion, feet) if not one.left_out]
     for side in SIDES:
         site = shank_site(estimate, recording, side)
         if site is None or recording is None:
@@ -226,10 +226,7 @@ def _stretch(estimate: WearerEstimate, recording: Recording | None, feet: Mappin
         calibration, stream = estimate.calibration[site.sensor], recording.imus[site.sensor]
         own = stretch_by_shank(estimate.motion, side, stream, calibration, site.p_bone_sensor, feet[side])
         at = _by_strike(feet[side], own)
-        strides = strides_of(estimate.motion, feet)
-        known += [
-            at[one.start] for one in strides if one.side == side and not one.left_out and np.isfinite(at[one.start])
-        ]
+        known += [at[one.start] for one in counted if one.side == side and np.isfinite(at[one.start])]
     stretch = float(np.median(known)) if len(known) >= FEWEST else np.nan
     return stretch if abs(stretch - 1) < MOST_STRETCH else None
 

@@ -1,4 +1,4 @@
-"""Scenes with known owners of all detections: to train the association on, and to measure it by."""
+"""Scenes with known owners of all detections, to train the association on."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace

@@ -83,10 +83,9 @@ class Coverage(Simulated):
             except VipFactorsError:
                 continue
             yield from coverage_rows(people, scene.name, found.camera is not None, told_beside(found, scene))
-        for agree_deg, scene, reference in self._walks():
+        for scene, reference in self._walks():
             tell(scene.name, 0.9)
-            agreeing = replace(settings.factors.agreeing_headings, sigma_deg=agree_deg)
-            found = smooth(scene, replace(settings, factors=replace(settings.factors, agreeing_headings=agreeing)))
+            found = smooth(scene, settings)
             yield from coverage_rows("real", scene.name, found.camera is not None, told_of_walk(found, reference))
 
     def tables(self, rows: Sequence[CoverageRow]) -> Iterator[str]:
@@ -108,13 +107,13 @@ class Coverage(Simulated):
             for index in np.random.default_rng(7).permutation(len(own))[: self.most]:
                 yield people, read_scene(made(own[index], self.simulator, self.motions, self.folder))
 
-    def _walks(self) -> Iterator[tuple[float | None, Scene, GaitMotion]]:
+    def _walks(self) -> Iterator[tuple[Scene, GaitMotion]]:
         for one in real_recordings(self.data) if self.data is not None else ():
             if self.data is None or one.markers is None or one.angles is None:
                 continue
             recording, reference = converted(one, self.data), one.angles(self.data)
             seen = filmed(recording, one.markers(self.data), "standing", zlib.crc32(one.name.encode()))
-            yield from ((one.agree_deg, scene, reference) for scene in (Scene(one.name, (recording,)), seen))
+            yield from ((scene, reference) for scene in (Scene(one.name, (recording,)), seen))
 
 
 def coverage_rows(people: str, name: str, with_camera: bool, told: Iterator[Told]) -> Iterator[CoverageRow]:

@@ -1,9 +1,8 @@
-"""How somebody moved as others measured it, and how far ours is from it: angles, joint centres, strides, a video.
+"""How somebody moved as others measured it, and how far ours is from it: angles, joint centres, a video.
 
 A video is no reference: what a monocular one takes for the depth of a wrist is off by decimetres.
 """
 
-import csv
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,14 +24,12 @@ OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_fle
 TRIAL = "S02-Trial-Walk-1"
 VICON_HZ = 100.0
 FIRST_PACKET = 1120  # of the raw export, at the first row of the Vicon file
-# Our segments by Vicon's joint centres, and Vicon's name of our joints.
-SEGMENTS = {"thigh": ("FEP", "FEO"), "shank": ("FEO", "TIO"), "foot": ("TIO", "TOE")}
+# Vicon's name of our joints.
 CENTRES = {f"{side}_{joint}": f"{side[0].upper()}{name}" for joint, name in
            (("hip", "FEP"), ("knee", "FEO"), ("ankle", "TIO")) for side in SIDES}  # fmt: skip
 # Vicon's segment axes (x forward, y left, z up) as columns of ours (x left, y up, z forward).
 R_VICON_BONE = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 JOINTS = ("hip", "knee", "ankle")
-SENSOR_HZ, MARKER_HZ = 204.8, 100.0  # of gaitmap's sample; both clocks begin together
 VIDEO_HZ = 30.0  # of VIDIMU's camera
 BENDS = {"knee": ("hip", "knee", "ankle"), "elbow": ("shoulder", "elbow", "wrist")}
 MOST_LAG_S, STEP_S = 1.5, 1 / 60  # both were started by hand within a second
@@ -76,17 +73,6 @@ class Vicon:
         letter = side[0].upper()
         thigh, shank = self.R_world_segment[f"{letter}TH"], self.R_world_segment[f"{letter}SK"]
         return knee_flexion_deg(thigh @ R_VICON_BONE, shank @ R_VICON_BONE)
-
-    def segment_lengths_m(self) -> dict[str, float]:
-        """Mean distances of the joint centres."""
-        lengths = {"hip_width": self._distance("LFEP", "RFEP")}
-        for side in ("left", "right"):
-            for segment, ends in SEGMENTS.items():
-                lengths[f"{side}_{segment}"] = self._distance(*(f"{side[0].upper()}{end}" for end in ends))
-        return lengths
-
-    def _distance(self, one: str, other: str) -> float:
-        return float(np.linalg.norm(self.centres[one] - self.centres[other], axis=1).mean())
 
 
 def read_vicon(path: Path) -> Vicon:
@@ -239,73 +225,6 @@ def _distances_mm(found: GaitMotion, reference: GaitMotion, names: tuple[str, ..
 
 def _shared(found: GaitMotion, reference: GaitMotion) -> np.ndarray:
     return (reference.time >= found.time[0]) & (reference.time <= found.time[-1])
-
-
-@dataclass(frozen=True)
-class Strides:
-    """``S`` strides of one foot, each from one moment of rest on the floor to the next.
-
-    Attributes:
-        start, end: ``(S,)`` seconds.
-        length: ``(S,)`` metres, along the floor.
-    """
-
-    start: Array
-    end: Array
-    length: Array
-
-
-@dataclass(frozen=True)
-class StrideErrors:
-    """Of all strides of both feet, metres: the true mean length, and mean and standard deviation of ours less it."""
-
-    count: int
-    length: float
-    error_mean: float
-    error_sd: float
-
-
-def read_strides(folder: Path) -> dict[str, Strides]:
-    """Of ``gaitmap_feet``, by side: when each foot rested, and where its heel's marker was then."""
-    events, markers = folder / "stride_events_sample.csv", folder / "mocap_sample.csv"
-    with markers.open(encoding="utf-8") as file:
-        names = [f"{one}_{axis}" for one, axis in zip(*(next(csv.reader(file)) for _ in range(2)), strict=True)]
-        table = np.genfromtxt(file, delimiter=",", names=names)
-    time = np.arange(len(table)) / MARKER_HZ
-    moments: dict[str, list[tuple[float, float]]] = {side: [] for side in SIDES}
-    with events.open(encoding="utf-8") as file:
-        for line, row in enumerate(csv.DictReader(file), start=2):
-            if row.get("foot") not in moments or not {"start", "end"} <= set(row):
-                raise FileFormatError(
-                    f"{events}, line {line}: expected a foot (left, right), start and end of a stride"
-                )
-            moments[row["foot"]].append((float(row["start"]) / SENSOR_HZ, float(row["end"]) / SENSOR_HZ))
-    found = {}
-    for side, rests in moments.items():
-        heel = marker_columns(table, [f"{side[0].upper()}_FCC_{axis}" for axis in "xyz"], markers) / 1000
-        start, end = np.array(rests).reshape(-1, 2).T
-        found[side] = Strides(start, end, _lengths(time, heel, start, end))
-    return found
-
-
-def stride_errors(motion: Motion, reference: dict[str, Strides]) -> StrideErrors:
-    """How far the ankles of a motion went, beside how far the heels did; strides that it does not last to are left out.
-
-    A foot that rests does not turn: any point of it goes as far as another.
-    """
-    true, off = list[float](), list[float]()
-    for side, strides in reference.items():
-        there = (strides.start >= motion.time[0]) & (strides.end <= motion.time[-1])
-        ankle = motion.state.p_world_joint[:, joint_index(f"{side}_ankle")]
-        own = _lengths(motion.time, ankle, strides.start[there], strides.end[there])
-        true += [*strides.length[there]]
-        off += [*(own - strides.length[there])]
-    return StrideErrors(len(off), float(np.mean(true)), float(np.mean(off)), float(np.std(off)))
-
-
-def _lengths(time: Array, p_world: Array, start: Array, end: Array) -> Array:
-    first, last = (np.stack([np.interp(at, time, axis) for axis in p_world[:, :2].T], axis=1) for at in (start, end))
-    return np.linalg.norm(last - first, axis=1)
 
 
 @dataclass(frozen=True)

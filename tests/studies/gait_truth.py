@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.studies.gait import MARKER_HZ, SENSOR_HZ, optical_angles
+from tests.studies.gait import optical_angles
 from tests.studies.marker_body import SIDES, marker_columns, read_marker_body
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array
 
+SENSOR_HZ, MARKER_HZ = 204.8, 100.0  # of gaitmap's sample; both clocks begin together
 LOADED_N = 30.0  # a foot on a belt's force plate
 BELT_S = 0.06  # before and after rest, over which a foot goes with the belt
 Track = Callable[[float], Array]

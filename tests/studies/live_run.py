@@ -1,4 +1,4 @@
-"""A scene fed to the fixed-lag tracker sample by sample: its answers as motions, and their errors."""
+"""A scene fed to the fixed-lag tracker sample by sample: its answers as motions, and their errors over time."""
 
 import time as clock
 from collections.abc import Sequence
@@ -9,14 +9,13 @@ import numpy as np
 from tests.studies.scenes import with_nominal_pose
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.errors import InputError, RecordingError
-from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, common_frames, indices, mpjae, mpjpe, resample
+from vip_factors.errors import RecordingError
+from vip_factors.evaluate.metrics import POSITION_JOINTS, indices, resample
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
-from vip_factors.sensors.camera_path import move_motion, scene_gauge
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings
@@ -102,26 +101,3 @@ def error_over_time(poses: Sequence[LivePose], body: Skeleton, truth: Motion, ra
     ours, theirs = forward_kinematics(body, R, p).p_world_joint[:, joints], true[rows][:, joints]
     error[rows] = 1e3 * np.linalg.norm(align_rigid(ours, theirs).apply(ours) - theirs, axis=-1).mean(axis=1)
     return error
-
-
-@dataclass(frozen=True)
-class PoseErrors:
-    """Means over frames: every frame aligned (``mpjpe_mm``, ``mpjae_deg``); of the root's place after one yaw and one
-    translation of the whole motion (``root_cm``)."""
-
-    mpjpe_mm: float
-    mpjae_deg: float
-    root_cm: float
-
-
-def pose_errors(motion: Motion, truth: Motion, after_s: float) -> PoseErrors:
-    """Errors from ``after_s`` seconds of the stream on."""
-    late = int(np.count_nonzero(motion.time < after_s - 1e-6))
-    if late >= len(motion):
-        raise InputError(
-            f"estimate of '{motion.name}' ends at {motion.time[-1]:.2f} s: expected more than {after_s:g} s"
-        )
-    estimate, reference, _ = common_frames(motion.frames(slice(late, None)), truth)
-    moved = move_motion(estimate, scene_gauge([(estimate, reference)]))
-    root = np.linalg.norm(moved.p_world_pelvis - reference.p_world_pelvis, axis=1).mean()
-    return PoseErrors(mpjpe(estimate, reference), mpjae(estimate, reference), float(CM * root))

@@ -1,4 +1,4 @@
-"""Real recordings, a row each: hips, knees and headings beside a reference, and what was found fault with."""
+"""Real recordings, a row each: hips and knees beside a reference, and what was found fault with."""
 
 import tempfile
 import time as clock
@@ -9,18 +9,15 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.studies import qmt_mat
 from tests.studies.gait import (
     Agreement,
     AngleError,
     GaitMotion,
-    StrideErrors,
     agreement,
     angle_errors,
     body_errors_mm,
     centres_error_mm,
     gait_of,
-    stride_errors,
 )
 from tests.studies.live_run import smoothed_motion, streamed
 from tests.studies.marker_body import SIDES, CameraName, filmed
@@ -31,15 +28,11 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.findings import sentences
-from vip_factors.geometry.rotations import wrap_angle
-from vip_factors.io.convert import import_recording, recording_of_log
+from vip_factors.io.convert import import_recording
 from vip_factors.io.mcap_recording import read_scene
-from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
 
 
 @dataclass(frozen=True)
@@ -55,8 +48,6 @@ class RealTrial:
             reference.
         body_mm: the same of the whole body and its parts, batch and live; empty where not all of them are known.
         video: how far ``smooth`` and OpenSense agree with somebody else's video; empty where there is none.
-        strides: errors of ``smooth`` where strides were measured.
-        heading_deg: median and largest error of headings; NaN without a reference.
         batch_cpu_s, live_cpu_s: of the whole recording, this process alone.
         batch_findings, live_findings: sentences, each as often as it was told.
     """
@@ -69,8 +60,6 @@ class RealTrial:
     centres_mm: tuple[float, float]
     body_mm: tuple[Mapping[str, float], Mapping[str, float]]
     video: Mapping[str, Agreement]
-    strides: StrideErrors | None
-    heading_deg: tuple[float, float]
     batch_cpu_s: float
     live_cpu_s: float
     batch_findings: tuple[str, ...]
@@ -113,8 +102,7 @@ class Real(Study):
     def tables(self, rows: Sequence[RealTrial | RecordingTrial]) -> Iterator[str]:
         """RMSE in degrees, mean of both sides, in brackets with the mean removed; findings batch, live.
 
-        Where a whole body's markers are known, a table of what they tell; where a video or strides are, one of how far
-        these agree.
+        Where a whole body's markers are known, a table of what they tell; where a video is, one of how far it agrees.
         """
         real = [one for one in rows if isinstance(one, RealTrial)]
         head = [
@@ -126,16 +114,15 @@ class Real(Study):
             "live: knee °",
             "hip °",
             "mm",
-            "headings °",
             "findings",
         ]
         lines: list[list[object]] = []
         for one in real:
             findings = f"{len(one.batch_findings)}, {len(one.live_findings)}"
             lines.append([one.recording, f"{one.seconds:.0f}", *_legs(one.batch), one.centres_mm[0], *_legs(one.live),
-                          one.centres_mm[1], _headings(one.heading_deg), findings])  # fmt: skip
+                          one.centres_mm[1], findings])  # fmt: skip
             if one.other is not None:
-                lines.append([f"— {one.other[0]}", "", *_legs(one.other[1]), *[""] * 6])
+                lines.append([f"— {one.other[0]}", "", *_legs(one.other[1]), *[""] * 5])
         yield table(head, lines)
         if bodies := [one for one in real if one.body_mm[0]]:
             yield _body_table(bodies)
@@ -146,12 +133,6 @@ class Real(Study):
                   _offset(seen.degrees, seen.without_offset), f"{seen.least:.0f} to {seen.most:.0f}"]
                  for one in real for name, seen in one.video.items()],
             )  # fmt: skip
-        if any(one.strides for one in real):
-            yield table(
-                ["recording", "strides", "length m", "error: mean cm", "standard deviation cm"],
-                [[one.recording, seen.count, f"{seen.length:.2f}", f"{100 * seen.error_mean:+.1f}", 100 * seen.error_sd]
-                 for one in real if (seen := one.strides) is not None],
-            )  # fmt: skip
         if others := [one for one in rows if isinstance(one, RecordingTrial)]:
             yield recordings_table(others)
 
@@ -161,12 +142,10 @@ def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName
     scene = Scene(one.name, (recording,))
     if camera is not None and one.markers is not None:
         scene = filmed(recording, one.markers(folder), camera, seed=zlib.crc32(one.name.encode()))
-    factors = Settings().factors
-    agreeing = replace(factors, agreeing_headings=replace(factors.agreeing_headings, sigma_deg=one.agree_deg))
     begin = clock.process_time()
-    estimate = smooth(scene, Settings(factors=agreeing))
+    estimate = smooth(scene)
     batch_s, begin = clock.process_time() - begin, clock.process_time()
-    answers = streamed(scene, LiveSettings(factors=agreeing)) if with_live else []
+    answers = streamed(scene, DEFAULT) if with_live else []
     live_s = clock.process_time() - begin
     reference = None if one.angles is None else one.angles(folder)
 
@@ -179,8 +158,7 @@ def _trial(one: RealRecording, folder: Path, with_live: bool, camera: CameraName
     start, end = recording.interval
     return RealTrial(
         one.name, end - start, batch[0], live[0], other, (batch[1], live[1]), (batch[2], live[2]),
-        _video(one, folder, own.motion), _strides(one, folder, own.motion),
-        _heading_errors(own.calibration, one.headings_deg), batch_s, live_s,
+        _video(one, folder, own.motion), batch_s, live_s,
         sentences(dict.fromkeys((*estimate.findings, *own.findings))),
         sentences(one for answer in answers for one in answer.findings),
     )  # fmt: skip
@@ -197,12 +175,7 @@ def converted(one: RealRecording, folder: Path) -> Recording:
             options = replace(options, columns=columns)
         if one.sites:
             options = replace(options, placement=sites)
-        path = folder / one.log
-        return (
-            recording_of_log(qmt_mat.read(path), path, options)
-            if path.suffix == ".mat"
-            else import_recording(path, options)
-        )
+        return import_recording(folder / one.log, options)
 
 
 def _errors(
@@ -221,20 +194,6 @@ def _video(one: RealRecording, folder: Path, motion: Motion) -> dict[str, Agreem
     seen, other = video(folder), opensense(folder)
     found = {"smooth": agreement(joint, gait_of(motion), seen)}
     return found if other is None else found | {"OpenSense": agreement(joint, other, seen)}
-
-
-def _strides(one: RealRecording, folder: Path, motion: Motion) -> StrideErrors | None:
-    return None if one.strides is None else stride_errors(motion, one.strides(folder))
-
-
-def _heading_errors(found: Calibration, reference: Mapping[str, float]) -> tuple[float, float]:
-    """Median and largest in degrees; the whole suit may stand turned."""
-    names = [name for name in reference if name in found]
-    if not names:
-        return np.nan, np.nan
-    off = np.array([found[name].heading - np.deg2rad(reference[name]) for name in names])
-    off = np.abs(wrap_angle(off - np.angle(np.exp(1j * off).sum())))
-    return float(np.rad2deg(np.median(off))), float(np.rad2deg(off.max()))
 
 
 def _body_table(trials: Sequence[RealTrial]) -> str:
@@ -262,7 +221,3 @@ def _legs(errors: Mapping[str, AngleError]) -> list[str]:
     """Knees and hips, each the mean of both sides."""
     sides = [[_pair(errors.get(f"{side}_{joint}")) for side in SIDES] for joint in ("knee", "hip")]
     return [_offset(*np.mean(pairs, axis=0)) for pairs in sides]
-
-
-def _headings(degrees: tuple[float, float]) -> str:
-    return f"{degrees[0]:.0f}, at most {degrees[1]:.0f}" if np.isfinite(degrees[0]) else "n/a"

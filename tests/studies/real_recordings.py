@@ -2,25 +2,32 @@
 
 import csv
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tests.studies.gait import (
+    FIRST_PACKET,
+    TRIAL,
     GaitMotion,
-    Strides,
+    gait_of,
     marker_motion,
     opensim_angles,
     optical_angles,
-    read_strides,
     vicon_angles,
     video_motion,
 )
 from tests.studies.marker_body import MarkerBody, read_marker_body
-from tests.studies.walk import SENSORS as WALK
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.log_streams import LEAD_S
+from vip_factors.io.motions.bvh import read_bvh
 
 STATURE_M = 1.75  # nobody says how tall these wearers were
+MVN_LEAD = 1  # the reader of BVH drops MVN's leading rest frame
+# Site → sensor. Of the two sensors on each shank the one above the ankle, where there is less muscle.
+WALK = {
+    "pelvis": "00B40B91", "left_thigh_front": "00B40C45", "right_thigh_front": "00B40C3C", "left_ankle": "00B40C44",
+    "right_ankle": "00B40C47", "left_foot": "00B40C55", "right_foot": "00B40C48",
+}  # fmt: skip
 # How OpenSense names the sensors' frames; site → what follows it depends on the recording.
 LEGS = {
     "pelvis": "pelvis_imu", "right_shank": "tibia_r_imu", "right_thigh": "femur_r_imu", "left_shank": "tibia_l_imu",
@@ -46,12 +53,6 @@ GENEVA = {
     "left_foot": "LF", "left_shank_side": "LS", "left_thigh": "LT", "right_foot": "RF", "right_shank_side": "RS",
     "right_thigh": "RT", "pelvis": "SA", "sternum": "TR",
 }  # fmt: skip
-# Degrees, tuned by hand by those who recorded full_body_16imu, good to some 15°.
-FULL_BODY_HEADINGS = {
-    "hip": 0, "lower_back": -30, "upper_back": 15, "head": -45, "upper_arm_left": -89.5, "forearm_left": -95,
-    "hand_left": -85, "upper_arm_right": 60, "forearm_right": 80, "hand_right": 54, "upper_leg_left": -140,
-    "lower_leg_left": 105, "foot_left": -150, "upper_leg_right": 80, "lower_leg_right": -155, "foot_right": -150,
-}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -62,28 +63,22 @@ class RealRecording:
         name: of the row.
         log: what is converted, as a path in the folder of all.
         options: what is said beside it.
-        agree_deg: how well the sensors' inertial frames are said to agree, if at all.
         angles: reads how legs and trunk moved from the folder of all, if there is a reference.
         columns: column map of a log of no known format, as TOML.
         sites: placement file, as TOML, where there is more to say than options can.
         markers: reads how the whole body moved, on the recording's clock, where markers tell it: a camera can be made.
-        strides: reads when which foot rested, and how long its strides were.
         video: a joint, and readers of how it bent by somebody else's video, and by OpenSense if it is known.
         other: name and reader of somebody else's result, to be judged by the same reference.
-        headings_deg: reference of headings by sensor name.
     """
 
     name: str
     log: str
     options: ImportOptions
-    agree_deg: float | None = None
     angles: Callable[[Path], GaitMotion] | None = None
     other: tuple[str, Callable[[Path], GaitMotion]] | None = None
-    headings_deg: Mapping[str, float] = field(default_factory=dict)
     columns: str = ""
     sites: str = ""
     markers: Callable[[Path], MarkerBody] | None = None
-    strides: Callable[[Path], dict[str, Strides]] | None = None
     video: tuple[str, Callable[[Path], GaitMotion], Callable[[Path], GaitMotion | None]] | None = None
 
 
@@ -163,6 +158,13 @@ def _treadmill(pose: str, log: str = "Orientations.sto", said: str = "") -> Real
     )  # fmt: skip
 
 
+def _mvn(folder: Path) -> GaitMotion:
+    """MVN's own full-body result, on the frames of Vicon."""
+    walk = folder / "xsens_vicon_walk"
+    mvn = read_bvh(walk / "mvn" / f"{TRIAL}.bvh").frames(slice(FIRST_PACKET - MVN_LEAD, None))
+    return gait_of(replace(mvn, start=float(vicon_angles(walk).time[0])))
+
+
 # gaitmap's own axes of a foot (x forward, y left, z up) in ours (x left, y up, z forward); the rate is its makers'.
 _GAITMAP = {"left": "left_sensor", "right": "right_sensor"}
 _GAITMAP_COLUMNS = "rate_hz = 204.8\n" + "".join(
@@ -174,20 +176,14 @@ _GAITMAP_SITES = "[sensors]\n" + "".join(
     f'{name} = {{ site = "{side}_foot", mounting_wxyz = [0.5, -0.5, -0.5, -0.5], sigma_deg = 15 }}\n'
     for side, name in _GAITMAP.items()
 )
-_FULL_BODY = "full_body_16imu/full_body_example_data.mat"
 _KNOWN = (
     RealRecording(
         "xsens_vicon_walk", "xsens_vicon_walk/raw_mtw", _worn(WALK, "n-pose"),
-        angles=lambda folder: vicon_angles(folder / "xsens_vicon_walk"),
+        angles=lambda folder: vicon_angles(folder / "xsens_vicon_walk"), other=("Xsens MVN", _mvn),
     ),
     _treadmill("n-pose"),
     _treadmill("none"),
     _treadmill("n-pose", "Accel.trc", ", with accelerometers"),
-    RealRecording("full_body_16imu", _FULL_BODY, _worn(None), headings_deg=FULL_BODY_HEADINGS),
-    RealRecording(
-        "full_body_16imu, frames said to agree", _FULL_BODY, _worn(None), agree_deg=90.0,
-        headings_deg=FULL_BODY_HEADINGS,
-    ),
     RealRecording("opensense MT_009", "opensense/example_MT_009-001/IMUData", _worn(MT)),
     RealRecording(
         "opensense S07", "opensense/S07/S07_IMU/imu_walking_25s.sto",
@@ -196,7 +192,6 @@ _KNOWN = (
     RealRecording("xsens_dot", "xsens_dot/Original_XsensDot_Data_Realtime", _worn(DOT)),
     RealRecording(
         "gaitmap_feet", "gaitmap_feet/imu_sample.csv", _worn(None), columns=_GAITMAP_COLUMNS, sites=_GAITMAP_SITES,
-        strides=lambda folder: read_strides(folder / "gaitmap_feet"),
     ),
     RealRecording("mvnx upper body", "mvnx/upper_body_60hz_v4.mvnx", _worn(None)),
 )  # fmt: skip

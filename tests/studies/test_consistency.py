@@ -43,7 +43,7 @@ def test_nees_is_within_its_bounds(camera: str) -> None:
         assert one.runs == 6
         # Of 99.99 %, not 95: a suite of tests throws these dice with every change.
         assert 1 - 2 * (1 - one.low) < one.nees < 1 + 2.5 * (one.high - 1), row.of
-    assert "| Gaussian, 0.25 of what is assumed | headings | 6 |" in markdown(study, rows)
+    assert "| 0.25 of what is assumed | headings | 6 |" in markdown(study, rows)
 
 
 def test_too_small_a_covariance_is_seen() -> None:

@@ -1,4 +1,4 @@
-"""The association's weights, learned from labelled scenes (thesis 4.4.1) and measured on others."""
+"""The association's weights, learned from labelled scenes (thesis 4.4.1)."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -15,8 +15,6 @@ from tests.studies.pose_prior_training import DAMAGED_CLIPS, held_out_names
 from tests.studies.study import Tell
 from tests.studies.train_prior import Trained, Training
 from vip_factors.associate.associate import (
-    Association,
-    associate,
     build_assignment,
     choose,
     gated,
@@ -37,7 +35,6 @@ from vip_factors.io.motions import motion_files, read_motion
 from vip_factors.ranges import NotNegativeInt
 
 RIDGE = 1e-3  # of the standardised weights: a feature that adds nothing stays near zero
-HELD_OUT_SEED = 1000  # added to the seed, for scenes to measure by
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,40 +47,26 @@ class TrainAssociation(Training):
     """File (.json) to write; --overwrite replaces it."""
     scenes: int = 40
     """How many scenes to simulate; each trains both passes."""
-    measure: int = 0
-    """How many scenes to simulate of the motions left out, to measure precision and recall by."""
     seed: NotNegativeInt = 0
-    """Of the scenes; those to measure by are other ones anyhow."""
+    """Of the scenes."""
     making: Annotated[SceneMaking, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=SceneMaking)
 
     def rows(self, tell: Tell) -> Iterator[Trained]:
         check_target(self.out, self.overwrite)
         if not self.motions.is_dir():
             raise InputError(f"{self.motions}: expected a folder of motion files")
-        if self.scenes < 1 or self.measure < 0:
-            raise InputError(f"--scenes {self.scenes}, --measure {self.measure}: expected at least 1 and 0")
-        train_on, measure_on = split_clips(motion_files(self.motions))
+        if self.scenes < 1:
+            raise InputError(f"--scenes {self.scenes}: expected at least 1")
+        left_out = {*DAMAGED_CLIPS, *held_out_names()}
+        train_on = [path for path in motion_files(self.motions) if path.stem not in left_out]
         if not train_on:
             raise InputError(f"{self.motions}: no motion file to train on")
-        if self.measure and not measure_on:
-            raise InputError(f"{self.motions}: none of the motions that are left out of training")
         tell("simulating and learning", 0.0)
         clips, source = [read_motion(path) for path in train_on], f"clips in the folder '{self.motions.name}'"
         weights = trained(clips, self.scenes, self.seed, self.making, source)
         with atomic_path(self.out, self.overwrite) as partial:
             save_weights(weights, partial)
-        lines: list[str] = []
-        if self.measure:
-            tell("measuring", 0.5)
-            held_out = [read_motion(path) for path in measure_on]
-            lines = measured(held_out, self.measure, self.seed, self.making, self.out)
-        yield Trained(self.out, weights.provenance, tuple(lines))
-
-
-def split_clips(files: Iterable[Path]) -> tuple[list[Path], list[Path]]:
-    """Files to train on, and those that the package evaluates on; damaged ones are in neither."""
-    sound, held_out = [path for path in files if path.stem not in DAMAGED_CLIPS], held_out_names()
-    return [path for path in sound if path.stem not in held_out], [path for path in sound if path.stem in held_out]
+        yield Trained(self.out, weights.provenance)
 
 
 def trained(clips: Iterable[Motion], scenes: int, seed: int, making: SceneMaking, source: str) -> AssociationWeights:
@@ -100,36 +83,6 @@ def trained(clips: Iterable[Motion], scenes: int, seed: int, making: SceneMaking
         "'python -m tests.studies train-association'"
     )
     return train_association(examples, provenance)
-
-
-def measured(clips: Iterable[Motion], scenes: int, seed: int, making: SceneMaking, weights: Path) -> list[str]:
-    """Precision and recall on scenes made of other clips, a line for each pass."""
-    sound, settings = usable(clips), AssociationSettings(weights=weights)
-    made = [
-        (make_scene(sound, number, making), number)
-        for number in range(seed + HELD_OUT_SEED, seed + HELD_OUT_SEED + scenes)
-    ]
-    lines = []
-    for second_pass, name in ((False, "first pass"), (True, "second pass")):
-        examples = (labelled(scene, number, second_pass, making) for scene, number in made)
-        right, given, wanted = np.sum([counts[:3] for counts in precision_and_recall(examples, settings)], axis=0)
-        lines.append(f"{name}: precision {right / max(given, 1):.1%}, recall {right / max(wanted, 1):.1%}")
-    return lines
-
-
-def precision_and_recall(
-    scenes: Iterable[LabelledScene], settings: AssociationSettings | None = None
-) -> Iterator[tuple[int, int, int, Association]]:
-    """For each scene: detections given rightly, given at all, and to be given (thesis 4.4.3); and the association."""
-    for scene in scenes:
-        found = associate(scene.detections, scene.model, scene.motions, settings, scene.camera, scene.gravity_camera)
-        given = found.wearer >= 0
-        yield (
-            int(np.sum(given & (found.wearer == scene.wearer))),
-            int(given.sum()),
-            int(np.sum(scene.wearer >= 0)),
-            found,
-        )
 
 
 def train_association(

@@ -35,11 +35,10 @@ SEXES = ("male", "female")
 
 @dataclass(frozen=True)
 class Trained:
-    """A file that was learned, what of, and how good it is if that was measured."""
+    """A file that was learned, and what of."""
 
     file: Path
     provenance: str
-    measured: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,7 +47,7 @@ class Training(Study):
 
     def tables(self, rows: Sequence[Trained]) -> Iterator[str]:
         for one in rows:
-            yield "\n".join([one.provenance, *one.measured, str(one.file)])
+            yield f"{one.provenance}\n{one.file}"
 
 
 @dataclass(frozen=True, kw_only=True)

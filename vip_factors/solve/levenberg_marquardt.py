@@ -106,12 +106,13 @@ def levenberg_marquardt(
             damping *= settings.damping_factor
             if damping > settings.max_damping:
                 break
-        del system  # before the next one is made: there is room for one
+        undetermined = delta is None
+        del system, delta  # before the next one is made, to which a step refers: there is room for one
         if bold and not rejected:  # after a rejection the damping rests for one step: no up and down in turn
             damping = max(damping / settings.damping_factor, settings.min_damping)
         iterations.append(Iteration(after if accepted else before, used, accepted, clock.seconds))
         if not accepted:
-            if delta is None:
+            if undetermined:
                 raise SolveError(f"{stage}: the data do not determine everything that is looked for")
             converged = True
         else:

@@ -78,7 +78,7 @@ def smooth_chunks(
     Args:
         source: of a scene, in memory or in a file.
         settings, progress, extra_factors: as of :func:`smooth`.
-        each: as :func:`map`: where windows are solved that do not need the one before, those without a camera.
+        each: as :func:`map`: where windows are solved; before a camera, their full rate.
 
     Raises:
         InputError, RecordingError, SolveError: as :func:`smooth`; also as chunks are asked for.
@@ -105,7 +105,7 @@ def _each_solved(
     with _one_blas_thread():
         source, findings = with_sensors_assigned(source, settings)
         if source.head.camera is not None and settings.fusion.use_camera:
-            filmed = smooth_filmed(source, settings, on_progress, extra)
+            filmed = smooth_filmed(source, settings, on_progress, extra, each)
             if isinstance(filmed, EstimateChunks):
                 return replace(filmed.with_findings(findings), chunks=_in_one_thread(filmed.chunks))
             findings = (*findings, *filmed, Finding("not in the video"))

@@ -1,10 +1,12 @@
 """Long scenes with a camera: windows against the whole, worlds joined, who is who, gaps, and memory."""
 
 import gc
+import pickle
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,16 +22,17 @@ from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import write_scene
-from vip_factors.pipeline import smooth
+from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.scene import Scene
-from vip_factors.sensors.sources import SceneSource
+from vip_factors.sensors.sources import SceneInMemory, SceneSource
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.filmed_windows import smooth_filmed
 from vip_factors.stages.solver import Progress
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
+from vip_factors.stages.windows import Each
 
 HASTY = replace(
     QUICK,
@@ -55,7 +58,9 @@ def test_windows_are_as_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     settings = replace(HASTY, covariance=True, windows=replace(HASTY.windows, calibration_stretch_s=9.0))
     whole = smooth(scene, replace(settings, windows=replace(HASTY.windows, use=False)))
     monkeypatch.setattr(pipeline, "smooth_filmed", lightly)
-    estimate = smooth(scene, settings)
+    estimate = smooth_chunks(SceneInMemory(scene), settings, each=sent).whole()
+    here = smooth(scene, settings)
+    np.testing.assert_array_equal(estimate.wearers[0].motion.p_world_pelvis, here.wearers[0].motion.p_world_pelvis)
     assert [one.stage for one in estimate.reports if one.stage.startswith("video")] == [
         "video-inertial fusion", *(f"video-inertial fusion, window {number}" for number in (1, 2, 3))
     ]  # fmt: skip
@@ -80,7 +85,7 @@ def test_windows_that_start_from_all_coarse_frames_are_as_the_whole() -> None:
     scene = at_10_hz(filmed_gestures("hand-held", seconds=4.5))
     windows = WindowSettings(window_s=2.6, overlap_s=1.0)
     whole = smooth(scene, replace(HASTY, windows=replace(windows, use=False)))
-    estimate = smooth(scene, replace(HASTY, windows=windows))
+    estimate = smooth_chunks(SceneInMemory(scene), replace(HASTY, windows=windows), each=sent).whole()
     rates = [one.stage for one in estimate.reports if one.stage.startswith("full rate, anna")]
     assert rates == [f"full rate, anna, window {number}" for number in range(1, len(rates) + 1)]
     assert len(rates) > 1
@@ -115,6 +120,13 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(
     assert any("from 2 to" in sentence or "from 3 to" in sentence for sentence in sentences(estimate.findings))
 
 
+def sent(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[Any]:
+    """As :func:`map`, of what another process would be given."""
+    for task in tasks:
+        function, task = pickle.loads(pickle.dumps((function, task)))
+        yield function(task)
+
+
 def at_10_hz(scene: Scene) -> Scene:
     """The scene with every third frame of its video, to save time."""
     camera, truth = camera_of(scene), scene.truth
@@ -127,7 +139,7 @@ def at_10_hz(scene: Scene) -> Scene:
 
 
 def lightly(
-    source: SceneSource, settings: Settings, progress: Progress, extra: ExtraTerms | None
+    source: SceneSource, settings: Settings, progress: Progress, extra: ExtraTerms | None, each: Each
 ) -> EstimateChunks | tuple[str, ...]:
     """Windows, of which no more is in memory while chunks are made than a few solutions, and no problem."""
 
@@ -139,7 +151,7 @@ def lightly(
             assert kinds[SceneProblem] <= others[SceneProblem] + 2
             yield chunk
 
-    estimate = smooth_filmed(source, settings, progress, extra)
+    estimate = smooth_filmed(source, settings, progress, extra, each)
     assert isinstance(estimate, EstimateChunks)
     return replace(estimate, chunks=watched(estimate.chunks))
 

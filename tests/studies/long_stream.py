@@ -6,12 +6,13 @@ same motion, and the video shows it. The wearer rests at both ends, so nothing j
 drawn slowly (calibration, filter errors, straps, the detector's habits) repeats with the scene; white noise is new.
 """
 
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter, process_time
+from time import perf_counter
 from typing import Literal
 
 import numpy as np
@@ -21,6 +22,7 @@ from tests.studies.scenes import HOLD_S, PLACEMENT, POSE, straps_and_sensors
 from tests.studies.study import MB, Study, Tell, group, table
 from vip_factors.atomic import atomic_open
 from vip_factors.body.kinematics import Motion
+from vip_factors.cli.workers import windows_elsewhere
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.mcap_estimate_writer import write_estimate
@@ -167,7 +169,7 @@ class LongRun:
     Attributes:
         frames: of the estimate.
         seconds, cpu_seconds: of wall and of processors, from opening the recording to the estimate's name.
-        before, peak: resident bytes before the recording was opened, and at most.
+        before, peak: resident bytes before the recording was opened, and at most; of this process alone.
         recording_bytes, estimate_bytes: of the files.
     """
 
@@ -190,6 +192,8 @@ class Long(Study):
     """Which sensors."""
     clip_s: float = 60.0
     """Of the clip that is played forwards and backwards, with new noise."""
+    jobs: int = 1
+    """Processes that solve windows."""
 
     def __post_init__(self) -> None:
         if not self.clip_s >= LEAST_SCENE_S:
@@ -203,7 +207,7 @@ class Long(Study):
             tell("making the recording", 0.0)
             apart(self.write, recording)
             tell("smoothing", 0.1)
-            yield apart(smoothed, recording, estimate)
+            yield apart(smoothed, recording, estimate, self.jobs)
 
     def write(self, path: Path) -> None:
         """The recording lap by lap, without its truth."""
@@ -242,11 +246,13 @@ def _imu_stream(name: str, samples: Sequence[ImuSample]) -> ImuStream:
     return ImuStream(name, np.array([one.time for one in samples]), force, R)
 
 
-def smoothed(recording: Path, estimate: Path) -> LongRun:
+def smoothed(recording: Path, estimate: Path, jobs: int = 1) -> LongRun:
     """As ``vip-factors smooth`` does."""
-    before, begin, cpu = peak_memory(), perf_counter(), process_time()
-    chunks = smooth_chunks(open_source([recording], Settings().windows.above_s))
-    write_estimate(chunks, estimate)
-    seconds, cpu_seconds = perf_counter() - begin, process_time() - cpu
+    before, begin, cpu = peak_memory(), perf_counter(), sum(os.times()[:4])
+    with windows_elsewhere(jobs, None) as each:
+        chunks = smooth_chunks(open_source([recording], Settings().windows.above_s), each=each)
+        write_estimate(chunks, estimate)
+        seconds = perf_counter() - begin
+    cpu_seconds = sum(os.times()[:4]) - cpu  # with those of the processes, which have ended
     sizes = (path.stat().st_size for path in (recording, estimate))
     return LongRun(chunks.frames[0], seconds, cpu_seconds, before, peak_memory(), *sizes)

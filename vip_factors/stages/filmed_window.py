@@ -1,8 +1,9 @@
 """A filmed scene of hours, window by window: each is solved as a scene of its own whose calibration is known.
 
-A window begins before the last one ends: there the wearers are where that has put them, and its headings are as that
-has left them. The world of a camera that stands still, or whose pose is known, is the same in all windows; before one
-that is carried, a window is moved to where the last one has its wearers and the camera.
+A window begins before the last one ends: there the wearers are where the coarse frames of that have put them, and its
+headings are as these have left them. So nothing waits for a window's full rate, which may be solved elsewhere.
+The world of a camera that stands still, or whose pose is known, is the same in all windows; before one that is carried,
+a solved window is moved to where the last one has its wearers and the camera.
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from vip_factors.estimate import WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording
@@ -26,7 +28,7 @@ from vip_factors.stages.findings import quality_checks
 from vip_factors.stages.floor import with_declared_floor
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
 from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
-from vip_factors.stages.inertial import InertialSolution, inertial_tracker, start_state
+from vip_factors.stages.inertial import InertialSolution, at_frames, inertial_tracker, start_state
 from vip_factors.stages.inertial_model import inertial_model, with_heading_knots
 from vip_factors.stages.reporting import full_rate_covariance, who_is_who
 from vip_factors.stages.scene_calibration import SceneCalibration, WearerCalibration
@@ -52,11 +54,80 @@ class WindowStart:
     known_until: float = -np.inf
 
 
-def solve_scene_window(
-    source: SceneSource, calibration: SceneCalibration, before: SolvedWindow | None, plan: WindowPlan, span: slice,
+@dataclass(frozen=True)
+class CoarseWindow:
+    """A window whose coarse frames are solved: what the next one begins with, and all that its full rate asks for.
+
+    Attributes:
+        span: its frames, of the whole recording.
+        time: ``(T,)`` seconds of these.
+        cameras: as they were given.
+        scene: the window, with what is known declared.
+        clock: that its first camera's video was said to have.
+        initial, solution, associated: of its coarse frames.
+        settings: of windows.
+        solver: of the window.
+        about_sensors: findings on them.
+    """
+
+    span: slice
+    time: Array
+    cameras: tuple[Camera, ...]
+    scene: Scene
+    clock: VideoClock
+    initial: FusionStart
+    solution: FusionSolution
+    associated: tuple[AssociatedCamera, ...]
+    settings: Settings
+    solver: Solver
+    about_sensors: tuple[Finding, ...]
+
+    @property
+    def found_clock(self) -> VideoClock:
+        """The clock that the first camera's video was found to have."""
+        camera = self.solution.state.camera
+        return self.clock.corrected(camera.clock, camera.clock_drift, self.solution.model.camera.clock_middle)
+
+    def start_at(self, number: int, frame: int) -> WindowStart:
+        """How a wearer begins a window at one of this one's frames."""
+        model, state = self.solution.model.wearers[number], self.solution.state.wearers[number]
+        at = frame - self.span.start
+        pose = at_frames(state, model.frames.time, self.time[at : at + 1])
+        return WindowStart(
+            Headings.of(model, state), pose.R_parent_child[0], pose.p_world_pelvis[0], float(self.time[-1])
+        )
+
+    def solved(self) -> SolvedWindow:
+        """The window at its full rate, in a world of its own if nothing ties it to the last one's.
+
+        Raises:
+            SolveError: if its problem is not determined.
+        """
+        solution, associated, first = self.solution, self.associated, self.cameras[0]
+        fine = fuse_finely(self.scene, self.initial, solution, associated, self.time, self.settings, self.solver)
+        covariance = _covariance(self.scene, solution, fine, self.solver) if self.settings.covariance else None
+        estimates = decode_wearers(fine.model, fine.state, covariance)
+        wearer = np.full(len(first.detections), -1)
+        if associated[0].camera.name == first.name:
+            wearer = associated[0].association.wearer
+        return SolvedWindow(
+            self.span,
+            estimates,
+            decode_camera(first.name, fine.model, fine.state, covariance, self.clock),
+            tuple(Headings.of(*one) for one in zip(solution.model.wearers, solution.state.wearers, strict=True)),
+            first.timed_detections.time[first.detections.frame],
+            wearer,
+            any(each.shows_somebody and each.camera.known_path is not None for each in associated),
+            tuple(self.solver.reports),
+            (*self.about_sensors, *_findings(self.cameras, self.scene, associated, fine, estimates)),
+        )
+
+
+def solve_coarsely(
+    source: SceneSource, calibration: SceneCalibration, before: CoarseWindow | None, plan: WindowPlan, span: slice,
     settings: Settings, solver: Solver,
-) -> SolvedWindow:  # fmt: skip
-    """One window, in a world of its own if nothing ties it to the last one's.
+) -> CoarseWindow:  # fmt: skip
+    """The coarse frames of one window.
 
     Args:
         source: the scene.
@@ -73,52 +144,25 @@ def solve_scene_window(
     """
     settings, time = calibration.settings(settings), plan.time(span)
     measured = with_declared_floor(source.between(float(time[0]), float(time[-1])), settings.floor)
-    clock = calibration.clock if before is None or before.camera is None else before.camera.clock
+    clock = calibration.clock if before is None else before.found_clock
     scene, about_sensors = calibration.declared(measured, span.start == 0, clock, settings)
     coarse = time[:: plan.factor]
     begins = [
-        WindowStart(known.headings) if before is None else _begin(before, number, span)
+        WindowStart(known.headings) if before is None else before.start_at(number, span.start)
         for number, known in enumerate(calibration.wearers)
     ]
     trackers = [
         track_from_start(recording, one.sensors, known, begin, coarse, settings, solver)
         for recording, one, known, begin in zip(scene.wearers, source.wearers, calibration.wearers, begins, strict=True)
     ]
-    last = (calibration.camera_path, 0.0) if before is None else _last(before)
-    initial, solution, associated = _coarsely(scene, trackers, begins, last, settings, solver)
-    fine = fuse_finely(scene, initial, solution, associated, time, settings, solver)
-    covariance = _covariance(scene, solution, fine, solver) if settings.covariance else None
-    estimates = decode_wearers(fine.model, fine.state, covariance)
-    first = measured.cameras[0]
-    wearer = np.full(len(first.detections), -1)
-    if associated[0].camera.name == first.name:
-        wearer = associated[0].association.wearer
-    return SolvedWindow(
-        span,
-        estimates,
-        decode_camera(first.name, fine.model, fine.state, covariance, clock),
-        tuple(Headings.of(*one) for one in zip(solution.model.wearers, solution.state.wearers, strict=True)),
-        first.timed_detections.time[first.detections.frame],
-        wearer,
-        any(each.shows_somebody and each.camera.known_path is not None for each in associated),
-        tuple(solver.reports),
-        (*about_sensors, *_findings(measured, scene, associated, fine, estimates)),
-    )
+    last = calibration.camera_path, 0.0
+    if before is not None:
+        last = before.solution.camera_path, before.solution.state.camera.heading
+    found = _fused(scene, trackers, begins, last, settings, solver)
+    return CoarseWindow(span, time, measured.cameras, scene, clock, *found, settings, solver, about_sensors)
 
 
-def _begin(before: SolvedWindow, number: int, span: slice) -> WindowStart:
-    motion, first = before.wearers[number].motion, span.start - before.frames.start
-    pose = motion.R_parent_child[first], motion.p_world_pelvis[first]
-    return WindowStart(before.headings[number], *pose, float(motion.time[-1]))
-
-
-def _last(before: SolvedWindow) -> tuple[CameraPath, float]:
-    camera = before.camera
-    assert camera is not None
-    return camera.path, 0.0 if camera.calibration is None else camera.calibration.heading
-
-
-def _coarsely(
+def _fused(
     scene: Scene,
     trackers: Sequence[InertialSolution],
     begins: Sequence[WindowStart],
@@ -153,14 +197,14 @@ def _covariance(scene: Scene, solution: FusionSolution, fine: FusionSolution, so
 
 
 def _findings(
-    measured: Scene,
+    cameras: Sequence[Camera],
     scene: Scene,
     associated: Sequence[AssociatedCamera],
     fine: FusionSolution,
     estimates: Sequence[WearerEstimate],
 ) -> list[Finding]:
     """What is odd about a window, but for drift, which is of all of them; cameras are as they were given."""
-    given = {camera.name: camera for camera in measured.cameras}
+    given = {camera.name: camera for camera in cameras}
     associated = [replace(each, camera=given[each.camera.name]) for each in associated]
     still = [
         replace(one, calibration={

@@ -17,19 +17,19 @@ from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings, flatten
 from vip_factors.stages.drift import clock_findings, drift_findings
-from vip_factors.stages.filmed_window import solve_scene_window
+from vip_factors.stages.filmed_window import CoarseWindow, solve_coarsely
 from vip_factors.stages.inertial_windows import numbered
 from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, fusion_solve_settings
-from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.solver import Progress, Solver, silent
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
-from vip_factors.stages.windows import WindowPlan, scene_plan
+from vip_factors.stages.windows import Each, WindowPlan, scene_plan
 
 OF_THE_WHOLE = ("heading drift", "video clock off", "video clock drift")  # no window tells these
 LEAST_CLOCKS = 2  # windows through whose clocks there is a line
 
 
 def smooth_filmed(
-    source: SceneSource, settings: Settings, on_progress: Progress, extra: ExtraTerms | None = None
+    source: SceneSource, settings: Settings, on_progress: Progress, extra: ExtraTerms | None = None, each: Each = map
 ) -> EstimateChunks | tuple[Finding, ...]:
     """The estimate of a scene with a camera; calibrated now, and in windows solved as its chunks are asked for.
 
@@ -38,6 +38,7 @@ def smooth_filmed(
         settings: of all rooms.
         on_progress: called with the name of the stage and the fraction of it done.
         extra: terms of a user's own; with them all frames are one window.
+        each: as :func:`map`: where windows are solved at the full rate.
 
     Returns:
         The estimate; or findings, if no wearer is found in the video, wherever it is looked for.
@@ -58,10 +59,10 @@ def smooth_filmed(
     learned = None
     if plan.all_calibrate:
         head = replace(head, wearer_of_detection=estimate.wearer_of_detection)
-        windows = stretch.windows(plan, settings)
+        windows = stretch.windows(plan, settings, each)
     else:
         learned = _Learned(source, plan, MergedFindings([f for f in estimate.findings if f.kind not in OF_THE_WHOLE]))
-        windows = learned.listening_to(_windows(source, stretch.calibration(estimate), plan, settings))
+        windows = learned.listening_to(_windows(source, stretch.calibration(estimate), plan, settings, each))
     chunks = chunks_of(numbered(windows, plan, on_progress), head)
     return EstimateChunks(
         head,
@@ -73,18 +74,27 @@ def smooth_filmed(
 
 
 def _windows(
-    source: SceneSource, calibration: SceneCalibration, plan: WindowPlan, settings: Settings
+    source: SceneSource, calibration: SceneCalibration, plan: WindowPlan, settings: Settings, each: Each
 ) -> Iterator[SolvedWindow]:
     """Every window, in one world."""
     before, first = None, source.head.cameras[0]
     carried = first.moving and first.known_path is None
-    for span in plan.windows():
-        own = Solver(fusion_solve_settings(settings), lambda stage, fraction: None, name=settings.solver)
-        window = solve_scene_window(source, calibration, before, plan, span, settings, own)
+    for window in each(CoarseWindow.solved, _coarse_windows(source, calibration, plan, settings)):
         if before is not None and carried and not window.is_placed:
             window = moved(window, before, settings.factors.floor_contact.use)
         before = window
         yield window
+
+
+def _coarse_windows(
+    source: SceneSource, calibration: SceneCalibration, plan: WindowPlan, settings: Settings
+) -> Iterator[CoarseWindow]:
+    """The coarse frames of every window, one after the other."""
+    before = None
+    for span in plan.windows():
+        own = Solver(fusion_solve_settings(settings), silent, name=settings.solver)
+        before = solve_coarsely(source, calibration, before, plan, span, settings, own)
+        yield before
 
 
 def _head(estimate: Estimate, source: SceneSource, plan: WindowPlan, settings: Settings) -> Estimate:

@@ -49,7 +49,7 @@ from vip_factors.stages.inertial_model import (
 )
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_corrections
-from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.solver import Progress, Solver, silent
 from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each, WindowPlan
@@ -230,7 +230,7 @@ def solve_windows(
         assert solved is not None
         yield solved
         return
-    own = replace(solver, on_progress=_silent, reports=[])
+    own = replace(solver, on_progress=silent, reports=[])
     measured = ((span, samples_around(recording, plan.time(span))) for span in plan.windows())
     windows = each(partial(_solved, shared, plan, settings, own), measured)
     before, has_floor = None, settings.acceleration and shared.model.has_floor
@@ -263,10 +263,6 @@ def _solved(
         covariance = scene_covariance(*scene, own).wearers[0]
     wearer = _decode(model, state, settings, covariance)
     return SolvedWindow(span, (replace(wearer, reports=tuple(own.reports)),))
-
-
-def _silent(stage: str, fraction: float) -> None:
-    pass
 
 
 def _solve_window(

@@ -6,6 +6,7 @@ known, filmed by a camera whose detector is known, and, if it stands still, at a
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from vip_factors.settings import Settings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.association import AssociatedCamera, first_association, usable_cameras
 from vip_factors.stages.calibration_start import start_choice, start_findings
-from vip_factors.stages.decode import decode_camera, decode_wearers, scene_covariance
+from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers, scene_covariance
 from vip_factors.stages.drift import found_clock
 from vip_factors.stages.findings import film_findings
 from vip_factors.stages.floor import on_floor, with_declared_floor
@@ -36,9 +37,9 @@ from vip_factors.stages.inertial import InertialSolution, inertial_trackers
 from vip_factors.stages.reporting import at_nearest, scene_estimate, who_is_who
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_checks import Corrections, checked_scene, corrected_elsewhere
-from vip_factors.stages.solver import Solver
+from vip_factors.stages.solver import Solver, silent
 from vip_factors.stages.window_join import Headings, SolvedWindow
-from vip_factors.stages.windows import WindowPlan
+from vip_factors.stages.windows import Each, WindowPlan
 
 # Degrees, of a heading as the frames before have left it: as sure as a minute in front of a camera makes it.
 HEADING_DEG = 3.0
@@ -237,18 +238,23 @@ class SolvedStretch:
         findings = (*self.about_sensors, *estimate.findings, *about_starts)
         return replace(estimate, wearers=wearers, findings=(*film_findings(self.scene, findings), *findings))
 
-    def windows(self, plan: WindowPlan, settings: Settings) -> Iterator[SolvedWindow]:
+    def windows(self, plan: WindowPlan, settings: Settings, each: Each) -> Iterator[SolvedWindow]:
         """Windows at the full rate, which start from the solution of all coarse frames and are in its world."""
         coarse = self.solution
         covariance = scene_covariance(coarse.model, coarse.state, self.solver) if settings.covariance else None
-        for span in plan.windows():
-            time, own = plan.time(span), replace(self.solver, reports=[])
-            fine = fuse_finely(self.scene, self.initial, coarse, self.associated, time, settings, own)
-            sure = None if covariance is None else at_nearest(covariance, coarse, time)
-            wearers = decode_wearers(fine.model, fine.state, sure)
-            first = self.scene.cameras[0]
-            camera = decode_camera(first.name, fine.model, fine.state, sure, first.clock)
-            yield SolvedWindow(span, wearers, camera, reports=tuple(own.reports))
+        sent = replace(self, inertial=(), solver=replace(self.solver, on_progress=silent, reports=[]))
+        return each(partial(sent._window, plan, settings, covariance), plan.windows())
+
+    def _window(
+        self, plan: WindowPlan, settings: Settings, covariance: SceneCovariance | None, span: slice
+    ) -> SolvedWindow:
+        coarse, time, own = self.solution, plan.time(span), replace(self.solver, reports=[])
+        fine = fuse_finely(self.scene, self.initial, coarse, self.associated, time, settings, own)
+        sure = None if covariance is None else at_nearest(covariance, coarse, time)
+        wearers = decode_wearers(fine.model, fine.state, sure)
+        first = self.scene.cameras[0]
+        camera = decode_camera(first.name, fine.model, fine.state, sure, first.clock)
+        return SolvedWindow(span, wearers, camera, reports=tuple(own.reports))
 
     def calibration(self, estimate: Estimate) -> SceneCalibration:
         """What it says of all frames, given its own estimate."""

@@ -15,6 +15,10 @@ from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marqu
 Progress = Callable[[str, float], None]
 
 
+def silent(stage: str, fraction: float) -> None:
+    """Progress that nobody looks at; unlike a lambda, it may be sent to another process."""
+
+
 @dataclass
 class Solver:
     """Runs the optimiser and keeps its reports.

@@ -4,6 +4,7 @@
 #include <nanobind/stl/string_view.h>
 
 #include "elimination.hpp"
+#include "links.hpp"
 #include "people.hpp"
 #include "rotations.hpp"
 #include "samples.hpp"
@@ -84,6 +85,21 @@ static void fit_people(In<4> points, In<4> rays, In<3> weight, In<2> known, In<1
                                 weight.data() + (f * N + n) * K, covariance.data() + (f * W + w) * 9, depth_share, side,
                                 fits.data() + ((f * W + w) * N + n) * 4);
         }
+}
+
+// Of either end of a link quaternions of headings (K, 4), mountings (K, M, 4) and orientations (T, 4); of the bend its
+// mean and limits (3, 3) and whitening (3, 3); the costs (K * M, K * M).
+static void bend_cost(In<2> about_parent, In<3> parent, In<2> turned_parent, In<2> about_child, In<3> child, In<2> turned_child,
+                      In<2> limits, In<2> whitening, Out<2> found) {
+    const auto end = [](const In<2>& about, const In<3>& mounting, const In<2>& turned) {
+        expect(about.shape(1) == 4 && mounting.shape(2) == 4 && turned.shape(1) == 4 && about.shape(0) == mounting.shape(0));
+        return vip::LinkEnd{about.data(), mounting.data(), turned.data(), static_cast<int64_t>(mounting.shape(0)),
+                            static_cast<int64_t>(mounting.shape(1))};
+    };
+    const vip::LinkEnd above = end(about_parent, parent, turned_parent), below = end(about_child, child, turned_child);
+    expect(turned_parent.shape(0) == turned_child.shape(0) && limits.size() == 9 && whitening.size() == 9);
+    expect(static_cast<int64_t>(found.shape(0)) == above.size() && static_cast<int64_t>(found.shape(1)) == below.size());
+    vip::bend_cost(above, below, static_cast<int64_t>(turned_parent.shape(0)), limits.data(), whitening.data(), found.data());
 }
 
 // Of each of S sensors its first `count` samples of (S, n), (S, n, 9), (S, n, 3); R (S, 3, 3) and force (S, 3).
@@ -442,6 +458,7 @@ NB_MODULE(_kernels, module) {
     module.def("points", &points, released());
     module.def("screws", &screws, released());
     module.def("measure", &measure, released());
+    module.def("bend_cost", &bend_cost, released());
     module.def("fit_people", &fit_people, released());
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate);

@@ -91,11 +91,11 @@ def remembering(search_start: Callable[..., Any]) -> Callable[..., Any]:
     """The search, made once for the same sensor data, start by straps and settings; the truth is nothing to it."""
     found: dict[bytes, bytes] = {}
 
-    def search(recording: Any, frames: Any, usual: Any, settings: Any) -> Any:
+    def search(recording: Any, frames: Any, usual: Any, settings: Any, stretch: Any = None) -> Any:
         asked = replace(recording, truth=None), frames, usual, settings.calibration, settings.factors
         key = hashlib.sha256(pickle.dumps(asked)).digest()
         if key not in found:
-            found[key] = pickle.dumps(search_start(recording, frames, usual, settings))
+            found[key] = pickle.dumps(search_start(recording, frames, usual, settings, stretch))
         return pickle.loads(found[key])
 
     return search

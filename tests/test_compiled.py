@@ -13,12 +13,16 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.compiled import kernels
 from vip_factors.geometry import poses, rotations
+from vip_factors.initialise import sensor_tree
+from vip_factors.initialise.sensor_tree import Link, LinkCosts
+from vip_factors.initialise.start_candidates import Candidates
 from vip_factors.live import association_evidence, sensor_samples
 from vip_factors.live.association_evidence import BodyFitter, People
 from vip_factors.live.sensor_samples import SensorBuffer
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
+from vip_factors.sensors.frames import ImuFrames
 from vip_factors.solve.slices import Slices
 
 pytestmark = pytest.mark.skipif(kernels is None, reason="no kernels were built")
@@ -99,6 +103,27 @@ def test_fits_of_people(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("shape", "fitting", "seen", "position"):
         fast, pure = (getattr(one, name) for one in found)
         np.testing.assert_allclose(fast, pure, rtol=1e-10, atol=1e-10, err_msg=name)
+
+
+def test_costs_of_links(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Candidates of several mountings, bones that are alike among them, and almost half a turn apart."""
+    random, S, K, T = np.random.default_rng(4), 3, 5, 35
+    R = rotations.exp(random.standard_normal((T, S, 3)))
+    R[:4] = R[:1, :1]
+    frames = ImuFrames(
+        ("a", "b", "c"), 0.1 * np.arange(T), R, np.ones((T, S), bool), np.zeros((T, S, 3)), np.zeros((T, S), bool)
+    )
+    mountings = [rotations.exp(random.standard_normal((K, M, 3))) for M in (1, 2, 4)]
+    same = mountings[0][0, 0]
+    mountings[1][0, 0], mountings[2][0, :2] = same, np.stack([same, rotations.exp([3.14, 0.0, 0.0]) @ same])
+    candidates = Candidates(np.zeros((S, K)) + np.array([0.0, *random.uniform(-4.0, 4.0, K - 1)]), tuple(mountings))
+    limits, whitening = np.sort(random.standard_normal((3, 3)), axis=0), np.triu(random.standard_normal((3, 3)))
+    links = tuple(Link(a, b, limits[1], limits[0], limits[2], whitening, 1, None, None) for a, b in ((0, 1), (1, 2)))
+    fast = LinkCosts(links, frames).of(candidates)
+    monkeypatch.setattr(sensor_tree, "kernels", None)
+    pure = LinkCosts(links, frames).of(candidates)
+    for child in (1, 2):
+        np.testing.assert_allclose(fast[child], pure[child], rtol=1e-10)
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,14 +10,16 @@ together is exact: least costs are passed along the tree.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from vip_factors.body.pose_prior import JointLimits, PosePrior
 from vip_factors.body.skeleton import Skeleton, ancestors, joint_index
+from vip_factors.compiled import kernels
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array, rotation_z, transpose
+from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.start_candidates import Candidates
 from vip_factors.sensors.frames import ImuFrames
 
@@ -36,7 +38,8 @@ class Link:
         parent, child: numbers of the sensors.
         mean, lower, upper: ``(3,)`` radians, of the rotation vector from the parent's bone to the child's: of all
             joints between them, added up.
-        information: ``(3, 3)`` per rad², the inverse of the scatter that the pose prior expects.
+        whitening: ``(3, 3)`` per radian, upper triangular: what makes sigmas of what is off the mean, by the scatter
+            that the pose prior expects.
         joints: how many of the joints between them move freely, one at least.
         p_parent, p_child: ``(3,)`` metres, from each sensor to a point that both bones share, in the bones' axes at
             rest; None where a free limb lies between them.
@@ -47,7 +50,7 @@ class Link:
     mean: Array
     lower: Array
     upper: Array
-    information: Array
+    whitening: Array
     joints: int
     p_parent: Array | None
     p_child: Array | None
@@ -65,37 +68,37 @@ def sensor_tree(
         sigma: radians, of what lies between a sensor's mounting and the bone itself.
     """
     order = sorted(range(len(bones)), key=lambda s: (len(ancestors(bones[s])), s))
-    links = []
+    covariance, links = np.asarray(np.linalg.inv(prior.information), float), []
     for place, child in enumerate(order[1:], 1):
         above = [s for s in order[:place] if bones[s] in ancestors(bones[child])]
         deepest = max((len(ancestors(bones[s])) for s in above), default=0)
         parent = next((s for s in above if len(ancestors(bones[s])) == deepest), order[0])
-        links.append(_link(parent, child, bones, p_bone_sensor, skeleton, prior, limits, sigma))
+        links.append(_link(parent, child, bones, p_bone_sensor, skeleton, prior.mean, covariance, limits, sigma))
     return tuple(links)
 
 
 def _link(
-    parent: int, child: int, bones: Sequence[int], p_bone_sensor: Array, skeleton: Skeleton, prior: PosePrior,
-    limits: JointLimits, sigma: float,
+    parent: int, child: int, bones: Sequence[int], p_bone_sensor: Array, skeleton: Skeleton, prior_mean: Array,
+    covariance: Array, limits: JointLimits, sigma: float,
 ) -> Link:  # fmt: skip
     over, under = ancestors(bones[parent]), ancestors(bones[child])
     signs = {joint: -1.0 for joint in over if joint not in under} | {j: 1.0 for j in under if j not in over}
     mean, lower, upper = np.zeros((3, 3))
-    weights = np.zeros((3, len(prior.mean)))
+    weights = np.zeros((3, len(prior_mean)))
     for joint, sign in signs.items():
         rows = slice(3 * (joint - 1), 3 * joint)
-        mean, weights[:, rows] = mean + sign * prior.mean[rows], sign * np.eye(3)
+        mean, weights[:, rows] = mean + sign * prior_mean[rows], sign * np.eye(3)
         ends = np.stack([sign * limits.lower[rows], sign * limits.upper[rows]])
         lower, upper = lower + ends.min(axis=0), upper + ends.max(axis=0)
-    scatter = weights @ np.linalg.solve(prior.information, weights.T) + 2 * sigma**2 * np.eye(3)
+    scatter = weights @ covariance @ weights.T + 2 * sigma**2 * np.eye(3)
     at = skeleton.p_pelvis_joint
     p_parent = p_child = None
     free = [joint for joint in signs if joint not in RIGID_JOINTS]
     if all(joint in under for joint in over) and len(free) <= 1:
         meet = at[free[0]] if free else (at[bones[parent]] + at[bones[child]]) / 2
         p_parent, p_child = (meet - at[bones[s]] - p_bone_sensor[s] for s in (parent, child))
-    information = np.asarray(np.linalg.inv(scatter), float)
-    return Link(parent, child, mean, lower, upper, information, max(len(free), 1), p_parent, p_child)
+    whitening = np.ascontiguousarray(np.linalg.cholesky(np.linalg.inv(scatter)).T)
+    return Link(parent, child, mean, lower, upper, whitening, max(len(free), 1), p_parent, p_child)
 
 
 Choice = tuple[tuple[int, int], ...]
@@ -108,7 +111,8 @@ class TreeMinimum:
     Attributes:
         cost: the least.
         choice: candidate ``(heading, mounting)`` of every sensor that has it.
-        marginals: by sensor ``(K, M)``, the least cost with each of its candidates, the others at their best.
+        marginals: by sensor ``(K, M)``, the least cost with each of its candidates, the others at their best; none
+            where they are not asked for.
     """
 
     cost: float
@@ -116,34 +120,38 @@ class TreeMinimum:
     marginals: tuple[Array, ...]
 
 
-def least_cost(unary: Sequence[Array], links: Sequence[Link], pairs: Mapping[int, Array]) -> TreeMinimum:
+def least_cost(
+    unary: Sequence[Array], links: Sequence[Link], pairs: Mapping[int, Array], marginals: bool = True
+) -> TreeMinimum:
     """The minimum of costs of sensors ``(K, M)`` each, and of links, by the child's number, ``(K, M, K, M)``.
 
     Links come parents first, and make one tree of all sensors. Where costs of sensors are ``(C, K, M)``, for ``C``
     hypotheses, it is the least of them all, and so are the marginals.
     """
     whole = [cost.reshape(-1, *cost.shape[-2:]).astype(float) for cost in unary]
-    chosen: dict[int, Array] = {}
     messages: dict[int, Array] = {}
     for link in reversed(links):
         total = pairs[link.child] + whole[link.child][:, None, None]
-        flat = total.reshape(*total.shape[:3], -1)
-        chosen[link.child], messages[link.child] = flat.argmin(axis=-1), flat.min(axis=-1)
+        messages[link.child] = total.reshape(*total.shape[:3], -1).min(axis=-1)
         whole[link.parent] = whole[link.parent] + messages[link.child]
     root = links[0].parent if links else 0
     least = whole[root].min(axis=(1, 2))
     best = int(least.argmin())
-    marginals, choice = list(whole), [(0, 0)] * len(whole)
-    choice[root] = _index(int(whole[root][best].argmin()), whole[root])
+    choice = [(0, 0)] * len(whole)
+    choice[root] = _index(whole[root][best])
     for link in links:
-        choice[link.child] = _index(int(chosen[link.child][(best, *choice[link.parent])]), whole[link.child])
-        others = marginals[link.parent] - messages[link.child]
-        marginals[link.child] = whole[link.child] + (pairs[link.child] + others[..., None, None]).min(axis=(1, 2))
-    return TreeMinimum(float(least[best]), tuple(choice), tuple(cost.min(axis=0) for cost in marginals))
+        choice[link.child] = _index(pairs[link.child][choice[link.parent]] + whole[link.child][best])
+    if marginals:
+        for link in links:  # from here on of all sensors, and not of the child and those below alone
+            others = whole[link.parent] - messages[link.child]
+            whole[link.child] = whole[link.child] + (pairs[link.child] + others[..., None, None]).min(axis=(1, 2))
+    return TreeMinimum(
+        float(least[best]), tuple(choice), tuple(cost.min(axis=0) for cost in whole) if marginals else ()
+    )
 
 
-def _index(flat: int, cost: Array) -> tuple[int, int]:
-    heading, mounting = divmod(flat, cost.shape[-1])
+def _index(cost: Array) -> tuple[int, int]:
+    heading, mounting = divmod(int(cost.argmin()), cost.shape[-1])
     return heading, mounting
 
 
@@ -170,51 +178,135 @@ FROM_LEFT = np.array(
 SLOW, LEAST_SLOW_MISFIT = 2.0, 0.3  # s that whatever lies between two sensors is averaged over; m/s²
 
 
-def posture_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array:
-    """How unlike people's a joint bends, ``(K, M, K, M)`` nats: heading and mounting of parent, then child."""
-    rows = np.flatnonzero(frames.orientation_valid[:, link.parent] & frames.orientation_valid[:, link.child])
-    above, below = (candidates.R_bone_sensor[s] for s in (link.parent, link.child))
-    if not len(rows):
-        return np.zeros((*above.shape[:2], *below.shape[:2]))
-    looked = rows[np.unique(np.linspace(0, len(rows) - 1, _postures(candidates)).astype(int))]
-    parent, child = (
-        _bones(candidates.headings[s, k], candidates.R_bone_sensor[s][k], frames.R_inertial_sensor[looked, s])
-        for s, k in ((link.parent, _parents(candidates)), (link.child, slice(None)))
-    )
-    x = _bends(parent.reshape(-1, *parent.shape[2:]), child.reshape(-1, *child.shape[2:]))
+End = tuple[Array, Array, Array]
+"""Unit quaternions, scalar part first: headings ``(K, 4)``, mountings ``(K, M, 4)``, R_inertial_sensor ``(T, 4)``."""
+
+
+@dataclass(frozen=True)
+class LinkCosts:
+    """What links say of headings and mountings, by some evenly spaced frames."""
+
+    links: tuple[Link, ...]
+    frames: ImuFrames
+
+    def of(self, candidates: Candidates) -> dict[int, Array]:
+        """By the child's number ``(K, M, K, M)`` nats: heading and mounting of parent, then child."""
+        costs, (about, mountings) = {}, _quaternions(candidates)
+        of_parent = slice(0, 1) if candidates.relative else slice(None)  # only differences of headings matter
+        for link, accelerations in zip(self.links, self._accelerations, strict=True):
+            sides = ((link.parent, of_parent), (link.child, slice(None)))
+            R_parent, R_child = (candidates.R_bone_sensor[s][own] for s, own in sides)
+            cost = np.zeros((*R_parent.shape[:2], *R_child.shape[:2]))
+            rows = np.flatnonzero(self.frames.orientation_valid[:, [link.parent, link.child]].all(axis=1))
+            if len(rows):
+                looked = rows[np.unique(np.linspace(0, len(rows) - 1, _postures(candidates)).astype(int))]
+                ends = [(about[s, own], mountings[s][own], self._turned[s][looked]) for s, own in sides]
+                # Rotation vectors of several joints add up roughly only: the more, the less what they say counts.
+                weight = _looks(self.frames, rows, POSES_PER_SECOND) / link.joints
+                cost = weight * _bend_cost(link, *ends).reshape(cost.shape)
+            if accelerations is not None:
+                headings = candidates.headings[link.child] - candidates.headings[link.parent, of_parent, None]
+                cost += accelerations.cost(headings, R_parent, R_child)
+            if candidates.relative:  # of the parent's first heading: of all of them
+                cost = np.stack([np.roll(cost[0], k, axis=1) for k in range(cost.shape[2])])
+            costs[link.child] = cost
+        return costs
+
+    @cached_property
+    def _turned(self) -> Array:
+        """Unit quaternions ``(S, T, 4)``."""
+        return quaternion_from_matrix(self.frames.R_inertial_sensor.swapaxes(0, 1), Order.WXYZ)
+
+    @cached_property
+    def _accelerations(self) -> list["_Accelerations | None"]:
+        """By link, what it says; None where that is nothing."""
+        carried, known = _carried(self.frames)
+        return [_accelerations(link, self.frames, carried, known) for link in self.links]
+
+
+def _quaternions(candidates: Candidates) -> tuple[Array, list[Array]]:
+    """Of headings ``(S, K, 4)``, and by sensor of mountings ``(K, M, 4)``."""
+    about = np.zeros((*candidates.headings.shape, 4))
+    about[..., 0], about[..., 3] = np.cos(candidates.headings / 2), np.sin(candidates.headings / 2)
+    ends = np.cumsum([R.shape[1] for R in candidates.R_bone_sensor])
+    mountings = quaternion_from_matrix(np.concatenate(candidates.R_bone_sensor, axis=1), Order.WXYZ)
+    return about, [np.ascontiguousarray(one) for one in np.split(mountings, ends[:-1], axis=1)]
+
+
+def _bend_cost(link: Link, parent: End, child: End) -> Array:
+    """How unlike people's a joint bends, nats a look: ``(N, M)``, of all headings and mountings of parent and child."""
+    if kernels is not None:
+        found = np.empty(tuple(mountings.shape[0] * mountings.shape[1] for _, mountings, _ in (parent, child)))
+        kernels.bend_cost(*parent, *child, np.stack([link.mean, link.lower, link.upper]), link.whitening, found)
+        return found
+    x = _bends(_bones(*parent), _bones(*child))
     flat = x.reshape(3, -1)
-    off = np.linalg.cholesky(link.information).T @ (flat - link.mean[:, None])
+    off = link.whitening @ (flat - link.mean[:, None])
     beyond = (flat - np.clip(flat, link.lower[:, None], link.upper[:, None])) / LIMIT_SIGMA
     square = (_square(off) + _square(beyond)).reshape(x.shape[1:])
-    cost = np.mean((FREEDOM + 3) / 2 * np.log(square / FREEDOM + 1.0), axis=0)
-    cost = cost.reshape(*parent.shape[:2], *child.shape[:2])
-    # Rotation vectors of several joints add up roughly only: the more of them, the less what they say counts.
-    return _looks(frames, rows, POSES_PER_SECOND) / link.joints * _for_all_parents(cost, candidates)
+    return np.asarray(np.mean((FREEDOM + 3) / 2 * np.log(square / FREEDOM + 1.0), axis=0))
 
 
-def acceleration_cost(link: Link, candidates: Candidates, frames: ImuFrames) -> Array | float:
-    """How differently what two bones share is accelerated, ``(K, M, K, M)`` nats; nought where nothing tells.
+@dataclass(frozen=True)
+class _Accelerations:
+    """How differently what two bones share is accelerated, by products summed over frames: candidates meet these alone.
 
     The misfit's own size is unknown, so it is the logarithm of its mean square that counts: where the best choice
     leaves much, it is not much better than another.
+
+    Attributes:
+        arms: ``(3,)`` metres, from either sensor to the shared point, in its bone's axes.
+        own: ``(2, 4, 4)``, of either sensor's :func:`_carried` with itself.
+        shared: ``(3, 4, 4)``, of the parent's with the child's: what the cosine of the heading between them is
+            multiplied with, what the sine, and what of the vertical is left.
+        looks: that this counts as.
+        least: m/s² of misfit that says nothing.
     """
-    near = link.p_parent is not None and link.p_child is not None
-    arms = (link.p_parent, link.p_child) if near else (None, None)
-    ends = [_carried(candidates, frames, s, p) for s, p in zip((link.parent, link.child), arms, strict=True)]
-    rows = np.flatnonzero(ends[0][1] & ends[1][1])
-    smooth = 1 if near else max(1, round(SLOW / frames.step))
+
+    arms: tuple[Array, Array]
+    own: Array
+    shared: Array
+    looks: float
+    least: float
+
+    def cost(self, headings: Array, R_parent: Array, R_child: Array) -> Array:
+        """``(K, M, K, M)`` nats of headings ``(K, K)`` of child less parent, and of mountings ``(K, M, 3, 3)``."""
+        sides, shape = [], (*R_parent.shape[:2], *R_child.shape[:2])
+        for R, arm in zip((R_parent, R_child), self.arms, strict=True):
+            arms = (arm @ R).reshape(-1, 3)  # in the sensor's axes
+            sides.append(np.concatenate([np.ones((len(arms), 1)), arms], axis=1))
+        above, below = (np.sum(side @ own * side, axis=1) for side, own in zip(sides, self.own, strict=True))
+        cosine, sine, vertical = (sides[0] @ self.shared @ sides[1].T).reshape(3, *shape)
+        angles = headings[:, None, :, None]
+        product = np.cos(angles) * cosine + np.sin(angles) * sine + vertical
+        square = np.maximum((above[:, None] + below).reshape(shape) - 2 * product, 0.0) / 3
+        return 1.5 * self.looks * np.log(square / self.least**2 + 1.0)
+
+
+def _carried(frames: ImuFrames) -> tuple[Array, np.ndarray]:
+    """By sensor ``(S, T − 2, 3, 4)`` the acceleration, gravity still in it, of a point of its bone: a column for the
+    sensor's own and three to be multiplied with the arm from it to the point; and where it is known ``(S, T − 2)``."""
+    R, seen = frames.R_inertial_sensor, frames.orientation_valid
+    bend = (R[:-2] - 2 * R[1:-1] + R[2:]) / frames.step**2
+    known = seen[:-2] & seen[1:-1] & seen[2:] & frames.acceleration_valid[1:-1]
+    return np.concatenate([frames.specific_force_inertial[1:-1, ..., None], bend], axis=-1).swapaxes(0, 1), known.T
+
+
+def _accelerations(link: Link, frames: ImuFrames, carried: Array, known: np.ndarray) -> _Accelerations | None:
+    both = [link.parent, link.child]
+    rows = np.flatnonzero(known[both].all(axis=0))
+    arms = None if link.p_parent is None or link.p_child is None else (link.p_parent, link.p_child)
+    smooth = 1 if arms is not None else max(1, round(SLOW / frames.step))
     if len(rows) < 2 * smooth + 1:
-        return 0.0
-    above, below = ends[0][0][_parents(candidates)][:, :, rows], ends[1][0][:, :, rows]
-    looks, least = _looks(frames, rows, SWINGS_PER_SECOND), LEAST_MISFIT
-    if not near:
-        above, below = (_slow(one, smooth) for one in (above, below))
-        looks, least = looks / SLOW, LEAST_SLOW_MISFIT
-    size = [np.mean(np.sum(one**2, axis=-1), axis=-1) for one in (above, below)]
-    flat = [one.reshape(one.shape[0] * one.shape[1], -1) for one in (above, below)]
-    product = (flat[0] @ flat[1].T).reshape(*above.shape[:2], *below.shape[:2]) / above.shape[2]
-    square = np.maximum(size[0][:, :, None, None] + size[1][None, None] - 2 * product, 0.0) / 3
-    return 1.5 * looks * _for_all_parents(np.log(square / least**2 + 1.0), candidates)
+        return None
+    above, below = carried[both][:, rows] if arms is not None else _slow(carried[both][:, rows], smooth)
+    own = np.stack([np.tensordot(one, one, ((0, 1), (0, 1))) for one in (above, below)]) / len(above)
+    cross = np.tensordot(above, below, (0, 0)) / len(above)
+    shared = np.stack([cross[0, :, 0] + cross[1, :, 1], cross[1, :, 0] - cross[0, :, 1], cross[2, :, 2]])
+    looks = _looks(frames, rows, SWINGS_PER_SECOND)
+    if arms is not None:
+        return _Accelerations(arms, own, shared, looks, LEAST_MISFIT)
+    return _Accelerations((np.zeros(3),) * 2, own, shared, looks / SLOW, LEAST_SLOW_MISFIT)
 
 
 def _postures(candidates: Candidates) -> int:
@@ -227,26 +319,12 @@ def _looks(frames: ImuFrames, rows: np.ndarray, per_second: float) -> float:
     return min(max(len(rows) * frames.step * per_second, 1.0), MOST_LOOKS)
 
 
-def _parents(candidates: Candidates) -> slice:
-    return slice(0, 1) if candidates.relative else slice(None)
-
-
-def _for_all_parents(cost: Array, candidates: Candidates) -> Array:
-    """Where only differences matter, of the parent's first heading: of all of them."""
-    if not candidates.relative:
-        return cost
-    return np.stack([np.roll(cost[0], k, axis=1) for k in range(cost.shape[2])])
-
-
-def _bones(headings: Array, R_bone_sensor: Array, R_inertial_sensor: Array) -> Array:
-    """Unit quaternions ``(K, M, T, 4)``, scalar part first, of ``R_world_bone``."""
-    about = np.zeros((len(headings), 4))
-    about[:, 0], about[:, 3] = np.cos(headings / 2), np.sin(headings / 2)
-    mounting, turned = (quaternion_from_matrix(R, Order.WXYZ) for R in (R_bone_sensor, R_inertial_sensor))
+def _bones(about: Array, mountings: Array, turned: Array) -> Array:
+    """Unit quaternions ``(K * M, T, 4)`` of ``R_world_bone``."""
     product = _from_left(about)[:, None] @ _from_left(turned)
     K, T = product.shape[:2]
-    bones = (mounting * CONJUGATE) @ np.moveaxis(product, 3, 1).reshape(K, 4, T * 4)
-    return bones.reshape(K, -1, T, 4)
+    bones = (mountings * CONJUGATE) @ np.moveaxis(product, 3, 1).reshape(K, 4, T * 4)
+    return bones.reshape(-1, T, 4)
 
 
 def _bends(parent: Array, child: Array) -> Array:
@@ -269,25 +347,9 @@ def _square(v: Array) -> Array:
     return np.asarray(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
 
 
-def _carried(
-    candidates: Candidates, frames: ImuFrames, s: int, p_sensor_point: Array | None
-) -> tuple[Array, np.ndarray]:
-    """Acceleration ``(K, M, T − 2, 3)`` of a point of the sensor's bone, gravity still in it, and where it is known.
-
-    ``p_sensor_point`` ``(3,)`` metres is in the bone's axes; None stands for the sensor itself.
-    """
-    R, seen = frames.R_inertial_sensor[:, s], frames.orientation_valid[:, s]
-    known = seen[:-2] & seen[1:-1] & seen[2:] & frames.acceleration_valid[1:-1, s]
-    mountings = candidates.R_bone_sensor[s]
-    force = np.broadcast_to(frames.specific_force_inertial[1:-1, s], (*mountings.shape[:2], len(R) - 2, 3))
-    if p_sensor_point is not None:
-        bend = (R[:-2] - 2 * R[1:-1] + R[2:]) / frames.step**2
-        arms = (transpose(mountings) @ p_sensor_point).reshape(-1, 3)
-        force = force + (arms @ bend.reshape(-1, 3).T).reshape(force.shape)
-    return force @ transpose(rotation_z(candidates.headings[s]))[:, None], known
-
-
-def _slow(force: Array, frames: int) -> Array:
-    """Averaged over a few frames, whole windows only; constant parts are gravity and bias, and say nothing."""
-    smooth = uniform_filter1d(force, frames, axis=2)[:, :, frames // 2 : force.shape[2] - frames // 2]
-    return smooth - smooth.mean(axis=2, keepdims=True)
+def _slow(accelerations: Array, frames: int) -> Array:
+    """``(2, T, 3, 4)`` averaged over a few frames, whole windows only; constant parts are gravity and bias, and say
+    nothing."""
+    length = accelerations.shape[1]
+    smooth = uniform_filter1d(accelerations, frames, axis=1)[:, frames // 2 : length - frames // 2]
+    return np.asarray(smooth - smooth.mean(axis=1, keepdims=True))

@@ -7,6 +7,7 @@ each with the others at their best; each round adds small turns of them, and the
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -68,7 +69,7 @@ HYPOTHESES = (
 )
 
 
-def strap_cost(R_bone_sensor: Array, R_placed: Array, sigma: float, strange: float) -> Array:
+def strap_cost(R_bone_sensor: Array, R_placed: Array, sigma: float | Array, strange: float) -> Array:
     """How unlikely mountings ``(..., 3, 3)`` are where sensors sit as placed, in nats against any mounting at all.
 
     A mixture of a Gaussian of ``sigma`` radians about each axis and, for a share ``strange``, no rule.
@@ -94,12 +95,10 @@ def common_cost(sensors: int, sigma: float) -> float:
 def upright_cost(R_bone_sensor: Array, up_sensor: Array) -> Array:
     """How unlikely mountings ``(..., 3, 3)`` are on a bone that is upright on the whole, in nats; nought of others.
 
-    ``up_sensor`` ``(3,)`` is the mean vertical in the sensor's axes; NaN where the bone is not.
+    ``up_sensor`` ``(..., 3)`` is the mean vertical in the sensor's axes; NaN where the bone is not.
     """
-    if not np.all(np.isfinite(up_sensor)):
-        return np.zeros(R_bone_sensor.shape[:-2])
     lean = _lean(R_bone_sensor, up_sensor) / UPRIGHT_SIGMA
-    return (UPRIGHT_FREEDOM + 1) / 2 * np.log1p(lean**2 / UPRIGHT_FREEDOM)
+    return np.nan_to_num((UPRIGHT_FREEDOM + 1) / 2 * np.log1p(lean**2 / UPRIGHT_FREEDOM))
 
 
 GRID = 24  # headings 15° apart: costs are smooth over that
@@ -194,13 +193,18 @@ def heading_candidates(R_bone_sensor: Array, first: float) -> Candidates:
 
 def quarter_turns(R_placed: Array) -> Array:
     """The 24 mountings ``(24, 3, 3)`` of a sensor whose axes lie as placed, in another order; as placed comes first."""
+    return R_placed @ _quarter_turns()
+
+
+@cache
+def _quarter_turns() -> Array:
     found = [np.eye(3)]
     about_x, about_y = np.array([[[1, 0, 0], [0, 0, -1], [0, 1, 0]], [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]], float)
     for turn in found:  # grows while it is gone through
         for further in (about_x @ turn, about_y @ turn):
             if not any(np.array_equal(further, one) for one in found):
                 found.append(further)
-    return R_placed @ np.stack(found)
+    return np.stack(found)
 
 
 def _around(first: float) -> Array:
@@ -209,8 +213,8 @@ def _around(first: float) -> Array:
 
 def _lean(R_bone_sensor: Array, up_sensor: Array) -> Array:
     """Angles ``(...)`` radians between a bone's long axis and the vertical."""
-    up_bone = R_bone_sensor @ (up_sensor / np.linalg.norm(up_sensor))
-    return np.arccos(np.clip(up_bone[..., 1], -1.0, 1.0))
+    along = np.sum(R_bone_sensor[..., 1, :] * up_sensor, axis=-1) / np.linalg.norm(up_sensor, axis=-1)
+    return np.arccos(np.clip(along, -1.0, 1.0))
 
 
 def _righted(R_bone_sensor: Array, up_sensor: Array) -> Array:

@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.initialise.sensor_tree import Link, TreeMinimum, acceleration_cost, least_cost, posture_cost
+from vip_factors.initialise.sensor_tree import Link, LinkCosts, TreeMinimum, least_cost
 from vip_factors.initialise.start_candidates import (
     GRID,
     HYPOTHESES,
@@ -122,41 +123,45 @@ class StartSearch:
             grid = heading_candidates(usual.R_bone_sensor, float(usual.headings[self._root]))
         else:
             return self._undeclared(usual, others)
-        pairs = self._pairs(grid)
-        minima = {one: self._minimum(grid, pairs, one) for one in HYPOTHESES}
+        pairs = self._links.of(grid)
+        minima = {one: self._minimum(grid, pairs, (one,), marginals=False) for one in HYPOTHESES}
         starts = [Start(one.name, _chosen(grid, found, usual), found.cost) for one, found in minima.items()]
-        starts = [self._refined(one) for one in starts] + [self._refined(one) for one in self._usual(usual)]
+        starts = [self._refined(one) for one in (*starts, self._usual(usual))]
         best = min(starts, key=lambda start: start.cost)
         named = [one for one in HYPOTHESES if one.name == best.hypothesis]
         hypothesis = min(named or HYPOTHESES, key=lambda one: minima[one].cost)
-        return self._compared(best, starts, grid, pairs, hypothesis, minima[hypothesis])
+        own = self._minimum(grid, pairs, (hypothesis,))
+        return self._compared(best, starts, grid, pairs, hypothesis, own)
 
     def cost(self, calibration: InitialCalibration) -> float:
         """Nats of headings and mountings as they are, under the hypothesis that suits them best."""
         return self._refined(Start("", replace(calibration, R_world_bone=None), 0.0), np.zeros(1)).cost
 
     def _undeclared(self, usual: InitialCalibration, others: Sequence[InitialCalibration]) -> Starts:
-        root, up = self._root, self._up_sensor()
+        root, up = self._root, self._up_sensor
         facing = float(usual.headings[root])
         grid, tilted = placed_candidates(usual.R_bone_sensor, self.prior.limbs, up, facing)
         starts = [replace(one, headings=one.headings + facing - one.headings[root]) for one in (usual, *others)]
         particles = likely_candidates(grid, self._least(grid)).beside(Candidates.of(starts))
         particles = refined_candidates(particles, self._least, root)
         candidates = about_best(likely_candidates(particles, self._least(particles)), root)
-        pairs = self._pairs(candidates)
+        pairs = self._links.of(candidates)
         usual = replace(usual, R_world_bone=None)
-        found = {one: self._minimum(candidates, pairs, one) for one in HYPOTHESES}
+        found = {one: self._minimum(candidates, pairs, (one,)) for one in HYPOTHESES}
         hypothesis, own = min(found.items(), key=lambda one: one[1].cost)
         best = Start(hypothesis.name, _chosen(candidates, own, usual), own.cost)
         rivals = [Start(other.name, _chosen(candidates, one, usual), one.cost) for other, one in found.items()]
         return replace(self._compared(best, rivals, candidates, pairs, hypothesis, own), tilted=tilted)
 
-    def _least(self, candidates: Candidates) -> list[Array]:
+    def _least(self, candidates: Candidates) -> Sequence[Array]:
         """By sensor ``(K, M)``, the least cost with each candidate, whatever is hypothesis."""
-        pairs = self._pairs(candidates)
-        found = [self._minimum(candidates, pairs, one).marginals for one in HYPOTHESES]
-        return [np.min(costs, axis=0) for costs in zip(*found, strict=True)]
+        return self._minimum(candidates, self._links.of(candidates), HYPOTHESES).marginals
 
+    @cached_property
+    def _links(self) -> LinkCosts:
+        return LinkCosts(self.prior.links, self.frames)
+
+    @cached_property
     def _up_sensor(self) -> Array:
         """``(S, 3)`` the mean vertical in axes of the sensors on bones that are upright on the whole; NaN of others."""
         frames = self.frames
@@ -169,66 +174,48 @@ class StartSearch:
     def _root(self) -> int:
         return self.prior.links[0].parent if self.prior.links else 0
 
-    def _pairs(self, candidates: Candidates) -> dict[int, Array]:
-        return {
-            link.child: posture_cost(link, candidates, self.frames) + acceleration_cost(link, candidates, self.frames)
-            for link in self.prior.links
-        }
-
     def _minimum(
-        self, candidates: Candidates, pairs: dict[int, Array], hypothesis: InitialisationHypothesis,
-        given: tuple[int, np.ndarray] | None = None,
+        self, candidates: Candidates, pairs: dict[int, Array], hypotheses: Sequence[InitialisationHypothesis],
+        given: tuple[int, np.ndarray] | None = None, marginals: bool = True,
     ) -> TreeMinimum:  # fmt: skip
         """The likeliest choice; ``given`` a sensor of which only some candidates ``(K, M)`` are allowed."""
-        unaries = self._unaries(candidates, hypothesis)
+        unaries = self._unaries(candidates, hypotheses)
         if given is not None:
             sensor, allowed = given
             unaries[sensor] = np.where(allowed, unaries[sensor], np.inf)
         some = max(AT_ONCE // max((one.size for one in pairs.values()), default=1), 1)
         found = [
-            least_cost([one[begin : begin + some] for one in unaries], self.prior.links, pairs)
+            least_cost([one[begin : begin + some] for one in unaries], self.prior.links, pairs, marginals)
             for begin in range(0, len(unaries[0]), some)
         ]
-        marginals = tuple(np.min(costs, axis=0) for costs in zip(*(one.marginals for one in found), strict=True))
-        return replace(min(found, key=lambda one: one.cost), marginals=marginals)
+        least = tuple(np.min(costs, axis=0) for costs in zip(*(one.marginals for one in found), strict=True))
+        return replace(min(found, key=lambda one: one.cost), marginals=least)
 
-    def _unaries(self, candidates: Candidates, hypothesis: InitialisationHypothesis) -> list[Array]:
+    def _unaries(self, candidates: Candidates, hypotheses: Sequence[InitialisationHypothesis]) -> list[Array]:
         """Costs ``(C, K, M)`` of sensors by themselves, for every heading that their frames may have in common."""
-        settings, prior = self.settings, self.prior
-        S = len(prior.R_placed)
-        straps = [
-            strap_cost(R, prior.R_placed[s], prior.sigma[s], settings.strange_strap)
-            if hypothesis.straps
-            else np.zeros(R.shape[:2])
-            for s, R in enumerate(candidates.R_bone_sensor)
-        ]
-        if not candidates.declared:
-            up = self._up_sensor()
-            straps = [
-                one + upright_cost(R, up[s])
-                for s, (one, R) in enumerate(zip(straps, candidates.R_bone_sensor, strict=True))
-            ]
+        settings, prior, counts = self.settings, self.prior, [R.shape[1] for R in candidates.R_bone_sensor]
+        of, R = np.repeat(np.arange(len(counts)), counts), np.concatenate(candidates.R_bone_sensor, axis=1)
+        free = np.zeros(R.shape[:2]) if candidates.declared else upright_cost(R, self._up_sensor[of])
         if candidates.relative:  # the world may turn as it likes: one heading holds it
-            root = prior.links[0].parent if prior.links else 0
-            straps[root] = straps[root] + np.where(np.arange(GRID) == 0, 0.0, np.inf)[:, None]
-        if not hypothesis.frames:
-            return [one[None] for one in straps]
+            free[1:, of == self._root] = np.inf
+        placed = free + strap_cost(R, prior.R_placed[of], prior.sigma[of], settings.strange_strap)
         sigma = np.deg2rad(settings.agree_deg)
         common = candidates.headings[0, 0] + np.linspace(0, 2 * np.pi, GRID, endpoint=False)[:, None, None]
-        agreed = frame_cost(candidates.headings, common, sigma, settings.strange_frame) + common_cost(S, sigma) / S
-        return [one + agreed[:, s, :, None] for s, one in enumerate(straps)]
+        agreed = frame_cost(candidates.headings.T, common, sigma, settings.strange_frame)
+        agreed = agreed[..., of] + common_cost(len(counts), sigma) / len(counts)
+        straps = [placed if one.straps else free for one in hypotheses]
+        costs = [own + agreed if one.frames else own[None] for one, own in zip(hypotheses, straps, strict=True)]
+        return np.split(np.concatenate(costs), np.cumsum(counts)[:-1], axis=2)
 
-    def _usual(self, usual: InitialCalibration) -> list[Start]:
+    def _usual(self, usual: InitialCalibration) -> Start:
         """The usual start, whichever way the wearer faced: as likely as under the hypothesis that suits it best."""
         turned = [usual.facing(float(angle)) for angle in (FACINGS if usual.R_world_bone is not None else FACINGS[:1])]
-        starts = [Start("straps and slow motion tell", one, 0.0) for one in turned]
-        pairs, costs = self._pairs(replace(Candidates.of(turned), declared=True)), []  # of all at once
-        for k, one in enumerate(turned):
-            alone = replace(Candidates.of([one]), declared=True)
-            own = {child: cost[k : k + 1, :, k : k + 1] for child, cost in pairs.items()}
-            costs.append(min(self._minimum(alone, own, hypothesis).cost for hypothesis in HYPOTHESES))
+        candidates = replace(Candidates.of(turned), declared=True)
+        alone = np.sum(self._unaries(candidates, HYPOTHESES), axis=0).min(axis=0)[:, 0]
+        between = [np.einsum("kmkm->k", one) for one in self._links.of(candidates).values()]
+        costs = np.sum([alone, *between], axis=0)
         best = int(np.argmin(costs))
-        return [replace(starts[best], cost=costs[best])]
+        return Start("straps and slow motion tell", turned[best], float(costs[best]))
 
     def _refined(self, start: Start, offsets: Array = FINER) -> Start:
         """The start with headings better than the grid's, under the hypothesis that suits it best."""
@@ -239,8 +226,7 @@ class StartSearch:
             bones = own.R_world_bone[:, None]
             mountings = transpose(bones) @ rotation_z(np.broadcast_to(offsets, headings.shape)) @ bones @ mountings
         candidates = Candidates(headings, tuple(mountings[:, :, None]), declared=True)
-        pairs = self._pairs(candidates)
-        best = min((self._minimum(candidates, pairs, one) for one in HYPOTHESES), key=lambda one: one.cost)
+        best = self._minimum(candidates, self._links.of(candidates), HYPOTHESES, marginals=False)
         return replace(start, calibration=_chosen(candidates, best, own), cost=best.cost)
 
     def _compared(
@@ -260,7 +246,7 @@ class StartSearch:
             off = _turned(grid, s, *own.choice[s]) > DIFFERENT
             behind = float(np.min(costs[off], initial=np.inf)) - own.cost
             if behind < settled:
-                found = self._minimum(grid, pairs, hypothesis, (s, off))
+                found = self._minimum(grid, pairs, (hypothesis,), (s, off), marginals=False)
                 other = Start(best.hypothesis, _chosen(grid, found, best.calibration), best.cost + behind)
                 near.append((other, {s}))
             rival, margin = (best.hypothesis, behind) if behind < margin else (rival, margin)

@@ -29,17 +29,17 @@ BRISK = 0.5  # of the briskest stretch: the first one like that is near the star
 
 
 def search_start(
-    recording: Recording, frames: ImuFrames, usual: InitialCalibration, settings: CommonSettings
-) -> Starts | None:
+    recording: Recording, frames: ImuFrames, usual: InitialCalibration, settings: CommonSettings,
+    stretch: ImuFrames | None = None,
+) -> Starts | None:  # fmt: skip
     """The likeliest start; None where there is nothing to choose from, one sensor say.
 
     Where no pose is declared but nobody moves at first, that the wearer stands upright there with hanging arms is
-    tried too.
+    tried too. The ``stretch`` that is looked at is :func:`brisk_stretch`, unless it is given.
     """
     if len(frames.sensors) < 2:
         return None
-    start = settings.calibration.start
-    stretch = _brisk_stretch(recording, frames, start.stretch_s, start.rate)
+    stretch = brisk_stretch(recording, frames, settings) if stretch is None else stretch
     search = start_search(recording, stretch, settings, not settings.calibration.estimate_mountings)
     declared = settings.factors.initial_pose
     R_inertial_sensor = orientation_at_start(frames, declared.seconds)
@@ -87,8 +87,9 @@ def _along(body: Skeleton, bone: int) -> Array:
     return np.asarray(limb / np.linalg.norm(limb))
 
 
-def _brisk_stretch(recording: Recording, frames: ImuFrames, seconds: float, rate: float) -> ImuFrames:
+def brisk_stretch(recording: Recording, frames: ImuFrames, settings: CommonSettings) -> ImuFrames:
     """Frames of the first stretch that is half as brisk as the briskest, or of everything that is shorter."""
+    seconds, rate = settings.calibration.start.stretch_s, settings.calibration.start.rate
     begin, end = float(frames.time[0]), float(frames.time[-1])
     if end - begin > seconds:
         both = frames.orientation_valid[1:] & frames.orientation_valid[:-1]

@@ -24,6 +24,7 @@ from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import Settings
+from vip_factors.stages.calibration_start import brisk_stretch
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import find_start, inertial_tracker
 from vip_factors.stages.solver import Solver
@@ -77,17 +78,18 @@ def against_declared(
     if not pairs or len(time) < LEAST_FRAMES:
         return None, None
     frames = resample_streams([recording.imus[name] for name in recording.placed], time)
-    as_declared = _start(recording, frames, settings)
+    looked = frames, brisk_stretch(recording, frames, settings)
+    as_declared = _start(recording, looked, settings)
     if not np.isfinite(as_declared.cost):
         return None, None
     least = settings.assignment.least
-    likeliest = [_likeliest(recording, limbs, own, frames, as_declared, settings) for limbs, own in pairs.items()]
+    likeliest = [_likeliest(recording, limbs, own, looked, as_declared, settings) for limbs, own in pairs.items()]
     together = sum(one.gain for one in likeliest)
     found = [one for one in likeliest if one.gain >= least] or (likeliest if together >= least else [])
     nats = sum(one.gain for one in found)
     if "arms" in pairs and recording.initial_pose in POSES:
         other = next(pose for pose in POSES if pose != recording.initial_pose)
-        gain = as_declared.cost - _start(replace(recording, initial_pose=other), frames, settings).cost
+        gain = as_declared.cost - _start(replace(recording, initial_pose=other), looked, settings).cost
         if gain >= max(least, nats):  # arms that hang where they were to be held out, or the other way round
             words = {"declared": recording.initial_pose, "better": other}
             return Finding("other pose", recording.subject.name, numbers={"nats": gain}, words=words), None
@@ -100,8 +102,9 @@ def against_declared(
 
 
 def _likeliest(
-    recording: Recording, limbs: str, pairs: Sequence[Pair], frames: ImuFrames, as_placed: Start, settings: Settings
-) -> _Sides:
+    recording: Recording, limbs: str, pairs: Sequence[Pair], looked: tuple[ImuFrames, ImuFrames], as_placed: Start,
+    settings: Settings,
+) -> _Sides:  # fmt: skip
     """All pairs of a limb exchanged, or one of them where no accelerations of neighbours tell that."""
     choices = [tuple(pairs)]
     if len(pairs) > 1 and all(recording.imus[name].specific_force is None for name in recording.placed):
@@ -109,7 +112,7 @@ def _likeliest(
     found = []
     for own in choices:
         other = _with(recording, own)
-        start = _start(other, frames, settings)
+        start = _start(other, looked, settings)
         found.append(_Sides(limbs, own, other, start, as_placed.cost - start.cost))
     return max(found, key=lambda one: one.gain)
 
@@ -141,9 +144,10 @@ def _times(recording: Recording, settings: Settings) -> Array:
     return start + np.arange(int(seconds * settings.calibration_rate)) / settings.calibration_rate
 
 
-def _start(recording: Recording, frames: ImuFrames, settings: Settings) -> Start:
-    """The likeliest start; of infinite cost where none is searched for."""
-    calibration, starts = find_start(recording, frames, settings, lambda done: None)
+def _start(recording: Recording, looked: tuple[ImuFrames, ImuFrames], settings: Settings) -> Start:
+    """The likeliest start, by all frames and a brisk stretch of them; of infinite cost where none is searched for."""
+    frames, stretch = looked
+    calibration, starts = find_start(recording, frames, settings, lambda done: None, stretch)
     return Start("", calibration, np.inf) if starts is None else starts.best
 
 

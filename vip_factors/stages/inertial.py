@@ -121,14 +121,15 @@ def first_calibration(recording: Recording, frames: ImuFrames, settings: CommonS
 
 
 def find_start(
-    recording: Recording, frames: ImuFrames, settings: CommonSettings, on_progress: Callable[[float], None]
-) -> tuple[InitialCalibration, Starts | None]:
-    """Headings and mountings to begin with; and how they were found, where they were looked for."""
+    recording: Recording, frames: ImuFrames, settings: CommonSettings, on_progress: Callable[[float], None],
+    stretch: ImuFrames | None = None,
+) -> tuple[InitialCalibration, Starts | None]:  # fmt: skip
+    """Headings and mountings to begin with; and how they were found, where they were looked for, in which stretch."""
     usual = first_calibration(recording, frames, settings)
     if settings.calibration.from_truth or not settings.calibration.start.search:
         return usual, None
     on_progress(0.0)
-    starts = search_start(recording, frames, usual, settings)
+    starts = search_start(recording, frames, usual, settings, stretch)
     return (starts.best.calibration if starts else usual), starts
 
 

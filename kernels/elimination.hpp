@@ -21,19 +21,36 @@ struct Blas {
 constexpr int REACH = 2;  // frames after its own that a factor sees
 inline double ONE = 1.0, MINUS_ONE = -1.0;
 inline int NEXT = 1;
+constexpr int SMALL = 24;  // variables that are eliminated at once
+
+// R and S of the first w of n rows of which each begins `row` behind the last, in their place: in halves, for products of
+// matrices are quicker than the substitutions that they spare. False if these variables are not determined.
+inline bool factorise(const Blas& blas, double* M, int row, int n, int w) {
+    if (w <= SMALL) {
+        int rest = n - w, failed = 0;
+        blas.dpotrf("L", &w, M, &row, &failed);
+        if (!failed && rest > 0) blas.dtrsm("R", "L", "T", "N", &rest, &w, &ONE, M, &row, M + w, &row);
+        return !failed;
+    }
+    int half = (w + 15) / 16 * 8, other = w - half, rest = n - w;
+    if (!factorise(blas, M, row, n, half)) return false;
+    double* then = M + (row + 1) * static_cast<int64_t>(half);
+    blas.dsyrk("L", "N", &other, &half, &MINUS_ONE, M + half, &row, &ONE, then, &row);
+    if (rest > 0) blas.dgemm("N", "T", &rest, &other, &half, &MINUS_ONE, M + w, &row, M + half, &row, &ONE, then + other, &row);
+    return factorise(blas, then, row, n - half, other);
+}
 
 // The first w variables of ½ xᵀ M x − vᵀ x out of n, in rows of which each begins `row` behind the last: then M holds R
-// and S in its first rows, and what is said of the others behind them; so does v. False if they are not determined.
-inline bool eliminate(const Blas& blas, double* M, double* v, int row, int n, int w) {
-    int rest = n - w, failed = 0;
+// and S in its first rows, and what is said of the others in `rest`, with rows of its own; so does v. False if they are
+// not determined.
+inline bool eliminate(const Blas& blas, double* M, double* v, int row, int n, int w, double* rest, int rest_row) {
+    int others = n - w;
     if (w == 0) return true;
-    blas.dpotrf("L", &w, M, &row, &failed);
-    if (failed) return false;
+    if (!factorise(blas, M, row, n, w)) return false;
     blas.dtrsv("L", "N", "N", &w, M, &row, v, &NEXT);
-    if (rest == 0) return true;
-    blas.dtrsm("R", "L", "T", "N", &rest, &w, &ONE, M, &row, M + w, &row);
-    blas.dsyrk("L", "N", &rest, &w, &MINUS_ONE, M + w, &row, &ONE, M + (row + 1) * static_cast<int64_t>(w), &row);
-    blas.dgemv("N", &rest, &w, &MINUS_ONE, M + w, &row, v, &NEXT, &ONE, v + w, &NEXT);
+    if (others == 0) return true;
+    blas.dsyrk("L", "N", &others, &w, &MINUS_ONE, M + w, &row, &ONE, rest, &rest_row);
+    blas.dgemv("N", &others, &w, &MINUS_ONE, M + w, &row, v, &NEXT, &ONE, v + w, &NEXT);
     return true;
 }
 
@@ -78,37 +95,49 @@ struct EliminatedChain {
     double *rows, *d;  // (T, w, n) R and S; (T, w)
 };
 
-// M (n, n) and v (n), all zero, hold behind the frames' columns in the end what all frames say of the shared ones.
+// M (n − w, n − w) and v (n − w), all zero, hold in the end what all frames say of the shared columns behind `ahead`.
 inline bool eliminate_chain(const Blas& blas, const std::vector<Piece>& pieces, const double* gradient,
                             const double* damping, double* M, double* v, const EliminatedChain& into) {
-    const int64_t n = into.n, w = into.w, ahead = into.ahead, seen = w + ahead;
+    const int64_t n = into.n, w = into.w, ahead = into.ahead, seen = w + ahead, rest = n - w;
+    const int64_t met = std::min(w, ahead), kept = ahead - met;  // of what is ahead: in the next frame, and behind it
     int64_t width = seen;  // behind it stand columns that no frame has met so far
+    std::vector<double> vector(n);
     for (int64_t t = 0; t < into.frames; t++) {
-        for (int64_t r = 0; r < ahead; r++) {  // the frames move on by one
-            double *to = M + r * n, *from = M + (w + r) * n;
-            std::copy(from + w + r, from + seen, to + r);
-            std::fill(to + ahead, to + seen, 0.0);
-            std::copy(from + seen, from + n, to + seen);
-            v[r] = v[w + r];
+        double* rows = into.rows + t * w * n;
+        for (int64_t r = 0; r < w; r++) {
+            double *to = rows + r * n, *from = M + r * rest;
+            std::fill(to + r, to + n, 0.0);
+            if (r >= met) continue;
+            std::copy(from + r, from + ahead, to + r);
+            std::copy(from + ahead, from + rest, to + seen);
         }
-        for (int64_t r = ahead; r < seen; r++) std::fill(M + r * n + r, M + (r + 1) * n, 0.0), v[r] = 0.0;
+        for (int64_t r = 0; r < ahead; r++) {  // the frames move on by one
+            double *to = M + r * rest, *from = M + (met + r) * rest;
+            std::fill(to + std::max(r, kept), to + (r < kept ? ahead : rest), 0.0);
+            if (r >= kept) continue;
+            std::copy(from + met + r, from + ahead, to + r);
+            std::copy(from + ahead, from + rest, to + ahead);
+        }
         for (const Piece& one : pieces) {
             if (t < one.first || t >= one.first + one.frames) continue;
             width = std::max(width, one.column + one.columns);
             for (int64_t r = 0; r < one.rows; r++) {
                 const double* from = one.data + (t - one.first) * one.step + r * one.row_step;
-                double* to = M + (one.row + r) * n + one.column;
-                const int64_t c0 = std::max<int64_t>(0, one.row + r - one.column), step = one.column_step;
+                double* to = rows + (one.row + r) * n + one.column;
+                const int64_t first = std::max<int64_t>(0, one.row + r - one.column), columns = one.columns, step = one.column_step;
                 if (step == 1)  // which the compiler makes quick
-                    for (int64_t c = c0; c < one.columns; c++) to[c] += from[c];
+                    for (int64_t c = first; c < columns; c++) to[c] += from[c];
                 else
-                    for (int64_t c = c0; c < one.columns; c++) to[c] += from[c * step];
+                    for (int64_t c = first; c < columns; c++) to[c] += from[c * step];
             }
         }
-        for (int64_t r = 0; r < w; r++) M[r * (n + 1)] += damping[r], v[r] -= gradient[t * w + r];
-        if (!eliminate(blas, M, v, into.n, static_cast<int>(width), into.w)) return false;
-        for (int64_t r = 0; r < w; r++) std::copy(M + r * n + r, M + (r + 1) * n, into.rows + (t * w + r) * n + r);
-        std::copy(v, v + w, into.d + t * w);
+        std::fill(vector.begin(), vector.end(), 0.0);
+        std::copy(v, v + ahead, vector.begin());
+        std::copy(v + ahead, v + rest, vector.begin() + seen);
+        for (int64_t r = 0; r < w; r++) rows[r * (n + 1)] += damping[r], vector[r] -= gradient[t * w + r];
+        if (!eliminate(blas, rows, vector.data(), into.n, static_cast<int>(width), into.w, M, static_cast<int>(rest))) return false;
+        std::copy(vector.begin(), vector.begin() + w, into.d + t * w);
+        std::copy(vector.begin() + w, vector.end(), v);
     }
     return true;
 }

@@ -316,8 +316,8 @@ static bool eliminate(Out<2> information, Out<1> vector, int first, int width) {
     const auto n = static_cast<int>(vector.shape(0));
     expect(information.shape(0) == information.shape(1) && information.shape(0) == vector.shape(0));
     expect(first >= 0 && width >= 0 && first + width <= n);
-    return vip::eliminate(blas, information.data() + (n + 1) * static_cast<int64_t>(first), vector.data() + first, n,
-                          n - first, width);
+    double* rows = information.data() + (n + 1) * static_cast<int64_t>(first);
+    return vip::eliminate(blas, rows, vector.data() + first, n, n - first, width, rows + (n + 1) * static_cast<int64_t>(width), n);
 }
 
 // Some variables of a quadratic, in another order.
@@ -392,7 +392,8 @@ static bool eliminate_chain(nb::list pieces, In<2> gradient, In<1> damping, int 
                             Out<3> rows, Out<2> d) {
     const vip::EliminatedChain into{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
                                     static_cast<int>(rows.shape(2)), rows.data(), d.data()};
-    expect(information.size() == rows.shape(2) * rows.shape(2) && vector.size() == rows.shape(2) && into.w + ahead <= into.n);
+    expect(ahead >= 0 && into.w + ahead <= into.n && vector.size() + rows.shape(1) == rows.shape(2));
+    expect(information.shape(0) == vector.size() && information.shape(1) == vector.size());
     expect(damping.size() == rows.shape(1) && gradient.size() == d.size() && d.size() == rows.shape(0) * rows.shape(1));
     std::vector<vip::Piece> found;
     for (nb::handle item : pieces) {

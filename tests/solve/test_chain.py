@@ -148,6 +148,7 @@ def random_chain(tied: bool) -> ChainSystem:
     random, part = np.random.default_rng(1), Chain.empty(0, T, np.array([1.0, 2.0, 0.5, 3.0]), tied)
     for t in range(T - 2):
         J = random.standard_normal((5, 3 * W))
+        J[:, 2 * W + 1] = 0.0  # which the frame two before does not see
         H = (J.T @ J).reshape(3, W, 3, W)
         for i in range(3):
             part.own[t + i] += H[i, :, i]

@@ -110,6 +110,14 @@ class ChainSystem:
     between: dict[tuple[int, int], Array] = field(default_factory=dict)
     coupling: dict[tuple[int, int], Array] = field(default_factory=dict)
     extra: list[tuple[int, gtsam.GaussianFactor]] = field(default_factory=list)
+    _kept: dict[tuple[int, int], Array] = field(default_factory=dict)
+
+    def kept(self, chain: int, first: int, shape: tuple[int, ...]) -> Array:
+        """Memory for what eliminating a chain from a frame on keeps: that of the time before, which is no more."""
+        found = self._kept.get((chain, first))
+        if found is None or found.shape != shape:
+            found = self._kept[chain, first] = np.empty(shape)
+        return found
 
     def emptied(self) -> "ChainSystem":
         """The same, all zero, where nothing walks."""

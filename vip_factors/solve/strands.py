@@ -42,7 +42,9 @@ class Border(Protocol):
 
 
 class _Run:
-    """Frames one after the other: the columns of each, those ``ahead`` in the frames after it, and ``others``.
+    """Frames one after the other: the columns of each, those ``ahead`` in the frames after it, and others.
+
+    ``rows`` ``(T, w, n)`` is the memory that is taken for it.
 
     Attributes:
         information, vector: what all say of what is behind the frames' own columns; of the first the upper triangle.
@@ -51,20 +53,20 @@ class _Run:
         SolveError: if a variable is not determined.
     """
 
-    def __init__(self, pieces: list[Piece], gradient: Array, damped: Array, ahead: int, others: int) -> None:
-        (T, w), self._ahead = gradient.shape, ahead
-        n = w + ahead + others
-        M, v = np.zeros((n, n)), np.zeros(n)
-        self._rows, self._d = np.empty((T, w, n)), np.zeros((T, w))
+    def __init__(self, pieces: list[Piece], gradient: Array, damped: Array, ahead: int, rows: Array) -> None:
+        self._rows, self._d, self._ahead = rows, np.zeros((len(gradient), len(damped))), ahead
+        rest = rows.shape[2] - rows.shape[1]
+        self.information, self.vector = np.zeros((rest, rest)), np.zeros(rest)
         if kernels is None:
-            self._eliminate_purely(pieces, gradient, damped, M, v)
-        elif not kernels.eliminate_chain(pieces, gradient, damped, ahead, M, v, self._rows, self._d):
+            self._eliminate_purely(pieces, gradient, damped)
+        elif not kernels.eliminate_chain(
+            pieces, gradient, damped, ahead, self.information, self.vector, self._rows, self._d
+        ):
             raise SolveError("the linear system is not determined")
-        self.information, self.vector = M[w:, w:], v[w:]
 
-    def _eliminate_purely(self, pieces: list[Piece], gradient: Array, damped: Array, M: Array, v: Array) -> None:
-        w, ahead = len(damped), self._ahead
-        seen = w + ahead
+    def _eliminate_purely(self, pieces: list[Piece], gradient: Array, damped: Array) -> None:
+        w, ahead, n = len(damped), self._ahead, self._rows.shape[2]
+        seen, M, v = w + ahead, np.zeros((n, n)), np.zeros(n)
         for t, g in enumerate(gradient):
             M[:ahead, :ahead], M[:ahead, seen:], v[:ahead] = M[w:seen, w:seen], M[w:seen, seen:], v[w:seen]
             M[:seen, ahead:seen], M[ahead:seen], v[ahead:seen] = 0.0, 0.0, 0.0
@@ -76,6 +78,7 @@ class _Run:
             R, S_transposed = eliminated(M[:w, :w], np.array(M[:w, w:]), rest)
             self._rows[t, :, :w], self._rows[t, :, w:], self._d[t] = R, S_transposed.T, dtrsv(R, v[:w] - g, trans=1)
             M[w:, w:], v[w:] = rest, v[w:] - S_transposed @ self._d[t]
+        self.information[:], self.vector[:] = M[w:, w:], v[w:]
 
     def given(self, later: Array) -> Array:
         """Steps ``(T, w)``, of those of the frames behind the last one and of the others."""
@@ -113,7 +116,7 @@ class _Run:
 
 
 class Strand:
-    """Chains that meet in a frame, side by side.
+    """Chains that meet in a frame, side by side: first the columns that the frame two before sees, then all others.
 
     Args:
         system, border: of all chains.
@@ -122,31 +125,39 @@ class Strand:
 
     def __init__(self, system: ChainSystem, border: Border, numbers: Sequence[int]) -> None:
         self._chains, self._numbers = [system.chains[number] for number in numbers], numbers
-        self._places = _places(self._chains)
-        self._width = self._places[-1].stop
-        self._ahead = REACH * self._width if any(one.tied for one in self._chains) else 0
+        reaching = [_reaching(chain) for chain in self._chains]
+        far = np.concatenate(reaching)
+        self._order = np.argsort(~far, kind="stable")
+        ends = np.cumsum([len(one) for one in reaching])
+        self._places = np.split(np.argsort(self._order), ends[:-1])
+        self._ahead = len(far) + int(far.sum()) if any(one.tied for one in self._chains) else 0
         seen = sorted({group for chain, group in system.coupling if chain in numbers})
         self._columns = np.concatenate([np.zeros(0, int), *(border.of_group[group] for group in seen)])
         self._pieces = list(self._in_frames(system))
-        start = self._width + self._ahead
+        start = len(far) + self._ahead
         for group in seen:
             for place, number in zip(self._places, numbers, strict=True):
                 if (number, group) in system.coupling:
-                    blocks = border.coupling(number, group, system.coupling[number, group])
-                    self._pieces += [(block, place.start, start + column, first) for block, column, first in blocks]
+                    for block, column, first in border.coupling(number, group, system.coupling[number, group]):
+                        self._pieces += _placed(block, place, start + column + np.arange(block.shape[2]), first)
             start += len(border.of_group[group])
+        self._rows = system.kept(numbers[0], 0, (system.frames, len(far), start))
 
     def _in_frames(self, system: ChainSystem) -> Iterator[Piece]:
+        width = len(self._order)
         for place, chain in zip(self._places, self._chains, strict=True):
-            yield chain.own, place.start, place.start, 0
+            yield from _placed(chain.own, place, place)
             following = chain.following
             if following is not None:
-                for ahead in range(REACH):
-                    yield following[:, ahead], place.start, (ahead + 1) * self._width + place.start, 0
+                yield from _placed(following[:, 0], place, width + place)
+                far = np.flatnonzero(width + place < self._ahead)
+                for run in _runs(far):
+                    some = slice(far[run.start], far[run.stop - 1] + 1)
+                    yield from _placed(following[:, 1, :, some], place, 2 * width + place[some])
         for (p, q), blocks in system.between.items():
             if p in self._numbers:
-                first, second = (self._places[self._numbers.index(number)].start for number in (p, q))
-                yield blocks, first, second, 0
+                rows, columns = (self._places[self._numbers.index(number)] for number in (p, q))
+                yield from _placed(blocks, rows, columns)
 
     def eliminate(self, damping: float, H: Array, vector: Array) -> None:
         """Eliminate all frames; what they say of the border is added to ``H`` and ``vector``.
@@ -154,9 +165,9 @@ class Strand:
         Raises:
             SolveError: if a variable is not determined.
         """
-        gradient = np.concatenate([one.gradient for one in self._chains], axis=1)
-        damped = damping * np.concatenate([one.damping for one in self._chains])
-        self._run = _Run(self._pieces, gradient, damped, self._ahead, len(self._columns))
+        gradient = np.concatenate([one.gradient for one in self._chains], axis=1)[:, self._order]
+        damped = damping * np.concatenate([one.damping for one in self._chains])[self._order]
+        self._run = _Run(self._pieces, gradient, damped, self._ahead, self._rows)
         _add(H, self._columns, self._run.information[self._ahead :, self._ahead :])
         vector[self._columns] += self._run.vector[self._ahead :]
 
@@ -168,8 +179,9 @@ class Strand:
     def marginals(self, border: Array) -> Iterator[dict[int, Array]]:
         """Covariances by key, a frame at a time, of the border's joint one ``(s, s)``."""
         found = self._run.marginals(border[np.ix_(self._columns, self._columns)])
+        places = [np.ix_(place, place) for place in self._places]
         for t, one in zip(reversed(range(len(self._chains[0].keys))), found, strict=True):
-            yield {chain.keys[t]: one[place, place] for chain, place in zip(self._chains, self._places, strict=True)}
+            yield {chain.keys[t]: one[place] for chain, place in zip(self._chains, places, strict=True)}
 
 
 class SegmentedStrand:
@@ -181,7 +193,7 @@ class SegmentedStrand:
     """
 
     def __init__(self, system: ChainSystem, border: Border, number: int) -> None:
-        self._chain, self._number, T = system.chains[number], number, system.frames
+        self._kept, self._chain, self._number, T = system.kept, system.chains[number], number, system.frames
         met = [blocks for (p, _), blocks in sorted(system.between.items()) if p == number]
         self._met, self._late = np.concatenate(met, axis=2), border.late
         columns, self._coupling = [np.zeros(0, int)], list[tuple[Array, int, int]]()
@@ -208,7 +220,8 @@ class SegmentedStrand:
         self._runs = list[_Run]()
         for k, (begin, end) in enumerate(self._segments):
             gradient = self._chain.gradient[begin:end]
-            run = _Run(list(self._pieces(begin, end)), gradient, damped, n, n + s + c * (end - begin))
+            rows = self._kept(self._number, begin, (end - begin, w, w + 2 * n + s + c * (end - begin)))
+            run = _Run(list(self._pieces(begin, end)), gradient, damped, n, rows)
             self._runs.append(run)
             M, v = run.information, run.vector
             seen = np.concatenate([np.arange(s), s + np.arange(c * begin, c * end)])
@@ -313,7 +326,27 @@ def _add(H: Array, columns: np.ndarray, said: Array) -> None:
     H[np.ix_(columns, columns)] += said + np.triu(said, 1).T
 
 
-def _places(chains: Sequence[Chain]) -> list[slice]:
-    """Columns of each chain in a frame."""
-    ends = np.cumsum([0, *(len(one.damping) for one in chains)]).tolist()
-    return [slice(*ends[number : number + 2]) for number in range(len(chains))]
+def _reaching(chain: Chain) -> np.ndarray:
+    """Of which columns ``(w,)`` the frame two before sees anything."""
+    if chain.following is None:
+        return np.zeros(len(chain.damping), bool)
+    blocks = chain.following[:, 1]
+    found: np.ndarray = np.any(blocks[:: len(blocks) // 8 + 1], axis=(0, 1))  # most of them, and quickly
+    found[~found] = np.any(blocks[:, :, ~found], axis=(0, 1))
+    return found
+
+
+def _runs(places: np.ndarray) -> Iterator[slice]:
+    """Where places that follow one another are."""
+    ends = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
+    return (slice(*one) for one in pairwise(ends) if one[0] < one[1])
+
+
+def _placed(blocks: Array, rows: np.ndarray, columns: np.ndarray, first: int = 0) -> Iterator[Piece]:
+    """Blocks ``(t, r, c)`` from a frame on whose rows and columns are at these places, in pieces above the diagonal."""
+    for r in _runs(rows):
+        for c in _runs(columns):
+            row, column, block = int(rows[r.start]), int(columns[c.start]), blocks[:, r, c]
+            if rows is columns and r.start > c.start:  # of these blocks the other triangle counts
+                continue
+            yield (block, row, column, first) if row <= column else (block.swapaxes(1, 2), column, row, first)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from live_answers import answers, live_scene
 
-from vip_factors.io.mcap_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.scene import Scene
@@ -46,7 +46,7 @@ def tracker_module(scene: Scene) -> types.ModuleType:
 
 
 def scene_file(folder: Path, seconds: float = 1.0) -> Path:
-    write_scene(live_scene(seconds), folder / "scene.mcap")
+    write_recording(live_scene(seconds), folder / "scene.mcap")
     return folder / "scene.mcap"
 
 

@@ -82,10 +82,10 @@ def write(content: Recording | Scene | Moved, path: StrPath, overwrite: bool = F
         InputError: if the file exists and may not be replaced.
     """
     from vip_factors.io.mcap_estimate_writer import write_estimate
-    from vip_factors.io.mcap_recording import write_scene
+    from vip_factors.io.mcap_recording import write_recording
 
     if isinstance(content, Recording | Scene):
-        write_scene(_scene(content), path, overwrite=overwrite)
+        write_recording(_scene(content), path, overwrite=overwrite)
     else:
         write_estimate(_estimate(content), path, overwrite=overwrite)
     return Path(path)
@@ -481,16 +481,18 @@ def picture(
     Raises:
         InputError: if there is nothing to draw, or the file may not be written.
     """
-    from vip_factors.viz.picture import filmstrip, scene_filmstrip
+    from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
+    from vip_factors.viz.picture import filmstrip
 
     own = shown if isinstance(shown, Recording | Scene) else recording
     scene = None if own is None else _scene(own)
     estimate = None if isinstance(shown, Recording | Scene) else _estimate(shown)
     if scene is not None and scene.camera is not None and not isinstance(shown, WearerEstimate | Motion):
-        scene_filmstrip(scene, estimate, Path(path), frames=poses, title=title, overwrite=overwrite)
+        drawn = drawn_scene(scene, estimate)
     else:
         one, worn = None if estimate is None else estimate.only_wearer, None if scene is None else scene.wearers[0]
-        filmstrip(one, worn, None, Path(path), poses=poses, title=title, overwrite=overwrite)
+        drawn = drawn_wearer(worn, one)
+    filmstrip(drawn, Path(path), frames=poses, title=title, overwrite=overwrite)
     return Path(path)
 
 

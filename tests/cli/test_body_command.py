@@ -13,7 +13,7 @@ from vip_factors.body.lengths import LENGTHS
 from vip_factors.cli.main import main
 from vip_factors.io.body_file import read_body_file
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.sensors.recording import Subject
 
 Run = Callable[..., Any]
@@ -28,7 +28,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert main(["simulate", "gestures", made[0], "--camera", "fixed", "--seconds", "3", "--placement", "sip6"]) == 0
     scene = read_scene(made[0])
     wearers = tuple(replace(one, subject=Subject("Ada", 1.72)) for one in scene.wearers)
-    write_scene(replace(scene, wearers=wearers), made[0], overwrite=True)
+    write_recording(replace(scene, wearers=wearers), made[0], overwrite=True)
     assert main(["smooth", made[0], "--out", made[1], *QUICK]) == 0
     return folder
 

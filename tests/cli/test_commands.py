@@ -6,7 +6,7 @@ import pytest
 
 from vip_factors.cli.main import COMMANDS
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_recording import read_recording
+from vip_factors.io.mcap_recording import read_scene
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -23,7 +23,7 @@ def test_version_and_nothing(run) -> None:
 
 
 def test_simulated_recording_is_what_was_asked_for(files) -> None:
-    recording = read_recording(files.recording)
+    recording = read_scene(files.recording).wearers[0]
     assert set(recording.imus) == set(recording.placed)
     assert len(recording.imus) == 6
     assert recording.initial_pose == "n-pose"

@@ -10,7 +10,7 @@ import pytest
 from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.findings import bare
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.io.mcap_recording import read_recording, read_scene, write_recording
+from vip_factors.io.mcap_recording import read_scene, write_recording
 
 
 @pytest.fixture
@@ -27,7 +27,7 @@ def poses(tmp_path: Path) -> Path:
 
 def test_two_wearers_and_a_camera(run, files, tmp_path: Path, poses: Path) -> None:
     ada, bea = tmp_path / "ada.mcap", tmp_path / "bea.mcap"
-    recording = read_recording(files.recording)
+    recording = read_scene(files.recording).wearers[0]
     for name, path in (("Ada", ada), ("Bea", bea)):
         write_recording(replace(recording, subject=replace(recording.subject, name=name)), path)
     told = run(
@@ -53,7 +53,7 @@ def test_two_wearers_and_a_camera(run, files, tmp_path: Path, poses: Path) -> No
 def test_without_a_camera_convert_writes_a_plain_recording(run, files, tmp_path: Path) -> None:
     told = run("convert", files.recording, tmp_path / "a.mcap")
     assert told.code == 0, told.err
-    assert read_recording(tmp_path / "a.mcap").name == read_recording(files.recording).name
+    assert read_scene(tmp_path / "a.mcap").wearers[0].name == read_scene(files.recording).wearers[0].name
 
 
 @pytest.mark.parametrize(

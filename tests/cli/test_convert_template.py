@@ -8,7 +8,7 @@ import pytest
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.io.mcap_recording import read_recording
+from vip_factors.io.mcap_recording import read_scene
 from vip_factors.sensors.calibration import SITES
 
 SENSORS = ("LF", "RS", "TR")
@@ -44,7 +44,7 @@ def test_a_recording_from_guesses_left_as_they_are(run, tmp_path: Path, units: t
     assert f"--columns {columns} --placement {placement}" in told.out
     told = run("convert", log, tmp_path / "a.mcap", "--columns", columns, "--placement", placement)
     assert told.code == 0, told.err
-    recording = read_recording(tmp_path / "a.mcap")
+    recording = read_scene(tmp_path / "a.mcap").wearers[0]
     bones = {site.sensor: site.bone for site in recording.placement.sites}
     assert bones == {"LF": "left_ankle", "RS": "right_knee", "TR": "spine3"}
     _, _, force, rate = motion()
@@ -71,7 +71,7 @@ def test_orientations_are_read_as_gravity_has_them(run, tmp_path: Path) -> None:
     options = ("--columns", tmp_path / "g_columns.toml", "--placement", tmp_path / "g_placement.toml")
     told = run("convert", folder, tmp_path / "a.mcap", *options)
     assert told.code == 0, told.err
-    recording = read_recording(tmp_path / "a.mcap")
+    recording = read_scene(tmp_path / "a.mcap").wearers[0]
     assert recording.placed == ["pelvis", "thigh_l"]
     for stream in recording.imus.values():
         np.testing.assert_allclose(stream.R_inertial_sensor, R, atol=1e-5)
@@ -139,7 +139,7 @@ def test_real_logs_from_guesses_left_as_they_are(run, data_folder: Path, tmp_pat
         options = ("--columns", tmp_path / "g_columns.toml", "--placement", tmp_path / "g_placement.toml")
         told = run("convert", log, tmp_path / "a.mcap", *options, "--overwrite")
         assert told.code == 0, told.err
-        recording = read_recording(tmp_path / "a.mcap")
+        recording = read_scene(tmp_path / "a.mcap").wearers[0]
         assert len(recording.placed) == count
         assert {site.bone for site in recording.placement.sites} <= set(JOINT_NAMES)
         assert all(one.specific_force is not None and len(one) > 300 for one in recording.imus.values())

@@ -7,7 +7,7 @@ import pytest
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.io.mcap_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording
 from vip_factors.io.motions.bvh import read_bvh
 
 
@@ -15,7 +15,7 @@ from vip_factors.io.motions.bvh import read_bvh
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """With a recording and its estimate."""
     folder, scene = tmp_path_factory.mktemp("export"), scene_sample(0.2)
-    write_scene(scene, folder / "scene.mcap")
+    write_recording(scene, folder / "scene.mcap")
     write_estimate(estimate_of(scene), folder / "scene.estimate.mcap")
     return folder
 

@@ -10,7 +10,7 @@ import pytest
 from vip_factors.cli.workers import windows_elsewhere
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_recording import read_recording, write_recording
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_source import WearerFile, open_source
 from vip_factors.sensors.sources import RecordingInMemory
 
@@ -31,7 +31,7 @@ def test_windows_make_one_estimate(run, files, tmp_path: Path) -> None:
     out = tmp_path / "e.mcap"
     told = run("smooth", files.recording, "--out", out, *WINDOWS)
     assert told.code == 0, told.err
-    estimate, recording = read_estimate(out).only_wearer, read_recording(files.recording)
+    estimate, recording = read_estimate(out).only_wearer, read_scene(files.recording).wearers[0]
     windows = {one.stage for one in estimate.reports if one.stage.startswith("sparse inertial poser")}
     assert windows == {f"sparse inertial poser, window {number}" for number in (1, 2, 3, 4)}
     first, last = RecordingInMemory(recording).interval
@@ -69,7 +69,7 @@ def test_an_interrupt_in_the_second_window_leaves_nothing(
 
 
 def test_a_file_read_by_time_gives_the_same_samples(files) -> None:
-    recording, source = read_recording(files.recording), open_source([files.recording], 1.0)
+    recording, source = read_scene(files.recording).wearers[0], open_source([files.recording], 1.0)
     assert source.head.camera is None
     (sampled,) = source.wearers
     assert isinstance(sampled, WearerFile)
@@ -89,7 +89,7 @@ def test_a_file_read_by_time_gives_the_same_samples(files) -> None:
 
 def test_a_session_in_two_files_is_one_recording(run, files, tmp_path: Path) -> None:
     """In windows, at once, and converted; files in the wrong order are put into that of time."""
-    recording = read_recording(files.recording)
+    recording = read_scene(files.recording).wearers[0]
     paths, tables = [tmp_path / "a.mcap", tmp_path / "b.mcap"], [tmp_path / "a.csv", tmp_path / "b.csv"]
     for path, table, start, end in zip(paths, tables, (-1.0, 2.6), (2.5, 99.0), strict=True):
         imus = {name: one.cut(start, end) for name, one in recording.imus.items()}
@@ -112,12 +112,12 @@ def test_a_session_in_two_files_is_one_recording(run, files, tmp_path: Path) -> 
     assert len(estimate.motion) == int((last - first) * 20 + 1e-6) + 1
     told = run("convert", paths[0], tmp_path / "all.mcap", "--then", paths[1])
     assert told.code == 0, told.err
-    whole = read_recording(tmp_path / "all.mcap")
+    whole = read_scene(tmp_path / "all.mcap").wearers[0]
     map_file = tmp_path / "map.toml"
     map_file.write_text(COLUMNS)
     told = run("convert", tables[0], tmp_path / "t.mcap", "--then", tables[1], "--columns", map_file)
     assert told.code == 0, told.err
-    table = read_recording(tmp_path / "t.mcap")
+    table = read_scene(tmp_path / "t.mcap").wearers[0]
     for name, stream in recording.imus.items():
         kept = (stream.time <= 2.5) | (stream.time >= 2.6)
         np.testing.assert_allclose(whole.imus[name].time, stream.time[kept], atol=1e-9)

@@ -14,7 +14,7 @@ from vip_factors.cli.info_text import _path_text
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import CALIBRATION
-from vip_factors.io.mcap_recording import read_recording, write_recording
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.sensors.calibration import Placement
 
 
@@ -104,7 +104,7 @@ def test_calibrations_without_bones_are_read(files) -> None:
 
 def test_a_stream_of_sensors_nowhere_says_what_to_do(run, files, tmp_path: Path) -> None:
     nowhere = tmp_path / "nowhere.mcap"
-    recording = read_recording(files.recording)
+    recording = read_scene(files.recording).wearers[0]
     write_recording(replace(recording, placement=Placement()), nowhere)
     for command in ("stream", "smooth"):
         assert_one_sentence(run(command, nowhere), "is placed on the body: say where they sit", "--placement")
@@ -169,4 +169,4 @@ def test_smooth_says_what_to_do_next_to_a_person_alone(
 def test_the_same_readers_still_read(files) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert read_estimate(files.estimate).only_wearer.name == read_recording(files.recording).name == "walk"
+        assert read_estimate(files.estimate).only_wearer.name == read_scene(files.recording).wearers[0].name == "walk"

@@ -10,7 +10,7 @@ from scene_sample import estimate_of, scene_sample
 
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.io.mcap_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +18,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with a scene, its estimate, and a file that holds both."""
     folder = tmp_path_factory.mktemp("report")
     scene = scene_sample(0.2)
-    write_scene(scene, folder / "scene.mcap")
+    write_recording(scene, folder / "scene.mcap")
     write_estimate(estimate_of(scene), folder / "scene.estimate.mcap")
     write_estimate(estimate_of(scene), folder / "both.mcap", append_to=folder / "scene.mcap")
     return folder

@@ -10,7 +10,7 @@ from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.cli.files import open_one
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.io.mcap_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.scene import Scene
 
 
@@ -18,12 +18,12 @@ from vip_factors.sensors.scene import Scene
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scene")
     scene = scene_sample(0.5)
-    write_scene(scene, folder / "scene.mcap")
+    write_recording(scene, folder / "scene.mcap")
     for name, error in (("vip", Injected(yaw=1.0, apart_m=0.05)), ("other", Injected(heading=0.3))):
         write_estimate(estimate_of(scene, error), folder / f"{name}.mcap")
     bare = replace(scene, truth=None, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
-    write_scene(bare, folder / "bare.mcap")
-    write_scene(Scene("alone", scene.wearers[:1]), folder / "alone.mcap")
+    write_recording(bare, folder / "bare.mcap")
+    write_recording(Scene("alone", scene.wearers[:1]), folder / "alone.mcap")
     return folder
 
 

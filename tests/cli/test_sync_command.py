@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.io.mcap_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.sensors.calibration import preset
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
@@ -21,7 +21,7 @@ def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = SceneSettings.noise_free(camera="fixed", time_offset_s=OFFSET)
     scene = simulate_scene([Performer("a", motion, preset("sip6", motion.skeleton))], settings)
     path = tmp_path_factory.mktemp("sync") / "scene.mcap"
-    write_scene(scene, path)
+    write_recording(scene, path)
     return path
 
 
@@ -55,7 +55,7 @@ def test_what_cannot_be_known_is_not_written(run, filmed: Path, tmp_path: Path) 
     scene = read_scene(filmed)
     still = np.repeat(scene.camera.detections.pixels[:1], len(scene.camera.detections), axis=0)
     frozen = replace(scene.camera, detections=replace(scene.camera.detections, pixels=still))
-    write_scene(replace(scene, camera=frozen, truth=None), tmp_path / "still.mcap")
+    write_recording(replace(scene, camera=frozen, truth=None), tmp_path / "still.mcap")
     told = run("sync", tmp_path / "still.mcap")
     assert told.code == 2
     assert "undetermined" in told.err

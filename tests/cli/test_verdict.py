@@ -16,7 +16,7 @@ from vip_factors.findings import Finding, verdict
 from vip_factors.io.live_json import LiveJsonSink
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.io.mcap_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording
 
 NOTE, CARE = Finding("apart"), Finding("not in the video")
 DOUBT = Finding("legs crossed", "ann", numbers={"percent": 40.0})
@@ -30,7 +30,7 @@ SCENE = scene_sample(0.2)
 def test_everything_tells_the_same(run: Callable, tmp_path: Path, findings, word: str, codes) -> None:
     """Terminal, page, JSON, codes of ``--fail-on care`` and ``doubt``."""
     estimate, scene, made = estimate_of(SCENE), tmp_path / "scene.mcap", tmp_path / "e.mcap"
-    write_scene(SCENE, scene)
+    write_recording(SCENE, scene)
     write_estimate(replace(estimate, findings=findings), made)
     told = re.search(r"verdict: (\w+), (.*)", run("info", made).out)
     assert told[1].lower() == word

@@ -29,12 +29,11 @@ def test_without_a_display_a_window_is_refused_in_one_sentence(run: Callable, fi
 @pytest.mark.usefixtures("headless")
 def test_without_a_display_a_window_is_refused_in_python_too(files) -> None:
     from vip_factors.errors import InputError
-    from vip_factors.io.mcap_recording import read_recording
-    from vip_factors.viz.compare import Compare
+    from vip_factors.io.mcap_recording import read_scene
     from vip_factors.viz.drawn_scene import drawn_wearer
 
     with pytest.raises(InputError, match="no display"):
-        rerun_view.show(drawn_wearer(read_recording(files.recording), None, None, Compare.ROOT))
+        rerun_view.show(drawn_wearer(read_scene(files.recording).wearers[0], None))
 
 
 def test_a_display_opens_the_viewer(run: Callable, files, monkeypatch: pytest.MonkeyPatch) -> None:

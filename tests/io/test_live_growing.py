@@ -18,7 +18,7 @@ from scene_samples import camera_path, filmed_walk
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.growing import GrowingFileSource
 from vip_factors.io.live.open import open_source
-from vip_factors.io.mcap_recording import recording_messages, write_recording, write_scene
+from vip_factors.io.mcap_recording import recording_messages, write_recording
 from vip_factors.io.mcap_samples import sample_messages
 from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
@@ -30,7 +30,7 @@ from vip_factors.sensors.scene import Scene
 
 def written(scene: Scene, tmp_path: Path) -> bytes:
     path = tmp_path / "whole.mcap"
-    write_scene(scene, path, overwrite=True)
+    write_recording(scene, path, overwrite=True)
     return path.read_bytes()
 
 
@@ -87,7 +87,7 @@ def test_several_wearers_and_a_plain_recording_arrive(tmp_path: Path) -> None:
     ada = scene.wearers[0]
     bob = replace(ada, subject=replace(ada.subject, name="Bob/2"))
     both = replace(scene, wearers=(ada, bob))
-    write_scene(both, tmp_path / "both.mcap")
+    write_recording(both, tmp_path / "both.mcap")
     setup, samples, sentences = followed(tmp_path / "both.mcap")
     assert_followed(both, setup, samples)
     assert sentences == []
@@ -102,7 +102,7 @@ def test_further_cameras_arrive(tmp_path: Path) -> None:
     scene = standing(short_walk())
     sides = [replace(scene.camera, name=name) for name in ("side/left", "imu")]
     scene = replace(scene, further_cameras=tuple(sides))
-    write_scene(scene, tmp_path / "three.mcap")
+    write_recording(scene, tmp_path / "three.mcap")
     setup, samples, sentences = followed(tmp_path / "three.mcap")
     assert_followed(scene, setup, samples)
     assert sentences == []

@@ -14,13 +14,13 @@ from live_streams import QUICK, Background, assert_arrived, received, short_walk
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.open import RecordingSource, open_source
 from vip_factors.io.live.streams import StandardInputSource
-from vip_factors.io.mcap_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding
 
 
 def test_a_recording_is_read_as_fast_as_it_goes_and_nothing_is_dropped(tmp_path: Path) -> None:
-    write_scene(short_walk(), tmp_path / "walk.mcap")
+    write_recording(short_walk(), tmp_path / "walk.mcap")
     with open_source(str(tmp_path / "walk.mcap"), settings=replace(QUICK, queue_limit=2)) as source:
         setup, samples, sentences = received(source)
     assert_arrived(read_scene(tmp_path / "walk.mcap"), setup, samples)
@@ -148,7 +148,7 @@ def test_what_names_no_source_is_an_input_error(text: str) -> None:
 
 
 def test_options_that_do_not_belong_to_a_source_are_input_errors(tmp_path: Path) -> None:
-    write_scene(short_walk(), tmp_path / "walk.mcap")
+    write_recording(short_walk(), tmp_path / "walk.mcap")
     walk = tmp_path / "walk.mcap"
     with pytest.raises(InputError, match="MCAP files only"):
         open_source("tcp://127.0.0.1:0", real_time=True)

@@ -25,7 +25,7 @@ from vip_factors.io.live_mcap import LiveMcapSink
 from vip_factors.io.mcap_estimate import CAMERA_POSE, read_calibration_history, read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_reader import McapWarning, read_contents
-from vip_factors.io.mcap_recording import read_recording, read_scene, write_recording, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_writer import MessageWriter
 
 
@@ -55,7 +55,7 @@ def test_appended_to_its_recording_both_are_whole(tmp_path: Path) -> None:
     write_estimate(Estimate.of_one(estimate), tmp_path / "both.mcap", append_to=tmp_path / "r.mcap")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert_same(recording, read_recording(tmp_path / "both.mcap"))
+        assert_same(recording, read_scene(tmp_path / "both.mcap").wearers[0])
         assert_same(estimate, read_estimate(tmp_path / "both.mcap").only_wearer)
 
 
@@ -170,7 +170,7 @@ def test_a_recording_is_no_estimate_and_the_other_way_round(tmp_path: Path) -> N
     with pytest.raises(FileFormatError, match="is a recording: expected an estimate"):
         read_estimate(tmp_path / "r.mcap")
     with pytest.raises(FileFormatError, match="is an estimate: expected a recording"):
-        read_recording(tmp_path / "e.mcap")
+        read_scene(tmp_path / "e.mcap")
 
 
 def test_residuals_of_another_shape_are_refused_before_anything_is_written(tmp_path: Path) -> None:
@@ -231,7 +231,7 @@ def test_a_plain_estimate_is_that_of_a_scene_with_one_wearer(
 @given(scene_estimates())
 def test_an_estimate_in_the_file_of_its_scene(tmp_path_factory: pytest.TempPathFactory, estimate: Estimate) -> None:
     folder = tmp_path_factory.mktemp("mcap")
-    write_scene(filmed_walk(4), folder / "s.mcap")
+    write_recording(filmed_walk(4), folder / "s.mcap")
     for _ in range(2):  # the second in place of the first
         write_estimate(estimate, folder / "s.mcap", overwrite=True, append_to=folder / "s.mcap")
     assert_same(filmed_walk(4).wearers[0], read_scene(folder / "s.mcap").wearers[0])

@@ -19,11 +19,9 @@ from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.mcap_recording import (
     FIRST_CAMERA,
-    read_recording,
     read_scene,
     wearer_topics,
     write_recording,
-    write_scene,
 )
 from vip_factors.io.mcap_samples import detections_of
 from vip_factors.io.mcap_source import indexed_recording
@@ -45,7 +43,7 @@ def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFact
     write_recording(recording, path)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert_same(recording, read_recording(path))
+        assert_same(recording, read_scene(path).wearers[0])
 
 
 def test_a_sensor_at_rest_that_measures_only_zeros_keeps_them(tmp_path: Path) -> None:
@@ -54,7 +52,7 @@ def test_a_sensor_at_rest_that_measures_only_zeros_keeps_them(tmp_path: Path) ->
         recording.imus["pelvis"], specific_force=np.zeros((5, 3)), R_inertial_sensor=None, angular_rate=np.zeros((5, 3))
     )
     write_recording(replace(recording, imus={"pelvis": still}), tmp_path / "r.mcap")
-    assert_same(still, read_recording(tmp_path / "r.mcap").imus["pelvis"])
+    assert_same(still, read_scene(tmp_path / "r.mcap").wearers[0].imus["pelvis"])
 
 
 def test_other_readers_see_one_channel_per_sensor_with_sorted_nanosecond_times(tmp_path: Path) -> None:
@@ -78,7 +76,7 @@ def test_samples_of_another_writer_need_only_a_time_stamp(tmp_path: Path) -> Non
             message.timestamp.seconds, message.timestamp.nanos = 5, 250_000_000 * i
             writer.write("/imu/wrist", message, i)
     with pytest.warns(McapWarning, match="there is no"):
-        recording = read_recording(tmp_path / "other.mcap")
+        recording = read_scene(tmp_path / "other.mcap").wearers[0]
     np.testing.assert_allclose(recording.imus["wrist"].time, [5.0, 5.25, 5.5])
     assert recording.name == "other"
 
@@ -90,7 +88,7 @@ def test_samples_that_lack_a_field_others_have_become_gaps(tmp_path: Path) -> No
             message = ImuSample(sensor="a", seconds=i / 10, specific_force=FORCE, orientation_wxyz=turn)
             writer.write("/imu/a", message, i)
     with pytest.warns(McapWarning, match="sensor 'a': 1 incomplete"):
-        stream = read_recording(tmp_path / "r.mcap").imus["a"]
+        stream = read_scene(tmp_path / "r.mcap").wearers[0].imus["a"]
     np.testing.assert_allclose(stream.time, [0, 0.1, 0.3, 0.4])
 
 
@@ -104,7 +102,7 @@ def test_two_topics_of_one_sensor_or_two_sensors_on_one_topic_are_refused(tmp_pa
         pytest.warns(McapWarning),
         pytest.raises(FileFormatError, match=r"r\.mcap.*one topic per sensor"),
     ):
-        read_recording(tmp_path / "r.mcap")
+        read_scene(tmp_path / "r.mcap")
 
 
 def test_foreign_channels_are_left_out_and_named(tmp_path: Path) -> None:
@@ -119,7 +117,7 @@ def test_foreign_channels_are_left_out_and_named(tmp_path: Path) -> None:
         raw.add_message(video, 1, b"{}", 1)
         raw.add_message(raw.register_channel("/blob", "", 0), 1, b"x", 1)
     with pytest.warns(McapWarning, match=r"left out.*/camera \(acme.Image\).*/blob \(no schema\)"):
-        read = read_recording(tmp_path / "r.mcap")
+        read = read_scene(tmp_path / "r.mcap").wearers[0]
     assert_same(recording, read)
 
 
@@ -130,7 +128,7 @@ def test_a_file_without_our_messages_is_refused_with_its_topics(tmp_path: Path) 
         writer.add_message(writer.register_channel("/odometry", "json", 0), 0, b"{}", 0)
         writer.finish()
     with pytest.warns(McapWarning), pytest.raises(FileFormatError, match=r"other\.mcap.*found topics /odometry"):
-        read_recording(tmp_path / "other.mcap")
+        read_scene(tmp_path / "other.mcap")
 
 
 def test_messages_that_do_not_decode_are_named(tmp_path: Path) -> None:
@@ -139,7 +137,7 @@ def test_messages_that_do_not_decode_are_named(tmp_path: Path) -> None:
         writer.add(channel, 0, ImuSample(sensor="a", specific_force=FORCE).SerializeToString())
         writer.add(channel, 1, b"\xff\xff\xff")
     with pytest.warns(McapWarning), pytest.raises(FileFormatError, match=r"message 1 of topic /imu/a"):
-        read_recording(tmp_path / "r.mcap")
+        read_scene(tmp_path / "r.mcap")
 
 
 def test_unusable_samples_are_refused_with_the_file_named(tmp_path: Path) -> None:
@@ -147,7 +145,7 @@ def test_unusable_samples_are_refused_with_the_file_named(tmp_path: Path) -> Non
         for i in range(2):
             writer.write("/imu/a", ImuSample(sensor="a", seconds=1.0, specific_force=FORCE), i)
     with pytest.warns(McapWarning), pytest.raises(RecordingError, match=r"r\.mcap.*sensor 'a'"):
-        read_recording(tmp_path / "r.mcap")
+        read_scene(tmp_path / "r.mcap")
 
 
 @pytest.mark.parametrize(
@@ -157,12 +155,12 @@ def test_unusable_samples_are_refused_with_the_file_named(tmp_path: Path) -> Non
 def test_what_is_no_mcap_file_is_refused(tmp_path: Path, content: bytes, what: str) -> None:
     (tmp_path / "x.mcap").write_bytes(content)
     with pytest.raises(FileFormatError, match=rf"x\.mcap.*{what}"):
-        read_recording(tmp_path / "x.mcap")
+        read_scene(tmp_path / "x.mcap")
 
 
 def test_a_missing_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no such file"):
-        read_recording(tmp_path / "none.mcap")
+        read_scene(tmp_path / "none.mcap")
 
 
 def test_an_interrupt_leaves_the_old_file_and_no_trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -187,11 +185,11 @@ def test_what_the_truth_does_not_know_is_kept(tmp_path: Path) -> None:
     known = frozenset({"pelvis", "left_hip", "right_hip"})
     assert recording.truth is not None
     write_recording(replace(recording, truth=replace(recording.truth, known_bones=known)), tmp_path / "a.mcap")
-    truth = read_recording(tmp_path / "a.mcap").truth
+    truth = read_scene(tmp_path / "a.mcap").wearers[0].truth
     assert truth is not None
     assert truth.known_bones == known
     write_recording(recording, tmp_path / "b.mcap")
-    truth = read_recording(tmp_path / "b.mcap").truth
+    truth = read_scene(tmp_path / "b.mcap").wearers[0].truth
     assert truth is not None
     assert truth.known_bones is None
 
@@ -222,7 +220,7 @@ def test_the_round_trip_of_a_scene_is_lossless_and_silent(
     tmp_path_factory: pytest.TempPathFactory, scene: Scene
 ) -> None:
     path = tmp_path_factory.mktemp("mcap") / "s.mcap"
-    write_scene(scene, path)
+    write_recording(scene, path)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         read = read_scene(path)
@@ -242,16 +240,8 @@ def test_a_recording_is_a_scene_and_a_scene_of_one_wearer_a_recording(
         warnings.simplefilter("error")
         scene = read_scene(folder / "r.mcap")
         assert_same(Scene(recording.name, (recording,)), scene)
-        write_scene(replace(filmed_walk(), wearers=(recording,)), folder / "s.mcap")
-        assert_same(recording, read_recording(folder / "s.mcap"))
-
-
-def test_several_wearers_are_no_recording(tmp_path: Path) -> None:
-    scene = filmed_walk(3)
-    other = replace(walk(5), subject=replace(walk(1).subject, name="Bea"))
-    write_scene(replace(scene, wearers=(*scene.wearers, other)), tmp_path / "s.mcap")
-    with pytest.raises(FileFormatError, match=r"s\.mcap.*one wearer, found Ada, Bea.*read_scene"):
-        read_recording(tmp_path / "s.mcap")
+        write_recording(replace(filmed_walk(), wearers=(recording,)), folder / "s.mcap")
+        assert_same(recording, read_scene(folder / "s.mcap").wearers[0])
 
 
 def three_cameras() -> Scene:
@@ -265,8 +255,8 @@ def three_cameras() -> Scene:
 
 
 def test_further_cameras_have_topics_below_their_names(tmp_path: Path) -> None:
-    write_scene(three_cameras(), tmp_path / "three.mcap")
-    write_scene(filmed_walk(5), tmp_path / "one.mcap")
+    write_recording(three_cameras(), tmp_path / "three.mcap")
+    write_recording(filmed_walk(5), tmp_path / "one.mcap")
     three, one = (set(read_contents(tmp_path / name).topics) for name in ("three.mcap", "one.mcap"))
     of_first = {topic for topic in one if "/camera/" in topic}
     assert of_first == {topic for topic in three if "/camera/" in topic and topic.count("/") == 2 + ("truth" in topic)}
@@ -276,7 +266,7 @@ def test_further_cameras_have_topics_below_their_names(tmp_path: Path) -> None:
 
 def test_a_further_camera_without_its_pose_is_left_out(tmp_path: Path) -> None:
     scene = three_cameras()
-    write_scene(scene, tmp_path / "whole.mcap")
+    write_recording(scene, tmp_path / "whole.mcap")
     with (tmp_path / "cut.mcap").open("wb") as file, MessageWriter(file) as writer:
         writer.copy(read_contents(tmp_path / "whole.mcap"), ("/camera/left/pose",))
     with pytest.warns(McapWarning, match="'left' is left out"):
@@ -296,7 +286,7 @@ def test_a_video_beside_the_file_moves_with_it(tmp_path: Path) -> None:
     assert scene.camera is not None
     for video, where in ((tmp_path / "a" / "v.mp4", tmp_path / "b" / "v.mp4"), (Path("/v.mp4"), Path("/v.mp4"))):
         (tmp_path / "a").mkdir(exist_ok=True)
-        write_scene(replace(scene, camera=replace(scene.camera, video=Video(video))), tmp_path / "a" / "s.mcap")
+        write_recording(replace(scene, camera=replace(scene.camera, video=Video(video))), tmp_path / "a" / "s.mcap")
         (tmp_path / "a").rename(tmp_path / "b")
         read = read_scene(tmp_path / "b" / "s.mcap").camera
         assert read is not None
@@ -312,7 +302,7 @@ def test_of_a_cut_scene_the_first_frames_and_samples_are_read(tmp_path: Path, sh
     other = replace(walk(), subject=replace(walk(1).subject, name="Bea"))
     scene = replace(scene, wearers=(*scene.wearers, other))
     path = tmp_path / "s.mcap"
-    write_scene(scene, path)
+    write_recording(scene, path)
     whole = path.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
     try:
@@ -335,7 +325,7 @@ def _written(path: Path, info: CameraInfo, frames: list[Detections2D]) -> Path:
     """A scene with another camera's messages."""
     from vip_factors.io.mcap_reader import read_contents
 
-    write_scene(filmed_walk(2), path.with_name("whole.mcap"), overwrite=True)
+    write_recording(filmed_walk(2), path.with_name("whole.mcap"), overwrite=True)
     with open(path, "wb") as file, MessageWriter(file) as writer:
         writer.copy(
             read_contents(path.with_name("whole.mcap")),
@@ -370,7 +360,7 @@ def test_frames_lost_in_between_count_as_empty(tmp_path: Path) -> None:
 def test_a_camera_without_intrinsics_is_left_out(tmp_path: Path) -> None:
     from vip_factors.io.mcap_reader import read_contents
 
-    write_scene(filmed_walk(2), tmp_path / "whole.mcap")
+    write_recording(filmed_walk(2), tmp_path / "whole.mcap")
     with open(tmp_path / "s.mcap", "wb") as file, MessageWriter(file) as writer:
         writer.copy(read_contents(tmp_path / "whole.mcap"), ("/camera/calibration",))
     with pytest.warns(McapWarning, match=r"camera is left out.*found /camera/info"):
@@ -398,7 +388,7 @@ def test_the_index_tells_what_the_samples_do(tmp_path: Path) -> None:
     write_recording(replace(recording, imus={**recording.imus, first: imu}), path)
     index = indexed_recording(path, 0.0)
     assert index is not None
-    read = read_recording(path)
+    read = read_scene(path).wearers[0]
     told = recording_text(index.head, index).splitlines()
     assert told[:-1] == recording_text(read).splitlines()
     assert "index" in told[-1]

@@ -15,7 +15,7 @@ from mcap_samples import walk
 
 from vip_factors.errors import FileFormatError
 from vip_factors.io.mcap_reader import McapContents, McapWarning, read_contents
-from vip_factors.io.mcap_recording import read_recording, write_recording
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_records import logged_interval
 
 MESSAGES = 400
@@ -152,7 +152,7 @@ def test_of_a_cut_recording_the_first_samples_of_all_sensors_are_read(
     cut = int(share * len(recording_file))
     path.write_bytes(recording_file[:cut])
     try:
-        read = read_recording(path)
+        read = read_scene(path).wearers[0]
     except FileFormatError as error:
         assert share < 0.2, "the description is lost only with the very beginning"
         assert "cut" in str(error) or "empty" in str(error)  # noqa: PT017

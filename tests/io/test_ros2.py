@@ -15,7 +15,7 @@ from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.io import ros2
 from vip_factors.io.mcap_reader import McapWarning
-from vip_factors.io.mcap_recording import read_recording
+from vip_factors.io.mcap_recording import read_scene
 
 LINE = "=" * 80
 DEFINITION = f"""std_msgs/Header header
@@ -171,7 +171,7 @@ def test_of_a_cut_file_the_first_samples_are_read_and_it_is_said(tmp_path: Path)
 def test_errors_name_the_file_and_what_to_do(tmp_path: Path) -> None:
     path = write(tmp_path / "r.mcap", {"/imu": [imu(0)]})
     with pytest.warns(McapWarning), pytest.raises(FileFormatError, match="vip-factors convert"):
-        read_recording(path)
+        read_scene(path)
     far = {"x": 0.0, "y": 0.0, "z": 981.0}
     write(path, {"/imu": [imu(0, linear_acceleration=far)]})
     with pytest.raises(RecordingError, match=r"r\.mcap: sensor 'pelvis'.*m/s²"):

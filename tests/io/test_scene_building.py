@@ -13,7 +13,7 @@ from scene_samples import filmed_walk
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.io.convert import ImportOptions
-from vip_factors.io.mcap_recording import write_recording, write_scene
+from vip_factors.io.mcap_recording import write_recording
 from vip_factors.io.scene_building import CameraOptions, SceneWarning, add_camera, join_wearers, read_log_as_scene
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
@@ -167,7 +167,7 @@ def test_joining_refuses_two_cameras_and_two_of_a_name() -> None:
 
 def test_recordings_and_scenes_of_ours_are_read_as_they_are(tmp_path: Path) -> None:
     write_recording(of("Ada"), tmp_path / "a.mcap")
-    write_scene(filmed_walk(4), tmp_path / "s.mcap")
+    write_recording(filmed_walk(4), tmp_path / "s.mcap")
     assert_same(Scene("walk of Ada", (of("Ada"),)), read_log_as_scene(tmp_path / "a.mcap", ImportOptions()))
     named = read_log_as_scene(tmp_path / "s.mcap", ImportOptions(name="new"))
     assert (named.name, named.wearers[0].name) == ("new", "new")

@@ -12,7 +12,7 @@ from scene_samples import MODEL, filmed_walk
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.mcap_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.video import (
     COLOURS,
     check_video,
@@ -54,7 +54,7 @@ def test_frames_come_in_order_with_their_times(video: Path) -> None:
 
 def test_an_embedded_video_is_seen_without_its_file(video: Path, tmp_path: Path) -> None:
     scene = embed_video(filmed_walk(20), video, every=3, width=64)
-    write_scene(scene, tmp_path / "s.mcap")
+    write_recording(scene, tmp_path / "s.mcap")
     camera = read_scene(tmp_path / "s.mcap").camera
     assert camera is not None
     assert camera.video == scene.camera.video
@@ -159,8 +159,8 @@ def test_they_are_kept_in_the_recording(tmp_path: Path) -> None:
     colours = np.random.default_rng(0).random((len(camera.detections), COLOURS))
     colours[::2] = np.nan
     detections = replace(camera.detections, torso_colour=colours)
-    write_scene(replace(scene, camera=replace(camera, detections=detections)), tmp_path / "coloured.mcap")
+    write_recording(replace(scene, camera=replace(camera, detections=detections)), tmp_path / "coloured.mcap")
     read = read_scene(tmp_path / "coloured.mcap").camera.detections.torso_colour
     np.testing.assert_allclose(read, colours, rtol=1e-6)
-    write_scene(scene, tmp_path / "plain.mcap")
+    write_recording(scene, tmp_path / "plain.mcap")
     assert read_scene(tmp_path / "plain.mcap").camera.detections.torso_colour is None

@@ -21,7 +21,7 @@ from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording
 from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.sensors.camera_path import CameraPath
@@ -103,7 +103,7 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(
     """Two wearers keep their names over a window without a single detection of them, and nothing leaps."""
     scene = at_10_hz(without_detections(filmed_gestures("walking", seconds=6.4, people=("anna", "ben")), 2.0, 5.0))
     recording, out = tmp_path / "scene.mcap", tmp_path / "estimate.mcap"
-    write_scene(scene, recording)
+    write_recording(scene, recording)
     assert main(["smooth", str(recording), "--out", str(out), *OPTIONS]) == 0
     estimate = read_estimate(out)
     assert f"VIP, anna: {len(estimate.wearers[0].motion)} frames at 5 Hz" in capsys.readouterr().out

@@ -28,7 +28,7 @@ from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import mean_rotation, rotation_z, transpose
 from vip_factors.io.convert import ImportOptions, import_recording
-from vip_factors.io.mcap_recording import read_scene, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.scene_building import CameraOptions, add_camera
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import SensorCalibration
@@ -129,7 +129,7 @@ def made(scene: PopulationScene, simulator: Path, motions: Path, folder: Path) -
             whole,
             CameraOptions(raw / "openpose", raw / "camera.toml", rate=FRAME_RATE, static=not carried, imu_log=log),
         )
-    write_scene(whole, out)
+    write_recording(whole, out)
     return out
 
 

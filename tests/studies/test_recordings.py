@@ -10,7 +10,7 @@ from filmed_gestures import filmed_gestures
 from tests.studies.__main__ import main
 from tests.studies.recordings import Recordings, who_is_who
 from tests.studies.study import markdown, run
-from vip_factors.io.mcap_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.scene import Scene
 
 
@@ -18,7 +18,7 @@ from vip_factors.sensors.scene import Scene
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = filmed_gestures("fixed", 2.5)
     path = tmp_path_factory.mktemp("recordings") / "gestures.mcap"
-    write_scene(Scene("gestures", scene.wearers), path)
+    write_recording(Scene("gestures", scene.wearers), path)
     return path
 
 

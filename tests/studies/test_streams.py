@@ -41,7 +41,7 @@ from tests.studies.study import markdown, run
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError, VipFactorsError
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
-from vip_factors.io.mcap_recording import read_recording, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame, live_samples, stream_head
@@ -137,7 +137,7 @@ def test_what_is_too_short_is_said(stream: LongStream) -> None:
 def test_a_recording_of_hours_is_a_clip_played_forwards_and_backwards(tmp_path: Path) -> None:
     path = tmp_path / "long.mcap"
     Long(hours=20 / 3600, sensors="sip6", clip_s=8.0).write(path)
-    recording = read_recording(path)
+    recording = read_scene(path).wearers[0]
     assert recording.truth is None
     assert recording.initial_pose == "t-pose"
     assert recording.interval[1] == pytest.approx(20.0, abs=0.1)
@@ -292,7 +292,7 @@ def test_samples_are_repeated_turned_and_moved_in_time() -> None:
 def command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
     """That runs the program; and a scene that need not be simulated."""
     scene = live_scene(2.0, 1)
-    write_scene(scene, tmp_path / "known.mcap")
+    write_recording(scene, tmp_path / "known.mcap")
     monkeypatch.setattr(stream_program, "apart", lambda work, trials: scene)
     monkeypatch.setattr(stream_program, "START_S", 0.0)
     return sys.executable, str(STUB), str(tmp_path / "known.mcap")
@@ -370,8 +370,8 @@ def test_killed_streams_lose_a_chunk_at_most(tmp_path: Path) -> None:
     study = StreamKill(kills=1, seconds=2.0)
     with pytest.MonkeyPatch.context() as patch:
         known = live_scene(2.0, 1, filmed=False)  # need not be simulated
-        patch.setattr("tests.studies.stream_ends.write_recording", lambda made, path: write_scene(known, path))
-        write_scene(known, tmp_path / "known.mcap")
+        patch.setattr("tests.studies.stream_ends.write_recording", lambda made, path: write_recording(known, path))
+        write_recording(known, tmp_path / "known.mcap")
         (one,) = found = run(replace(study, command=(sys.executable, str(STUB), str(tmp_path / "known.mcap"))))
     assert one.estimate
     assert one.rerun

@@ -7,6 +7,7 @@ import pytest
 
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
+from vip_factors.viz.drawn_scene import drawn_wearer
 from vip_factors.viz.picture import filmstrip
 
 
@@ -15,7 +16,7 @@ def share_like(image: np.ndarray, colour: tuple[int, int, int], tolerance: int =
 
 
 def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> None:
-    filmstrip(scene.estimate, scene.recording, scene.truth, tmp_path / "a.png")
+    filmstrip(drawn_wearer(scene.recording, scene.estimate, scene.truth), tmp_path / "a.png")
     image = cv2.imread(str(tmp_path / "a.png"))
     assert image.shape[1] == 1600
     strip = image[150:560].astype(int)  # light and shadow keep the hue
@@ -27,24 +28,24 @@ def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> N
 
 
 def test_without_truth_the_residual_is_the_curve(scene, tmp_path: Path) -> None:
-    filmstrip(scene.estimate, replace(scene.recording, truth=None), None, tmp_path / "a.png")
+    filmstrip(drawn_wearer(replace(scene.recording, truth=None), scene.estimate), tmp_path / "a.png")
     bare = replace(scene.estimate, residuals={})
-    filmstrip(bare, None, None, tmp_path / "b.png")
+    filmstrip(drawn_wearer(None, bare), tmp_path / "b.png")
     assert cv2.imread(str(tmp_path / "a.png")).shape[0] > cv2.imread(str(tmp_path / "b.png")).shape[0]
 
 
 def test_a_truth_alone_and_a_short_motion_can_be_drawn(scene, tmp_path: Path) -> None:
-    filmstrip(None, scene.recording, None, tmp_path / "a.png")
-    filmstrip(None, None, scene.truth.frames(slice(0, 1)), tmp_path / "b.png")
+    filmstrip(drawn_wearer(scene.recording, None), tmp_path / "a.png")
+    filmstrip(drawn_wearer(None, None, scene.truth.frames(slice(0, 1))), tmp_path / "b.png")
 
 
 def test_bad_requests_are_refused_in_a_sentence(scene, tmp_path: Path) -> None:
     (tmp_path / "a.png").write_text("precious")
     with pytest.raises(InputError, match="exists"):
-        filmstrip(scene.estimate, None, None, tmp_path / "a.png")
+        filmstrip(drawn_wearer(None, scene.estimate), tmp_path / "a.png")
     with pytest.raises(InputError, match=r"\.png"):
-        filmstrip(scene.estimate, None, None, tmp_path / "a.jpg")
+        filmstrip(drawn_wearer(None, scene.estimate), tmp_path / "a.jpg")
     with pytest.raises(InputError, match="nothing to draw"):
-        filmstrip(None, replace(scene.recording, truth=None), None, tmp_path / "b.png")
+        filmstrip(drawn_wearer(replace(scene.recording, truth=None), None), tmp_path / "b.png")
     assert (tmp_path / "a.png").read_text() == "precious"
     assert len(list(tmp_path.iterdir())) == 1

@@ -21,7 +21,7 @@ def printed(rrd: Path) -> str:
 
 def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> None:
     rrd = tmp_path / "scene.rrd"
-    show(drawn_wearer(scene.recording, scene.estimate, scene.truth, Compare.ROOT), rrd)
+    show(drawn_wearer(scene.recording, scene.estimate, scene.truth), rrd)
     chunks = printed(rrd)
     for entity in (
         "/world/walker/estimate/left_knee",
@@ -44,7 +44,7 @@ def test_every_way_to_compare_can_be_written(scene, tmp_path: Path, compare: Com
 
 
 def test_a_bare_recording_stands_in_the_t_pose(scene, tmp_path: Path) -> None:
-    show(drawn_wearer(replace(scene.recording, truth=None), None, None, Compare.ROOT), tmp_path / "a.rrd")
+    show(drawn_wearer(replace(scene.recording, truth=None), None), tmp_path / "a.rrd")
     chunks = printed(tmp_path / "a.rrd")
     assert "/world/walker/body/head/head" in chunks
     assert "/estimate" not in chunks
@@ -52,7 +52,7 @@ def test_a_bare_recording_stands_in_the_t_pose(scene, tmp_path: Path) -> None:
 
 def test_residuals_that_are_missing_leave_no_samples(scene, tmp_path: Path) -> None:
     residuals = {"orientation_deg": np.full((len(scene.truth), 13), np.nan)}
-    show(drawn_wearer(None, replace(scene.estimate, residuals=residuals), None, Compare.ROOT), tmp_path / "a.rrd")
+    show(drawn_wearer(None, replace(scene.estimate, residuals=residuals)), tmp_path / "a.rrd")
     assert (tmp_path / "a.rrd").stat().st_size > 0
 
 
@@ -60,18 +60,18 @@ def test_an_existing_file_is_kept(scene, tmp_path: Path) -> None:
     path = tmp_path / "a.rrd"
     path.write_text("precious")
     with pytest.raises(InputError, match="exists"):
-        show(drawn_wearer(None, scene.estimate, None, Compare.ROOT), path)
+        show(drawn_wearer(None, scene.estimate), path)
     assert path.read_text() == "precious"
-    show(drawn_wearer(None, scene.estimate, None, Compare.ROOT), path, overwrite=True)
+    show(drawn_wearer(None, scene.estimate), path, overwrite=True)
     assert path.stat().st_size > 100
 
 
 def test_a_failure_leaves_nothing_behind(scene, tmp_path: Path) -> None:
     elsewhere = replace(scene.truth, start=1000.0)
     with pytest.raises(InputError, match="overlap"):
-        show(drawn_wearer(None, scene.estimate, elsewhere, Compare.ROOT), tmp_path / "a.rrd")
+        show(drawn_wearer(None, scene.estimate, elsewhere), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="nothing to show"):
-        show(drawn_wearer(None, None, None, Compare.ROOT), tmp_path / "a.rrd")
+        show(drawn_wearer(None, None), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="no folder"):
-        show(drawn_wearer(None, scene.estimate, None, Compare.ROOT), tmp_path / "missing" / "a.rrd")
+        show(drawn_wearer(None, scene.estimate), tmp_path / "missing" / "a.rrd")
     assert list(tmp_path.iterdir()) == []

@@ -18,7 +18,7 @@ from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.film_panes import PLANE
 from vip_factors.viz.images import video_stream
-from vip_factors.viz.picture import scene_filmstrip
+from vip_factors.viz.picture import filmstrip
 
 ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
 
@@ -40,13 +40,13 @@ def pixels_like(png: Path, colour: tuple[int, int, int], tolerance: int = 10) ->
 
 def test_every_wearer_is_on_the_picture_in_its_colour(sample: Scene, tmp_path: Path) -> None:
     png = tmp_path / "a.png"
-    scene_filmstrip(sample, estimate_of(sample, ERRORS), png, frames=3)
+    filmstrip(drawn_scene(sample, estimate_of(sample, ERRORS)), png, frames=3)
     shown = cv2.imread(str(png))[..., ::-1].astype(int)[130:430]  # the frames, with light and shadow
     assert 1000 < np.sum(shown[..., 0] - shown[..., 2] > 60) < 50_000  # orange
     assert 1000 < np.sum(shown[..., 2] - shown[..., 0] > 60) < 50_000  # blue
     short = tmp_path / "b.png"
     bare = replace(sample, truth=None, wearers=tuple(replace(one, truth=None) for one in sample.wearers))
-    scene_filmstrip(bare, None, short, frames=3)  # no camera pose, no curves: detections alone
+    filmstrip(drawn_scene(bare, None), short, frames=3)  # no camera pose, no curves: detections alone
     assert cv2.imread(str(short)).shape[0] < cv2.imread(str(png)).shape[0]
 
 
@@ -56,7 +56,7 @@ def test_frames_of_the_video_are_the_background(sample: Scene, tmp_path: Path) -
     blob = cv2.imencode(".png", green)[1].tobytes()
     video = Video(None, dict.fromkeys(range(len(sample.camera.detections.time)), blob))
     seen = replace(sample, camera=replace(sample.camera, video=video))
-    scene_filmstrip(seen, None, tmp_path / "a.png", frames=3)
+    filmstrip(drawn_scene(seen, None), tmp_path / "a.png", frames=3)
     assert pixels_like(tmp_path / "a.png", (0, 200, 0)) > 50_000
     assert pixels_like(tmp_path / "a.png", PLANE, 2) < 8000  # but for the plates of the times
 
@@ -93,14 +93,14 @@ def _off(wearer, metres: float):
 
 def test_what_cannot_be_drawn_is_said(sample: Scene, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no camera"):
-        scene_filmstrip(replace(sample, camera=None, truth=None), None, tmp_path / "a.png")
+        filmstrip(drawn_scene(replace(sample, camera=None, truth=None), None), tmp_path / "a.png")
     with pytest.raises(InputError, match="no chart"):
         scene_charts({"truth": drawn_scene(sample, None)}, tmp_path / "a.png")
     with pytest.raises(InputError, match="no chart"):
         scene_charts({}, tmp_path / "a.png")
     (tmp_path / "b.png").write_text("precious")
     with pytest.raises(InputError, match="exists"):
-        scene_filmstrip(sample, None, tmp_path / "b.png")
+        filmstrip(drawn_scene(sample, None), tmp_path / "b.png")
     assert (tmp_path / "b.png").read_text() == "precious"
 
 
@@ -109,7 +109,7 @@ def test_a_camera_without_frames_is_refused(sample: Scene, tmp_path: Path) -> No
     none = Detections(seen.keypoints, np.zeros(0), np.zeros(0, int), seen.pixels[:0], seen.confidence[:0])
     blind = replace(sample, camera=replace(sample.camera, detections=none), truth=None)
     with pytest.raises(InputError, match="no video frames to draw"):
-        scene_filmstrip(blind, None, tmp_path / "a.png")
+        filmstrip(drawn_scene(blind, None), tmp_path / "a.png")
 
 
 def test_a_truth_without_frames_is_none_and_an_estimate_without_is_refused(sample: Scene) -> None:

@@ -12,7 +12,6 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.viz import viewer as module
 from vip_factors.viz.colours import wearer_colour
-from vip_factors.viz.compare import Compare
 from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
 from vip_factors.viz.rerun_view import show
 from vip_factors.viz.viewer import address, screenshot, serve
@@ -39,7 +38,7 @@ def test_a_viewer_that_draws_nothing_is_told(tmp_path: Path, monkeypatch: pytest
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("xvfb-run") is None, reason="needs xvfb and mesa-vulkan-drivers")
 def test_rerun_draws_the_scene(scene, tmp_path: Path) -> None:
-    show(drawn_wearer(scene.recording, scene.estimate, scene.truth, Compare.ROOT), tmp_path / "a.rrd")
+    show(drawn_wearer(scene.recording, scene.estimate, scene.truth), tmp_path / "a.rrd")
     screenshot(tmp_path / "a.rrd", tmp_path / "a.png", size=(800, 500))
     image = cv2.imread(str(tmp_path / "a.png"))
     assert image.shape[0] >= 500

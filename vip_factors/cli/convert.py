@@ -125,7 +125,7 @@ def main(options: ConvertOptions) -> None:
     from vip_factors.api import convert
     from vip_factors.cli.info_text import recording_text, scene_text
     from vip_factors.io.convert import ImportOptions
-    from vip_factors.io.mcap_recording import write_recording, write_scene
+    from vip_factors.io.mcap_recording import write_recording
 
     if options.template is not None:
         _write_templates(options)
@@ -142,7 +142,7 @@ def main(options: ConvertOptions) -> None:
             write_recording(scene.wearers[0], options.out, overwrite=options.overwrite)
             text = recording_text(scene.wearers[0])
         else:
-            write_scene(scene, options.out, overwrite=options.overwrite)
+            write_recording(scene, options.out, overwrite=options.overwrite)
             text = scene_text(scene)
     print(text)
     print(options.out)

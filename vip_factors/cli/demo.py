@@ -43,7 +43,6 @@ def main(options: DemoOptions) -> None:
     from vip_factors.pipeline import smooth
     from vip_factors.settings import Settings
     from vip_factors.simulate.settings import SimulateSettings
-    from vip_factors.viz.compare import Compare
     from vip_factors.viz.drawn_scene import drawn_wearer
     from vip_factors.viz.picture import filmstrip
     from vip_factors.viz.rerun_view import show
@@ -72,10 +71,9 @@ def main(options: DemoOptions) -> None:
         evaluation = evaluate(estimate, truth)
         with atomic_open(files["evaluation.json"], "w", options.overwrite) as file:
             file.write(evaluation.to_json())
-        filmstrip(
-            estimate, recording, None, files["demo.png"], title=_title(estimate.method), overwrite=options.overwrite
-        )
-        show(drawn_wearer(recording, estimate, None, Compare.ROOT), files["demo.rrd"], options.overwrite)
+        drawn = drawn_wearer(recording, estimate)
+        filmstrip(drawn, files["demo.png"], title=_title(estimate.method), overwrite=options.overwrite)
+        show(drawn, files["demo.rrd"], options.overwrite)
     for name in ("mpjpe", "mpjae", "heading_error", "mounting_error"):
         if name in evaluation.metrics:
             metric = evaluation.metrics[name]

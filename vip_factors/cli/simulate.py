@@ -89,37 +89,30 @@ class SimulateOptions:
 
 def main(options: SimulateOptions) -> None:
     """Run the command."""
+    from vip_factors.io.mcap_recording import write_recording
+
     video = options.video
     if video.camera == "none" and (video.also or video.bystanders or video.cameras > 1 or video.known_camera_pose):
         raise InputError("--also, --bystanders and --cameras make a scene: expected a --camera as well")
     check_target(options.out, options.overwrite)
-    told = _write_recording(options) if options.video.camera == "none" else _write_scene(options)
-    print(told)
+    with waiting("simulating"):
+        scene = simulated_scene(options)
+        plain = options.video.camera == "none"
+        write_recording(scene.wearers[0] if plain else scene, options.out, overwrite=options.overwrite)
+    print(_summary(scene, options.video.camera))
     print(options.out)
 
 
-def _write_recording(options: SimulateOptions) -> str:
-    from vip_factors.io.mcap_recording import write_recording
-
-    with waiting("simulating"):
-        recording = simulated(options)
-        write_recording(recording, options.out, overwrite=options.overwrite)
-    start, end = recording.interval
-    return f"{len(recording.imus)} sensors, {end - start:.1f} s"
-
-
-def _write_scene(options: SimulateOptions) -> str:
-    from vip_factors.io.mcap_recording import write_scene
-
-    with waiting("simulating"):
-        scene = simulated_scene(options)
-        write_scene(scene, options.out, overwrite=options.overwrite)
-    found = [camera.detections for camera in scene.cameras]
+def _summary(scene: "Scene", camera: CameraName) -> str:
     sensors = sum(len(wearer.imus) for wearer in scene.wearers)
+    if camera == "none":
+        start, end = scene.wearers[0].interval
+        return f"{sensors} sensors, {end - start:.1f} s"
+    found = [one.detections for one in scene.cameras]
     further = f" and {len(found) - 1} further" if len(found) > 1 else ""
     return (
-        f"{len(scene.wearers)} wearers with {sensors} sensors, {options.video.camera} camera{further}, "
-        f"{len(found[0].time)} video frames, {sum(map(len, found))} detections"
+        f"{len(scene.wearers)} wearers with {sensors} sensors, {camera} camera{further}, {len(found[0].time)} video "
+        f"frames, {sum(map(len, found))} detections"
     )
 
 

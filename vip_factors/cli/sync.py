@@ -47,7 +47,7 @@ def main(options: SyncOptions, settings: "ClockSettings") -> None:
     from math import isfinite
 
     from vip_factors.api import with_clock
-    from vip_factors.io.mcap_recording import read_scene, write_scene
+    from vip_factors.io.mcap_recording import read_scene, write_recording
     from vip_factors.sensors.camera_model import VideoClock
 
     out = options.out or beside(options.scene, ".synced.mcap")
@@ -78,7 +78,7 @@ def main(options: SyncOptions, settings: "ClockSettings") -> None:
         clock = found.clock if seconds is None else VideoClock(seconds)
     if options.dry_run:
         return
-    write_scene(with_clock(scene, clock), out, overwrite=options.overwrite)
+    write_recording(with_clock(scene, clock), out, overwrite=options.overwrite)
     print(out)
 
 

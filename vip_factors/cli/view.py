@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
@@ -15,6 +15,9 @@ from vip_factors.errors import InputError
 from vip_factors.ranges import Port
 from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.viewer import check_display
+
+if TYPE_CHECKING:
+    from vip_factors.viz.drawn_scene import DrawnScene
 
 INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd, --picture or --video"
 
@@ -79,7 +82,9 @@ def main(options: ViewOptions) -> None:
     if opened.is_scene and opened.motion is not None:
         raise InputError(f"a motion ('{opened.motion.name}') beside a scene: expected the scene's own file for truth")
     if options.picture is not None:
-        _picture(opened, options.picture, options.overwrite)
+        from vip_factors.viz.picture import filmstrip
+
+        filmstrip(_drawn(opened), options.picture, overwrite=options.overwrite)
         print(options.picture)
     if options.video is not None:
         write_film(opened, options.video, options.film, options.overwrite)
@@ -96,15 +101,13 @@ def main(options: ViewOptions) -> None:
         _show(opened, None, options)
 
 
-def _picture(opened: Opened, png: Path, overwrite: bool) -> None:
-    from vip_factors.viz.picture import filmstrip, scene_filmstrip
+def _drawn(opened: Opened, compare: str = "root") -> "DrawnScene":
+    from vip_factors.viz.compare import Compare
+    from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
 
-    if opened.scene is not None and opened.recording is None:
-        scene_filmstrip(opened.scene, opened.estimate, png, overwrite=overwrite)
-    elif opened.estimate is not None and len(opened.estimate.wearers) > 1:
-        raise InputError("a picture of an estimate of several wearers needs their scene: give its file too")
-    else:
-        filmstrip(opened.wearer_estimate, opened.recording, opened.motion, png, overwrite=overwrite)
+    if opened.is_scene:
+        return drawn_scene(opened.scene, opened.estimate)
+    return drawn_wearer(opened.recording, opened.wearer_estimate, opened.motion, Compare(compare))
 
 
 def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
@@ -127,15 +130,9 @@ def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
 
 
 def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
-    from vip_factors.viz.compare import Compare
-    from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
     from vip_factors.viz.rerun_view import show
 
-    if opened.is_scene:
-        drawn = drawn_scene(opened.scene, opened.estimate)
-    else:
-        drawn = drawn_wearer(opened.recording, opened.wearer_estimate, opened.motion, Compare(options.compare))
-    show(drawn, save, options.overwrite)
+    show(_drawn(opened, options.compare), save, options.overwrite)
 
 
 def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:

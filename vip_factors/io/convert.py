@@ -11,7 +11,7 @@ import numpy as np
 from vip_factors.body.skeleton import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.body_file import read_body_file, subject_with, with_body
+from vip_factors.io.body_file import read_body_file, subject_with
 from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.io.log_streams import (
     LEAD_S,
@@ -27,7 +27,6 @@ from vip_factors.io.mcap_records import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, place_sensors, placement_from_file
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
-from vip_factors.sensors.parts import joined_in_memory
 from vip_factors.sensors.recording import Recording, Subject, Truth
 
 __all__ = ["FORMATS", "ImportOptions", "detect_format", "import_recording", "placement_from_file", "read_log"]
@@ -154,12 +153,15 @@ def read_log(path: str | Path, format_name: str | None = None, columns: str | Pa
     """Read a log of any format except our own recordings; a table of another make as its column map says.
 
     Raises:
-        InputError: as :func:`detect_format` and the format's reader, and for a table without a column map.
+        InputError: as :func:`detect_format` and the format's reader, for a table without a column map, and for a
+            recording of ours.
     """
     path = Path(path)
     format_name = "table" if columns is not None else format_name or detect_format(path)
     if format_name == "table":
         return _read_table(path, columns)
+    if format_name == "recording":
+        raise InputError(f"{path} is a recording of this package already: expected a sensor log")
     log: ImportedLog = _reader(format_name).read(path)
     return log
 
@@ -178,7 +180,7 @@ def _read_table(path: Path, columns: str | Path | None) -> ImportedLog:
 
 
 def import_recording(path: str | Path, options: ImportOptions | None = None) -> Recording:
-    """A recording from a sensor log of any known format; one of ours comes back as it is, cut if asked.
+    """A recording from a sensor log of any known format except our own.
 
     Sensors with acceleration and angular rate but no orientation get theirs by an attitude filter. Sensors without a
     known site are kept but not placed. What was assumed, dropped or odd stands in the recording's notes.
@@ -189,10 +191,7 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
         RecordingError: if its samples are unusable.
     """
     path, options = Path(path), options or ImportOptions()
-    format_name = options.format or ("table" if options.columns is not None else detect_format(path))
-    if format_name == "recording":
-        return _own(path, options)
-    log = read_log(path, format_name, options.columns)
+    log = read_log(path, options.format, options.columns)
     if options.then:
         logs = [log, *(read_log(one, options.format, options.columns) for one in options.then)]
         log = log_in_parts(logs, [str(one) for one in (path, *options.then)])
@@ -252,21 +251,6 @@ def _held(
     imus = log.imus if same else read_log(source, log.format, options.columns).imus
     held = held_orientations(imus, source, sample)
     return held, without_sample(log.imus, sample) if same and sample else log.imus
-
-
-def _own(path: Path, options: ImportOptions) -> Recording:
-    """One of our recordings, as it is: what it says of wearer and placement is not to be overruled in passing."""
-    if replace(options, body=None, then=()) != ImportOptions(format=options.format):
-        raise InputError(
-            f"{path} is a recording of this package already: it can be read, but takes no import options besides a body"
-        )
-    from vip_factors.io.mcap_recording import read_recording
-
-    recording = read_recording(path)
-    if options.then:
-        parts = [recording, *(read_recording(one) for one in options.then)]
-        recording = joined_in_memory(parts, [str(one) for one in (path, *options.then)])
-    return with_body(recording, read_body_file(options.body)) if options.body is not None else recording
 
 
 def _is_file(placement: str | Path | Mapping[str, str] | None) -> TypeGuard[str | Path]:

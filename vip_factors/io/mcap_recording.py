@@ -40,18 +40,6 @@ READ = (ImuSample, RecordingInfo, SubjectMessage, SensorPlacement, MotionInfo, B
 HEAD = DataclassCodec(RecordingInfo, Recording, {"start": "start_ns"})
 
 
-def write_recording(recording: Recording, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write a recording, its truth included; rotations become quaternions, everything else is kept to the bit.
-
-    Raises:
-        InputError: if the file exists and may not be overwritten, or cannot be written there.
-    """
-    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
-        streams = recording_messages(writer, recording)
-        writer.flush()
-        writer.add_in_order(*streams)
-
-
 def recording_messages(writer: MessageWriter, recording: Recording, prefix: str = "") -> list[Iterable[TimedMessage]]:
     """Write what comes once; the samples and poses are returned as streams, to be interleaved with others.
 
@@ -75,30 +63,6 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
             writer.write(prefix + TRUTH_CALIBRATION, codecs.CALIBRATION.encode(truth.calibration), start_ns)
         streams.append(pose_messages(writer, prefix + TRUTH_POSE, truth.motion, start_ns))
     return streams
-
-
-def read_recording(path: str | os.PathLike[str] | McapContents) -> Recording:
-    """Read a recording, of a file or of what was read of it; with its truth if it has one.
-
-    Of a scene with one wearer, it is that wearer's.
-
-    Channels of other messages are left out and told as a :class:`McapWarning`. Of a file that was cut off, every
-    whole message is read; the warning and the recording's notes say up to where.
-
-    Raises:
-        InputError: if there is no such file.
-        FileFormatError: if it is no MCAP file, holds nothing of a recording, or several wearers.
-        RecordingError: if its samples are unusable.
-    """
-    contents = read_contents(path, lambda channel: is_ours(channel) and not channel.topic.startswith(ESTIMATE))
-    wearers = sorted({one.split("/")[2] for one in contents.topics if one.startswith(WEARER)})
-    if wearers:
-        raise FileFormatError(
-            f"{contents.path}: expected the recording of one wearer, found {', '.join(wearers)}: "
-            "read it as a scene (read_scene)"
-        )
-    with naming(contents.path):
-        return recording_of(contents)
 
 
 def recording_of(contents: McapContents, prefix: str = "") -> Recording:
@@ -177,27 +141,35 @@ def _nothing_here(contents: McapContents) -> str:
     return f"{contents.path}: {expected}; {found}{damage}{advice}"
 
 
-def write_scene(scene: Scene, path: str | os.PathLike[str], overwrite: bool = False) -> None:
-    """Write a scene, its truth included; what is not kept to the bit: rotations, and times of camera paths (1 ns).
+def write_recording(content: Recording | Scene, path: str | os.PathLike[str], overwrite: bool = False) -> None:
+    """Write a recording or a scene, its truth included; rotations become quaternions, and times of camera paths are
+    kept to 1 ns; everything else is kept to the bit.
 
     Raises:
         InputError: if the file exists and may not be overwritten, or cannot be written there.
     """
-    start_ns = scene.wearers[0].start_ns
-    prefixes = wearer_topics(scene.names)
     with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
-        info = SceneInfo(name=scene.name, wearer_topics=prefixes, has_camera=scene.camera is not None)
-        topics = [FIRST_CAMERA, *(CameraTopics.of(one.name) for one in scene.further_cameras)]
-        info.further_camera_topics.extend(one.prefix for one in topics[1:])
-        writer.write(SCENE_INFO, info, start_ns)
-        streams: list[Iterable[TimedMessage]] = []
-        truths = (scene.truth, *scene.truth.further) if scene.truth is not None else [None] * len(topics)
-        for own, camera, truth in zip(topics, scene.cameras, truths, strict=False):  # without a camera there is none
-            streams += camera_messages(writer, own, camera, truth, start_ns, Path(path))
-        for prefix, recording in zip(prefixes, scene.wearers, strict=True):
-            streams += recording_messages(writer, recording, prefix)
+        if isinstance(content, Recording):
+            streams = recording_messages(writer, content)
+        else:
+            streams = _scene_messages(writer, content, Path(path))
         writer.flush()
         writer.add_in_order(*streams)
+
+
+def _scene_messages(writer: MessageWriter, scene: Scene, path: Path) -> list[Iterable[TimedMessage]]:
+    start_ns, prefixes = scene.wearers[0].start_ns, wearer_topics(scene.names)
+    info = SceneInfo(name=scene.name, wearer_topics=prefixes, has_camera=scene.camera is not None)
+    topics = [FIRST_CAMERA, *(CameraTopics.of(one.name) for one in scene.further_cameras)]
+    info.further_camera_topics.extend(one.prefix for one in topics[1:])
+    writer.write(SCENE_INFO, info, start_ns)
+    streams: list[Iterable[TimedMessage]] = []
+    truths = (scene.truth, *scene.truth.further) if scene.truth is not None else [None] * len(topics)
+    for own, camera, truth in zip(topics, scene.cameras, truths, strict=False):  # without a camera there is none
+        streams += camera_messages(writer, own, camera, truth, start_ns, path)
+    for prefix, recording in zip(prefixes, scene.wearers, strict=True):
+        streams += recording_messages(writer, recording, prefix)
+    return streams
 
 
 def wearer_topics(names: Sequence[str], single: str = "", several: str = WEARER) -> list[str]:

@@ -89,7 +89,9 @@ def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
         recording = import_recording(path, options)
         return Scene(recording.name, (recording,))
     if replace(options, name=None, body=None, then=()) != ImportOptions(format=options.format):
-        import_recording(path, replace(options, name=None))  # says that it takes no import options
+        raise InputError(
+            f"{path} is a recording of this package already: it can be read, but takes no import options besides a body"
+        )
     scene = read_scenes((path, *options.then))
     if options.body is not None:
         scene = scene_with_body(scene, read_body_file(options.body), options.body)

@@ -152,8 +152,9 @@ class DrawnScene:
 
 
 def drawn_wearer(
-    recording: Recording | None, estimate: WearerEstimate | None, truth: Motion | None, compare: Compare
-) -> DrawnScene:
+    recording: Recording | None, estimate: WearerEstimate | None, truth: Motion | None = None,
+    compare: Compare = Compare.ROOT,
+) -> DrawnScene:  # fmt: skip
     """One wearer without a camera as a scene.
 
     Args:

@@ -10,10 +10,8 @@ from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, yaw_of
-from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
 from vip_factors.viz.charts import (
     MARGIN,
     SOFT_INK,
@@ -28,8 +26,8 @@ from vip_factors.viz.charts import (
     write,
 )
 from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, mixed, wearer_colour
-from vip_factors.viz.compare import Compare, floor_height
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene, drawn_wearer
+from vip_factors.viz.compare import floor_height
+from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
 from vip_factors.viz.eye import Eye, distant_eye
 from vip_factors.viz.figure import BOX_COLOUR, Figure, as_bytes, blend, figure_of, lit_from
 from vip_factors.viz.film_panes import PLANE, CameraPane
@@ -56,41 +54,40 @@ DOT = "   ·   "
 
 
 def filmstrip(
-    estimate: WearerEstimate | None,
-    recording: Recording | None,
-    truth: Motion | None,
-    path: Path,
-    *,
-    poses: int = 6,
-    title: str | None = None,
-    overwrite: bool = False,
+    drawn: DrawnScene, path: Path, *, frames: int = 6, title: str | None = None, overwrite: bool = False
 ) -> None:
-    """Draw a PNG; each pose is seen from the wearer's front left.
+    """Draw a PNG, with errors over time below: of what a camera filmed frames of its video, three in a row, bodies in
+    their wearers' colours over them; of one wearer alone poses in a row, each seen from the wearer's front left, in
+    colour, the truth in grey behind.
 
     Args:
-        estimate: drawn in colour; None draws the truth in colour.
-        recording: for the sensors' places; its truth is used if ``truth`` is None.
-        truth: drawn in grey behind the estimate, its pelvis under the estimate's.
+        drawn: of one wearer by :func:`~vip_factors.viz.drawn_scene.drawn_wearer`: the truth's pelvis is under the
+            estimate's then.
         path: of the PNG.
-        poses: how many, evenly over the time.
-        title: above the picture; the estimate's name and method if None.
+        frames: how many, or poses, evenly over the time.
+        title: above the picture; name and method if None.
         overwrite: replace an existing file.
 
     Raises:
-        InputError: if there is no motion to draw, or the file exists.
+        InputError: if there is neither a camera with video frames nor a single motion to draw, or the file exists.
     """
-    drawn = drawn_wearer(recording, estimate, truth, Compare.ROOT)
-    (wearer,) = drawn.wearers
+    if drawn.detections is not None or len(drawn.wearers) > 1:
+        _draw_frames(drawn, path, frames, title, overwrite)
+    else:
+        _draw_poses(drawn.wearers[0], path, frames, title, overwrite)
+
+
+def _draw_poses(wearer: DrawnWearer, path: Path, poses: int, title: str | None, overwrite: bool) -> None:
     if wearer.shown is None:
         raise InputError("nothing to draw: expected an estimate, or a recording with its truth")
-    shown, ghost = wearer.shown, wearer.truth if wearer.motion is not None else None
+    shown, ghost, estimate = wearer.shown, wearer.truth if wearer.motion is not None else None, wearer.estimate
     values, label = _curve(wearer)
     frames = np.round(np.linspace(0.04, 0.96, poses) * (len(shown) - 1)).astype(int)
     if title is None:
         title = ", ".join(filter(None, (estimate.name, estimate.method))) if estimate is not None else shown.name
     entries = [(side.value, hexadecimal(ESTIMATE_COLOURS[side]), "-") for side in (Side.LEFT, Side.RIGHT)]
     entries += [("truth", hexadecimal(GHOST), "-")] if ghost is not None else []
-    entries += [("sensor", hexadecimal(BOX_COLOUR), "s")] if recording is not None else []
+    entries += [("sensor", hexadecimal(BOX_COLOUR), "s")] if wearer.recording is not None else []
     curves = [Curve("", shown.time, values)] if values is not None else []
     strip = _strip(wearer, shown, ghost, frames)
     subtitle = _subtitle(estimate, shown, values, ghost is not None)
@@ -116,31 +113,12 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
     return as_bytes(np.ascontiguousarray(picture[..., ::-1]))
 
 
-def scene_filmstrip(
-    scene: Scene,
-    estimate: Estimate | None,
-    path: Path,
-    *,
-    frames: int = 6,
-    title: str | None = None,
-    overwrite: bool = False,
-) -> None:
-    """Draw a PNG: frames of the video, three in a row, with joint (else reprojection) errors over time below.
-
-    Args:
-        scene: with a camera.
-        estimate: its bodies are laid over the frames in their wearers' colours; without it the truth's are.
-        path: of the PNG.
-        frames: how many, evenly over the time.
-        title: above the picture; name and method if None.
-        overwrite: replace an existing file.
-
-    Raises:
-        InputError: if the scene has no camera, or one without frames, or the file exists.
-    """
-    drawn = drawn_scene(scene, estimate)
+def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, overwrite: bool) -> None:
     if drawn.detections is None or drawn.model is None:
-        raise InputError(f"scene '{scene.name}' has no camera: expected one to draw what it saw")
+        raise InputError(
+            f"scene '{drawn.name}' has no camera: expected one to draw what it saw; give the scene's file beside its "
+            "estimate"
+        )
     count = len(drawn.detections.time)
     if not count:
         raise InputError(f"scene '{drawn.name}': its camera has no video frames to draw: was its file cut off?")
@@ -157,7 +135,7 @@ def scene_filmstrip(
         strip[top : top + height, left : left + cell] = picture
         plates.append((left, HEADER + top + height, f"{drawn.detections.time[frame]:.1f} s"))
     if title is None:
-        title = f"{drawn.name}, {estimate.method}" if estimate is not None else drawn.name
+        title = f"{drawn.name}, {drawn.estimate.method}" if drawn.estimate is not None else drawn.name
     entries = [(one.name, hexadecimal(wearer_colour(one.index)), "-") for one in drawn.wearers]
     assert drawn.labels is not None
     entries += [("nobody's", hexadecimal(STRANGER_COLOUR), "-")] if np.any(drawn.labels < 0) else []

@@ -14,7 +14,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.files import export
-from vip_factors.io.mcap_recording import write_scene
+from vip_factors.io.mcap_recording import write_recording
 from vip_factors.io.motions.amass import BODY_JOINTS, read_amass
 from vip_factors.io.settings import ExportSettings
 from vip_factors.sensors.camera_model import CameraModel
@@ -100,7 +100,7 @@ KEYPOINTS, JOINTS = [3, 6, 4, 7, 10, 13], [19, 18, 21, 20, 8, 7]
 @pytest.fixture
 def recording(tmp_path: Path) -> Path:
     path = tmp_path / "scene.mcap"
-    write_scene(filmed()[0], path)
+    write_recording(filmed()[0], path)
     return path
 
 
@@ -156,7 +156,7 @@ def test_a_lens_that_distorts_is_taken_out_of_the_2d_poses(tmp_path: Path) -> No
     flat = (known.pixels - [640, 360]) / 1000
     pixels = bent.project(np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1))
     camera = replace(scene.camera, model=bent, detections=replace(known, pixels=pixels))
-    write_scene(replace(scene, camera=camera), tmp_path / "bent.mcap")
+    write_recording(replace(scene, camera=camera), tmp_path / "bent.mcap")
     estimate = replace(estimate, camera=replace(estimate.camera, model=bent))
     (path,) = export(estimate, tmp_path / "a.pkl", ExportSettings(recording=tmp_path / "bent.mcap"))
     content = content_of(path)
@@ -191,7 +191,7 @@ def test_the_recording_may_tell_the_sex(tmp_path: Path) -> None:
     scene, estimate = filmed()
     ann, bob = scene.wearers
     ann = replace(ann, subject=replace(ann.subject, sex="female"))
-    write_scene(replace(scene, wearers=(ann, bob)), tmp_path / "s.mcap")
+    write_recording(replace(scene, wearers=(ann, bob)), tmp_path / "s.mcap")
     (path,) = export(estimate, tmp_path / "a.pkl", ExportSettings(recording=tmp_path / "s.mcap"))
     assert content_of(path)["genders"] == ["f", "n"]
 

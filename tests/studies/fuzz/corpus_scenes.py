@@ -29,7 +29,7 @@ from vip_factors.io.live.streams import listen
 from vip_factors.io.live.websocket import take_message
 from vip_factors.io.mcap_estimate import read_calibration_history, read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.io.mcap_recording import read_scene, write_recording, write_scene
+from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_source import open_source
 from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.pipeline import smooth
@@ -193,7 +193,7 @@ def _scene_files() -> Files:
     few = replace(wearer, imus={name: one.cut(0.0, 0.2) for name, one in wearer.imus.items()})  # quick to read
 
     def write(folder: Path) -> None:
-        write_scene(replace(scene, wearers=(few,)), folder / "scene.mcap")
+        write_recording(replace(scene, wearers=(few,)), folder / "scene.mcap")
         write_recording(few, folder / "plain.mcap")
         write_estimate(estimate, folder / "scene.estimate.mcap")
         write_estimate(Estimate.of_one(estimate.wearers[0]), folder / "plain.estimate.mcap")
@@ -254,9 +254,9 @@ def _filmed_files() -> Files:
                 for frame in range(2 * FRAMES):
                     film.add(_moving_square(frame))
         shown = replace(scene.camera, video=Video(None, images))  # type: ignore[type-var]
-        write_scene(replace(scene, camera=shown), folder / "images.mcap")
-        write_scene(replace(filmed, wearers=(few,)), folder / "filmed.mcap")
-        write_scene(scene, folder / "whole_scene.mcap")
+        write_recording(replace(scene, camera=shown), folder / "images.mcap")
+        write_recording(replace(filmed, wearers=(few,)), folder / "filmed.mcap")
+        write_recording(scene, folder / "whole_scene.mcap")
         write_recording(scene.wearers[0], folder / "whole_plain.mcap")
 
     return written(write)

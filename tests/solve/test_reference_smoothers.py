@@ -6,10 +6,10 @@ from dataclasses import replace
 import gtsam
 import numpy as np
 import pytest
+from gtsam_smoothers import LagOfGtsam, RecordedWindow, feed, recorded_window, without_walk
 from test_fixed_lag import FRAMES, LAG, SHARED, WIDTH, Z, frame_key, run, slices
 
 from tests.studies.long_stream import LongStream, LongStreamTrials, stream_scene
-from tests.studies.stream_references import LagOfGtsam, RecordedWindow, feed, recorded_window, without_walk
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.keys import joint_key, root_key
 from vip_factors.geometry.rotations import angle_between

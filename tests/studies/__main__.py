@@ -14,12 +14,9 @@ PROGRAM = "python -m tests.studies"
 # Name → module here and its study.
 STUDIES = {
     "vip": "vip:Vip",
-    "association": "crowd:WhoIsWho",
-    "wearers": "crowd:Wearers",
     "consistency": "consistency:Consistency",
     "kaichi": "kaichi:Kaichi",
     "stream-faults": "stream_faults:StreamFaults",
-    "stream-latency": "stream_latency:Latencies",
     "stream-hour": "stream_program:StreamHour",
     "stream-slow": "stream_program:StreamSlow",
     "stream-kill": "stream_ends:StreamKill",

@@ -70,22 +70,6 @@ class LongStreamTrials:
             raise InputError(f"a stream of {self.seconds:g} s: expected more than nothing")
 
 
-@dataclass(frozen=True, kw_only=True)
-class LongStreamStudy(Study):
-    """Options of studies on such a stream."""
-
-    minutes: float = 10.0
-    """Of the simulated stream: 13 IMUs at 60 Hz, 18 keypoints at 30 Hz."""
-    scene_s: float = 60.0
-    """Of the scene that is played forwards and backwards, with new noise."""
-    camera: CameraKind = "hand-held"
-    """What films."""
-
-    @property
-    def stream(self) -> LongStreamTrials:
-        return LongStreamTrials(60 * self.minutes, self.scene_s, self.camera)
-
-
 def resting(seconds: float) -> Motion:
     """Gestures from a T-pose to an N-pose, at rest at both ends."""
     walk = gestures(seconds - HOLD_S - REST_S)

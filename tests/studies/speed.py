@@ -1,24 +1,24 @@
 """Seconds and memory of a reconstruction and milliseconds of a stream's update, by what there is more or less of."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from operator import attrgetter
 from pathlib import Path
-from time import perf_counter, process_time
+from time import perf_counter, process_time, thread_time
 from typing import Annotated
 
 import numpy as np
 
 from tests.studies.processes import apart, peak_memory
-from tests.studies.stream_latency import Latency, measure
 from tests.studies.study import MB, Study, Tell, columns, table
 from vip_factors.cli.options import Flag, Output
-from vip_factors.errors import VipFactorsError
+from vip_factors.errors import RecordingError, VipFactorsError
 from vip_factors.live.settings import LiveSettings
+from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.live import live_samples, stream_head
+from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
@@ -33,6 +33,7 @@ APART_M = 1.2  # between people who stand side by side
 LATER_S = 2.9  # that each is in the gestures behind the one before: who moves as another cannot be told
 AFTERWARDS = "how sure, and findings"
 PLACEMENTS = {6: "sip6", 13: "totalcapture13", 17: "mvn17"}
+Quantiles = dict[str, float]
 AXES = ("frames", "wearers", "strangers", "sensors", "cameras", "cores")
 
 
@@ -47,6 +48,31 @@ class Load:
     sensors: int = 13
     cameras: int = 1
     cores: int = 1
+
+
+@dataclass(frozen=True)
+class Latency:
+    """What updates took, with the samples before that gave no answer; not what a replay waits for.
+
+    Attributes:
+        updates: answers after the start.
+        frame_s: seconds between frames.
+        seconds, cpu_seconds: median, 95 %, 99 % and worst.
+        late: share of updates that took longer than a frame, of wall time.
+        start_s, start_cpu_s: the call that gave the first answer.
+        first_s: the stream's time of the newest frame then.
+        total_s: wall time of all calls up to the last answer.
+    """
+
+    updates: int
+    frame_s: float
+    seconds: Quantiles
+    cpu_seconds: Quantiles
+    late: float
+    start_s: float
+    start_cpu_s: float
+    first_s: float
+    total_s: float
 
 
 @dataclass(frozen=True)
@@ -246,3 +272,36 @@ def _streamed(scene: Scene) -> tuple[Latency | None, float]:
         return measure(samples, setup, settings, lambda time: None), nothing
     except VipFactorsError:  # too short for an answer
         return None, nothing
+
+
+def measure(
+    samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, tell: Callable[[float], None]
+) -> Latency:
+    """Push samples into a new tracker and look at the clocks."""
+    tracker, rows = FixedLagTracker(setup, settings), list[tuple[float, float]]()  # wall and CPU time of each answer
+    start: tuple[float, float, float] | None = None
+    total, wall, cpu = 0.0, 0.0, 0.0
+    for sample in samples:
+        before = perf_counter(), thread_time()
+        answers = tracker.push(sample)
+        called, cpu = perf_counter() - before[0], cpu + thread_time() - before[1]
+        # What a replay waits for, which a stream does not, is left out of what answers say that they took.
+        wall += called if start is None or not answers else sum(one.seconds for one in answers)
+        if not answers:
+            continue
+        if start is None:
+            start = wall, cpu, answers[-1].time
+        else:
+            rows += [(wall / len(answers), cpu / len(answers))] * len(answers)
+        total, wall, cpu = total + wall, 0.0, 0.0
+        tell(answers[-1].time)
+    if start is None or not rows:
+        raise RecordingError("the stream is too short: expected answers after the start; ask for more seconds")
+    (seconds, cpu_seconds), frame = np.array(rows).T, 1 / settings.frame_rate
+    late = float(np.mean(seconds > frame))
+    return Latency(len(rows), frame, _quantiles_of(seconds), _quantiles_of(cpu_seconds), late, *start, total)
+
+
+def _quantiles_of(values: np.ndarray) -> Quantiles:
+    found = np.quantile(values, [0.5, 0.95, 0.99, 1.0])
+    return dict(zip(("median", "95 %", "99 %", "worst"), found.tolist(), strict=True))

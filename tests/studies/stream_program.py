@@ -27,7 +27,7 @@ import numpy as np
 
 from tests.live_sender import delimited, sample_message
 from tests.studies.live_run import error_over_time
-from tests.studies.long_stream import LEAST_SCENE_S, LongStream, LongStreamStudy, LongStreamTrials, stream_scene
+from tests.studies.long_stream import LEAST_SCENE_S, LongStream, LongStreamTrials, stream_scene
 from tests.studies.processes import ProcessTree, apart, process_tree
 from tests.studies.study import MB, NAN, Fixed, Study, Tell, bullets, table
 from vip_factors.atomic import partial_path
@@ -372,16 +372,24 @@ def span_tables(rows: Sequence[StreamSpan | StreamEnd]) -> Iterator[str]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StreamHour(LongStreamStudy):
+class StreamHour(Study):
     """Whether an hour of the whole program stays as fast and as small as it began."""
 
     minutes: float = 60.0
     """Of the simulated stream, in real time: 13 IMUs at 60 Hz, 18 keypoints at 30 Hz."""
+    scene_s: float = 60.0
+    """Of the scene that is played forwards and backwards, with new noise."""
+    camera: CameraKind = "hand-held"
+    """What films."""
     part_minutes: float = 5.0
     """Between looks at what was answered."""
     frame_rate: float = 60.0
     """Frames per second."""
     command: Fixed[tuple[str, ...]] = COMMAND
+
+    @property
+    def stream(self) -> LongStreamTrials:
+        return LongStreamTrials(60 * self.minutes, self.scene_s, self.camera)
 
     def rows(self, tell: Tell) -> Iterator[StreamSpan | StreamEnd]:
         step, seconds = 60 * self.part_minutes, self.stream.seconds

@@ -32,11 +32,10 @@ from tests.studies.faults import (
 from tests.studies.live_run import error_over_time, filled_motion
 from tests.studies.long_stream import Long, LongRun, LongStream, LongStreamTrials, stream_scene
 from tests.studies.processes import begun_by, is_running, process_tree
+from tests.studies.speed import measure
 from tests.studies.stream_ends import RATE, DiskFull, FullDisk, StreamKill
 from tests.studies.stream_faults import FaultTrial, StreamFaults, run_stream, seconds_until_good
-from tests.studies.stream_latency import Latencies, StreamLatency, measure
 from tests.studies.stream_program import Answers, StreamHour, StreamProgram, StreamSlow, dropped
-from tests.studies.stream_references import OURS, run_references
 from tests.studies.study import markdown, run
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError, VipFactorsError
@@ -111,15 +110,6 @@ def test_updates_are_timed_and_the_start_apart(stream: LongStream) -> None:
     assert 10 < latency.updates < 50
     assert 0 < latency.seconds["median"] <= latency.seconds["99 %"] <= latency.seconds["worst"]
     assert latency.start_s > latency.seconds["median"]
-    assert "| CPU time |" in markdown(Latencies(), [StreamLatency(latency, ())])
-
-
-@pytest.mark.slow
-def test_gtsams_smoothers_are_timed_on_the_same_factors(stream: LongStream) -> None:
-    times = run_references(stream, stream.setup, LiveSettings(lag_s=0.15), 2)
-    assert [one.updates for one in times] == [2] * 3
-    assert times[0].name == OURS
-    assert all(np.isfinite(one.differs_m) and one.median_s > 0 and one.median_cpu_s > 0 for one in times)
 
 
 def test_what_is_too_short_is_said(stream: LongStream) -> None:

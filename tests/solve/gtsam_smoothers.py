@@ -7,17 +7,12 @@ of each variable's frame.
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter, process_time
 
 import gtsam
-import numpy as np
-from threadpoolctl import ThreadpoolController
 
 from vip_factors.errors import RecordingError
 from vip_factors.factor_graph.graph import factor_graph_of
-from vip_factors.factor_graph.keys import root_key
 from vip_factors.factor_graph.variables import values_of
-from vip_factors.geometry.rotations import Array
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, stacked
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
@@ -28,9 +23,6 @@ from vip_factors.sensors.scene import Scene
 
 NEVER_S = 1e9  # between steps of what frames share: GTSAM's smoothers hold it constant
 MOVED = 0.0087  # rad or m, half a degree: from which on ISAM2 linearises a variable anew
-OURS = "ours"
-Timed = tuple[Array, Array]
-"""Wall and CPU time of each update ``(n, 2)``, and the newest root positions ``(n, 3)`` of the first wearer."""
 
 
 class LagOfGtsam:
@@ -40,12 +32,9 @@ class LagOfGtsam:
         self._smoother = smoother
 
     @classmethod
-    def batch(cls, lag: int, iterations: int | None = None) -> "LagOfGtsam":
-        """All frames of the lag at once, by at most so many iterations; None: to convergence."""
-        settings = gtsam.LevenbergMarquardtParams()
-        if iterations is not None:
-            settings.setMaxIterations(iterations)
-        return cls(gtsam.BatchFixedLagSmoother(float(lag), settings))
+    def batch(cls, lag: int) -> "LagOfGtsam":
+        """All frames of the lag at once, to convergence."""
+        return cls(gtsam.BatchFixedLagSmoother(float(lag), gtsam.LevenbergMarquardtParams()))
 
     @classmethod
     def incremental(cls, lag: int) -> "LagOfGtsam":
@@ -69,26 +58,6 @@ class LagOfGtsam:
 
 
 @dataclass(frozen=True)
-class ReferenceTime:
-    """One smoother.
-
-    Attributes:
-        name: of it.
-        updates: that were timed: those after the lag was filled.
-        median_s, worst_s: wall time of an update.
-        median_cpu_s: CPU time of it.
-        differs_m: by how much its newest root positions differ from ours, at most, metres.
-    """
-
-    name: str
-    updates: int
-    median_s: float
-    worst_s: float
-    median_cpu_s: float
-    differs_m: float
-
-
-@dataclass(frozen=True)
 class RecordedWindow:
     """Consecutive frames of a stream, with all that a smoother needs to start at the first of them.
 
@@ -102,28 +71,6 @@ class RecordedWindow:
     frames: tuple[LagFrame, ...]
     states: tuple[FrameState, ...]
     shared: SceneState
-
-
-def run_references(
-    samples: Iterable[LiveSample], setup: Scene, settings: LiveSettings, updates: int
-) -> tuple[ReferenceTime, ...]:
-    """Time each smoother on ``updates`` frames after as many as the lag holds; ours is the first."""
-    lag = max(1, round(settings.lag_s * settings.frame_rate))
-    settings = without_walk(settings)
-    with ThreadpoolController().limit(limits=1, user_api="blas"):  # as the tracker does
-        window = recorded_window(samples, setup, settings, lag + 1 + updates)
-        times = {
-            OURS: timed_lag(window, settings, lag),
-            "IncrementalFixedLagSmoother": timed_reference(window, LagOfGtsam.incremental(lag), lag),
-            "BatchFixedLagSmoother, one iteration": timed_reference(window, LagOfGtsam.batch(lag, 1), lag),
-        }
-    return tuple(
-        ReferenceTime(
-            name, len(seconds), float(np.median(seconds[:, 0])), float(seconds[:, 0].max()),
-            float(np.median(seconds[:, 1])), float(np.linalg.norm(found - times[OURS][1], axis=1).max()),
-        )
-        for name, (seconds, found) in times.items()
-    )  # fmt: skip
 
 
 def without_walk(settings: LiveSettings) -> LiveSettings:
@@ -205,32 +152,3 @@ def feed(window: RecordedWindow, first: int) -> Iterator[Arrival]:
         values = values_of(state, [*fresh, *(static if begin == 0 else ())])
         frames = {one.key: one.frame for one in fresh}
         yield Arrival(newest, graph, values, frames, tuple(one.key for one in static))
-
-
-def timed_reference(window: RecordedWindow, smoother: LagOfGtsam, lag: int) -> Timed:
-    """One of GTSAM's smoothers."""
-    seconds, found = [], []
-    for one in feed(window, lag):
-        begin = perf_counter(), process_time()
-        values = smoother.update(one.newest, one.factors, one.values, one.frames, one.shared)
-        seconds.append((perf_counter() - begin[0], process_time() - begin[1]))
-        found.append(values.atPoint3(root_key(one.newest)))
-    return np.array(seconds[1:]), np.array(found[1:])
-
-
-def timed_lag(window: RecordedWindow, settings: LiveSettings, lag: int) -> Timed:
-    """The tracker's smoother."""
-    smoother = LagSmoother(window.problem, window.shared, settings)
-    for frame, state in zip(window.frames[: lag + 1], window.states[: lag + 1], strict=True):
-        smoother.append(frame, state)
-    smoother.update(0)
-    smoother.marginalise_before(0)
-    seconds, found = [], []
-    for frame, state in zip(window.frames[lag + 1 :], window.states[lag + 1 :], strict=True):
-        begin = perf_counter(), process_time()
-        smoother.append(frame, state)
-        smoother.update()
-        found.append(smoother.state(frame.number).p_world_pelvis[0])
-        smoother.marginalise_before(frame.number - lag)
-        seconds.append((perf_counter() - begin[0], process_time() - begin[1]))
-    return np.array(seconds), np.array(found)

@@ -128,56 +128,37 @@ static void in_slices(Target* target, Out<3> hessian, Out<2> gradient) {
     }
 }
 
-// Of each chain rows (T, w, m), of its columns in the frame and, where frames are tied, in the next two, and then of
-// what else it meets; its gradient (T, w); where in its rows the columns of a frame (W) and of what is shared (s) are,
-// below nought where they never are; and whether frames are tied. Shared: (s, s) and (s). From frame `begin` on.
-static void in_chains(Target* target, nb::list chains, Out<2> shared, Out<1> shared_gradient, int64_t begin, int64_t frames) {
-    struct Own {
-        Out<3> rows;
-        Out<2> gradient;
-        Indices<1> places;
-        bool tied;
-        int64_t start;
-    };
-    std::vector<Own> own;
-    int64_t W = 0;
-    const auto s = static_cast<int64_t>(shared.shape(0));
-    for (nb::handle item : chains) {
-        const nb::tuple one = nb::cast<nb::tuple>(item);
-        own.push_back({nb::cast<Out<3>>(one[0]), nb::cast<Out<2>>(one[1]), nb::cast<Indices<1>>(one[2]), nb::cast<bool>(one[3]), W});
-        W += static_cast<int64_t>(own.back().rows.shape(1));
-    }
-    const int64_t n = vip::FRAMES * W + s;
-    expect(shared.shape(1) == shared.shape(0) && shared_gradient.shape(0) == shared.shape(0));
+// Of frames (T, w, m) and (T, w) what has its rows there: the column of the first in a slice, how many frames after the
+// slice's it is, and where in the rows the slice's columns (n) are, below nought where they never are. The last columns
+// of a slice are shared: (s, s) and (s). From frame `begin` on.
+static void in_chains(Target* target, nb::list chains, Out<2> shared, Out<1> shared_gradient, int64_t columns, int64_t begin, int64_t frames) {
+    const auto n = columns, s = static_cast<int64_t>(shared.shape(0));
+    expect(shared.shape(1) == shared.shape(0) && shared_gradient.shape(0) == shared.shape(0) && s <= n);
     new (target) Target{std::vector<double*>(n), std::vector<double*>(n), std::vector<int64_t>(n, 0),
                         std::vector<int64_t>(n, 0), std::vector<int>(n, 0), {}, frames};
-    for (const Own& one : own) {
-        const auto w = static_cast<int64_t>(one.rows.shape(1)), m = static_cast<int64_t>(one.rows.shape(2));
-        expect(static_cast<int64_t>(one.places.shape(0)) == W + s && one.gradient.shape(1) == one.rows.shape(1));
-        expect(begin >= 0 && begin + frames <= static_cast<int64_t>(one.rows.shape(0)) && one.gradient.shape(0) == one.rows.shape(0));
-        for (int64_t c = 0; c < W + s; c++) expect(one.places(c) < m);
-        for (int i = 0; i < vip::FRAMES; i++) {
-            std::vector<int64_t> order(n, -1);
-            for (int64_t c = 0; c < s; c++) order[vip::FRAMES * W + c] = one.places(W + c);
-            for (int64_t c = 0; c < W; c++) order[i * W + c] = one.places(c);
-            for (int j = i + 1; j < vip::FRAMES && one.tied; j++)
-                for (int64_t c = 0; c < w; c++) order[j * W + one.start + c] = (j - i) * w + c;
-            for (int64_t c = 0; c < w; c++) {
-                const int64_t at = i * W + one.start + c;
-                target->rows[at] = one.rows.data() + ((begin + i) * w + c) * m, target->row_step[at] = w * m;
-                target->gradients[at] = one.gradient.data() + (begin + i) * w + c, target->gradient_step[at] = w;
-                target->kind[at] = static_cast<int>(target->orders.size());
-            }
-            target->orders.push_back(order);
+    for (nb::handle item : chains) {
+        const nb::tuple one = nb::cast<nb::tuple>(item);
+        const auto rows = nb::cast<Out<3>>(one[0]);
+        const auto gradient = nb::cast<Out<2>>(one[1]);
+        const auto first = nb::cast<int64_t>(one[2]), ahead = nb::cast<int64_t>(one[3]);
+        const auto places = nb::cast<Indices<1>>(one[4]);
+        const auto w = static_cast<int64_t>(rows.shape(1)), m = static_cast<int64_t>(rows.shape(2));
+        expect(static_cast<int64_t>(places.shape(0)) == n && gradient.shape(1) == rows.shape(1) && first >= 0 && first + w <= n - s);
+        expect(begin >= 0 && begin + frames <= static_cast<int64_t>(rows.shape(0)) && gradient.shape(0) == rows.shape(0));
+        for (int64_t c = 0; c < n; c++) expect(places(c) < m);
+        for (int64_t c = 0; c < w; c++) {
+            target->rows[first + c] = rows.data() + ((begin + ahead) * w + c) * m, target->row_step[first + c] = w * m;
+            target->gradients[first + c] = gradient.data() + (begin + ahead) * w + c, target->gradient_step[first + c] = w;
+            target->kind[first + c] = static_cast<int>(target->orders.size());
         }
+        target->orders.emplace_back(places.data(), places.data() + n);
     }
     for (int64_t c = 0; c < s; c++) {
-        const int64_t at = vip::FRAMES * W + c;
-        target->rows[at] = shared.data() + c * s, target->gradients[at] = shared_gradient.data() + c;
-        target->kind[at] = static_cast<int>(target->orders.size());
+        target->rows[n - s + c] = shared.data() + c * s, target->gradients[n - s + c] = shared_gradient.data() + c;
+        target->kind[n - s + c] = static_cast<int>(target->orders.size());
     }
     target->orders.emplace_back(n, -1);
-    for (int64_t c = 0; c < s; c++) target->orders.back()[vip::FRAMES * W + c] = c;
+    for (int64_t c = 0; c < s; c++) target->orders.back()[n - s + c] = c;
 }
 
 // A body's sums, from the frame `begin` on; see BodySums.

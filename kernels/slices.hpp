@@ -53,8 +53,9 @@ struct Target {
     double& gradient(int64_t t, int64_t column) const { return gradients[column][t * gradient_step[column]]; }
 };
 
-// Blocks of variables, in the order of vip_factors/assembly/compiled_sums.py.
-enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, OFFSETS, BLOCKS };
+// Blocks of variables, in the order of vip_factors/assembly/compiled_sums.py; headings as they are a frame later last,
+// which are others where they walk.
+enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, OFFSETS, LATER_HEADINGS, BLOCKS };
 
 // Derivatives (m, width) of a factor by columns of the slice from one on. Twists meet all such parts of factors in sums
 // of bones, from column `dense` of these on; or, if `each` is not below nought, apart for each item of a block.

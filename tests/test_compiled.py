@@ -1,10 +1,11 @@
 """Compiled kernels say what the functions in NumPy say, which are the definition."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
-from small_problems import KINDS, SILENCES, T, small_scene
+from small_problems import KINDS, SILENCES, T, small_scene, walking_scene
 
 from vip_factors.assembly import objective
 from vip_factors.assembly.charts import Charts
@@ -137,15 +138,17 @@ def test_slices_where_nothing_was_measured(silent: tuple[int, ...], monkeypatch:
     assert_same_slices(*small_scene("moving", silent), True, monkeypatch)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_chains(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("scene", "kind"),
+    [*((small_scene, kind) for kind in KINDS), (walking_scene, "moving"), (walking_scene, "standing")],
+)
+def test_chains(scene: Callable[[str], Any], kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of a frame with itself, and of what all share, what lies on and above the diagonal counts."""
-    model, state = small_scene(kind)
+    model, state = scene(kind)
     monkeypatch.setattr(objective, "CHUNK", 3)
-    problem = objective.SceneObjective(model)
-    fast = problem.linearise(state)
+    fast = objective.SceneObjective(model).linearise(state)
     monkeypatch.setattr(objective, "kernels", None)
-    pure = problem.linearise(state)
+    pure = objective.SceneObjective(model).linearise(state)
     for one, other in zip(fast.chains, pure.chains, strict=True):
         counts, expected = one.rows.copy(), other.rows.copy()
         for rows in (counts, expected):
@@ -156,6 +159,12 @@ def test_chains(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
         np.triu(fast.static), np.triu(pure.static), atol=1e-10 * np.abs(pure.static).max(initial=1.0)
     )
     np.testing.assert_allclose(fast.static_gradient, pure.static_gradient, rtol=1e-8, atol=1e-8)
+    walks = [(one.knots, other.knots) for one, other in zip(fast.groups, pure.groups, strict=True) if other.knots]
+    assert len(walks) == (2 if scene is walking_scene else 0)
+    for ours, theirs in walks:
+        for name in ("own", "gradient", "adjacent", "diagonal", "following", "knot_gradient"):
+            expected = getattr(theirs, name)
+            np.testing.assert_allclose(getattr(ours, name), expected, atol=1e-10 * np.abs(expected).max(initial=1.0))
 
 
 def assert_same_slices(

@@ -4,7 +4,7 @@ A twin takes what the term's equations are made of, and no array of residuals or
 goes the way of NumPy, into the same sums.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Any
 
@@ -30,6 +30,7 @@ from vip_factors.terms.hinge import hinges_of_rows
 from vip_factors.terms.robust import RobustLoss
 
 CAMERA = -1  # beside the numbers of wearers
+HEADINGS = 0  # among the rows of variables
 _PARENTS = np.array(PARENTS)
 _NONE = np.zeros((0, 0, 0))
 _NEVER = np.zeros((0, 0, 0, 0))
@@ -69,7 +70,7 @@ class _Compiled(Accumulator):
             directions = variation.directions if at.problem.body_moves and variation is not None else _NONE
             self._bodies[at.number] = kernels.BodySums(
                 self._target, self.begin, at.body.R_world_bone, at.body.p_world_joint, turns, first,
-                self.layout.frame_width, _PARENTS, _columns(self.layout, at.number), directions,
+                self.layout.frame_width, _PARENTS, self.first_columns(at.number), directions,
             )  # fmt: skip
         return self._bodies[at.number]
 
@@ -77,11 +78,34 @@ class _Compiled(Accumulator):
         """Where the terms of the camera alone are summed."""
         if CAMERA not in self._bodies:
             R, p = np.zeros((at.frames, 0, 3, 3)), np.zeros((at.frames, 0, 3))
-            width, columns = self.layout.frame_width, _columns(self.layout, CAMERA)
+            width, columns = self.layout.frame_width, self.first_columns(CAMERA)
             self._bodies[CAMERA] = kernels.BodySums(
                 self._target, self.begin, R, p, _NEVER, -1, width, _PARENTS, columns, _NONE
             )
         return self._bodies[CAMERA]
+
+    def first_columns(self, wearer: int) -> np.ndarray:
+        """First columns of all blocks in a slice, as one wearer sees them; below nought of one that does not move."""
+        columns, layout = np.full(len(ROWS) + 1, -1), self.layout
+        for number, (name, kind) in enumerate(_names()):
+            found = layout.columns_of(OwnerId(kind, wearer) if kind is Owner.WEARER else OwnerId(kind), name)
+            if found is not None:
+                start = self.shared if found.chain == STATIC else layout.chain_columns[found.chain].start
+                columns[number] = start + found.start
+        columns[-1] = columns[HEADINGS]
+        if columns[HEADINGS] >= 0 and wearer in self.walking:
+            columns[[HEADINGS, -1]] = self.walking[wearer]
+        return columns
+
+    @property
+    def shared(self) -> int:
+        """The first column of a slice that all frames share."""
+        return (REACH + 1) * self.layout.frame_width
+
+    @property
+    def walking(self) -> Mapping[int, tuple[int, int]]:
+        """Of each wearer whose headings walk the first columns of these in a slice, at its first frame and the next."""
+        return {}
 
     def chart(self, owner: OwnerId, block: str) -> Array:
         """Of a static block's items, or of a camera's poses; nothing where steps are coordinates."""
@@ -97,18 +121,6 @@ def _names() -> tuple[tuple[str, Owner], ...]:
     return tuple((row.name, row.owner) for row in ROWS.values())
 
 
-def _columns(layout: Layout, wearer: int) -> np.ndarray:
-    """First columns of all blocks in a slice, as one wearer sees them; below nought of one that does not move."""
-    columns = np.full(len(ROWS), -1)
-    for number, (name, kind) in enumerate(_names()):
-        found = layout.columns_of(OwnerId(kind, wearer) if kind is Owner.WEARER else OwnerId(kind), name)
-        if found is not None:
-            shared = (REACH + 1) * layout.frame_width
-            start = shared if found.chain == STATIC else layout.chain_columns[found.chain].start
-            columns[number] = start + found.start
-    return columns
-
-
 class CompiledSliceAccumulator(_Compiled, SliceAccumulator):
     """Sums all frames of a stretch into slices; arguments as there."""
 
@@ -118,31 +130,72 @@ class CompiledSliceAccumulator(_Compiled, SliceAccumulator):
 
 
 class CompiledChainAccumulator(_Compiled, ChainAccumulator):
-    """Sums a stretch of frames into chains in which nothing walks; arguments and attributes as there.
+    """Sums a stretch of frames into chains; arguments and attributes as there.
 
-    It takes the factors whose first frame is in the stretch: it writes into the frames behind it, too.
+    It takes the factors whose first frame is in the stretch: it writes into the frames behind it, too. Headings that
+    walk have columns of their own in a slice, before what is shared: at its first frame, and at the next.
     """
 
     def __init__(self, layout: Layout, system: ChainSystem, begin: int, count: int) -> None:
         super().__init__(layout, system, begin, count)
-        chains = [(one.rows, one.gradient, _places(system, layout, p), one.tied) for p, one in enumerate(system.chains)]
-        self.into(kernels.Target(chains, self.static, self.static_gradient, begin, count))
+        self._knots = [(one.knots, one.columns.start) for one in system.groups if one.knots is not None]
+        self._chains = [
+            (one.rows, one.gradient, ahead * layout.frame_width + layout.chain_columns[p].start, ahead, places)
+            for p, one in enumerate(system.chains)
+            for ahead, places in enumerate(self._places(p))
+        ]
+        for (knots, group), columns in zip(self._knots, self.walking.values(), strict=True):
+            s, places = knots.own.shape[2], np.full(self._width, -1)
+            places[self.shared + group : self.shared + group + s] = np.arange(s)
+            for ahead, start in enumerate(columns):
+                of_frame = places.copy()
+                of_frame[start : start + knots.columns] = np.arange(knots.columns)
+                self._chains.append((knots.own, knots.gradient, start, ahead, of_frame))
+        self.into(kernels.Target(self._chains, self.static, self.static_gradient, self._width, begin, count))
 
+    @property
+    def shared(self) -> int:
+        """See the base."""
+        return super().shared + sum(2 * knots.columns for knots, _ in self._knots)
 
-def _places(system: ChainSystem, layout: Layout, chain: int) -> np.ndarray:
-    """Where in a chain's rows the columns ``(W + s,)`` of a frame and of what is shared are; −1 if nowhere."""
-    own, places = layout.chain_columns[chain], np.full(layout.frame_width + layout.static_width, -1)
-    places[own] = np.arange(own.stop - own.start)
-    rows = system.chains[chain].rows
-    met = [(layout.chain_columns[q].start, blocks) for (p, q), blocks in system.between.items() if p == chain]
-    for (p, g), blocks in system.coupling.items():
-        if p == chain:
-            met.append((layout.frame_width + system.groups[g].columns.start, blocks))
-    start = rows.shape[2] - sum(blocks.shape[2] for _, blocks in met)
-    for at, blocks in met:  # in the order in which they lie there
-        places[at : at + blocks.shape[2]] = np.arange(start, start + blocks.shape[2])
-        start += blocks.shape[2]
-    return places
+    @property
+    def _width(self) -> int:
+        return self.shared + self.layout.static_width
+
+    @property
+    def walking(self) -> Mapping[int, tuple[int, int]]:
+        """See the base."""
+        found, start = dict[int, tuple[int, int]](), super().shared
+        for knots, _ in self._knots:
+            found[self.layout.chains[knots.chain].owner.number] = start, start + knots.columns
+            start += 2 * knots.columns
+        return found
+
+    def _places(self, chain: int) -> np.ndarray:
+        """Where in a chain's rows the columns of a slice are, ``(3, n)`` for each of its frames; −1 if nowhere."""
+        system, layout = self._system, self.layout
+        own, one, W = layout.chain_columns[chain], system.chains[chain], layout.frame_width
+        places, w = np.full((REACH + 1, self._width), -1), own.stop - own.start
+        for i in range(REACH + 1):
+            for j in range(i, REACH + 1 if one.tied else i + 1):
+                places[i, j * W + own.start : j * W + own.stop] = (j - i) * w + np.arange(w)
+        start = (REACH + 1 if one.tied else 1) * w
+        for q, blocks in ((q, blocks) for (p, q), blocks in system.between.items() if p == chain):
+            for i in range(REACH + 1):
+                at = i * W + layout.chain_columns[q].start
+                places[i, at : at + blocks.shape[2]] = np.arange(start, start + blocks.shape[2])
+            start += blocks.shape[2]
+        for g, blocks in ((g, blocks) for (p, g), blocks in system.coupling.items() if p == chain):
+            at, group = self.shared + system.groups[g].columns.start, system.groups[g]
+            places[:, at : at + blocks.shape[2]] = np.arange(start, start + blocks.shape[2])
+            if group.knots is not None and group.knots.chain == chain:
+                S, behind = group.knots.columns, one.rows.shape[2] - 2 * group.knots.columns
+                now, later = self.walking[layout.chains[chain].owner.number]
+                places[0, now : now + S] = places[1, later : later + S] = np.arange(start, start + S)
+                places[0, later : later + S] = np.arange(behind, behind + S)  # of the frame after
+                places[2, later : later + S] = np.arange(behind + S, behind + 2 * S)  # of the one before
+            start += blocks.shape[2]
+        return places
 
 
 # Twins: of a term what it is made of, for the sums of the body that it sees.

@@ -130,9 +130,8 @@ class SceneObjective:
         """The normal equations at a state, in the memory of those before, which are no more."""
         evaluation, T = SceneEvaluation(self.problem, state, self._wearers_move), self.problem.frames
         system = self._system.emptied() if self._system is not None else self._empty_system()
-        pure, walks = kernels is None or self.problem.extra is not None, any(one.knots for one in system.groups)
-        self._system = None if walks else system
-        kind = ChainAccumulator if pure or walks else CompiledChainAccumulator
+        self._system = system
+        kind = ChainAccumulator if kernels is None or self.problem.extra is not None else CompiledChainAccumulator
         sums = [kind(self.layout, system, t, min(CHUNK, T - t)) for t in range(0, T, CHUNK)]
         for some in (sums[::2], sums[1::2]):  # each may write into the first frames of the next
             parallel_map(evaluation.add_bodies_to, some)
@@ -147,10 +146,7 @@ class SceneObjective:
 
     def _empty_system(self) -> ChainSystem:
         layout, T, s = self.layout, self.problem.frames, self.layout.static_width
-        groups = [
-            StaticGroup(key, columns, self._knots(group, owner, columns))
-            for group, (key, (owner, columns)) in enumerate(zip(self.static_keys, layout.owners, strict=True))
-        ]
+        groups = [StaticGroup(key, columns) for key, (_, columns) in zip(self.static_keys, layout.owners, strict=True)]
         system = ChainSystem([], groups, np.zeros((s, s)), np.zeros(s), layout.per_column("step") ** -2.0)
         for p, chain in enumerate(layout.chains):
             met = [
@@ -163,12 +159,15 @@ class SceneObjective:
                 if owner == chain.owner or owner.kind is not Owner.WEARER or chain.owner.kind is not Owner.WEARER
             ]
             others = sum(width for *_, width in met)
-            own = Chain.empty(p, T, chain.step**-2.0, self._is_tied(chain.owner), others)
-            start = own.rows.shape[2] - others
+            walk = 2 * len(self.problem.wearers[chain.owner.number].sensors) * self._headings_walk(chain.owner)
+            own = Chain.empty(p, T, chain.step**-2.0, self._is_tied(chain.owner), others + walk)
+            start = own.rows.shape[2] - others - walk
             for blocks, number, width in met:
                 blocks[p, number] = own.rows[:, :, start : start + width]
                 start += width
             system.chains.append(own)
+        for number, (group, (owner, _)) in enumerate(zip(groups, layout.owners, strict=True)):
+            group.knots = self._knots(number, owner, group.columns, system.chains)
         return system
 
     def _is_tied(self, owner: OwnerId) -> bool:
@@ -185,7 +184,7 @@ class SceneObjective:
         knots = len(self.problem.wearers[owner.number].heading_knots)
         return [knot_key(group, knot) for knot in range(1, knots)]
 
-    def _knots(self, group: int, owner: OwnerId, columns: slice) -> KnotSystem | None:
+    def _knots(self, group: int, owner: OwnerId, columns: slice, chains: Sequence[Chain]) -> KnotSystem | None:
         chain = self.layout.chain_of(owner)
         if chain is None or not self._headings_walk(owner):
             return None
@@ -193,7 +192,7 @@ class SceneObjective:
         weights = wearer.knot_weights()
         assert weights is not None
         return KnotSystem.empty(
-            chain, self._knot_keys(group, owner), weights, self.layout.chains[chain].width, len(wearer.sensors),
+            chain, self._knot_keys(group, owner), weights, chains[chain].rows, len(wearer.sensors),
             columns.stop - columns.start, STEP_ANGLE**-2.0,
         )  # fmt: skip
 

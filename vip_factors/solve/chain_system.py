@@ -120,9 +120,12 @@ class ChainSystem:
         return found
 
     def emptied(self) -> "ChainSystem":
-        """The same, all zero, where nothing walks."""
+        """The same, all zero."""
         for chain in self.chains:
             chain.rows[:], chain.gradient[:] = 0.0, 0.0
+        for group in self.groups:
+            if group.knots is not None:
+                group.knots.empty_again()
         self.static[:], self.static_gradient[:] = 0.0, 0.0
         self.extra.clear()
         return self

@@ -24,7 +24,8 @@ class KnotSystem:
         keys: GTSAM's names of the ``K − 1`` later knots.
         weights: ``(T, K)`` of the knots in each frame.
         own, gradient: ``(T, S, s)`` and ``(T, S)`` of the values at each frame's instant with the group's columns.
-        adjacent: ``(T, 2, w, S)`` blocks of a frame with the values of the next frame and of the one before.
+        adjacent: ``(T, 2, w, S)`` blocks of a frame with the values of the next frame and of the one before; they lie
+            at the end of the chain's rows.
         diagonal, following, knot_gradient: ``(K, S)``, ``(K − 1, S)`` and ``(K, S)`` of what ties knots to one another.
         damping: what one unit of damping adds to the diagonal.
     """
@@ -42,15 +43,21 @@ class KnotSystem:
 
     @classmethod
     def empty(
-        cls, chain: int, keys: Sequence[int], weights: Array, frame_width: int, columns: int, static_width: int,
+        cls, chain: int, keys: Sequence[int], weights: Array, rows: Array, columns: int, static_width: int,
         damping: float,
     ) -> "KnotSystem":  # fmt: skip
-        """Zeros."""
+        """Zeros, of a chain's ``rows`` ``(T, w, m)``."""
         (T, K), S = weights.shape, columns
+        adjacent = rows[:, :, -2 * S :].reshape(T, -1, 2, S).swapaxes(1, 2)
         return cls(
-            chain, keys, weights, np.zeros((T, S, static_width)), np.zeros((T, S)), np.zeros((T, 2, frame_width, S)),
+            chain, keys, weights, np.zeros((T, S, static_width)), np.zeros((T, S)), adjacent,
             np.zeros((K, S)), np.zeros((K - 1, S)), np.zeros((K, S)), damping,
         )  # fmt: skip
+
+    def empty_again(self) -> None:
+        """All zero, but for what lies in the chain's rows."""
+        for one in (self.own, self.gradient, self.diagonal, self.following, self.knot_gradient):
+            one[:] = 0.0
 
     def add_between(self, root: Array, residual: Array) -> None:
         """Add factors from each knot to the next: ``root`` and ``residual`` ``(K − 1, S)``, whitened."""

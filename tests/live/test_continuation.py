@@ -13,8 +13,8 @@ from vip_factors.simulate.gestures import gestures
 
 def test_two_sightings_of_one_frame_do_not_tell_how_fast_a_wearer_goes(monkeypatch: pytest.MonkeyPatch) -> None:
     """One depth is off by a tenth: all frames get the mean of both, and none runs away."""
-    sightings = iter([[np.array([1.0, 3.8, 0.9])], [np.array([1.0, 4.2, 0.9])]])
-    monkeypatch.setattr(prediction, "locate_wearers", lambda *_: next(sightings))
+    sightings = np.array([[[1.0, 3.8, 0.9]], [[1.0, 4.2, 0.9]]])
+    monkeypatch.setattr(prediction, "locate_wearers", lambda *_: sightings)
     motion = gestures(seconds=0.5)
     found = SimpleNamespace(
         problem=SimpleNamespace(wearers=[motion]), shared=SimpleNamespace(camera=SimpleNamespace(poses=()))

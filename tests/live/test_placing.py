@@ -17,11 +17,11 @@ def test_the_root_is_where_the_keypoints_say(strangers: int) -> None:
     truth, path = scene.wearers[0].truth, camera.known_path
     assert truth is not None
     assert path is not None
-    motion, pose = truth.motion.frames(slice(60, 61)), (path.R_world_camera[0], path.p_world_camera[0])
+    motion, pose = truth.motion.frames(slice(60, 61)), (path.R_world_camera[:1], path.p_world_camera[:1])
     used, points = points_on_body(camera.keypoints, motion.skeleton)
     seen = np.concatenate([point.of(motion.state) for point in points])
     pixels = np.full((1 + strangers, len(camera.keypoints), 2), np.nan)
-    pixels[strangers, used] = camera.model.project((seen - pose[1]) @ pose[0])
+    pixels[strangers, used] = camera.model.project((seen - pose[1][0]) @ pose[0][0])
     random = np.random.default_rng(0)
     for person in range(strangers):  # in no pose of ours
         pixels[person, used] = random.uniform(100, 500, (len(used), 2))
@@ -29,9 +29,8 @@ def test_the_root_is_where_the_keypoints_say(strangers: int) -> None:
     elsewhere = forward_kinematics(
         motion.skeleton, motion.R_parent_child, motion.p_world_pelvis + np.array([2.0, -3.0, 1.0])
     )
-    found = locate_wearers(camera, pose, [elsewhere], [motion.skeleton], video)
-    assert found[0] is not None
-    np.testing.assert_allclose(found[0], motion.p_world_pelvis[0], atol=1e-6)
+    found = locate_wearers(camera, pose, [elsewhere], [motion.skeleton], [video])
+    np.testing.assert_allclose(found[0, 0], motion.p_world_pelvis[0], atol=1e-6)
 
 
 def test_a_wearer_who_is_not_there_is_not_placed() -> None:
@@ -44,5 +43,5 @@ def test_a_wearer_who_is_not_there_is_not_placed() -> None:
     body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
     pixels = np.random.default_rng(1).uniform(100, 500, (2, len(camera.keypoints), 2))
     video = VideoFrame(camera.name, 1.0, pixels, np.ones(pixels.shape[:2]))
-    pose = path.R_world_camera[0], path.p_world_camera[0]
-    assert locate_wearers(camera, pose, [body], [motion.skeleton], video) == [None]
+    pose = path.R_world_camera[:1], path.p_world_camera[:1]
+    assert np.all(np.isnan(locate_wearers(camera, pose, [body], [motion.skeleton], [video])))

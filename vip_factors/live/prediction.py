@@ -8,17 +8,19 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares, linear_sum_assignment
+from scipy.optimize import linear_sum_assignment
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rotations
 from vip_factors.body.skeleton import PARENTS, Skeleton, contact_points
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
+from vip_factors.live.association_evidence import people_of, together
 from vip_factors.live.measurement import PlacedVideoFrame
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
 from vip_factors.problem.state import CameraPoses, SceneState
+from vip_factors.problem.wearer import BodyPoints
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Camera
 from vip_factors.stages.views import points_on_body
@@ -155,57 +157,79 @@ LEAST_KEYPOINTS = 6
 # joint is 5 % off with a calibration that is found, and 20 % in somebody else's pose.
 FITS = 0.10
 NEAREST_M = 0.5  # depth at least
+LEAST_HEIGHT = 1e-3  # of a person in the image, at depth one: a pixel or two
+MOST_STEPS, LEAST_STEP_M = 20, 1e-4  # of a fit
 
 
 def locate_wearers(
     camera: Camera, pose: tuple[Array, Array], bodies: Sequence[BodyState], skeletons: Sequence[Skeleton],
-    video: VideoFrame,
-) -> list[Array | None]:  # fmt: skip
-    """Root position ``(3,)`` of each wearer, metres, as a video frame shows them; None of one unseen.
+    video: Sequence[VideoFrame],
+) -> Array:  # fmt: skip
+    """Root positions ``(F, W, 3)`` of the wearers, metres, as ``F`` video frames show them; NaN of one unseen.
 
     Args:
-        camera: that gave the frame.
-        pose: its rotation and position in the world.
-        bodies: of the wearers in that one frame, anywhere.
+        camera: that gave the frames.
+        pose: its rotations ``(F, 3, 3)`` and positions ``(F, 3)`` in the world.
+        bodies: of the wearers in those frames, anywhere.
         skeletons: of them.
-        video: the frame.
+        video: the frames.
     """
-    cost = np.full((len(bodies), len(video.pixels)), np.inf)
-    place = np.zeros((*cost.shape, 3))
+    people = together([people_of(one.pixels, one.confidence, camera.model) for one in video])
+    cost, place = np.empty((len(video), len(bodies), people.there.shape[1])), list[Array]()
     for wearer, (body, skeleton) in enumerate(zip(bodies, skeletons, strict=True)):
         used, points = points_on_body(camera.keypoints, skeleton)
-        offset = np.concatenate([point.of(body) for point in points]) - body.p_world_joint[0, 0]
-        for person, pixels in enumerate(video.pixels[:, used]):
-            seen = (video.confidence[person, used] > 0) & np.all(np.isfinite(pixels), axis=1)
-            if seen.sum() >= LEAST_KEYPOINTS:
-                cost[wearer, person], place[wearer, person] = _fit(camera, pose, offset[seen], pixels[seen])
-    found: list[Array | None] = [None] * len(bodies)
-    for wearer, person in np.transpose(linear_sum_assignment(np.minimum(cost, 10 * FITS))).tolist():
-        if cost[wearer, person] < FITS:
-            found[wearer] = place[wearer, person]
+        o_camera = (BodyPoints.of(points).on(body) - body.p_world_joint[:, :1]) @ pose[0]
+        seen = people.weight[..., used] > 0
+        error, p_camera = _fit(o_camera[:, None], people.rays[..., used, :], seen)
+        fits = (seen.sum(axis=-1) >= LEAST_KEYPOINTS) & (error < 10 * FITS)
+        cost[:, wearer] = np.where(fits, error, 10 * FITS)
+        place.append(pose[1][:, None] + p_camera @ transpose(pose[0]))
+    found = np.full((len(video), len(bodies), 3), np.nan)
+    for f, own in enumerate(cost):
+        for wearer, person in np.transpose(linear_sum_assignment(own)).tolist():
+            if own[wearer, person] < FITS:
+                found[f, wearer] = place[wearer][f, person]
     return found
 
 
-def _fit(camera: Camera, pose: tuple[Array, Array], offset: Array, pixels: Array) -> tuple[float, Array]:
-    """Median error in heights of the person, and the root's place: where its keypoints are seen where they are.
+def _fit(o_camera: Array, rays: Array, seen: np.ndarray) -> tuple[Array, Array]:
+    """Median errors ``(F, N)`` in heights of the persons, and the root's places ``(F, N, 3)`` where a body fits them.
 
     The point nearest to all rays would be the linear way; pose errors draw it towards the camera, by half the depth.
+
+    Args:
+        o_camera: ``(F, 1, K, 3)`` of its keypoints, from the root.
+        rays, seen: ``(F, N, K, 2)`` and ``(F, N, K)`` of all persons' keypoints.
     """
-    R_world_camera, p_world_camera = pose
-    height = float(max(np.ptp(pixels, axis=0).max(), 1.0))
+    known, count = seen[..., None], np.maximum(seen.sum(axis=-1), 1)[..., None]
+    height = np.maximum(_span(rays, known).max(axis=-1), LEAST_HEIGHT)[..., None, None]
+    tall = np.maximum(_span(o_camera[..., 1:2], known), NEAREST_M)
+    way = np.concatenate([(rays * known).sum(axis=-2) / count, np.ones_like(count)], axis=-1)
+    p = tall / height[..., 0] * way - (o_camera * known).sum(axis=-2) / count
+    J = np.zeros((*rays.shape, 3))
+    for _ in range(MOST_STEPS):
+        in_front = p[..., None, :] + o_camera
+        per_metre = 1 / np.maximum(in_front[..., 2:], NEAREST_M)
+        flat, by_point = in_front[..., :2] * per_metre, per_metre / height
+        error = (flat - rays) / height
+        J[..., 0, 0] = J[..., 1, 1] = by_point[..., 0]
+        J[..., 2] = -flat * by_point
+        weight = known / np.sqrt(1 + (error / FITS) ** 2)  # of a loss that is quadratic first and linear then
+        rows = J.reshape(*J.shape[:-3], -1, 3)
+        pushed = transpose(weight.reshape(*rows.shape[:-1], 1) * rows)
+        square = pushed @ rows + LEAST_HEIGHT**2 * np.eye(3)
+        step = np.linalg.solve(square, pushed @ error.reshape(*rows.shape[:-1], 1))[..., 0]
+        p = p - step
+        if np.abs(step).max(initial=0.0) < LEAST_STEP_M:
+            break
+    off = np.sort(np.where(seen, np.sqrt(np.sum(error**2, axis=-1)), np.inf), axis=-1)
+    middle = np.concatenate([(count - 1) // 2, count // 2], axis=-1)
+    return np.take_along_axis(off, middle, axis=-1).mean(axis=-1), p
 
-    def error(p_camera: Array) -> Array:
-        in_front = p_camera + o_camera
-        in_front = np.concatenate([in_front[:, :2], np.maximum(in_front[:, 2:], NEAREST_M)], axis=1)
-        return np.asarray((camera.model.project(in_front) - pixels) / height).ravel()
 
-    o_camera = offset @ R_world_camera
-    depth = camera.model.focal[1] * max(np.ptp(o_camera[:, 1]), NEAREST_M) / height
-    flat = camera.model.normalise(pixels.mean(axis=0)[None])[0]
-    start = depth * np.array([*flat, 1.0]) - o_camera.mean(axis=0)
-    found = least_squares(error, start, loss="soft_l1", f_scale=FITS)
-    median = float(np.median(np.linalg.norm(error(found.x).reshape(-1, 2), axis=1)))
-    return median, np.asarray(p_world_camera + R_world_camera @ found.x)
+def _span(values: Array, known: np.ndarray) -> Array:
+    """From the least to the greatest ``(..., c)`` of the known values ``(..., K, c)``; below nought of none."""
+    return np.asarray(np.where(known, values, -np.inf).max(axis=-2) - np.where(known, values, np.inf).min(axis=-2))
 
 
 WRONG_DEG = 25.0  # of a bone against the others: more than a start is usually off
@@ -290,29 +314,23 @@ def _placed(
     video: Sequence[PlacedVideoFrame],
 ) -> list[FrameState] | None:  # fmt: skip
     """The frames from ``first`` on with the wearers where the camera saw them; None if it did not see any."""
-    skeletons = [wearer.skeleton for wearer in start.problem.wearers]
-    standing = start.shared.camera.poses
-    seen: list[list[tuple[int, Array]]] = [[] for _ in skeletons]
-    for one in video:
-        state = states[one.frame - first]
-        pose = state.R_world_camera, state.p_world_camera
-        if len(standing):
-            pose = standing.R_world_camera[0], standing.p_world_camera[0]
-        bodies = [
-            forward_kinematics(skeleton, state.R_parent_child[w : w + 1], state.p_world_pelvis[w : w + 1])
-            for w, skeleton in enumerate(skeletons)
-        ]
-        for places, p in zip(seen, locate_wearers(camera, pose, bodies, skeletons, one.video), strict=True):
-            if p is not None:
-                places.append((one.frame - first, p))
-    if not any(seen):
+    if not video:
         return None
-    p_world_pelvis = np.stack([state.p_world_pelvis for state in states])
-    for w, places in enumerate(seen):
-        if places:
-            at, p = np.array([t for t, _ in places]), np.stack([one for _, one in places])
-            line = np.polyfit(at, p, min(1, len(np.unique(at)) - 1))  # one frame's depth is off by a tenth
-            p_world_pelvis[:, w] = np.stack([np.polyval(line[:, axis], np.arange(len(states))) for axis in range(3)], 1)
+    skeletons, standing = [wearer.skeleton for wearer in start.problem.wearers], start.shared.camera.poses
+    at = np.array([one.frame - first for one in video])
+    R, p = (np.stack([getattr(states[t], name) for t in at]) for name in ("R_parent_child", "p_world_pelvis"))
+    bodies = [forward_kinematics(skeleton, R[:, w], p[:, w]) for w, skeleton in enumerate(skeletons)]
+    pose = [np.stack([getattr(states[t], name) for t in at]) for name in ("R_world_camera", "p_world_camera")]
+    if len(standing):
+        pose = [np.stack([one] * len(at)) for one in (standing.R_world_camera[0], standing.p_world_camera[0])]
+    places = locate_wearers(camera, (pose[0], pose[1]), bodies, skeletons, [one.video for one in video])
+    seen, p_world_pelvis = np.isfinite(places[..., 0]), np.stack([state.p_world_pelvis for state in states])
+    if not seen.any():
+        return None
+    for w in np.flatnonzero(seen.any(axis=0)):
+        own = at[seen[:, w]]
+        line = np.polyfit(own, places[seen[:, w], w], min(1, len(np.unique(own)) - 1))  # one depth is off by a tenth
+        p_world_pelvis[:, w] = np.vander(np.arange(len(states)), len(line)) @ line
     return [replace(state, p_world_pelvis=p) for state, p in zip(states, p_world_pelvis, strict=True)]
 
 

@@ -67,14 +67,14 @@ class Tracking:
             self.smoother.append(frame, state)
         self.observers = self._gathered(start, video)
         self._look(unseen)
-        standing = bool(self.observers) and not start.problem.moving
-        if start.information is not None and standing and not self._is_anybody_seen():
+        is_continued, standing = start.information is not None, bool(self.observers) and not start.problem.moving
+        if is_continued and standing and not self._is_anybody_seen():
             raise SolveError("no camera shows a wearer in the frames that tracking goes on from")
-        for _ in range(settings.start_iterations):
-            self.smoother.update(self.smoother.numbers[0])
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
+        for _ in range(1 if is_continued else settings.start_iterations):
+            self.smoother.update(begin)
         anew = settings.recalibration
-        if anew.use and start.information is None:  # a start of a second is too rough to judge sensors by
+        if anew.use and not is_continued:  # a start of a second is too rough to judge sensors by
             begin += round((anew.first_s + anew.delay_s) * rate)
         self._watches = [KnockDetector(len(one.sensors), settings.watch, rate, begin) for one in start.problem.wearers]
         self._sensors = [(w, s) for w, one in enumerate(start.problem.wearers) for s in range(len(one.sensors))]
@@ -83,7 +83,9 @@ class Tracking:
         self._measured = start.frames[-1].orientation_valid  # which sensors were, in the last frame
         self.solved, self.moved = True, list[int]()
         self._unsolved = 0  # frames that are predicted only, so far
-        self._changed: list[int] = []  # frames with something new since the last update
+        # Frames with something new since the last update. Of those that tracking goes on from, the second iteration is
+        # left to the next frame's: no update takes as long as both.
+        self._changed = [begin] if is_continued else list[int]()
         self._was_seen = True  # whether the last update had something new of a camera
 
     def _slip_test(self, begin: int) -> SlipTest | None:

@@ -1,11 +1,16 @@
-"""Tables of sensors as their makers export them: Xsens MTw and DOT, APDM in both layouts, OpenSense's quaternions."""
+"""Tables of sensors: Xsens MTw and DOT, APDM in both layouts, OpenSense's, OpenSim's; and of any make, with a map."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array, exp
+from vip_factors.geometry.rotations import Array, exp, transpose
+from vip_factors.io.importers.column_map import ACCELERATION_UNITS, ANGULAR_RATE_UNITS, TIME_UNITS
+from vip_factors.io.importers.table import R_UP
+from vip_factors.io.importers.text_table import SEPARATORS
+from vip_factors.sensors.imu_stream import ImuStream
 
 GRAVITY = np.array([0.0, 0.0, 9.81])
 MATRIX = [f"Mat[{row}][{column}]" for column in (1, 2, 3) for row in (1, 2, 3)]  # column-major, as exports have it
@@ -140,3 +145,96 @@ def write_quaternions(
         lines.append("\t".join([repr(start + row / rate), *(",".join(map(repr, map(float, q))) for q in quaternions)]))
     path.write_text(header + "\n".join(lines) + "\n")
     return path
+
+
+SENSORS = ("pelvis", "left shank")
+
+
+def made_up(seed: int, count: int = 40, rate: float = 50.0) -> dict[str, ImuStream]:
+    """Streams whose specific force is gravity and a little more."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(count) / rate
+    streams = {}
+    for name in SENSORS:
+        R = exp(rng.normal(size=3) + np.cumsum(rng.normal(scale=0.1, size=(count, 3)), axis=0))
+        force = np.einsum("nji,j->ni", R, [0, 0, 9.81]) + rng.normal(scale=0.5, size=(count, 3))
+        streams[name] = ImuStream(name, time, force, R, rng.normal(size=(count, 3)))
+    return streams
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a table is written."""
+
+    separator: str = "comma"
+    ending: str = "\n"
+    mark: bool = False
+    comments: int = 0
+    time_unit: str = "s"
+    acceleration_unit: str = "m/s2"
+    angular_rate_unit: str = "rad/s"
+    order: str = "wxyz"
+    sense: str = "sensor_to_world"
+    up: str = "z"
+    per_sensor: bool = False
+    start: float = 0.0
+
+
+def quantities_of(stream: ImuStream, layout: Layout) -> dict[str, Array]:
+    """The numbers of one sensor by quantity, as the layout has them."""
+    assert stream.R_inertial_sensor is not None
+    R = transpose(R_UP[layout.up]) @ stream.R_inertial_sensor
+    R = R if layout.sense == "sensor_to_world" else transpose(R)
+    return {
+        "acceleration": stream.specific_force / ACCELERATION_UNITS[layout.acceleration_unit],
+        "angular_rate": stream.angular_rate / ANGULAR_RATE_UNITS[layout.angular_rate_unit],
+        "quaternion": quaternion_from_matrix(R, Order(layout.order)),
+    }
+
+
+def write_log(folder: Path, streams: dict[str, ImuStream], layout: Layout) -> tuple[Path, Path]:
+    """The log (a file, or a folder with one for each sensor) and its column map."""
+    folder.mkdir(exist_ok=True)
+    separator = SEPARATORS[layout.separator] or " "
+    tables: dict[str, dict[str, Array]] = {}
+    text = [
+        'time = "t"', f'time_unit = "{layout.time_unit}"', f'acceleration_unit = "{layout.acceleration_unit}"',
+        f'angular_rate_unit = "{layout.angular_rate_unit}"', f'quaternion_order = "{layout.order}"',
+        f'quaternion_sense = "{layout.sense}"', f'world_up = "{layout.up}"',
+    ]  # fmt: skip
+    for number, (name, stream) in enumerate(streams.items()):
+        file = f"{number}.csv" if layout.per_sensor else "log.csv"
+        table = tables.setdefault(file, {"t": (stream.time + layout.start) / TIME_UNITS[layout.time_unit]})
+        text += [f'[sensors."{name}"]', f'file = "{file}"']
+        for quantity, values in quantities_of(stream, layout).items():
+            names = [f"{number}_{quantity}_{axis}" for axis in range(values.shape[1])]
+            table.update(dict(zip(names, values.T, strict=True)))
+            text.append(f"{quantity} = {names}")
+    for file, table in tables.items():
+        lines = ["# made by a logger"] * layout.comments + [separator.join(table)]
+        lines += [separator.join(repr(float(one)) for one in row) for row in np.stack(list(table.values()), axis=1)]
+        content = layout.ending.join(lines) + layout.ending
+        (folder / file).write_bytes(("\ufeff" * layout.mark + content).encode())
+    columns = folder / "map.toml"
+    columns.write_text("\n".join(text), encoding="utf-8")
+    return (folder if layout.per_sensor else folder / "log.csv"), columns
+
+
+def write_export(folder: Path, stream_of: dict[str, ImuStream]) -> Path:
+    """OpenSim's three tables side by side, in the form of its exports."""
+    folder.mkdir(exist_ok=True)
+    streams = list(stream_of.values())
+    for ending, quantity in (("Accel", "specific_force"), ("Gyro", "angular_rate")):
+        names = "\t".join(stream_of)
+        lines = [f"PathFileType\t4\t(X/Y/Z)\t{ending}", "DataRate\tUnits", "50\tm", f"Frame#\tTime\t{names}"]
+        lines.append("\t\t" + "\t".join(f"X{i + 1}\tY{i + 1}\tZ{i + 1}" for i in range(len(streams))) + "\n")
+        for i, time in enumerate(streams[0].time):
+            values = np.concatenate([getattr(one, quantity)[i] for one in streams])
+            lines.append("\t".join([str(i + 1), repr(float(time)), *(repr(float(v)) for v in values)]))
+        (folder / f"walk_{ending}.trc").write_text("\n".join(lines) + "\n")
+    lines = ["DataRate=50", "DataType=Quaternion", "version=3", "endheader", "\t".join(["time", *stream_of])]
+    for i, time in enumerate(streams[0].time):
+        quaternions = [quaternion_from_matrix(one.R_inertial_sensor[i], Order.WXYZ) for one in streams]
+        lines.append("\t".join([repr(float(time)), *(",".join(repr(float(q)) for q in one) for one in quaternions)]))
+    (folder / "walk_Orientations.sto").write_text("\n".join(lines) + "\n")
+    return folder

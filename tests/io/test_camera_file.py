@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 from board_images import CAMERA, SQUARE_M, lying, poses, rays, render
+from camera_samples import GOOD, PLAIN, POSE2SIM, ROS, K, write_opencv
 from films import write_video
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,7 +28,6 @@ from vip_factors.io.calibrate_camera_board import BoardView, Charuco, Checkerboa
 from vip_factors.io.camera_file import read_camera_file, read_floor, write_camera_file
 from vip_factors.sensors.camera_model import CameraModel
 
-GOOD = "width = 640\nheight = 480\nfx = 500\nfy = 500.5\ncx = 320\ncy = 240\n"
 finite = st.floats(-1e4, 1e4)
 
 
@@ -111,31 +111,21 @@ def test_files_that_are_none(tmp_path: Path) -> None:
             read_camera_file(tmp_path / name)
 
 
-K, BENT = np.array([[500.0, 0, 320], [0, 510, 240], [0, 0, 1]]), np.array([[0.1, -0.2, 0.001, 0.002, 0.05]])
 EXPECTED = CameraModel(640, 480, (500.0, 510.0), (320.0, 240.0), (0.1, -0.2, 0.001, 0.002, 0.05))
 
 
 @pytest.mark.parametrize("suffix", [".yaml", ".json", ".xml"])
 def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"camera{suffix}"
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    storage.write("image_width", 640)
-    storage.write("image_height", 480)
-    storage.write("camera_matrix", K)
-    storage.write("dist_coeffs", BENT)
-    storage.release()
+    write_opencv(path)
     assert read_camera_file(path) == EXPECTED
     assert read_floor(path) is None
 
 
 def test_files_of_ros_and_plain_json(tmp_path: Path) -> None:
     ros, plain = tmp_path / "ros.yaml", tmp_path / "plain.json"
-    ros.write_text(
-        "image_width: 640\nimage_height: 480\ncamera_name: head\ncamera_matrix:\n  rows: 3\n  cols: 3\n"
-        "  data: [500, 0, 320, 0, 510, 240, 0, 0, 1]\ndistortion_model: plumb_bob\ndistortion_coefficients:\n"
-        "  rows: 1\n  cols: 5\n  data: [0.1, -0.2, 0.001, 0.002, 0.05]\n"
-    )
-    plain.write_text(f'{{"camera_matrix": {K.tolist()}, "dist_coeffs": {BENT.tolist()}, "image_size": [640, 480]}}')
+    ros.write_text(ROS)
+    plain.write_text(PLAIN)
     assert read_camera_file(ros) == EXPECTED
     assert read_camera_file(plain) == EXPECTED
     plain.write_text('{"camera_matrix": [[1, 2]], "image_size": [640, 480]}')
@@ -144,27 +134,6 @@ def test_files_of_ros_and_plain_json(tmp_path: Path) -> None:
     plain.write_text(f'{{"camera_matrix": {K.tolist()}}}')
     with pytest.raises(InputError, match=r"plain\.json: .*size"):
         read_camera_file(plain)
-
-
-POSE2SIM = """[left]
-name = "left"
-size = [1088.0, 1920.0]
-matrix = [[1681.2, 0.0, 532.9], [0.0, 1681.0, 948.1], [0.0, 0.0, 1.0]]
-distortions = [-0.05, 0.1, 0.0, 0.0]
-rotation = [1.5707963267948966, 0.0, 0.0]
-translation = [0.5, 1.5, 4.0]
-fisheye = false
-
-[right]
-size = [640, 480]
-matrix = [[500, 0, 320], [0, 500, 240], [0, 0, 1]]
-distortions = []
-rotation = [0, 0, 0]
-translation = [0, 0, 0]
-
-[metadata]
-adjusted = false
-"""
 
 
 def test_one_of_the_cameras_of_pose2sim(tmp_path: Path) -> None:

@@ -1,15 +1,14 @@
-"""sensor_msgs/msg/Imu of a ROS 2 recording; the files are made by mcap_ros2's own writer."""
+"""sensor_msgs/msg/Imu of a ROS 2 recording."""
 
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer as RawWriter
-from mcap_ros2.writer import Writer
+from ros2_samples import START_NS, STEP_NS, imu, write_ros2
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.rotations import rotation_z
@@ -17,65 +16,11 @@ from vip_factors.io import ros2
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene
 
-LINE = "=" * 80
-DEFINITION = f"""std_msgs/Header header
-geometry_msgs/Quaternion orientation
-float64[9] orientation_covariance
-geometry_msgs/Vector3 angular_velocity
-float64[9] angular_velocity_covariance
-geometry_msgs/Vector3 linear_acceleration
-float64[9] linear_acceleration_covariance
-{LINE}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-{LINE}
-MSG: geometry_msgs/Vector3
-float64 x
-float64 y
-float64 z
-{LINE}
-MSG: std_msgs/Header
-builtin_interfaces/Time stamp
-string frame_id
-{LINE}
-MSG: builtin_interfaces/Time
-int32 sec
-uint32 nanosec
-"""
-START_NS = 1_700_000_000_000_000_001
-STEP_NS = 10_000_000
-
-
-def imu(i: int, frame_id: str = "pelvis", **changes: Any) -> dict[str, Any]:
-    sec, nanosec = divmod(START_NS + i * STEP_NS, 1_000_000_000)
-    return {
-        "header": {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id},
-        "orientation": {"x": 0.0, "y": 0.0, "z": np.sin(0.05 * i), "w": np.cos(0.05 * i)},
-        "orientation_covariance": [0.0] * 9,
-        "angular_velocity": {"x": 1.0, "y": 2.0, "z": i},
-        "angular_velocity_covariance": [0.0] * 9,
-        "linear_acceleration": {"x": 0.5, "y": 0.25 * i, "z": 9.81},
-        "linear_acceleration_covariance": [0.0] * 9,
-        **changes,
-    }
-
-
-def write(path: Path, topics: dict[str, list[dict[str, Any]]]) -> Path:
-    with open(path, "wb") as file, Writer(file) as writer:
-        schema = writer.register_msgdef("sensor_msgs/msg/Imu", DEFINITION)
-        for topic, messages in topics.items():
-            for i, message in enumerate(messages):
-                writer.write_message(topic, schema, message, log_time=START_NS + 5 + i * STEP_NS)
-    return path
-
 
 @settings(max_examples=30, deadline=None)
 @given(st.text(st.characters(codec="ascii", exclude_characters="\0"), min_size=1, max_size=20))
 def test_all_fields_are_read_whatever_the_length_of_the_frame(tmp_path_factory, frame_id: str) -> None:
-    path = write(tmp_path_factory.mktemp("ros") / "r.mcap", {"/imu": [imu(i, frame_id) for i in range(5)]})
+    path = write_ros2(tmp_path_factory.mktemp("ros") / "r.mcap", {"/imu": [imu(i, frame_id) for i in range(5)]})
     streams = ros2.read(path).imus
     assert list(streams) == [frame_id]
     stream, i = streams[frame_id], np.arange(5)
@@ -87,7 +32,7 @@ def test_all_fields_are_read_whatever_the_length_of_the_frame(tmp_path_factory, 
 
 def test_a_covariance_of_minus_one_means_not_measured(tmp_path: Path) -> None:
     absent = [-1.0] + [0.0] * 8
-    path = write(
+    path = write_ros2(
         tmp_path / "r.mcap",
         {
             "/a": [imu(i, "a", orientation_covariance=absent) for i in range(3)],
@@ -105,14 +50,14 @@ def test_a_covariance_of_minus_one_means_not_measured(tmp_path: Path) -> None:
 
 def test_a_zero_quaternion_is_no_orientation(tmp_path: Path) -> None:
     zero = dict.fromkeys("xyzw", 0.0)
-    path = write(tmp_path / "r.mcap", {"/imu": [imu(i, orientation=zero) for i in range(3)]})
+    path = write_ros2(tmp_path / "r.mcap", {"/imu": [imu(i, orientation=zero) for i in range(3)]})
     assert ros2.read(path).imus["pelvis"].R_inertial_sensor is None
 
 
 def test_a_topic_with_rates_alone_is_left_out_and_said(tmp_path: Path) -> None:
     absent = [-1.0] + [0.0] * 8
     gyro = [imu(i, "g", orientation_covariance=absent, linear_acceleration_covariance=absent) for i in range(3)]
-    path = write(tmp_path / "r.mcap", {"/gyro": gyro, "/imu": [imu(0)]})
+    path = write_ros2(tmp_path / "r.mcap", {"/gyro": gyro, "/imu": [imu(0)]})
     with pytest.warns(McapWarning, match="/gyro has neither"):
         assert list(ros2.read(path).imus) == ["pelvis"]
 
@@ -120,18 +65,18 @@ def test_a_topic_with_rates_alone_is_left_out_and_said(tmp_path: Path) -> None:
 @pytest.mark.parametrize("frame_id", ["", "base_link"])
 def test_empty_and_shared_frames_give_way_to_topics(tmp_path: Path, frame_id: str) -> None:
     messages = [imu(i, frame_id) for i in range(2)]
-    path = write(tmp_path / "r.mcap", {"/left/imu": messages, "/right/imu": messages})
+    path = write_ros2(tmp_path / "r.mcap", {"/left/imu": messages, "/right/imu": messages})
     assert sorted(ros2.read(path).imus) == ["left/imu", "right/imu"]
 
 
 def test_time_is_counted_from_the_earliest_stamp(tmp_path: Path) -> None:
-    path = write(tmp_path / "r.mcap", {"/a": [imu(5, "a")], "/b": [imu(2, "b")]})
+    path = write_ros2(tmp_path / "r.mcap", {"/a": [imu(5, "a")], "/b": [imu(2, "b")]})
     assert {name: float(s.time[0]) for name, s in ros2.read(path).imus.items()} == {"a": 0.03, "b": 0.0}
     assert ros2.read(path).start_ns == START_NS + 2 * STEP_NS
 
 
 def test_stamps_out_of_order_are_sorted_and_repeats_left_out(tmp_path: Path) -> None:
-    path = write(tmp_path / "r.mcap", {"/imu": [imu(i) for i in (0, 2, 1, 2, 3)]})
+    path = write_ros2(tmp_path / "r.mcap", {"/imu": [imu(i) for i in (0, 2, 1, 2, 3)]})
     with pytest.warns(McapWarning, match="1 samples repeat"):
         stream = ros2.read(path).imus["pelvis"]
     np.testing.assert_allclose(stream.time, [0, 0.01, 0.02, 0.03])
@@ -139,7 +84,7 @@ def test_stamps_out_of_order_are_sorted_and_repeats_left_out(tmp_path: Path) -> 
 
 def test_without_stamps_log_times_stand_for_them(tmp_path: Path) -> None:
     header = {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "pelvis"}
-    path = write(tmp_path / "r.mcap", {"/imu": [imu(i, header=header) for i in range(3)]})
+    path = write_ros2(tmp_path / "r.mcap", {"/imu": [imu(i, header=header) for i in range(3)]})
     with pytest.warns(McapWarning, match="no time stamps"):
         np.testing.assert_allclose(ros2.read(path).imus["pelvis"].time, [0, 0.01, 0.02])
 
@@ -160,7 +105,7 @@ def test_big_endian_messages_are_read(tmp_path: Path) -> None:
 
 
 def test_of_a_cut_file_the_first_samples_are_read_and_it_is_said(tmp_path: Path) -> None:
-    path = write(tmp_path / "r.mcap", {"/imu": [imu(i) for i in range(500)]})
+    path = write_ros2(tmp_path / "r.mcap", {"/imu": [imu(i) for i in range(500)]})
     path.write_bytes(path.read_bytes()[:-100])
     with pytest.warns(McapWarning, match="cut off"):
         log = ros2.read(path)
@@ -169,13 +114,13 @@ def test_of_a_cut_file_the_first_samples_are_read_and_it_is_said(tmp_path: Path)
 
 
 def test_errors_name_the_file_and_what_to_do(tmp_path: Path) -> None:
-    path = write(tmp_path / "r.mcap", {"/imu": [imu(0)]})
+    path = write_ros2(tmp_path / "r.mcap", {"/imu": [imu(0)]})
     with pytest.warns(McapWarning), pytest.raises(FileFormatError, match="vip-factors convert"):
         read_scene(path)
     far = {"x": 0.0, "y": 0.0, "z": 981.0}
-    write(path, {"/imu": [imu(0, linear_acceleration=far)]})
+    write_ros2(path, {"/imu": [imu(0, linear_acceleration=far)]})
     with pytest.raises(RecordingError, match=r"r\.mcap: sensor 'pelvis'.*m/s²"):
         ros2.read(path)
-    write(path, {})
+    write_ros2(path, {})
     with pytest.raises(FileFormatError, match=r"no messages of sensor_msgs/msg/Imu: topics found are none"):
         ros2.read(path)

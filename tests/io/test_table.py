@@ -1,55 +1,23 @@
 """Tables of any make: what is written comes back, and each mistake is told in one sentence."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from table_samples import SENSORS, Layout, made_up, quantities_of, write_export, write_log
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array, exp, transpose
+from vip_factors.geometry.rotations import exp
 from vip_factors.io.convert import ImportOptions, import_recording, read_log
 from vip_factors.io.importers.column_map import ACCELERATION_UNITS, ANGULAR_RATE_UNITS, TIME_UNITS, read_column_map
 from vip_factors.io.importers.table import R_UP, best_reading
 from vip_factors.io.importers.text_table import SEPARATORS, Dialect, read_text_table
 from vip_factors.sensors.imu_stream import ImuStream
-
-SENSORS = ("pelvis", "left shank")
-
-
-def made_up(seed: int, count: int = 40, rate: float = 50.0) -> dict[str, ImuStream]:
-    """Streams whose specific force is gravity and a little more."""
-    rng = np.random.default_rng(seed)
-    time = np.arange(count) / rate
-    streams = {}
-    for name in SENSORS:
-        R = exp(rng.normal(size=3) + np.cumsum(rng.normal(scale=0.1, size=(count, 3)), axis=0))
-        force = np.einsum("nji,j->ni", R, [0, 0, 9.81]) + rng.normal(scale=0.5, size=(count, 3))
-        streams[name] = ImuStream(name, time, force, R, rng.normal(size=(count, 3)))
-    return streams
-
-
-@dataclass(frozen=True)
-class Layout:
-    """How a table is written."""
-
-    separator: str = "comma"
-    ending: str = "\n"
-    mark: bool = False
-    comments: int = 0
-    time_unit: str = "s"
-    acceleration_unit: str = "m/s2"
-    angular_rate_unit: str = "rad/s"
-    order: str = "wxyz"
-    sense: str = "sensor_to_world"
-    up: str = "z"
-    per_sensor: bool = False
-    start: float = 0.0
-
 
 layouts = st.builds(
     Layout,
@@ -66,46 +34,6 @@ layouts = st.builds(
     per_sensor=st.booleans(),
     start=st.sampled_from([0.0, -3.5, 1.7e9]),
 )
-
-
-def columns_of(stream: ImuStream, layout: Layout) -> dict[str, Array]:
-    """The numbers of one sensor by quantity, as the layout has them."""
-    assert stream.R_inertial_sensor is not None
-    R = transpose(R_UP[layout.up]) @ stream.R_inertial_sensor
-    R = R if layout.sense == "sensor_to_world" else transpose(R)
-    return {
-        "acceleration": stream.specific_force / ACCELERATION_UNITS[layout.acceleration_unit],
-        "angular_rate": stream.angular_rate / ANGULAR_RATE_UNITS[layout.angular_rate_unit],
-        "quaternion": quaternion_from_matrix(R, Order(layout.order)),
-    }
-
-
-def write_log(folder: Path, streams: dict[str, ImuStream], layout: Layout) -> tuple[Path, Path]:
-    """The log (a file, or a folder with one for each sensor) and its column map."""
-    folder.mkdir(exist_ok=True)
-    separator = SEPARATORS[layout.separator] or " "
-    tables: dict[str, dict[str, Array]] = {}
-    text = [
-        'time = "t"', f'time_unit = "{layout.time_unit}"', f'acceleration_unit = "{layout.acceleration_unit}"',
-        f'angular_rate_unit = "{layout.angular_rate_unit}"', f'quaternion_order = "{layout.order}"',
-        f'quaternion_sense = "{layout.sense}"', f'world_up = "{layout.up}"',
-    ]  # fmt: skip
-    for number, (name, stream) in enumerate(streams.items()):
-        file = f"{number}.csv" if layout.per_sensor else "log.csv"
-        table = tables.setdefault(file, {"t": (stream.time + layout.start) / TIME_UNITS[layout.time_unit]})
-        text += [f'[sensors."{name}"]', f'file = "{file}"']
-        for quantity, values in columns_of(stream, layout).items():
-            names = [f"{number}_{quantity}_{axis}" for axis in range(values.shape[1])]
-            table.update(dict(zip(names, values.T, strict=True)))
-            text.append(f"{quantity} = {names}")
-    for file, table in tables.items():
-        lines = ["# made by a logger"] * layout.comments + [separator.join(table)]
-        lines += [separator.join(repr(float(one)) for one in row) for row in np.stack(list(table.values()), axis=1)]
-        content = layout.ending.join(lines) + layout.ending
-        (folder / file).write_bytes(("\ufeff" * layout.mark + content).encode())
-    columns = folder / "map.toml"
-    columns.write_text("\n".join(text), encoding="utf-8")
-    return (folder if layout.per_sensor else folder / "log.csv"), columns
 
 
 @settings(max_examples=30)
@@ -129,7 +57,7 @@ def test_what_is_written_comes_back(tmp_path_factory: pytest.TempPathFactory, la
 @given(layout=layouts, seed=st.integers(0, 20))
 def test_the_reading_that_points_gravity_upward_is_found(layout: Layout, seed: int) -> None:
     stream = made_up(seed)["pelvis"]
-    numbers = columns_of(stream, layout)
+    numbers = quantities_of(stream, layout)
     reading, off = best_reading(numbers["quaternion"], numbers["acceleration"])
     assert reading == (layout.order, layout.sense, layout.up)
     assert off < 10
@@ -282,26 +210,6 @@ def test_what_is_no_table_is_refused(tmp_path: Path, content: bytes, suffix: str
     path.write_bytes(content)
     with pytest.raises(InputError, match=f"a{suffix}"):
         read_text_table(path)
-
-
-def write_export(folder: Path, stream_of: dict[str, ImuStream]) -> Path:
-    """OpenSim's three tables side by side, in the form of its exports."""
-    folder.mkdir(exist_ok=True)
-    streams = list(stream_of.values())
-    for ending, quantity in (("Accel", "specific_force"), ("Gyro", "angular_rate")):
-        names = "\t".join(stream_of)
-        lines = [f"PathFileType\t4\t(X/Y/Z)\t{ending}", "DataRate\tUnits", "50\tm", f"Frame#\tTime\t{names}"]
-        lines.append("\t\t" + "\t".join(f"X{i + 1}\tY{i + 1}\tZ{i + 1}" for i in range(len(streams))) + "\n")
-        for i, time in enumerate(streams[0].time):
-            values = np.concatenate([getattr(one, quantity)[i] for one in streams])
-            lines.append("\t".join([str(i + 1), repr(float(time)), *(repr(float(v)) for v in values)]))
-        (folder / f"walk_{ending}.trc").write_text("\n".join(lines) + "\n")
-    lines = ["DataRate=50", "DataType=Quaternion", "version=3", "endheader", "\t".join(["time", *stream_of])]
-    for i, time in enumerate(streams[0].time):
-        quaternions = [quaternion_from_matrix(one.R_inertial_sensor[i], Order.WXYZ) for one in streams]
-        lines.append("\t".join([repr(float(time)), *(",".join(repr(float(q)) for q in one) for one in quaternions)]))
-    (folder / "walk_Orientations.sto").write_text("\n".join(lines) + "\n")
-    return folder
 
 
 def test_opensims_tables_side_by_side_need_no_map(tmp_path: Path) -> None:

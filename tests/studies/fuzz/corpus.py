@@ -8,7 +8,6 @@ SMPL pickles with chumpy inside, and messages between the package's own processe
 
 import json
 import pickle
-import struct
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
@@ -16,24 +15,28 @@ from io import BytesIO
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 
 from tests.io import mvnx_samples, totalcapture_samples
+from tests.io.camera_samples import GOOD, PLAIN, POSE2SIM, write_opencv
 from tests.io.motion_samples import write_amc
 from tests.io.pose_files import person, write_alphapose, write_coco, write_mmpose, write_openpose
+from tests.io.ros2_samples import imu, write_ros2
 from tests.io.table_samples import (
+    Layout,
     columns_of,
+    made_up,
     sample,
     turning,
     write_dot,
+    write_export,
     write_format7,
+    write_log,
     write_mtw,
     write_named,
     write_quaternions,
 )
-from tests.studies.fuzz.mutations import mcap_of, protobuf_of
 from tests.studies.fuzz.run import Case, Files
 from vip_factors.associate.weights import SHIPPED_WEIGHTS, load_weights
 from vip_factors.body.anthropometry import SHIPPED_BODY_PRIOR, LengthPrior, likely_body, load_body_prior
@@ -45,7 +48,6 @@ from vip_factors.cli.info_text import motion_text, recording_text
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.configurations import configured
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
 from vip_factors.io.camera_file import read_camera_file, read_floor
 from vip_factors.io.convert import ImportOptions, import_recording
@@ -76,38 +78,6 @@ PLACEMENT = (
 PLACEMENT_JSON = (
     '{"stature_m": 1.7, "sex": "male", "sensors": {"Pelvis": "pelvis", "RightForeArm": {"site": "right_forearm"}}}'
 )
-CAMERAS = {  # by format: name and text
-    "camera-toml": (
-        "camera.toml",
-        "width = 640\nheight = 480\nfx = 500\nfy = 500.5\ncx = 320\ncy = 240\ndistortion = [0.1, -0.2, 0.001, 0]\n"
-        + FLOOR,
-    ),
-    "camera-yaml": (
-        "camera.yaml",
-        "%YAML:1.0\n---\nimage_width: 640\nimage_height: 480\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n"
-        "   dt: d\n   data: [ 500., 0., 320., 0., 510., 240., 0., 0., 1. ]\ndist_coeffs: !!opencv-matrix\n   rows: 1\n"
-        "   cols: 5\n   dt: d\n   data: [ 0.1, -0.2, 0.001, 0.002, 0.05 ]\n",
-    ),
-    "camera-xml": (
-        "camera.xml",
-        '<?xml version="1.0"?>\n<opencv_storage>\n<image_width>640</image_width>\n<image_height>480</image_height>\n'
-        '<camera_matrix type_id="opencv-matrix"><rows>3</rows><cols>3</cols><dt>d</dt>\n'
-        "  <data>500. 0. 320. 0. 510. 240. 0. 0. 1.</data></camera_matrix>\n"
-        '<dist_coeffs type_id="opencv-matrix"><rows>1</rows><cols>4</cols><dt>d</dt><data>0.1 -0.2 0.001 0.</data>'
-        "</dist_coeffs>\n</opencv_storage>\n",
-    ),
-    "camera-json": (
-        "camera.json",
-        '{"camera_matrix": [[500, 0, 320], [0, 510, 240], [0, 0, 1]], "dist_coeffs": [[0.1, -0.2, 0.001, 0.002, 0.05]],'
-        ' "image_size": [640, 480]}',
-    ),
-    "pose2sim": (
-        "Calib.toml",
-        '[left]\nname = "left"\nsize = [1088.0, 1920.0]\nmatrix = [[1681.2, 0.0, 532.9], [0.0, 1681.0, 948.1], '
-        "[0.0, 0.0, 1.0]]\ndistortions = [-0.05, 0.1, 0.0, 0.0]\nrotation = [1.57, 0.0, 0.0]\n"
-        "translation = [0.5, 1.5, 4.0]\nfisheye = false\n\n[metadata]\nadjusted = false\n",
-    ),
-}
 
 
 def all_cases() -> list[Case]:
@@ -144,9 +114,10 @@ def log_cases() -> list[Case]:
         ("apdm-named", "a.csv",
          partial(written, lambda folder: write_named(folder / "a.csv", opals, ("m/s^2", "rad/s"))), {}, 4),
         ("opensense-sto", "a.sto", partial(written, lambda folder: _quaternions(folder / "a.sto")), {}, 4),
-        ("opensim-export", "log", partial(written, _opensim_export), {}, 4),
+        ("opensim-export", "log",
+         partial(written, lambda folder: write_export(folder / "log", made_up(1, ROWS))), {}, 4),
         ("table", "log.csv", _table, {"columns": "map.toml"}, 4),
-        ("ros2", "a.mcap", _ros2, {}, 4),
+        ("ros2", "a.mcap", partial(written, _ros2), {}, 4),
         ("totalcapture", "s1",
          partial(written, lambda folder: totalcapture_samples.write(_below(folder, "s1"))), {}, 12),
     )  # fmt: skip
@@ -196,56 +167,12 @@ def _quaternions(path: Path) -> None:
     write_quaternions(path, np.stack([sample(seed, ROWS)[0] for seed in (1, 2)], axis=1), ["pelvis_imu", "tibia_l_imu"])
 
 
-def _opensim_export(folder: Path) -> None:
-    folder = _below(folder, "log")
-    _quaternions(folder / "walk_Orientations.sto")
-    for file, quantity in (("walk_Accel.trc", 1), ("walk_Gyro.trc", 2)):
-        head = (
-            f"PathFileType\t4\t(X/Y/Z)\t{file}\nDataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\t"
-            f"OrigDataStartFrame\tOrigNumFrames\n100\t100\t{ROWS}\t2\tm\t100\t1\t{ROWS}\nFrame#\tTime\tpelvis_imu\t\t\t"
-            "tibia_l_imu\t\t\n\t\tX1\tY1\tZ1\tX2\tY2\tZ2\n\n"
-        )
-        values = np.concatenate([sample(seed, ROWS)[quantity] for seed in (1, 2)], axis=1)
-        rows = ("\t".join([str(i + 1), *(f"{one:.6f}" for one in (678 + i / 100, *values[i]))]) for i in range(ROWS))
-        (folder / file).write_text(head + "\n".join(rows) + "\n")
+def _table() -> Files:
+    return written(lambda folder: write_log(folder, made_up(1, ROWS), Layout()))
 
 
-def _table() -> dict[str, bytes]:
-    head, columns = ["t"], [np.arange(ROWS)[:, None] / 50.0]
-    text = ['time = "t"', 'time_unit = "s"', 'acceleration_unit = "m/s2"', 'angular_rate_unit = "rad/s"',
-            'quaternion_order = "wxyz"', 'quaternion_sense = "sensor_to_world"', 'world_up = "z"']  # fmt: skip
-    for number, name in enumerate(("pelvis", "left shank")):
-        R, force, rate = sample(number, ROWS)
-        text += [f'[sensors."{name}"]', 'file = "log.csv"']
-        quantities = {"acceleration": force, "angular_rate": rate, "quaternion": quaternion_from_matrix(R, Order.WXYZ)}
-        for quantity, values in quantities.items():
-            names = [f"{number}_{quantity}_{axis}" for axis in range(values.shape[1])]
-            text.append(f"{quantity} = {names}")
-            head, columns = [*head, *names], [*columns, values]
-    rows = (",".join(f"{one:.6f}" for one in row) for row in np.concatenate(columns, axis=1))
-    return {"log.csv": "\n".join([",".join(head), *rows, ""]).encode(), "map.toml": "\n".join(text).encode()}
-
-
-def _ros2() -> dict[str, bytes]:
-    def text(value: str) -> bytes:
-        return struct.pack("<I", len(value)) + value.encode()
-
-    schema = struct.pack("<H", 1) + text("sensor_msgs/msg/Imu") + text("ros2msg") + text("float64 x")
-    records = [(0x01, text("ros2") + text("")), (0x03, schema)]
-    for number, name in enumerate(("pelvis", "left_shank"), start=1):
-        channel = struct.pack("<HH", number, 1) + text(f"/imu/{name}") + text("cdr") + struct.pack("<I", 0)
-        records.append((0x04, channel))
-        R, force, rate = sample(number, ROWS)
-        quaternion = quaternion_from_matrix(R, Order.XYZW)
-        for i in range(ROWS):
-            frame = name.encode() + b"\0"
-            head = b"\0\1\0\0" + struct.pack("<iII", 1_700_000_000, i * 10_000_000, len(frame)) + frame
-            head += b"\0" * (-(len(head) - 4) % 8)
-            numbers = [*quaternion[i], *[0.0] * 9, *rate[i], *[0.0] * 9, *force[i], *[0.0] * 9]
-            time_ns = 1_700_000_000_000_000_000 + i * 10_000_000
-            content = struct.pack("<HIQQ", number, i, time_ns, time_ns) + head + struct.pack("<37d", *numbers)
-            records.append((0x05, content))
-    return {"a.mcap": mcap_of([*records, (0x0F, b"\0" * 4), (0x02, b"\0" * 20)])}
+def _ros2(folder: Path) -> None:
+    write_ros2(folder / "a.mcap", {f"/imu/{name}": [imu(i, name) for i in range(ROWS)] for name in NAMES[:2]})
 
 
 # Motions, 2D poses, cameras, bodies, settings
@@ -281,6 +208,7 @@ def _file_cases() -> list[Case]:
         motion_text(read_motion(path))
 
     def camera(path: Path) -> None:
+        path = path.with_name(f"{path.name}:left") if path.name == "Calib.toml" else path  # one of two cameras
         read_camera_file(path)
         read_floor(path)
 
@@ -295,8 +223,9 @@ def _file_cases() -> list[Case]:
             for kind, first in (("openpose", "openpose"), ("alphapose", ""), ("mmpose", ""), ("coco", ""))
         ),
         *(
-            case(kind, {name: text.encode()}, camera, f"{convert} --detections POSES.json --camera ")
-            for kind, (name, text) in CAMERAS.items()
+            case(f"camera-{name.partition('.')[2]}" if name != "Calib.toml" else "pose2sim", {name: data}, camera,
+                 f"{convert} --detections POSES.json --camera ")
+            for name, data in written(_write_cameras).items()
         ),
         case("body", some(prepared, "body.toml"), read_body_file, "vip-factors convert LOG out.mcap --body ", 3),
         case("offsets", some(prepared, "offsets.toml"), read_keypoint_offsets,
@@ -328,6 +257,14 @@ def _write_poses(folder: Path) -> None:
         write(folder / f"{kind}.json", {number: [person()] for number in range(3)})
     people = {number: [person()] * 2 for number in range(1, 4)}
     write_mmpose(folder / "mmpose.json", people, keypoint_set("coco17").keypoints)
+
+
+def _write_cameras(folder: Path) -> None:
+    (folder / "camera.toml").write_text(f"{GOOD}distortion = [0.1, -0.2, 0.001, 0]\n{FLOOR}")
+    (folder / "camera.json").write_text(PLAIN)
+    (folder / "Calib.toml").write_text(POSE2SIM)
+    for suffix in ("yaml", "xml"):
+        write_opencv(folder / f"camera.{suffix}")
 
 
 def _write_bodies(folder: Path) -> None:
@@ -367,7 +304,7 @@ def _afresh(path: Path, read: Callable[[Path], object]) -> None:
 
 def _model_cases() -> list[Case]:
     cases = [Case("step-record", lambda: {"info.json": _step_record()}, _take_step, "vip-factors run", seldom=3)]
-    if find_spec("onnxruntime"):
+    if find_spec("onnxruntime") and find_spec("onnx"):
         command = "vip-factors detect VIDEO.mp4 --model {}/pose.onnx"
         cases.append(Case("onnx", lambda: {"pose.onnx": simcc_model()}, _onnx, command, seldom=3, apart=True))
     if find_spec("optuna"):
@@ -401,28 +338,18 @@ def _take_step(folder: Path) -> None:
 
 def simcc_model() -> bytes:
     """An ONNX model that answers any picture ``(1, 3, 8, 6)`` with the same rows of SimCC for 17 keypoints."""
+    from onnx import TensorProto, helper
 
-    def field(number: int, content: bytes | str) -> tuple[int, int, bytes]:
-        return number, 2, content.encode() if isinstance(content, str) else content
-
-    def number(place: int, value: int) -> tuple[int, int, int]:
-        return place, 0, value
-
-    def value_info(name: str, shape: tuple[int, ...]) -> bytes:
-        dimensions = protobuf_of([field(1, protobuf_of([number(1, one)])) for one in shape])
-        tensor = protobuf_of([number(1, 1), field(2, dimensions)])  # 1: floats
-        return protobuf_of([field(1, name), field(2, protobuf_of([field(1, tensor)]))])
-
-    rows: list[tuple[int, int, Any]] = []
-    for name, bins in (("x", 6), ("y", 8)):
-        values = np.random.default_rng(bins).random((1, 17, bins)).astype("<f4").tobytes()
-        shape = [number(1, one) for one in (1, 17, bins)]
-        tensor = protobuf_of([*shape, number(2, 1), field(8, name), field(9, values)])
-        node = protobuf_of([field(1, name), field(2, f"simcc_{name}"), field(4, "Identity")])
-        rows += [field(1, node), field(5, tensor), field(12, value_info(f"simcc_{name}", (1, 17, bins)))]
-    rows = sorted([*rows, field(2, "pose"), field(11, value_info("input", (1, 3, 8, 6)))], key=lambda one: one[0])
-    opset = protobuf_of([number(2, 17)])
-    return protobuf_of([number(1, 8), field(7, protobuf_of(rows)), field(8, opset)])
+    kind, bins = TensorProto.FLOAT, {"x": 6, "y": 8}
+    values = {name: np.random.default_rng(size).random((1, 17, size)) for name, size in bins.items()}
+    graph = helper.make_graph(
+        [helper.make_node("Identity", [name], [f"simcc_{name}"]) for name in bins], "pose",
+        [helper.make_tensor_value_info("input", kind, [1, 3, 8, 6])],
+        [helper.make_tensor_value_info(f"simcc_{name}", kind, [1, 17, size]) for name, size in bins.items()],
+        [helper.make_tensor(name, kind, rows.shape, rows.ravel()) for name, rows in values.items()],
+    )  # fmt: skip
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    return bytes(model.SerializeToString())
 
 
 def _onnx(folder: Path) -> None:

@@ -5,19 +5,19 @@ them only 0 or 1. A wearer is seen once per frame, so all products of one hypoth
 of a wearer add up to at most 1: constraints summed in this way describe the same program and relax it less.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
 from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 
 SECONDS_PER_WINDOW = 20.0  # what HiGHS may take for one; the best found until then is used
 RELATIVE_GAP = 1e-4
+TOLERANCE = 1e-6  # within which HiGHS keeps to constraints
 
 
 @dataclass(frozen=True)
@@ -52,18 +52,27 @@ class AssignmentProblem:
             self.edge_cost[inside],
         )  # fmt: skip
 
+    def beside(self, chosen: np.ndarray) -> "AssignmentProblem":
+        """The problem of the others, next to those that are chosen ``(H,)`` already."""
+        a, b = self.edges.T
+        to_chosen = [np.bincount(one, chosen[other] * self.edge_cost, len(chosen)) for one, other in ((a, b), (b, a))]
+        return replace(self, cost=self.cost + sum(to_chosen))
+
+    def with_edges(self, which: np.ndarray) -> "AssignmentProblem":
+        """The problem with some of its edges, by mask."""
+        return replace(self, edges=self.edges[which], edge_cost=self.edge_cost[which])
+
 
 def solve(problem: AssignmentProblem) -> np.ndarray:
-    """The best choice ``(H,)``, of every connected part on its own.
+    """The best choice ``(H,)``.
 
     Raises:
         SolveError: if HiGHS finds no solution (choosing nothing always is one).
     """
-    chosen = np.zeros(len(problem.cost), bool)
-    hopeful = np.flatnonzero(_may_pay(problem))
-    rest = problem.restricted_to(hopeful)
-    for rows in _components(rest):
-        chosen[hopeful[rows]] = _solve_connected(rest.restricted_to(rows))
+    hopeful, chosen = _settled(problem)
+    rows = np.flatnonzero(hopeful & ~chosen)
+    if len(rows):
+        chosen[rows] = _solve_open(problem.beside(chosen).restricted_to(rows))
     return chosen
 
 
@@ -78,23 +87,16 @@ def solve_in_windows(
     chosen = np.zeros(len(problem.cost), bool)
     if len(chosen) == 0:
         return chosen
-    order_frame, last = problem.frame, int(problem.frame.max())
-    a, b = problem.edges.T
+    last = int(problem.frame.max())
     start = int(problem.frame.min())
     while start <= last:
         end = start + window
         if last < end + overlap // 2:
             end = last + 1
         keep_until = end if end > last else end - overlap
-        free = (order_frame >= start) & (order_frame < end)
-        cost = problem.cost.copy()
-        np.add.at(cost, a, np.where(chosen[b] & ~free[b], problem.edge_cost, 0.0))
-        np.add.at(cost, b, np.where(chosen[a] & ~free[a], problem.edge_cost, 0.0))
+        free = (problem.frame >= start) & (problem.frame < end)
         rows = np.flatnonzero(free)
-        of_window = AssignmentProblem(
-            problem.frame, problem.wearer, problem.detection, cost, problem.edges, problem.edge_cost
-        ).restricted_to(rows)
-        best = solve(of_window)
+        best = solve(problem.beside(chosen & ~free).restricted_to(rows))
         kept = problem.frame[rows] < keep_until
         chosen[rows[kept]] = best[kept]
         start = keep_until
@@ -103,18 +105,24 @@ def solve_in_windows(
     return chosen
 
 
-def _may_pay(problem: AssignmentProblem) -> np.ndarray:
-    """Which hypotheses ``(H,)`` could be chosen in a best solution: those that could lower the cost at all."""
-    alive = np.ones(len(problem.cost), bool)
-    a, b = problem.edges.T
-    helpful = np.minimum(problem.edge_cost, 0.0)
+def _settled(problem: AssignmentProblem) -> tuple[np.ndarray, np.ndarray]:
+    """Which hypotheses ``(H,)`` could be in a best choice, and which of them are in every one.
+
+    Those are that could lower the cost at all; and these, if they have no rival, that do so whatever else is chosen.
+    """
+    a, b = np.concatenate([problem.edges, problem.edges[:, ::-1]]).T
+    edge, H, groups = np.tile(problem.edge_cost, 2), len(problem.cost), _exclusive_groups(problem)
+    hopeful, sure = np.ones(H, bool), np.zeros(H, bool)
     while True:
-        there = alive[a] & alive[b]
-        gain = np.bincount(a[there], helpful[there], len(alive)) + np.bincount(b[there], helpful[there], len(alive))
-        now = alive & (problem.cost + gain < 0)
-        if np.array_equal(now, alive):
-            return alive
-        alive = now
+        least, most = (
+            problem.cost + np.bincount(a, hopeful[b] * np.where(sure[b], edge, limit), H)
+            for limit in (np.minimum(edge, 0.0), np.maximum(edge, 0.0))
+        )
+        alone = np.all([np.bincount(group, hopeful)[group] == 1 for group in groups], axis=0)
+        before = hopeful, sure
+        hopeful, sure = hopeful & (least < 0), hopeful & alone & (most < 0)
+        if np.array_equal(before, (hopeful, sure)):
+            return hopeful, sure
 
 
 def _exclusive_groups(problem: AssignmentProblem) -> list[np.ndarray]:
@@ -123,59 +131,78 @@ def _exclusive_groups(problem: AssignmentProblem) -> list[np.ndarray]:
     return [np.unique(key, return_inverse=True)[1] for key in (by_wearer, problem.detection)]
 
 
-def _components(problem: AssignmentProblem) -> list[np.ndarray]:
-    """Rows of the hypotheses of each connected part."""
-    H = len(problem.cost)
-    if H == 0:
-        return []
-    links = [problem.edges]
-    offset, groups = H, _exclusive_groups(problem)
-    for group in groups:  # a node for every group joins its members
-        links.append(np.stack([np.arange(H), group + offset], axis=1))
-        offset += int(group.max()) + 1
-    i, j = np.concatenate(links).T
-    _, label = connected_components(csr_array((np.ones(len(i)), (i, j)), shape=(offset, offset)), directed=False)
-    order = np.argsort(label[:H], kind="stable")
-    return [rows for rows in np.split(order, np.flatnonzero(np.diff(label[:H][order])) + 1) if len(rows)]
+def _solve_open(problem: AssignmentProblem) -> np.ndarray:
+    """The best choice ``(H,)``: of the program's relaxation where that chooses nothing by halves, as it nearly always
+    does.
+
+    Most edges that cost something join a right hypothesis with a wrong one, and nobody chooses both: such edges are
+    taken in where a choice without them breaks their constraints. Then none of those left out would change it.
+    """
+    H, taken = len(problem.cost), problem.edge_cost <= 0
+    while (found := _minimised(problem.with_edges(taken), binary=False)) is not None:
+        products = np.zeros(len(taken))
+        products[taken] = found[H:]
+        broken = _broken(problem, found[:H], products) & ~taken
+        if not broken.any():
+            break
+        taken |= broken
+    if found is None or np.any(np.abs(found[:H] - np.round(found[:H])) > TOLERANCE):
+        found = _minimised(problem, binary=True)
+    if found is None:
+        raise SolveError(f"the association's binary program of {H} hypotheses was not solved")
+    return found[:H] > 0.5
 
 
-def _solve_connected(problem: AssignmentProblem) -> np.ndarray:
+def _minimised(problem: AssignmentProblem, binary: bool) -> Array | None:
+    """Choices and products ``(H + E,)`` of the program, or of its relaxation; None if HiGHS found none in its time."""
     H, E = len(problem.cost), len(problem.edges)
-    if H == 1:
-        return problem.cost < 0
-    result = milp(
+    return milp(
         np.concatenate([problem.cost, problem.edge_cost]),
         constraints=_constraints(problem),
-        integrality=np.concatenate([np.ones(H), np.zeros(E)]),
+        integrality=np.concatenate([np.full(H, float(binary)), np.zeros(E)]),
         bounds=Bounds(0, 1),
         options={"time_limit": SECONDS_PER_WINDOW, "mip_rel_gap": RELATIVE_GAP},
-    )
-    if result.x is None:
-        raise SolveError(f"the association's binary program of {H} hypotheses was not solved: {result.message}")
-    return result.x[:H] > 0.5
+    ).x
+
+
+def _broken(problem: AssignmentProblem, x: Array, products: Array) -> np.ndarray:
+    """Edges ``(E,)`` of a cost whose constraints a choice ``(H,)`` with products ``(E,)`` breaks."""
+    broken, dear = np.zeros(len(products), bool), np.flatnonzero(problem.edge_cost > 0)
+    for near, far, key, _ in _with_each_wearer(problem, dear):
+        broken[dear] |= x[near] + np.bincount(key, x[far] - products[dear])[key] > 1 + TOLERANCE
+    return broken
+
+
+def _with_each_wearer(
+    problem: AssignmentProblem, edges: np.ndarray
+) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Both ends of some edges, this way and that, numbered by the one and the wearer and frame of the other; and the
+    first edge of each number.
+    """
+    group = _exclusive_groups(problem)[0]
+    for near, far in (problem.edges[edges].T, problem.edges[edges].T[::-1]):
+        both = near * (int(group.max(initial=0)) + 1) + group[far]
+        _, first, key = np.unique(both, return_index=True, return_inverse=True)
+        yield near, far, key, first
 
 
 def _constraints(problem: AssignmentProblem) -> LinearConstraint:
     H, E = len(problem.cost), len(problem.edges)
     rows = _Rows(H + E)
-    wearer_frame, detection = _exclusive_groups(problem)
-    for group in (wearer_frame, detection):
-        shared = np.bincount(group)[group] > 1
-        rows.add(group[shared], np.flatnonzero(shared), np.ones(int(shared.sum())), 1.0)
+    for group in _exclusive_groups(problem):
+        shared = np.flatnonzero(np.bincount(group)[group] > 1)
+        rows.add(np.unique(group[shared], return_inverse=True)[1], shared, np.ones(len(shared)), 1.0)
     edge = np.arange(E)
-    for near, far in (problem.edges.T, problem.edges.T[::-1]):
+    for near, _, key, first in _with_each_wearer(problem, edge):
         # all products of one choice with a wearer in another frame: at most that choice
-        key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
-        first = np.unique(key, return_index=True)[1]
         rows.add(
             np.concatenate([key, np.arange(len(first))]), np.concatenate([H + edge, near[first]]),
             np.concatenate([np.ones(E), -np.ones(len(first))]), 0.0,
         )  # fmt: skip
     dear = np.flatnonzero(problem.edge_cost > 0)
-    for near, far in (problem.edges[dear].T, problem.edges[dear].T[::-1]):
+    for near, far, key, first in _with_each_wearer(problem, dear):
         # a choice and one of a wearer in another frame: their product, which nobody would choose without
-        key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
-        first, ones = np.unique(key, return_index=True)[1], np.ones(len(dear))
+        ones = np.ones(len(dear))
         rows.add(
             np.concatenate([np.arange(len(first)), key, key]), np.concatenate([near[first], far, H + dear]),
             np.concatenate([np.ones(len(first)), ones, -ones]), 1.0,
@@ -194,7 +221,6 @@ class _Rows:
     def add(self, row: np.ndarray, column: np.ndarray, value: Array, bound: float) -> None:
         if len(row) == 0:
             return
-        row = np.unique(row, return_inverse=True)[1]
         self.parts.append((row + self.count, column, value))
         added = int(row.max()) + 1
         self.bounds.append(np.full(added, bound))

@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "slices.hpp"
+
 namespace vip {
 
 constexpr double PI = 3.14159265358979323846, FREEDOM = 4.0, LIMIT_SIGMA = PI / 18;  // as there
@@ -59,7 +61,7 @@ struct LinkEnd {
 };
 
 // Mean cost over T frames of how the joint bends, (N, M), given the bend's mean, lower and upper limits, and whitening.
-inline void bend_cost(const LinkEnd& parent, const LinkEnd& child, int64_t T, const double* limits, const double* W, double* found) {
+VIP_WIDE inline void bend_cost(const LinkEnd& parent, const LinkEnd& child, int64_t T, const double* limits, const double* W, double* found) {
     static const AngleOverSine series;
     constexpr int together = 16;  // frames: a product of so many is far from overflow, and one logarithm is enough
     const int64_t N = parent.size(), M = child.size();
@@ -102,6 +104,140 @@ inline void bend_cost(const LinkEnd& parent, const LinkEnd& child, int64_t T, co
         if (t % together == together - 1 || t == T - 1)
             for (int64_t i = 0; i < N * M; i++) found[i] += (FREEDOM + 3) / 2 / T * std::log(product[i]), product[i] = 1.0;
     }
+}
+
+// As in initialise/sensor_faults.py.
+constexpr double ARM_SIGMA = 0.2, MISFIT = 1.5, STRONG_SQUARE = 225.0, LEAST_SCALE = 0.05;
+constexpr int STARTS = 12, ROUNDS = 12;
+
+// Products of what two sensors say of a joint's acceleration, columns a (3, 4) and b (3, 4), as joint_products of
+// initialise/sensor_tree.py sums them over frames (5, 4, 4).
+struct JointProducts {
+    static constexpr int block = 16, size = 5 * block;
+    static void of(const double* a, const double* b, double* into) {
+        for (int k = 0; k < 4; k++)
+            for (int m = 0; m < 4; m++, into++) {
+                into[0] = a[k] * a[m] + a[4 + k] * a[4 + m] + a[8 + k] * a[8 + m];
+                into[block] = b[k] * b[m] + b[4 + k] * b[4 + m] + b[8 + k] * b[8 + m];
+                into[2 * block] = a[k] * b[m] + a[4 + k] * b[4 + m];
+                into[3 * block] = a[4 + k] * b[m] - a[k] * b[4 + m];
+                into[4 * block] = a[8 + k] * b[8 + m];
+            }
+    }
+    // Products (8, 8) of the columns of misfits, a and −R b, with the heading's cosine and sine; of a with ∂R b (4, 4).
+    static void gram(const double* sums, double cosine, double sine, double* G, double* slope) {
+        for (int k = 0; k < 4; k++)
+            for (int m = 0; m < 4; m++, sums++) {
+                G[8 * k + m] = sums[0], G[8 * (4 + k) + 4 + m] = sums[block];
+                G[8 * k + 4 + m] = G[8 * (4 + m) + k] = -(cosine * sums[2 * block] + sine * sums[3 * block] + sums[4 * block]);
+                slope[4 * k + m] = cosine * sums[3 * block] - sine * sums[2 * block];
+            }
+    }
+};
+
+// x of A x = b, symmetric positive (n, n); both are spent.
+template <int n> inline void solve_positive(double* A, double* b) {
+    for (int k = 0; k < n; k++)
+        for (int i = k + 1; i < n; i++) {
+            const double share = A[n * k + i] / A[n * k + k];
+            for (int j = i; j < n; j++) A[n * i + j] -= share * A[n * k + j];
+            b[i] -= share * b[k];
+        }
+    for (int k = n - 1; k >= 0; k--) {
+        for (int j = k + 1; j < n; j++) b[k] -= A[n * k + j] * b[j];
+        b[k] /= A[n * k + k];
+    }
+}
+
+inline int arm(int i) { return i < 3 ? 1 + i : 2 + i; }  // columns 0 and 4 are what both accelerations are
+
+// Least misfit over headings, given sums of products, and that heading; arms are eliminated.
+inline double least_over_headings(const double* sums, double* heading) {
+    double least = INFINITY;
+    for (int h = 0; h < STARTS; h++) {
+        const double angle = 2 * PI * h / STARTS;
+        double G[64], slope[16], A[36], linear[6], arms[6];
+        JointProducts::gram(sums, std::cos(angle), std::sin(angle), G, slope);
+        double cost = G[0] + 2 * G[4] + G[36];
+        for (int i = 0; i < 6; i++) {
+            linear[i] = arms[i] = G[8 * arm(i)] + G[8 * arm(i) + 4];
+            for (int j = 0; j < 6; j++) A[6 * i + j] = G[8 * arm(i) + arm(j)];
+            A[7 * i] += MISFIT * MISFIT / (ARM_SIGMA * ARM_SIGMA);
+        }
+        solve_positive<6>(A, arms);
+        for (int i = 0; i < 6; i++) cost -= linear[i] * arms[i];
+        if (cost < least) least = cost, *heading = angle;
+    }
+    return least;
+}
+
+// Share, in squares, of a joint's acceleration by which two sensors (T, 3, 4) disagree.
+VIP_WIDE inline double joint_share(const double* above, const double* below, int64_t T) {
+    constexpr int size = JointProducts::size;
+    std::vector<double> products(size * T), square(T), weight(T), sorted(T), across(4 * T);
+    double sums[size], G[64], slope[16], unknown[7], A[49], heading = 0;
+    const auto weighted_sums = [&] {
+        std::fill(sums, sums + size, 0.0);
+        for (int64_t t = 0; t < T; t++)
+            for (int p = 0; p < size; p++) sums[p] += weight[t] * products[size * t + p];
+    };
+    for (int64_t t = 0; t < T; t++) {
+        double* own = &products[size * t];
+        JointProducts::of(above + 12 * t, below + 12 * t, own);
+        weight[t] = 1 / (1 + (own[0] + own[JointProducts::block]) / STRONG_SQUARE);
+    }
+    weighted_sums();
+    least_over_headings(sums, &heading);
+    double x[8] = {1, 0, 0, 0, 1, 0, 0, 0}, misfit = 0;
+    for (int round = 0; round < ROUNDS; round++) {
+        const double cosine = std::cos(heading), sine = std::sin(heading);
+        for (int64_t t = 0; t < T; t++) {
+            double a[3], b[3];
+            for (int i = 0; i < 3; i++) {
+                const double *one = above + 12 * t + 4 * i, *other = below + 12 * t + 4 * i;
+                a[i] = one[0] + one[1] * x[1] + one[2] * x[2] + one[3] * x[3];
+                b[i] = other[0] + other[1] * x[5] + other[2] * x[6] + other[3] * x[7];
+            }
+            const double off[3] = {a[0] - cosine * b[0] + sine * b[1], a[1] - sine * b[0] - cosine * b[1], a[2] - b[2]};
+            sorted[t] = square[t] = off[0] * off[0] + off[1] * off[1] + off[2] * off[2];
+            across[4 * t] = b[0] * b[0] + b[1] * b[1];  // of the misfit's slope by the heading with itself, and with −R b
+            for (int k = 1; k < 4; k++) across[4 * t + k] = b[0] * below[12 * t + 4 + k] - b[1] * below[12 * t + k];
+        }
+        std::nth_element(sorted.begin(), sorted.begin() + T / 2, sorted.end());
+        double median = sorted[T / 2];
+        if (T % 2 == 0) median = (median + *std::max_element(sorted.begin(), sorted.begin() + T / 2)) / 2;
+        const double scale = std::max(median / 2.37, LEAST_SCALE);
+        double turned[4] = {0, 0, 0, 0};
+        misfit = 0;
+        for (int64_t t = 0; t < T; t++) {
+            weight[t] = 1 / (1 + square[t] / (4 * scale)), misfit += weight[t] * square[t];
+            for (int k = 0; k < 4; k++) turned[k] += weight[t] * across[4 * t + k];
+        }
+        weighted_sums();
+        JointProducts::gram(sums, cosine, sine, G, slope);
+        A[0] = turned[0] + 1e-9, unknown[0] = 0;
+        for (int i = 0; i < 6; i++) {
+            const double* row = G + 8 * arm(i);
+            A[1 + i] = A[7 * (1 + i)] = i < 3 ? 0.0 : turned[i - 2];
+            unknown[1 + i] = 0;
+            for (int c = 0; c < 8; c++) unknown[1 + i] -= row[c] * x[c];
+            unknown[1 + i] -= scale / (ARM_SIGMA * ARM_SIGMA) * x[arm(i)];
+            for (int j = 0; j < 6; j++) A[7 * (1 + i) + 1 + j] = row[arm(j)];
+            A[8 * (1 + i)] += scale / (ARM_SIGMA * ARM_SIGMA) + 1e-9;
+        }
+        for (int k = 0; k < 4; k++)
+            for (int m = 0; m < 4; m++) {
+                unknown[0] += x[k] * slope[4 * k + m] * x[4 + m];
+                if (k) A[k] = A[7 * k] -= slope[4 * k + m] * x[4 + m];
+            }
+        solve_positive<7>(A, unknown);
+        heading += unknown[0];
+        for (int i = 0; i < 6; i++) x[arm(i)] += unknown[1 + i];
+    }
+    double joint = 0;
+    for (int k = 0; k < 4; k++)
+        for (int m = 0; m < 4; m++) joint += x[k] * G[8 * k + m] * x[m];
+    return misfit / joint;
 }
 
 }  // namespace vip

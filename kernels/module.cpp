@@ -102,6 +102,18 @@ static void bend_cost(In<2> about_parent, In<3> parent, In<2> turned_parent, In<
     vip::bend_cost(above, below, static_cast<int64_t>(turned_parent.shape(0)), limits.data(), whitening.data(), found.data());
 }
 
+// Of sums of products (L, 5, 4, 4) the least misfit (L) and its heading (L).
+static void least_over_headings(In<4> products, Out<1> cost, Out<1> heading) {
+    expect(products.size() == 80 * cost.shape(0) && heading.shape(0) == cost.shape(0));
+    for (size_t l = 0; l < cost.shape(0); l++) cost(l) = vip::least_over_headings(products.data() + 80 * l, &heading(l));
+}
+
+// Of two sensors (T, 3, 4).
+static double joint_share(In<3> above, In<3> below) {
+    expect(above.shape(1) == 3 && above.shape(2) == 4 && above.shape(0) > 0 && below.size() == above.size());
+    return vip::joint_share(above.data(), below.data(), static_cast<int64_t>(above.shape(0)));
+}
+
 // Of each of S sensors its first `count` samples of (S, n), (S, n, 9), (S, n, 3); R (S, 3, 3) and force (S, 3).
 static void measure(In<2> time, In<3> R, In<3> force, Indices<1> count, In<1> period, double at, double step,
                     double gap_factor, Out<3> found_R, Flags seen, Out<2> found_force, Flags whole) {
@@ -441,6 +453,8 @@ NB_MODULE(_kernels, module) {
     module.def("screws", &screws, released());
     module.def("measure", &measure, released());
     module.def("bend_cost", &bend_cost, released());
+    module.def("least_over_headings", &least_over_headings, released());
+    module.def("joint_share", &joint_share, released());
     module.def("fit_people", &fit_people, released());
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate);

@@ -14,8 +14,8 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.compiled import kernels
 from vip_factors.geometry import poses, rotations
-from vip_factors.initialise import sensor_tree
-from vip_factors.initialise.sensor_tree import Link, LinkCosts
+from vip_factors.initialise import sensor_faults, sensor_tree
+from vip_factors.initialise.sensor_tree import Link, LinkCosts, joint_products
 from vip_factors.initialise.start_candidates import Candidates
 from vip_factors.live import association_evidence, sensor_samples
 from vip_factors.live.association_evidence import BodyFitter, People
@@ -125,6 +125,24 @@ def test_costs_of_links(monkeypatch: pytest.MonkeyPatch) -> None:
     pure = LinkCosts(links, frames).of(candidates)
     for child in (1, 2):
         np.testing.assert_allclose(fast[child], pure[child], rtol=1e-10)
+
+
+@pytest.mark.parametrize("count", [90, 301])
+def test_misfits_of_joints(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One point's acceleration as two sensors tell it, with noise and outliers; and two that have nothing in common."""
+    random, scale = np.random.default_rng(5), np.array([1.0, 20.0, 20.0, 20.0])
+    above, strange = random.standard_normal((2, count, 3, 4)) * 5.0 * scale
+    below = rotations.rotation_z(2.0) @ np.linalg.qr(random.standard_normal((count, 3, 3)))[0] @ above
+    below[..., 0] = above[..., 0] @ rotations.rotation_z(2.0) + 0.3 * random.standard_normal((count, 3))
+    below[::9, :, 0] += 30.0
+    pairs = [(above, below), (above, strange), (above, above)]
+    shares = [sensor_faults.joint_share(*one) for one in pairs]
+    products = np.stack([joint_products(*one) for one in pairs])
+    least = sensor_faults.least_over_headings(products)
+    monkeypatch.setattr(sensor_faults, "kernels", None)
+    np.testing.assert_allclose(shares, [sensor_faults.joint_share(*one) for one in pairs], rtol=1e-10, atol=1e-12)
+    for fast, pure in zip(least, sensor_faults.least_over_headings(products), strict=True):
+        np.testing.assert_allclose(fast, pure, rtol=1e-10, atol=1e-8)
 
 
 @pytest.mark.parametrize("kind", KINDS)

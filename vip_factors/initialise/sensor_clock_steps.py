@@ -10,18 +10,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
-from vip_factors.geometry.rotations import Array, rotation_z
+from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.sensor_faults import (
-    ARM_SIGMA,
-    HEADINGS,
     LEAST_SHARED,
     MISFIT,
     STEP,
     STRONG,
     JointSignal,
-    complete,
+    common_steps,
     joint_signal,
+    least_over_headings,
 )
 from vip_factors.initialise.sensor_tree import Link
 from vip_factors.sensors.imu_stream import ImuStream
@@ -52,13 +52,13 @@ def clock_step(streams: Sequence[ImuStream], links: Sequence[Link]) -> ClockStep
     start, end = min(one.time[0] for one in streams), max(one.time[-1] for one in streams)
     looked_at = min(END_S, (end - start) / 3)
     signals = [_last(one, end - looked_at - 2 * LONGEST_S - LEAST_SHARED) for one in streams]
-    time = np.arange(end - LONGEST_S - looked_at, end - LONGEST_S, STEP)
+    steps = np.arange(*np.ceil((end - LONGEST_S - np.array([looked_at, 0.0])) / STEP).astype(int))
     gains = np.zeros((len(signals), len(SHIFTS)))
     for link in links:
         parent, child = signals[link.parent], signals[link.child]
         if link.p_parent is None or parent is None or child is None:
             continue
-        share = shift_shares(parent, child, time)
+        share = shift_shares(parent, child, steps)
         if share is None:
             continue
         gain = looked_at * np.log(share[np.abs(SHIFTS) <= NEAR_S].min() / share)
@@ -75,36 +75,46 @@ def _last(stream: ImuStream, start: float) -> JointSignal | None:
     return joint_signal(stream.cut(start, np.inf)) if stream.time[-1] - start > LEAST_SHARED else None
 
 
-SHIFTS = np.arange(-round(LONGEST_S / STEP), round(LONGEST_S / STEP) + 1) * STEP
+MOST = round(LONGEST_S / STEP)
+SHIFTS = np.arange(-MOST, MOST + 1) * STEP
 
 
-def shift_shares(parent: JointSignal, child: JointSignal, time: Array) -> Array | None:
+def shift_shares(parent: JointSignal, child: JointSignal, steps: np.ndarray) -> Array | None:
     """Of the parent's mean square acceleration the misfit that is left with the child late by each of :data:`SHIFTS`.
 
-    None where they share too little at ``time`` ``(T,)``, every :data:`STEP`.
+    None where they share too little at the ``steps`` ``(T,)``.
     """
-    time = time[(time >= child.time[0] + LONGEST_S) & (time <= child.time[-1] - LONGEST_S)]
-    if len(time) * STEP < LEAST_SHARED:
+    steps = np.intersect1d(steps, common_steps(parent, child))
+    steps = steps[(steps * STEP >= child.time[0] + LONGEST_S) & (steps * STEP <= child.time[-1] - LONGEST_S)]
+    if len(steps) * STEP < LEAST_SHARED:
         return None
-    above, several = parent.spline(time), np.arange(len(SHIFTS)) - len(SHIFTS) // 2
-    reach = np.concatenate([time[0] + several * STEP, time[1:] + several[-1] * STEP])
-    rows = np.arange(len(time)) + np.arange(len(SHIFTS))[:, None]
-    below, there = child.spline(reach)[rows], complete(child, reach, STEP)[rows] & complete(parent, time, STEP)
-    if there.mean(axis=1).min() < LEAST_THERE:
+    reach = np.arange(steps[0] - MOST, steps[-1] + MOST + 1)
+    above, below, known = parent.at(steps), child.at(reach), parent.complete(steps * STEP, STEP)
+    there = child.complete(reach * STEP, STEP).astype(float)
+    at_shift = sliding_window_view(there, len(steps))
+    if (at_shift @ known).min() < LEAST_THERE * len(steps):
         return None
-    weight = there / (1 + np.sum(above[:, :, 0] ** 2, axis=1) / STRONG**2)
-    own = np.einsum("tik,lt,tim->lkm", above, weight, above, optimize=True)
-    others = np.einsum("ltik,lt,ltim->lkm", below, weight, below, optimize=True)
-    cross = np.einsum("tik,lt,ltjm->lijkm", above, weight, below, optimize=True)
-    shared = np.einsum("hij,lijkm->lhkm", rotation_z(HEADINGS), cross)
-    gram = np.zeros((*shared.shape[:2], 8, 8))
-    gram[..., :4, :4], gram[..., 4:, 4:] = own[:, None], others[:, None]
-    gram[..., :4, 4:], gram[..., 4:, :4] = -shared, -np.swapaxes(shared, -1, -2)
-    # The first column of either side is what both accelerations are; the rest are multiplied with the arms.
-    fixed, arms = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0]), [1, 2, 3, 5, 6, 7]
-    linear = (gram @ fixed)[..., arms]
-    square = gram[..., arms, :][..., arms] + (MISFIT / ARM_SIGMA) ** 2 * np.eye(6)
-    found = np.linalg.solve(square, linear[..., None])[..., 0]
-    cost = fixed @ gram @ fixed - np.sum(linear * found, axis=-1)
-    floor = MISFIT**2 * weight.sum(axis=1)  # what bodies that are not rigid leave says nothing
-    return np.asarray((cost.min(axis=1) + floor) / (own[:, 0, 0] + floor))
+    weight = known / (1 + np.sum(above[:, :, 0] ** 2, axis=1) / STRONG**2)
+    products = _shifted_products(above, weight, below, there)
+    floor = MISFIT**2 * (at_shift @ weight)  # what bodies that are not rigid leave says nothing
+    cost, _ = least_over_headings(products)
+    return np.asarray((cost + floor) / (products[:, 0, 0, 0] + floor))
+
+
+def _shifted_products(above: Array, weight: Array, below: Array, there: Array) -> Array:
+    """:func:`joint_products` ``(N - T + 1, 5, 4, 4)`` of ``(T, 3, 4)`` and as many of ``(N, 3, 4)``, from each on.
+
+    Products count by their ``weight`` ``(T,)`` and by what is ``there`` ``(N,)``.
+    """
+    size = 1 << (len(below) - 1).bit_length()
+
+    def spectrum(values: Array) -> np.ndarray:
+        return np.fft.rfft(values, size, axis=0)
+
+    weighted, left = above * weight[:, None, None], below * there[:, None, None]
+    one, other = spectrum(weighted).conj()[..., None], spectrum(left)[:, :, None]
+    own = spectrum(np.swapaxes(weighted, 1, 2) @ above).conj() * spectrum(there)[:, None, None]
+    others = spectrum(weight).conj()[:, None, None] * spectrum(np.swapaxes(left, 1, 2) @ below)
+    across = one[:, 1] * other[:, 0] - one[:, 0] * other[:, 1]
+    found = [own, others, one[:, 0] * other[:, 0] + one[:, 1] * other[:, 1], across, one[:, 2] * other[:, 2]]
+    return np.fft.irfft(np.stack(found, axis=1), size, axis=0)[: len(below) - len(above) + 1]

@@ -7,17 +7,19 @@ is are found together, so nothing of mountings, headings or the body is supposed
 walking thigh and shank do not turn in step. The fewest delays that explain what neighbours say are taken.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import BSpline, make_interp_spline
 
 from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array, rotation_z, transpose
-from vip_factors.initialise.sensor_tree import Link
+from vip_factors.initialise.sensor_tree import Link, joint_products
 from vip_factors.ranges import NotNegative, NotNegativeInt
-from vip_factors.sensors.frames import coarser, resample_streams
+from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 
 STEP = 1 / 30  # s: what is quicker are foot strikes, which ring straps and reach one sensor after the other
@@ -34,6 +36,7 @@ LEAST_SHARED = 3.0  # s that two sensors have in common, to be told apart from o
 # sensor on a thigh 0.9 to its shank and 2.6 to its pelvis, and 85 ms where there were none.
 POOR = 0.75
 GRAVITY = np.array([0.0, 0.0, 9.81])
+Signal = Callable[[Array], Array]
 _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 
@@ -42,15 +45,35 @@ class JointSignal:
     """What a sensor says of the acceleration of points of its bone, over time.
 
     Attributes:
-        time: ``(T,)`` seconds.
-        valid: ``(T,)`` whether all samples around are there.
-        spline: of ``(3, 4)``: the sensor's acceleration in its inertial frame in m/s², and what the arm ``(3,)`` in the
+        time: ``(T,)`` seconds, :data:`FINE` instants a step.
+        values: ``(T, 3, 4)``: the sensor's acceleration in its inertial frame in m/s², and what the arm ``(3,)`` in the
             sensor's frame is to be multiplied with to get that of a point.
+        valid: ``(T,)`` whether all samples around are there.
     """
 
     time: Array
+    values: Array
     valid: np.ndarray
-    spline: BSpline
+
+    @cached_property
+    def spline(self) -> BSpline:
+        """Of the values."""
+        return make_interp_spline(self.time, self.values, k=3)
+
+    @cached_property
+    def first(self) -> int:
+        """Number of the first instant; ``FINE * n`` is that nearest to ``n`` steps from the recording's start."""
+        return round(self.time[0] / STEP * FINE)
+
+    def at(self, steps: np.ndarray) -> Array:
+        """The values at some steps from the recording's start, to a :data:`FINE`-th of a step."""
+        return self.values[steps * FINE - self.first]
+
+    def complete(self, time: Array, reach: float) -> np.ndarray:
+        """Whether nothing is missing within the reach of each of the times."""
+        missing = np.r_[0, np.cumsum(~self.valid)]
+        first, last = (np.searchsorted(self.time, time + sign * reach) for sign in (-1, 1))
+        return missing[last] == missing[first]
 
 
 def joint_signal(stream: ImuStream) -> JointSignal | None:
@@ -59,21 +82,24 @@ def joint_signal(stream: ImuStream) -> JointSignal | None:
         return None
     if stream.time[-1] - stream.time[0] < LEAST_SHARED:
         return None
-    # Coarse frames, FINE times, each a part of a step later than before.
-    time = np.arange(stream.time[0], stream.time[-1], STEP / FINE)
-    fine = resample_streams([stream], time)
-    phases = [coarser(fine.window(slice(phase, None)), FINE) for phase in range(FINE)]
-    count = min(len(one) for one in phases) - 2
-    values, known = np.zeros((count, FINE, 3, 4)), np.zeros((count, FINE), bool)
-    for phase, frames in enumerate(phases):
-        R, seen = frames.R_inertial_sensor[: count + 2, 0], frames.orientation_valid[: count + 2, 0]
-        values[:, phase, :, 0] = frames.specific_force_inertial[1 : count + 1, 0] - GRAVITY
-        values[:, phase, :, 1:] = (R[:-2] - 2 * R[1:-1] + R[2:]) / STEP**2
-        known[:, phase] = seen[:-2] & seen[1:-1] & seen[2:] & frames.acceleration_valid[1 : count + 1, 0]
-    flat = known.ravel()
-    filled = np.where(flat[:, None, None], values.reshape(-1, 3, 4), 0.0)
-    time = time[FINE : FINE + count * FINE]
-    return JointSignal(time, flat, make_interp_spline(time, filled, k=3))
+    fine = resample_streams([stream], np.arange(stream.time[0], stream.time[-1], STEP / FINE))
+    R, seen, whole = fine.R_inertial_sensor[:, 0], fine.orientation_valid[:, 0], fine.acceleration_valid[:, 0]
+    count = len(fine) - 2 * FINE
+    # As coarse frames from each instant on have it: differences over a step, and its triangle of narrower ones.
+    before, now, after = (slice(shift, shift + count) for shift in (0, FINE, 2 * FINE))
+    around = [slice(FINE + shift, FINE + shift + count) for shift in range(1 - FINE, FINE)]
+    triangle = (FINE - np.abs(np.arange(1 - FINE, FINE))) / FINE**2
+    valid = seen[before] & seen[now] & seen[after] & np.all([whole[one] for one in around], axis=0)
+    values = np.empty((count, 3, 4))
+    values[..., 0] = np.tensordot(triangle, [fine.specific_force_inertial[one, 0] for one in around], 1) - GRAVITY
+    values[..., 1:] = (R[before] - 2 * R[now] + R[after]) / STEP**2
+    return JointSignal(fine.time[now], np.where(valid[:, None, None], values, 0.0), valid)
+
+
+def common_steps(one: JointSignal, other: JointSignal, margin: int = 1) -> np.ndarray:
+    """Steps from the recording's start that two signals have, and as many as the margin on either side."""
+    first, last = max(one.first, other.first), min(each.first + len(each.time) - 1 for each in (one, other))
+    return np.arange(-(-first // FINE) + margin, last // FINE + 1 - margin)
 
 
 def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] | None:
@@ -85,12 +111,13 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
     time = np.arange(
         max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, STEP
     )  # fmt: skip
-    time = time[complete(parent, time, STEP) & complete(child, time, margin)] if len(time) else time
+    time = time[parent.complete(time, STEP) & child.complete(time, margin)] if len(time) else time
     if len(time) * STEP < LEAST_BLOCKS * BLOCK:
         return None
     above = parent.spline(time)
-    start = min((_start(above, child.spline(time + seconds), seconds) for seconds in STARTS), key=lambda one: one[0])
-    seconds, sigma, misfit = _refined(above, child.spline, time, start[1], start[2])
+    starts = [(*_start(above, child.spline(time + seconds)), seconds) for seconds in STARTS]
+    _, heading, begin = min(starts)
+    seconds, sigma, misfit = _refined(above, child.spline, child.spline.derivative(), time, begin, heading)
     return None if misfit > POOR or abs(seconds) > STARTS[-1] + STEP else (seconds, sigma)
 
 
@@ -99,55 +126,60 @@ def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | 
 
     Heading and arms are those that fit best; clocks agree. None where the two share no time.
     """
-    time = np.arange(max(one.time[0], other.time[0]) + STEP, min(one.time[-1], other.time[-1]) - STEP, STEP)
-    time = time[complete(one, time, STEP) & complete(other, time, STEP)] if len(time) else time
-    if len(time) * STEP < LEAST_SHARED:
+    steps = common_steps(one, other)
+    steps = steps[one.complete(steps * STEP, STEP) & other.complete(steps * STEP, STEP)]
+    if len(steps) * STEP < LEAST_SHARED:
         return None
-    above, below = one.spline(time), other.spline(time)
-    _, _, heading = _start(above, below, 0.0)
+    above, below = one.at(steps), other.at(steps)
     moving = np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) > MISFIT**2  # rest tells of noise alone
-    share = _refined(above, other.spline, time, 0.0, heading, delay=False)[2]
-    return share, np.count_nonzero(moving) * STEP
+    return joint_share(above, below), np.count_nonzero(moving) * STEP
 
 
-def complete(signal: JointSignal, time: Array, reach: float) -> np.ndarray:
-    """Whether nothing is missing within the reach of each of the times."""
-    missing = np.r_[0, np.cumsum(~signal.valid)]
-    first, last = (np.searchsorted(signal.time, time + sign * reach) for sign in (-1, 1))
-    return missing[last] == missing[first]
+def joint_share(above: Array, below: Array) -> float:
+    """The share (in squares) by which two sensors' values ``(T, 3, 4)`` disagree about a joint's acceleration."""
+    if kernels is not None:
+        return float(kernels.joint_share(above, below))
+    still = np.zeros_like(below)
+    return _refined(above, lambda _: below, lambda _: still, np.zeros(len(above)), 0.0, _start(above, below)[1])[2]
 
 
-def _start(above: Array, below: Array, seconds: float) -> tuple[float, float, float]:
-    """Least cost over headings, the delay, and that heading; arms are eliminated."""
-    strength = np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1)
-    weight = 1 / (1 + strength / STRONG**2)
-    weighted = above * weight[:, None, None], below * weight[:, None, None]
-    own = [np.tensordot(one, two, ((0, 1), (0, 1))) for one, two in zip(weighted, (above, below), strict=True)]
-    cross = np.tensordot(weighted[0], below, (0, 0)).transpose(0, 2, 1, 3)
-    shared = np.einsum("hij,ijkl->hkl", rotation_z(HEADINGS), cross)
-    gram = np.zeros((len(HEADINGS), 8, 8))
-    gram[:, :4, :4], gram[:, 4:, 4:], gram[:, :4, 4:] = *own, -shared
-    gram[:, 4:, :4] = transpose(gram[:, :4, 4:])
+def _start(above: Array, below: Array) -> tuple[float, float]:
+    """Least cost over headings, and that heading."""
+    weight = 1 / (1 + np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) / STRONG**2)
+    products = joint_products(*(one * np.sqrt(weight)[:, None, None] for one in (above, below)))
+    cost, heading = least_over_headings(products[None])
+    return float(cost[0]), float(heading[0])
+
+
+def least_over_headings(products: Array) -> tuple[Array, Array]:
+    """Least costs ``(L,)`` over headings, and these; of :func:`joint_products` ``(L, 5, 4, 4)``, arms eliminated."""
+    if kernels is not None:
+        found = np.empty(len(products)), np.empty(len(products))
+        kernels.least_over_headings(np.ascontiguousarray(products), *found)
+        return found
+    turns = np.stack([np.cos(HEADINGS), np.sin(HEADINGS), np.ones(len(HEADINGS))], axis=1)
+    gram = np.zeros((len(products), len(HEADINGS), 8, 8))
+    gram[..., :4, :4], gram[..., 4:, 4:] = products[:, None, 0], products[:, None, 1]
+    gram[..., :4, 4:] = -np.einsum("hc,lckm->lhkm", turns, products[:, 2:])
+    gram[..., 4:, :4] = transpose(gram[..., :4, 4:])
     # The first column of either side is what both accelerations are; the rest are multiplied with the arms.
     fixed, arms = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0]), [1, 2, 3, 5, 6, 7]
-    linear, square = gram[:, arms] @ fixed, gram[:, arms][:, :, arms] + (MISFIT / ARM_SIGMA) ** 2 * np.eye(6)
-    cost = fixed @ gram @ fixed - np.sum(linear * np.linalg.solve(square, linear[..., None])[..., 0], axis=1)
-    best = int(np.argmin(cost))
-    return float(cost[best]), seconds, float(HEADINGS[best])
+    linear, square = (gram @ fixed)[..., arms], gram[..., arms, :][..., arms] + (MISFIT / ARM_SIGMA) ** 2 * np.eye(6)
+    cost = fixed @ gram @ fixed - np.sum(linear * np.linalg.solve(square, linear[..., None])[..., 0], axis=-1)
+    best = cost.argmin(axis=1)
+    return cost[np.arange(len(cost)), best], HEADINGS[best]
 
 
 def _refined(
-    above: Array, below: BSpline, time: Array, seconds: float, heading: float, delay: bool = True
+    above: Array, below: Signal, rate: Signal, time: Array, seconds: float, heading: float
 ) -> tuple[float, float, float]:
     """Gauss–Newton over delay, heading and both arms, Cauchy weights: the delay, its sigma, and the misfit's share.
 
-    The sigma is from blocks as independent as swings.
+    The sigma is from blocks as independent as swings. Where the ``rate`` of what is ``below`` is nought, none is found.
     """
-    arms, rate = np.zeros(6), below.derivative()
-    there, moved = below(time + seconds), np.zeros_like(above)
-    for turn in range(ROUNDS):
-        if delay:
-            there, moved = below(time + seconds) if turn else there, rate(time + seconds)
+    arms = np.zeros(6)
+    for _ in range(ROUNDS):
+        there, moved = below(time + seconds), rate(time + seconds)
         turned = rotation_z(heading) @ there
         by_arms = np.concatenate([above[:, :, 1:], -turned[:, :, 1:]], axis=2)
         misfit = above[:, :, 0] - turned[:, :, 0] + by_arms @ arms

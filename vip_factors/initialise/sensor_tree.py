@@ -256,16 +256,13 @@ class _Accelerations:
 
     Attributes:
         arms: ``(3,)`` metres, from either sensor to the shared point, in its bone's axes.
-        own: ``(2, 4, 4)``, of either sensor's :func:`_carried` with itself.
-        shared: ``(3, 4, 4)``, of the parent's with the child's: what the cosine of the heading between them is
-            multiplied with, what the sine, and what of the vertical is left.
+        products: ``(5, 4, 4)``, as :func:`joint_products` has them, of a frame on average.
         looks: that this counts as.
         least: m/s² of misfit that says nothing.
     """
 
     arms: tuple[Array, Array]
-    own: Array
-    shared: Array
+    products: Array
     looks: float
     least: float
 
@@ -275,12 +272,21 @@ class _Accelerations:
         for R, arm in zip((R_parent, R_child), self.arms, strict=True):
             arms = (arm @ R).reshape(-1, 3)  # in the sensor's axes
             sides.append(np.concatenate([np.ones((len(arms), 1)), arms], axis=1))
-        above, below = (np.sum(side @ own * side, axis=1) for side, own in zip(sides, self.own, strict=True))
-        cosine, sine, vertical = (sides[0] @ self.shared @ sides[1].T).reshape(3, *shape)
+        above, below = (np.sum(side @ own * side, axis=1) for side, own in zip(sides, self.products[:2], strict=True))
+        cosine, sine, vertical = (sides[0] @ self.products[2:] @ sides[1].T).reshape(3, *shape)
         angles = headings[:, None, :, None]
         product = np.cos(angles) * cosine + np.sin(angles) * sine + vertical
         square = np.maximum((above[:, None] + below).reshape(shape) - 2 * product, 0.0) / 3
         return 1.5 * self.looks * np.log(square / self.least**2 + 1.0)
+
+
+def joint_products(above: Array, below: Array) -> Array:
+    """``(5, 4, 4)``, summed over frames: of columns ``(T, 3, 4)`` with themselves, of others, and of these with those:
+    what the cosine of the heading between them is multiplied with, what the sine, and what of the vertical is left."""
+    own = (np.tensordot(one, one, ((0, 1), (0, 1))) for one in (above, below))
+    shared = np.tensordot(above, below, (0, 0))
+    across = shared[1, :, 0] - shared[0, :, 1]
+    return np.stack([*own, shared[0, :, 0] + shared[1, :, 1], across, shared[2, :, 2]])
 
 
 def _carried(frames: ImuFrames) -> tuple[Array, np.ndarray]:
@@ -300,13 +306,11 @@ def _accelerations(link: Link, frames: ImuFrames, carried: Array, known: np.ndar
     if len(rows) < 2 * smooth + 1:
         return None
     above, below = carried[both][:, rows] if arms is not None else _slow(carried[both][:, rows], smooth)
-    own = np.stack([np.tensordot(one, one, ((0, 1), (0, 1))) for one in (above, below)]) / len(above)
-    cross = np.tensordot(above, below, (0, 0)) / len(above)
-    shared = np.stack([cross[0, :, 0] + cross[1, :, 1], cross[1, :, 0] - cross[0, :, 1], cross[2, :, 2]])
+    products = joint_products(above, below) / len(above)
     looks = _looks(frames, rows, SWINGS_PER_SECOND)
     if arms is not None:
-        return _Accelerations(arms, own, shared, looks, LEAST_MISFIT)
-    return _Accelerations((np.zeros(3),) * 2, own, shared, looks / SLOW, LEAST_SLOW_MISFIT)
+        return _Accelerations(arms, products, looks, LEAST_MISFIT)
+    return _Accelerations((np.zeros(3),) * 2, products, looks / SLOW, LEAST_SLOW_MISFIT)
 
 
 def _postures(candidates: Candidates) -> int:

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import SolveError
-from vip_factors.solve import chain_elimination, strands
+from vip_factors.solve import chain_elimination, segments, strands
 from vip_factors.solve.chain_elimination import ChainElimination, chain_marginals, last_covariance, tree_marginals
 from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, static_key
 from vip_factors.solve.elimination import eliminate
@@ -184,16 +184,16 @@ def scene_system(tied: bool, moving: bool) -> ChainSystem:
 @pytest.mark.parametrize("tied", [True, False])
 @pytest.mark.parametrize("moving", [True, False])
 @pytest.mark.parametrize("pure", [True, False])
-@pytest.mark.parametrize("late", [True, False])
+@pytest.mark.parametrize("apart", [True, False])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 def test_the_step_and_the_covariance_are_gtsams(
-    tied: bool, moving: bool, pure: bool, late: bool, damping: float, monkeypatch: pytest.MonkeyPatch
+    tied: bool, moving: bool, pure: bool, apart: bool, damping: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if pure:
         monkeypatch.setattr(strands, "kernels", None)
-    if late:
-        monkeypatch.setattr(strands, "SEGMENT", 2)  # three of them
-        monkeypatch.setattr(chain_elimination, "_late_chains", lambda system: [2] if tied and system.between else [])
+    if apart:
+        monkeypatch.setattr(segments, "SEGMENT", 2)  # three of them
+        monkeypatch.setattr(chain_elimination, "_met_by_all", lambda system: 2 if tied and system.between else None)
     alone, system = random_chain(tied), scene_system(tied, moving)
     for one in (alone, system):
         expected, step = eliminate(one.stretches(damping)).optimize(), ChainElimination(one, damping).step()

@@ -3,7 +3,7 @@
 What all frames share stands behind the two frames that a frame sees, and is eliminated last. So only one row of blocks
 is made at a time, and what is kept of a frame is how it depends on those after it. Chains that have nothing in common
 in a frame are eliminated one after the other: wearers before a camera that stands still cost what they cost alone.
-Where a camera moves, its poses are eliminated behind the wearers, where that is less work.
+Where a camera moves, its poses are eliminated behind the wearers, a segment at a time, where that is less work.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,9 +17,10 @@ from scipy.linalg.lapack import dpotrf
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain_system import REACH, Chain, ChainSystem
+from vip_factors.solve.chain_system import REACH, ChainSystem
 from vip_factors.solve.elimination import LinearSystem, eliminate
-from vip_factors.solve.strands import SEGMENT, SegmentedStrand, Strand
+from vip_factors.solve.segments import SEGMENT, SegmentedStrand
+from vip_factors.solve.strands import Strand
 
 MOST_KNOTS = 12  # of one group; of more GTSAM eliminates those early that no later frame sees
 _UNDETERMINED = "standard deviations: the data do not determine everything that is looked for"
@@ -37,22 +38,20 @@ class ChainElimination:
 
     Args:
         system, damping: what is eliminated.
-        late: numbers of chains to eliminate behind all others; if None, those with which it is less work.
+        apart: whether chains that meet another in every frame may each be eliminated by themselves.
 
     Raises:
         SolveError: if a variable is not determined.
     """
 
-    def __init__(self, system: ChainSystem, damping: float, late: Sequence[int] | None = None) -> None:
-        self._system, late = system, _late_chains(system) if late is None else late
-        self._border = _Border(system, late)
+    def __init__(self, system: ChainSystem, damping: float, apart: bool = True) -> None:
+        self._system, self._border, last = system, _Border(system), _met_by_all(system) if apart else None
         H, vector = self._border.information(damping)
-        self._strands = list[Strand | SegmentedStrand]()
-        if late:
-            early = [number for number in range(len(system.chains)) if number not in late]
-            self._strands += [SegmentedStrand(system, self._border, number) for number in early]
+        self._strands: Sequence[Strand | SegmentedStrand]
+        if last is not None:
+            self._strands = [SegmentedStrand(system, self._border, last)]
         else:
-            self._strands += [Strand(system, self._border, numbers) for numbers in _tied_chains(system)]
+            self._strands = [Strand(system, self._border, numbers) for numbers in _tied_chains(system)]
         for strand in self._strands:
             strand.eliminate(damping, H, vector)
         shared, failed = dpotrf(H) if len(vector) else (H, 0)
@@ -64,18 +63,17 @@ class ChainElimination:
         """The minimum of the quadratic."""
         half = dtrsv(self._static, self._vector, trans=1) if len(self._vector) else self._vector
         shared = dtrsv(self._static, half) if len(half) else half
-        steps = self._border.of_late(shared)
+        steps = dict[int, Array]()
         for strand in self._strands:
             steps |= strand.given(shared)
         return ChainSteps(self._system, steps, self._border.by_key(shared))
 
     def border_covariance(self) -> tuple[Array, dict[int, slice]]:
         """Joint covariance ``(s, s)`` of what all frames share, and where in it each group and knot is."""
-        first = self._border.late.size
-        return _inverse_of_square(self._static[first:, first:]), self._border.columns
+        return _inverse_of_square(self._static), self._border.columns
 
     def marginals(self, progress: Callable[[float], None]) -> dict[int, Array]:
-        """Covariance of every variable by key, where no chain is late; ``progress`` is told what fraction is done."""
+        """Covariance of every variable by key, where none are apart; ``progress`` is told what fraction is done."""
         covariance, places = self.border_covariance()
         found = _blocks(covariance, places)
         count = len(found) + self._system.frames * len(self._system.chains)
@@ -87,19 +85,22 @@ class ChainElimination:
         return found
 
 
-def _late_chains(system: ChainSystem) -> list[int]:
-    """Chains that all others meet, where it is less work to eliminate them behind these; else none."""
-    late, widths, T = sorted({q for _, q in system.between}), [len(one.damping) for one in system.chains], system.frames
-    early = [number for number in range(len(widths)) if number not in late]
-    if set(system.between) != {(p, q) for p in early for q in late} or not all(system.chains[p].tied for p in early):
-        return []
-    c, shared = sum(widths[q] for q in late), len(system.static)
-    together = T * sum(widths) * (REACH * sum(widths) + shared) ** 2
-    apart = (T * c + shared) ** 3 / 3
-    for number in early:
+def _met_by_all(system: ChainSystem) -> int | None:
+    """The chain that all others meet, where it is less work to eliminate these each by themselves; else None."""
+    widths, T, last = [len(one.damping) for one in system.chains], system.frames, len(system.chains) - 1
+    if (
+        last < 1
+        or set(system.between) != {(p, last) for p in range(last)}
+        or not all(one.tied for one in system.chains)
+    ):
+        return None
+    W, S, c = sum(widths), len(system.static), widths[last]
+    apart = W * REACH * (REACH * W + S) ** 2 + c * SEGMENT * (2 * REACH * W + S) ** 2  # of a segment
+    for number in range(last):
         w, s = widths[number], sum(blocks.shape[2] for (p, _), blocks in system.coupling.items() if p == number)
-        apart += T * w * ((2 * REACH * w + s + c * SEGMENT) ** 2 + 2 * REACH / SEGMENT * (s + T * c) ** 2 / 3)
-    return late if apart < together else []
+        apart += w * SEGMENT * (2 * REACH * w + s + c * SEGMENT // 2) ** 2
+    together = W * (REACH * W + S) ** 2
+    return last if apart < (SEGMENT + REACH) * together and T > SEGMENT else None
 
 
 def _tied_chains(system: ChainSystem) -> list[list[int]]:
@@ -112,19 +113,15 @@ def _tied_chains(system: ChainSystem) -> list[list[int]]:
 
 
 class _Border:
-    """What is eliminated last, side by side: the frames of ``late`` chains, what all frames share, then the later knots
-    of groups that walk.
+    """What is eliminated last, side by side: what all frames share, then the later knots of groups that walk.
 
     Attributes:
-        late: columns ``(T, c)`` of the late chains.
         of_group: all columns of each group, its later knots behind its own.
-        columns: of each group and knot, counted from behind the late chains.
+        columns: of each group and knot.
     """
 
-    def __init__(self, system: ChainSystem, late: Sequence[int]) -> None:
-        self.system, self.width, self._chains = system, len(system.static), late
-        per_frame = sum(len(system.chains[number].damping) for number in late)
-        self.late = np.arange(system.frames * per_frame).reshape(system.frames, per_frame)
+    def __init__(self, system: ChainSystem) -> None:
+        self.system, self.width = system, len(system.static)
         self.of_group = list[np.ndarray]()
         self.columns = {group.key: group.columns for group in system.groups}
         for group in system.groups:
@@ -134,37 +131,7 @@ class _Border:
                     later = self.columns[key] = slice(self.width, self.width + group.knots.columns)
                     own.append(np.arange(later.start, later.stop))
                     self.width = later.stop
-            self.of_group.append(self.late.size + np.concatenate(own))
-
-    def _late_places(self) -> Iterator[tuple[int, Chain, np.ndarray]]:
-        """Numbers of the late chains, these, and their columns ``(T, w)``."""
-        start = 0
-        for number in self._chains:
-            chain = self.system.chains[number]
-            yield number, chain, self.late[:, start : start + len(chain.damping)]
-            start += len(chain.damping)
-
-    def information(self, damping: float) -> tuple[Array, Array]:
-        """What is known of it but for what the other chains say: ``(n, n)``, its upper triangle, and ``(n,)``."""
-        first = self.late.size
-        H, vector = np.zeros((first + self.width,) * 2), np.zeros(first + self.width)
-        H[first:, first:], vector[first:] = self._static(damping)
-        for number, chain, columns in self._late_places():
-            vector[columns] = -chain.gradient
-            H[columns[:, :, None], columns[:, None]] = chain.own + np.diag(damping * chain.damping)
-            following = chain.following
-            if following is not None:
-                for ahead in range(REACH):
-                    here, there = columns[: -ahead - 1], columns[ahead + 1 :]
-                    H[here[:, :, None], there[:, None]] = following[: -ahead - 1, ahead]
-            for (p, group), blocks in self.system.coupling.items():
-                if p == number:
-                    H[columns[:, :, None], self.of_group[group][: blocks.shape[2]]] = blocks
-        return H, vector
-
-    def of_late(self, values: Array) -> dict[int, Array]:
-        """Steps ``(T, w)`` of the late chains by their numbers."""
-        return {number: values[columns] for number, _, columns in self._late_places()}
+            self.of_group.append(np.concatenate(own))
 
     def coupling(self, chain: int, group: int, blocks: Array) -> Iterator[tuple[Array, int, int]]:
         """What ties frames of a chain to a group ``(t, w, c)``, with the first of its columns and the first frame."""
@@ -183,8 +150,8 @@ class _Border:
                 seen += after[near, k] * knots.adjacent[near, 0] + before[near, k] * knots.adjacent[near, 1]
                 yield seen, 0 if k == 0 else blocks.shape[2] + (k - 1) * S, int(near.start)
 
-    def _static(self, damping: float) -> tuple[Array, Array]:
-        """What all frames together say of the border, ``(s, s)`` and ``(s,)``: the upper triangle counts."""
+    def information(self, damping: float) -> tuple[Array, Array]:
+        """What is known of it but for what chains say: ``(s, s)``, its upper triangle, and ``(s,)``."""
         system, n = self.system, len(self.system.static)
         H, vector = np.zeros((self.width, self.width)), np.zeros(self.width)
         H[:n, :n] = system.static + np.diag(damping * system.static_damping)
@@ -204,7 +171,7 @@ class _Border:
 
     def by_key(self, values: Array) -> dict[int, Array]:
         """Vectors of groups and knots."""
-        return {key: values[self.late.size :][columns] for key, columns in self.columns.items()}
+        return {key: values[columns] for key, columns in self.columns.items()}
 
 
 @dataclass(frozen=True)
@@ -238,7 +205,7 @@ def chain_marginals(system: LinearSystem, progress: Callable[[float], None] = la
     progress(0.0)
     try:
         if isinstance(system, ChainSystem) and is_dense(system):
-            elimination = ChainElimination(system, 0.0, late=())
+            elimination = ChainElimination(system, 0.0, apart=False)
         else:
             return tree_marginals(system)
     except (SolveError, RuntimeError) as error:

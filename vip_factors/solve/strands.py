@@ -1,10 +1,6 @@
 """Chains eliminated frame by frame: of each frame ``R x + S y = d`` is kept, ``y`` being what is eliminated later.
 
-Chains that meet in every frame go side by side, as one: cubic in their number. Where a few narrow columns are all that
-they have in common, as people before a moving camera have its pose, these can go last instead, of all frames, and each
-chain is eliminated by itself. It would then drag along the poses of all frames behind it. So it is cut into segments,
-nested dissection (George 1973, doi:10.1137/0710032) of two levels: what is inside a segment sees that segment's poses,
-and only the frames between segments see more.
+Chains that meet in every frame go side by side, as one.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,35 +9,31 @@ from typing import Protocol
 
 import numpy as np
 from scipy.linalg.blas import dtrsm, dtrsv
-from scipy.linalg.lapack import dpotrf
 
 from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain_system import REACH, Chain, ChainSystem
+from vip_factors.solve.chain_system import Chain, ChainSystem
 from vip_factors.solve.slices import eliminated
 
-SEGMENT = 24  # frames: shorter ones leave more frames between them, longer ones see more poses; 16 to 40 are alike
 Piece = tuple[Array, int, int, int]  # blocks (t, r, c) of some frames' rows, the first row, column and frame
 
 
 class Border(Protocol):
-    """The columns that are eliminated last: those of whole chains ``(T, c)``, frame by frame; then what frames share.
+    """The columns that are eliminated last: what frames share.
 
     Attributes:
         of_group: columns of each group, its later knots behind its own.
-        late: the columns ``(T, c)`` of chains that are eliminated last, side by side.
     """
 
     of_group: list[np.ndarray]
-    late: np.ndarray
 
     def coupling(self, chain: int, group: int, blocks: Array) -> Iterator[tuple[Array, int, int]]:
         """What ties frames of a chain to a group ``(t, w, c)``, with the first of its columns and the first frame."""
         ...
 
 
-class _Run:
+class Run:
     """Frames one after the other: the columns of each, those ``ahead`` in the frames after it, and others.
 
     ``rows`` ``(T, w, n)`` is the memory that is taken for it.
@@ -125,7 +117,7 @@ class Strand:
 
     def __init__(self, system: ChainSystem, border: Border, numbers: Sequence[int]) -> None:
         self._chains, self._numbers = [system.chains[number] for number in numbers], numbers
-        reaching = [_reaching(chain) for chain in self._chains]
+        reaching = [far_columns(chain) for chain in self._chains]
         far = np.concatenate(reaching)
         self._order = np.argsort(~far, kind="stable")
         ends = np.cumsum([len(one) for one in reaching])
@@ -139,25 +131,18 @@ class Strand:
             for place, number in zip(self._places, numbers, strict=True):
                 if (number, group) in system.coupling:
                     for block, column, first in border.coupling(number, group, system.coupling[number, group]):
-                        self._pieces += _placed(block, place, start + column + np.arange(block.shape[2]), first)
+                        self._pieces += placed(block, place, start + column + np.arange(block.shape[2]), first)
             start += len(border.of_group[group])
         self._rows = system.kept(numbers[0], 0, (system.frames, len(far), start))
 
     def _in_frames(self, system: ChainSystem) -> Iterator[Piece]:
         width = len(self._order)
         for place, chain in zip(self._places, self._chains, strict=True):
-            yield from _placed(chain.own, place, place)
-            following = chain.following
-            if following is not None:
-                yield from _placed(following[:, 0], place, width + place)
-                far = np.flatnonzero(width + place < self._ahead)
-                for run in _runs(far):
-                    some = slice(far[run.start], far[run.stop - 1] + 1)
-                    yield from _placed(following[:, 1, :, some], place, 2 * width + place[some])
+            yield from tied(chain.own, chain.following, place, width, self._ahead - width)
         for (p, q), blocks in system.between.items():
             if p in self._numbers:
                 rows, columns = (self._places[self._numbers.index(number)] for number in (p, q))
-                yield from _placed(blocks, rows, columns)
+                yield from placed(blocks, rows, columns)
 
     def eliminate(self, damping: float, H: Array, vector: Array) -> None:
         """Eliminate all frames; what they say of the border is added to ``H`` and ``vector``.
@@ -167,8 +152,8 @@ class Strand:
         """
         gradient = np.concatenate([one.gradient for one in self._chains], axis=1)[:, self._order]
         damped = damping * np.concatenate([one.damping for one in self._chains])[self._order]
-        self._run = _Run(self._pieces, gradient, damped, self._ahead, self._rows)
-        _add(H, self._columns, self._run.information[self._ahead :, self._ahead :])
+        self._run = Run(self._pieces, gradient, damped, self._ahead, self._rows)
+        add(H, self._columns, self._run.information[self._ahead :, self._ahead :])
         vector[self._columns] += self._run.vector[self._ahead :]
 
     def given(self, border: Array) -> dict[int, Array]:
@@ -184,168 +169,50 @@ class Strand:
             yield {chain.keys[t]: one[place] for chain, place in zip(self._chains, places, strict=True)}
 
 
-class SegmentedStrand:
-    """One chain whose frames are tied, and which meets others that are eliminated last.
-
-    Args:
-        system, border: of all chains.
-        number: of the chain.
-    """
-
-    def __init__(self, system: ChainSystem, border: Border, number: int) -> None:
-        self._kept, self._chain, self._number, T = system.kept, system.chains[number], number, system.frames
-        met = [blocks for (p, _), blocks in sorted(system.between.items()) if p == number]
-        self._met, self._late = np.concatenate(met, axis=2), border.late
-        columns, self._coupling = [np.zeros(0, int)], list[tuple[Array, int, int]]()
-        for p, group in sorted(system.coupling):
-            if p == number:
-                start = sum(map(len, columns))
-                blocks = border.coupling(number, group, system.coupling[number, group])
-                self._coupling += [(block, start + column, first) for block, column, first in blocks]
-                columns.append(border.of_group[group])
-        self._shared = np.concatenate(columns)
-        count = max(1, round((T + REACH) / (SEGMENT + REACH)))
-        ends = np.linspace(0, T + REACH, count + 1).astype(int).tolist()
-        self._segments = [(begin, end - REACH) for begin, end in pairwise(ends)]
-
-    def eliminate(self, damping: float, H: Array, vector: Array) -> None:
-        """As :meth:`Strand.eliminate`, first within segments and then of what is between them."""
-        w, s, c, S = len(self._chain.damping), len(self._shared), self._met.shape[2], self._late.size
-        n, nodes, damped = REACH * w, len(self._segments) - 1, damping * self._chain.damping
-        # of the frames between segments: with themselves, with the next such, and with the border
-        self._own, self._next = np.zeros((nodes, n, n)), np.zeros((nodes, n, n))
-        self._border, self._d = np.zeros((nodes, n, s + S)), np.zeros((nodes, n))
-        for node, (_, first) in enumerate(self._segments[:-1]):
-            self._put_between(node, first, damped)
-        self._runs = list[_Run]()
-        for k, (begin, end) in enumerate(self._segments):
-            gradient = self._chain.gradient[begin:end]
-            rows = self._kept(self._number, begin, (end - begin, w, w + 2 * n + s + c * (end - begin)))
-            run = _Run(list(self._pieces(begin, end)), gradient, damped, n, rows)
-            self._runs.append(run)
-            M, v = run.information, run.vector
-            seen = np.concatenate([np.arange(s), s + np.arange(c * begin, c * end)])
-            if k < nodes:
-                self._own[k] += M[:n, :n]
-                self._border[k][:, seen] += M[:n, 2 * n :]
-                self._d[k] += v[:n]
-            if k:
-                self._own[k - 1] += M[n : 2 * n, n : 2 * n]
-                self._border[k - 1][:, seen] += M[n : 2 * n, 2 * n :]
-                self._d[k - 1] += v[n : 2 * n]
-            if 0 < k < nodes:
-                self._next[k - 1] = M[:n, n : 2 * n].T
-            columns = np.concatenate([self._shared, self._late[begin:end].ravel()])
-            _add(H, columns, M[2 * n :, 2 * n :])
-            vector[columns] += v[2 * n :]
-            run.information = M[:0]  # it is not asked for again
-        self._eliminate_between(H, vector)
-
-    def _pieces(self, begin: int, end: int) -> Iterator[Piece]:
-        """Of a segment: its frames, two behind it, two before it, what all share, and what is met in it."""
-        chain, w, c = self._chain, len(self._chain.damping), self._met.shape[2]
-        following = chain.following
-        assert following is not None
-        yield chain.own[begin:end], 0, 0, 0
-        for ahead in range(REACH):
-            yield following[begin:end, ahead], 0, (ahead + 1) * w, 0
-        before = (REACH + 1) * w
-        for j in range(REACH if begin else 0):
-            for ahead in range(REACH):
-                if 0 <= (seen := j + ahead + 1 - REACH) < end - begin:
-                    yield following[begin - REACH + j, ahead].T[None], 0, before + j * w, seen
-        shared = before + REACH * w
-        for blocks, column, first in self._coupling:
-            some = blocks[max(begin - first, 0) : max(end - first, 0)]
-            if len(some):
-                yield some, 0, shared + column, max(first - begin, 0)
-        for t in range(begin, end):
-            yield self._met[t : t + 1], 0, shared + len(self._shared) + c * (t - begin), t - begin
-
-    def _put_between(self, node: int, first: int, damped: Array) -> None:
-        """What the two frames behind a segment say by themselves."""
-        w, c, following = len(damped), self._met.shape[2], self._chain.following
-        assert following is not None
-        for j, t in enumerate(range(first, first + REACH)):
-            rows = slice(j * w, (j + 1) * w)
-            self._own[node, rows, rows] = self._chain.own[t] + np.diag(damped)
-            for ahead in range(REACH - 1 - j):
-                self._own[node, rows, (j + ahead + 1) * w : (j + ahead + 2) * w] = following[t, ahead]
-            for blocks, column, start in self._coupling:
-                if start <= t < start + len(blocks):
-                    self._border[node, rows, column : column + blocks.shape[2]] += blocks[t - start]
-            at = len(self._shared) + c * t
-            self._border[node, rows, at : at + c] = self._met[t]
-            self._d[node, rows] = -self._chain.gradient[t]
-
-    def _eliminate_between(self, H: Array, vector: Array) -> None:
-        s, c, nodes = len(self._shared), self._met.shape[2], len(self._own)
-        seen = [c * end for _, end in self._segments[1:]]  # of what is met, from each on
-        for k in range(nodes):
-            R, failed = dpotrf(self._own[k])
-            if failed:
-                raise SolveError("the linear system is not determined")
-            own, ahead, border = R, self._next[k], self._border[k, :, : s + seen[k]]
-            ahead[:] = dtrsm(1.0, own, ahead.T, side=1).T
-            border[:] = dtrsm(1.0, own, border.T, side=1).T
-            self._own[k], self._d[k] = own, dtrsv(own, self._d[k], trans=1)
-            if k + 1 < nodes:
-                self._own[k + 1] -= ahead.T @ ahead
-                self._border[k + 1, :, : s + seen[k]] -= ahead.T @ border
-                self._d[k + 1] -= ahead.T @ self._d[k]
-        late = self._late.ravel()
-        for k, end in enumerate(seen):
-            begin = seen[k - 1] if k else 0
-            rows = self._border[k:].reshape(-1, s + len(late))  # those before do not see these columns yet
-            H[late[0] : late[0] + end, late[begin:end]] -= rows[:, s : s + end].T @ rows[:, s + begin : s + end]
-        rows = self._border.reshape(-1, s + len(late))
-        said = rows[:, :s].T @ rows
-        H[np.ix_(late, self._shared)] -= said[:, s:].T
-        H[np.ix_(self._shared, self._shared)] -= said[:, :s]
-        vector[np.concatenate([self._shared, late])] -= self._d.ravel() @ rows
-
-    def given(self, border: Array) -> dict[int, Array]:
-        """As :meth:`Strand.given`."""
-        shared, late, w = border[self._shared], border[self._late], len(self._chain.damping)
-        known, between = np.concatenate([shared, late.ravel()]), np.zeros((len(self._own) + 1, REACH * w))
-        for k in range(len(self._own) - 1, -1, -1):
-            right = self._d[k] - self._next[k] @ between[k + 1] - self._border[k] @ known
-            between[k] = dtrsv(self._own[k], right)
-        steps = np.empty(self._chain.gradient.shape)
-        for k, ((begin, end), run) in enumerate(zip(self._segments, self._runs, strict=True)):
-            if k:
-                steps[begin - REACH : begin] = between[k - 1].reshape(REACH, w)
-            later = [between[k], between[k - 1] if k else np.zeros(REACH * w), shared, late[begin:end].ravel()]
-            steps[begin:end] = run.given(np.concatenate(later))
-        return {self._number: steps}
-
-
-def _add(H: Array, columns: np.ndarray, said: Array) -> None:
+def add(H: Array, columns: np.ndarray, said: Array) -> None:
     """Add what is said of some columns, of which the upper triangle counts; ``H`` may have them in another order."""
-    said = np.triu(said)
-    H[np.ix_(columns, columns)] += said + np.triu(said, 1).T
+    for block, row, column, _ in placed(said[None], columns, columns):
+        H[row : row + block.shape[1], column : column + block.shape[2]] += block[0]
 
 
-def _reaching(chain: Chain) -> np.ndarray:
-    """Of which columns ``(w,)`` the frame two before sees anything."""
+def far_columns(chain: Chain) -> np.ndarray:
+    """Which columns ``(w,)`` have anything to do with the frame two on or two before."""
     if chain.following is None:
         return np.zeros(len(chain.damping), bool)
     blocks = chain.following[:, 1]
-    found: np.ndarray = np.any(blocks[:: len(blocks) // 8 + 1], axis=(0, 1))  # most of them, and quickly
-    found[~found] = np.any(blocks[:, :, ~found], axis=(0, 1))
+    some = blocks[:: len(blocks) // 8 + 1]  # which show most of them, and quickly
+    found: np.ndarray = np.any(some, axis=(0, 1)) | np.any(some, axis=(0, 2))
+    found[~found] = np.any(blocks[:, :, ~found], axis=(0, 1)) | np.any(blocks[:, ~found], axis=(0, 2))
     return found
 
 
-def _runs(places: np.ndarray) -> Iterator[slice]:
-    """Where places that follow one another are."""
-    ends = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
-    return (slice(*one) for one in pairwise(ends) if one[0] < one[1])
+def tied(own: Array, following: Array | None, place: np.ndarray, width: int, far: int) -> Iterator[Piece]:
+    """A chain's blocks ``(t, w, w)`` in frames of ``width`` columns, at these places, and those with the next two
+    frames, of the second of which ``far`` columns are seen."""
+    yield from placed(own, place, place)
+    if following is not None:
+        yield from placed(following[:, 0], place, width + place)
+        for some in runs_of(np.flatnonzero(place < far)):
+            yield from placed(following[:, 1, :, some], place, 2 * width + place[some])
 
 
-def _placed(blocks: Array, rows: np.ndarray, columns: np.ndarray, first: int = 0) -> Iterator[Piece]:
+def runs_of(places: np.ndarray) -> Iterator[slice]:
+    """Places that follow one another, as slices of what has them."""
+    for run in _consecutive(places):
+        yield slice(int(places[run.start]), int(places[run.stop - 1]) + 1)
+
+
+def _consecutive(places: np.ndarray) -> list[slice]:
+    values = places.tolist()
+    ends = [k for k in range(1, len(values)) if values[k] != values[k - 1] + 1]
+    return [slice(*one) for one in pairwise([0, *ends, len(values)])] if values else []
+
+
+def placed(blocks: Array, rows: np.ndarray, columns: np.ndarray, first: int = 0) -> Iterator[Piece]:
     """Blocks ``(t, r, c)`` from a frame on whose rows and columns are at these places, in pieces above the diagonal."""
-    for r in _runs(rows):
-        for c in _runs(columns):
+    column_runs = _consecutive(columns)
+    for r in _consecutive(rows):
+        for c in column_runs:
             row, column, block = int(rows[r.start]), int(columns[c.start]), blocks[:, r, c]
             if rows is columns and r.start > c.start:  # of these blocks the other triangle counts
                 continue

@@ -3,6 +3,7 @@
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/string_view.h>
 
+#include "cameras.hpp"
 #include "elimination.hpp"
 #include "links.hpp"
 #include "people.hpp"
@@ -85,6 +86,20 @@ static void fit_people(In<4> points, In<4> rays, In<3> weight, In<2> known, In<1
                                 weight.data() + (f * N + n) * K, covariance.data() + (f * W + w) * 9, depth_share, side,
                                 fits.data() + ((f * W + w) * N + n) * 4);
         }
+}
+
+// Points (P, K, 3) and where they were seen (P, K, 2), weights and scales (P, K), depths (P); cameras (P, 3, 3) and (P, 3)
+// which are followed, and their costs (P).
+static void follow_cameras(In<3> points, In<3> seen, In<2> weight, In<2> scale, In<1> depth, int64_t steps, Out<3> R, Out<2> t,
+                           Out<1> cost) {
+    const size_t P = points.shape(0), K = points.shape(1);
+    expect(points.shape(2) == 3 && seen.size() == P * K * 2 && weight.size() == P * K && scale.size() == P * K);
+    expect(depth.size() == P && R.size() == P * 9 && t.size() == P * 3 && cost.size() == P);
+    for (size_t i = 0; i < P; i++) {
+        const vip::Sighting sighting{static_cast<int64_t>(K), points.data() + i * K * 3, seen.data() + i * K * 2,
+                                     weight.data() + i * K, scale.data() + i * K, depth(i)};
+        cost(i) = vip::follow_camera(sighting, steps, R.data() + i * 9, t.data() + i * 3);
+    }
 }
 
 // Of either end of a link quaternions of headings (K, 4), mountings (K, M, 4) and orientations (T, 4); of the bend its
@@ -455,6 +470,7 @@ NB_MODULE(_kernels, module) {
     module.def("bend_cost", &bend_cost, released());
     module.def("least_over_headings", &least_over_headings, released());
     module.def("joint_share", &joint_share, released());
+    module.def("follow_cameras", &follow_cameras, released());
     module.def("fit_people", &fit_people, released());
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate);

@@ -9,6 +9,7 @@ from small_problems import KINDS, SILENCES, T, small_scene, walking_scene
 
 from vip_factors.assembly import objective
 from vip_factors.assembly.charts import Charts
+from vip_factors.associate import hypothesis
 from vip_factors.body import kinematics
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
@@ -85,6 +86,20 @@ def test_measurements_of_sensors(seed: int, monkeypatch: pytest.MonkeyPatch) -> 
         fast = buffer.measure(time, step)
         monkeypatch.setattr(sensor_samples, "kernels", None)
         for one, pure in zip(fast, buffer.measure(time, step), strict=True):
+            np.testing.assert_allclose(one, pure, atol=1e-10)
+        monkeypatch.undo()
+
+
+def test_cameras_that_are_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of bodies some of whose keypoints are not seen; steps that lead lower and steps that do not."""
+    random, (P, K) = np.random.default_rng(3), (60, 17)
+    seen, weight = random.normal(0.0, 0.15, (P, K, 2)), random.uniform(size=(P, K))
+    weight[random.uniform(size=(P, K)) < 0.3] = 0.0
+    problem = hypothesis._Problem(random.normal(0.0, 0.4, (P, K, 3)), seen, weight, random.uniform(0.05, 0.2, (P, K)))
+    for start in problem.starts():
+        fast = problem._descend(*start, hypothesis.START_STEPS)
+        monkeypatch.setattr(hypothesis, "kernels", None)
+        for one, pure in zip(fast, problem._descend(*start, hypothesis.START_STEPS), strict=True):
             np.testing.assert_allclose(one, pure, atol=1e-10)
         monkeypatch.undo()
 

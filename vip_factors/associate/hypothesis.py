@@ -13,6 +13,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion, forward_kinematics
+from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array, exp, hat, nearest_rotation, transpose
 from vip_factors.sensors.detections import Detections
 
@@ -71,7 +72,7 @@ def _fit_chunk(points: Array, rays: Array, weight: Array, sigma: Array) -> Camer
     X = X - centre[:, None]
     R_virtual_camera, flat = _straight_ahead(np.where(usable[..., None], rays, 0.0), w)
     problem = _Problem(X, flat, w, sigma)
-    R, t = problem.best(problem.starts())
+    R, t, cost = problem.best(problem.starts())
     p, flat_there = problem.seen(R, t)
     error = (flat_there - flat) * t[:, None, 2:]
     nearest = np.where(usable, p[..., 2], np.inf).min(axis=1)
@@ -85,7 +86,7 @@ def _fit_chunk(points: Array, rays: Array, weight: Array, sigma: Array) -> Camer
         np.where(accepted[:, None, None], R_camera, np.eye(3)),
         np.where(accepted[:, None], origin, np.nan),
         np.where((usable & accepted[:, None])[..., None], error, np.nan),
-        np.where(accepted, problem.cost(R, t), np.nan),
+        np.where(accepted, cost, np.nan),
         accepted,
     )
 
@@ -140,13 +141,12 @@ class _Problem:
         middle = _mean(self.flat, self.w)
         return R @ N, np.concatenate([middle, np.ones((len(R), 1))], axis=1) * self.depth[:, None]
 
-    def best(self, starts: list[tuple[Array, Array]]) -> tuple[Array, Array]:
-        """The start that leads lowest, followed to the end."""
-        tried = [self._descend(R, t, START_STEPS) for R, t in starts]
-        costs = np.stack([np.nan_to_num(self.cost(R, t), nan=np.inf) for R, t in tried])
-        choice, rows = costs.argmin(axis=0), np.arange(len(self.X))
-        R, t = (np.stack(part)[choice, rows] for part in zip(*tried, strict=True))
-        return self._descend(R, t, FINAL_STEPS)
+    def best(self, starts: list[tuple[Array, Array]]) -> tuple[Array, Array, Array]:
+        """The start that leads lowest, followed to the end, and its cost."""
+        tried = [self._descend(*start, START_STEPS) for start in starts]
+        R, t, costs = (np.stack(part) for part in zip(*tried, strict=True))
+        choice, rows = np.nan_to_num(costs, nan=np.inf).argmin(axis=0), np.arange(len(self.X))
+        return self._descend(R[choice, rows], t[choice, rows], FINAL_STEPS)
 
     def seen(self, R: Array, t: Array) -> tuple[Array, Array]:
         """Points in the virtual camera ``(P, K, 3)`` and their images ``(P, K, 2)``."""
@@ -162,7 +162,12 @@ class _Problem:
         error = (flat - self.flat) * (self.scale / np.sqrt(np.maximum(self.w, 1e-12)) * self.depth[:, None])[..., None]
         return np.einsum("pki,pki->pk", error, error)
 
-    def _descend(self, R: Array, t: Array, steps: int) -> tuple[Array, Array]:
+    def _descend(self, R: Array, t: Array, steps: int) -> tuple[Array, Array, Array]:
+        """Cameras some steps of Gauss–Newton on from others, and their costs."""
+        if kernels is not None:
+            R, t, cost = R.copy(), t.copy(), np.empty(len(R))
+            kernels.follow_cameras(self.X, self.flat, self.w, self.scale, self.depth, steps, R, t, cost)
+            return R, t, cost
         damping = np.full(len(R), 1e-3)
         cost = self.cost(R, t)
         for _ in range(steps):
@@ -179,7 +184,7 @@ class _Problem:
             R, t = np.where(better[:, None, None], R_new, R), np.where(better[:, None], t_new, t)
             cost = np.where(better, cost_new, cost)
             damping = np.where(better, damping * 0.1, damping * 30)
-        return R, t
+        return R, t, cost
 
     def _linearised(self, R: Array, t: Array) -> tuple[Array, Array]:
         """Normal matrix ``(P, 6, 6)`` and gradient ``(P, 6)`` by a turn Exp(ω) R and a shift of t."""

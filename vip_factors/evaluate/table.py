@@ -40,16 +40,24 @@ def number(value: float) -> str:
     return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"
 
 
-def json_text(value: object) -> str:
-    """As JSON: a number that is not defined is null, and what is None or empty is left out."""
-    return json.dumps(_plain(value), indent=2) + "\n"
+def json_text(value: object, decimals: int | None = None) -> str:
+    """As JSON: a number that is not defined is null, and what is None or empty is left out.
+
+    Args:
+        value: mappings, sequences and arrays of numbers and text.
+        decimals: to which numbers are rounded; all that they have if None.
+    """
+    return json.dumps(_plain(value, decimals), indent=2, allow_nan=False) + "\n"
 
 
-def _plain(value: object) -> object:
+def _plain(value: object, decimals: int | None) -> object:
     if isinstance(value, Mapping):
-        return {key: _plain(inner) for key, inner in value.items() if inner is not None and inner != {}}
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
+        empty = {key for key, one in value.items() if one is None or (isinstance(one, Mapping) and not one)}
+        return {key: _plain(one, decimals) for key, one in value.items() if key not in empty}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(inner, decimals) for inner in value]
+    if isinstance(value, float | np.floating):
+        return None if not np.isfinite(value) else float(value) if decimals is None else round(float(value), decimals)
     return value
 
 

@@ -7,7 +7,6 @@ the optical part of the Geneva data set (Grouvel et al. 2023, Sci. Data 10: 180;
 """
 
 import csv
-import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -21,6 +20,7 @@ from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.joint_angles import is_measured
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
+from vip_factors.evaluate.table import json_text
 from vip_factors.gait.analysis import CYCLE, Curve, Gait
 from vip_factors.gait.strides import QUANTITIES
 from vip_factors.geometry.rotations import Array
@@ -30,6 +30,7 @@ from vip_factors.viz.colours import hexadecimal
 SOURCE = "Grouvel et al. 2023, doi 10.1038/s41597-023-02077-3, CC BY 4.0"
 FILE = "data/reference.csv"
 REFERENCE_COLUMNS = ("pace", "speed_m_s", "people", "strides", "angle", "percent", "mean_deg", "sd_deg")
+DECIMALS = 5  # of numbers in JSON
 FARTHEST_M_S = 0.3  # from a reference's speed: curves of another pace are no reference
 NAMES = ("strides.csv", "figures.csv", "curves.csv", "gait.json", "gait.png")
 DRAWN = (
@@ -66,7 +67,7 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
         _write_table(figures, _figure_rows(gait), overwrite)
         _write_table(curves, _curve_rows(gait), overwrite)
         with atomic_open(whole, "w", overwrite) as file:
-            file.write(json.dumps(as_json(gait), indent=1, allow_nan=False) + "\n")
+            file.write(json_text(as_json(gait), DECIMALS))
         written += paths[:-1]
         figure = curves_figure(gait)
         if figure is not None:
@@ -111,30 +112,18 @@ def _number(value: float, decimals: int) -> str:
 
 
 def as_json(gait: Gait) -> dict[str, Any]:
-    """All of it, in what JSON can hold; null for what is not known."""
-    return _plain(
-        {
-            "name": gait.name,
-            "events": {side: {**vars(one)} for side, one in gait.feet.items()},
-            "strides": [vars(one) for one in gait.strides],
-            "units": {one.name: one.unit for one in QUANTITIES},
-            "figures": [{**vars(one), "quantity": one.quantity.name} for one in gait.figures],
-            "curves": [vars(one) for one in gait.curves],
-            "curves_with_covariance": gait.with_covariance,
-            "findings": [str(one) for one in gait.findings],
-            "bones_with_sensors": None if gait.bones is None else sorted(gait.bones),
-        }
-    )
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(inner) for inner in value]
-    if isinstance(value, float | np.floating):
-        return round(float(value), 5) if np.isfinite(value) else None
-    return value
+    """All of it, by names."""
+    return {
+        "name": gait.name,
+        "events": {side: {**vars(one)} for side, one in gait.feet.items()},
+        "strides": [vars(one) for one in gait.strides],
+        "units": {one.name: one.unit for one in QUANTITIES},
+        "figures": [{**vars(one), "quantity": one.quantity.name} for one in gait.figures],
+        "curves": [vars(one) for one in gait.curves],
+        "curves_with_covariance": gait.with_covariance,
+        "findings": [str(one) for one in gait.findings],
+        "bones_with_sensors": None if gait.bones is None else sorted(gait.bones),
+    }
 
 
 def curves_figure(gait: Gait) -> Figure | None:

@@ -1,7 +1,6 @@
 """Repetitions as a table for people, as files (CSV, JSON), and as a picture of what they were told from (PNG)."""
 
 import csv
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
+from vip_factors.evaluate.table import json_text
 from vip_factors.repetitions.repetitions import Measured, Repetition, WearerRepetitions
 from vip_factors.repetitions.signals import SIDES
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, page, panel, save, seconds_axis, write
@@ -20,6 +20,7 @@ from vip_factors.viz.colours import hexadecimal
 NAMES = ("repetitions.csv", "repetitions.json", "repetitions.png")
 KIND_COLOURS = {"squat": "#3e6ebe", "lunge": "#965abe", "jump": "#e27828", "curl": "#289650"}
 COLOURS = {"left": hexadecimal(ESTIMATE_COLOURS[Side.LEFT]), "right": hexadecimal(ESTIMATE_COLOURS[Side.RIGHT])}
+DECIMALS = 5  # of numbers in JSON
 UNKNOWN_CELL = "\u2013"  # a dash
 WIDTH, ROW_HEIGHT, MARGIN = 1400.0, 210.0, 90.0
 
@@ -89,10 +90,7 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
         writer.writeheader()
         writer.writerows(lines)
     with atomic_open(whole, "w", overwrite) as file:
-        file.write(
-            json.dumps({one.name: [_plain(asdict(each)) for each in one.repetitions] for one in wearers}, indent=1)
-        )
-        file.write("\n")
+        file.write(json_text({one.name: [asdict(each) for each in one.repetitions] for one in wearers}, DECIMALS))
     draw_repetitions(wearers, picture, overwrite)
     return paths
 
@@ -119,14 +117,6 @@ def _pair(name: str, one: Measured) -> dict[str, object]:
 
 def _cell(value: float) -> str:
     return f"{value:.4f}" if np.isfinite(value) else ""
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, float):
-        return round(value, 5) if np.isfinite(value) else None
-    return value
 
 
 def draw_repetitions(wearers: Sequence[WearerRepetitions], path: Path, overwrite: bool = False) -> None:

@@ -74,32 +74,6 @@ ROOM = "vip_factors.report"
 
 
 @dataclass(frozen=True)
-class Page:
-    """What the template fills in.
-
-    Attributes:
-        title, subtitle: of the page.
-        before, after: sections before and after the motion.
-        motion: JSON for the script.
-        film: beside the page, if there is one.
-        strip: the motion as a picture, for print and where the script cannot draw.
-        shown_rate: Hz, of the motion.
-        with_camera, with_truth: whether a camera and ghosts are to be seen.
-    """
-
-    title: str
-    subtitle: str
-    before: tuple[Section, ...]
-    after: tuple[Section, ...]
-    motion: Markup
-    film: "ShownFilm | None"
-    strip: str
-    shown_rate: float
-    with_camera: bool
-    with_truth: bool
-
-
-@dataclass(frozen=True)
 class ShownFilm:
     """A film beside a page: its file's name, the recording's second at which it begins, and seconds of the recording in
     one of the film.
@@ -180,21 +154,11 @@ def report_page(
         sections.append(make())
     summary, *rest = (one for one in sections if one is not None)
     data, names = motion_data(given, settings), listed([one.name for one in given.wearers])
-    page = Page(
-        title=given.estimate.name,
-        subtitle="" if names == given.estimate.name else names,
-        before=(summary,),
-        after=tuple(rest),
-        motion=as_json(data),
-        film=film,
-        strip=png(strip(given)),
-        shown_rate=float(str(data["rate"])),
-        with_camera=data["camera"] is not None,
-        with_truth=given.has_truth,
-    )
     return environment().get_template("report.html").render(
-        page=page, version=__version__, style=packaged("templates/report.css"),
-        script=packaged("viewer/viewer.min.js"),
+        title=given.estimate.name, subtitle="" if names == given.estimate.name else names, before=(summary,),
+        after=tuple(rest), motion=as_json(data), film=film, strip=png(strip(given)),
+        shown_rate=float(str(data["rate"])), with_camera=data["camera"] is not None, with_truth=given.has_truth,
+        version=__version__, style=packaged("templates/report.css"), script=packaged("viewer/viewer.min.js"),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Flag, Output, beside
+from vip_factors.cli.options import Output, WritingOptions, beside
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class BodyOptions:
+class BodyOptions(WritingOptions):
     """Write the body that was found into a file (TOML): skeleton, lengths and hinges, with how sure they are.
 
     The next recording of the same person starts from it: vip-factors convert … --body ada.toml. What was found is
@@ -34,8 +34,6 @@ class BodyOptions:
     """Also draw what was found beside what was likely beforehand, into this file (.svg)."""
     truth: Path | None = None
     """Recording (.mcap) that holds the truth, to be drawn as well."""
-    overwrite: Flag = False
-    """Replace files that exist."""
 
 
 def main(options: BodyOptions) -> None:

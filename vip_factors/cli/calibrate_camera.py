@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Output
+from vip_factors.cli.options import Output, WritingOptions
 from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.errors import InputError
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class CalibrateCameraOptions:
+class CalibrateCameraOptions(WritingOptions):
     """Find a camera's focal length, centre and distortion from a video or images of a checkerboard or ChArUco board.
 
     Film with the zoom, focus and size that you will use. Show the board from many sides, tilted by 30° and more, near
@@ -54,8 +54,6 @@ class CalibrateCameraOptions:
     """Images to look at, evenly spread."""
     views: int = 40
     """Views to use at most."""
-    overwrite: Flag = False
-    """Replace the camera file if it exists."""
 
 
 def main(options: CalibrateCameraOptions) -> None:

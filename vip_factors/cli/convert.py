@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Input, Output
+from vip_factors.cli.options import Flag, Input, Output, WritingOptions
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ConvertOptions:
+class ConvertOptions(WritingOptions):
     """Bring a sensor log of any known format into a recording (MCAP): a file, a folder, or how its files' names begin.
 
     Say where the sensors sit with --placement; without it their names must tell. For tables of any other make say what
@@ -116,8 +116,6 @@ class ConvertOptions:
     to add to its video's times; rate and keypoints are the first one's; may be said several times."""
     embed_video: Flag = False
     """Put small images of the video into the recording, so that it can be looked at anywhere."""
-    overwrite: Flag = False
-    """Replace the recording if it exists."""
 
 
 def main(options: ConvertOptions) -> None:

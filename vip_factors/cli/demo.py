@@ -5,14 +5,14 @@ from pathlib import Path
 from typing import Annotated, ClassVar, Literal
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Flag
+from vip_factors.cli.options import WritingOptions
 from vip_factors.cli.terminal import progress_bar
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 
 
 @dataclass(frozen=True)
-class DemoOptions:
+class DemoOptions(WritingOptions):
     """Simulate a walk with unknown headings and careless mountings, reconstruct it, compare it, draw it."""
 
     common: ClassVar = ("out", "placement", "seconds", "overwrite")
@@ -26,8 +26,6 @@ class DemoOptions:
     """Of the sensors' errors."""
     frame_rate: Rate = 60.0
     """Frames per second of the reconstruction."""
-    overwrite: Flag = False
-    """Replace files of an earlier demo."""
 
 
 HEADING_OFFSET_DEG = 45.0  # thesis 4.4.2: "imprecise" placement

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Output, beside
+from vip_factors.cli.options import Output, WritingOptions, beside
 from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class DetectOptions:
+class DetectOptions(WritingOptions):
     """Find the 2D poses of everybody in a video, and follow people from frame to frame.
 
     The poses go into a file as MMPose writes them, with the keypoints' names, the frames' times and a number for each
@@ -50,8 +50,6 @@ class DetectOptions:
     """Look at each n-th frame only; the others hold nobody."""
     threads: int | None = None
     """Of the processor; as many as there are, up to four, if absent."""
-    overwrite: Flag = False
-    """Replace files that exist."""
     settings: Annotated[DetectSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
         default_factory=DetectSettings
     )

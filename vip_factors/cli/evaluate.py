@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Flag, ManyOptions, Output
+from vip_factors.cli.options import ManyOptions, Output
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 
@@ -34,8 +34,6 @@ class EvaluateOptions(ManyOptions):
     instant; the estimate's own file if the recording is in it."""
     json: Annotated[Path | None, Output()] = None
     """Also write everything to this file, as JSON."""
-    overwrite: Flag = False
-    """Replace the JSON file if it exists."""
 
 
 def main(options: EvaluateOptions) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, ManyOptions
+from vip_factors.cli.options import ManyOptions
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 from vip_factors.io.settings import ExportSettings
@@ -25,8 +25,6 @@ class ExportOptions(ManyOptions):
     common: ClassVar = ("overwrite", "jobs")
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE FILE [FILE …]")]
     """Estimate (.mcap), and the files to write."""
-    overwrite: Flag = False
-    """Replace files that exist."""
     settings: Annotated[ExportSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
         default_factory=ExportSettings
     )

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, beside
+from vip_factors.cli.options import WritingOptions, beside
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class GaitOptions:
+class GaitOptions(WritingOptions):
     """Find foot strikes, toe-offs and strides, and write their figures: strides.csv, figures.csv, curves.csv (joint
     angles over the cycle), gait.json and gait.png.
 
@@ -30,8 +30,6 @@ class GaitOptions:
     """Recording (.mcap) that the estimate was made from; the estimate's own file if the recording is in it."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder to write to, made if need be; beside the first file, ending in .gait, if not given."""
-    overwrite: Flag = False
-    """Replace files that exist."""
 
 
 def main(options: GaitOptions) -> None:

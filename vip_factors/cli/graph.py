@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Flag, Output, beside
+from vip_factors.cli.options import Output, WritingOptions, beside
 from vip_factors.cli.terminal import progress_bar
 from vip_factors.configurations import Configuration
 from vip_factors.ranges import Range
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class GraphOptions:
+class GraphOptions(WritingOptions):
     """Draw the factor graph of a recording or scene: one frame in full, the chain of frames, and what there is.
 
     It is the graph in which headings, mountings and the camera are found, on every coarse-factor-th frame.
@@ -40,8 +40,6 @@ class GraphOptions:
     """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020."""
     settings: Path | None = None
     """TOML file with settings; a table for each group, such as [solve]."""
-    overwrite: Flag = False
-    """Replace the picture if it exists."""
 
 
 def main(options: GraphOptions, settings: "Settings") -> None:

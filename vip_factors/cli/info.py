@@ -7,14 +7,14 @@ from typing import Annotated, ClassVar
 import tyro
 
 from vip_factors.atomic import atomic_open
-from vip_factors.cli.options import Flag, Output
+from vip_factors.cli.options import Flag, Output, WritingOptions
 from vip_factors.errors import InputError
 
 READ_S = 300.0  # seconds of a recording that are read: of longer ones the index tells, in a second instead of minutes
 
 
 @dataclass(frozen=True)
-class InfoOptions:
+class InfoOptions(WritingOptions):
     """Say what a recording, an estimate or a motion holds: who, which sensors, how long, with which gaps.
 
     Of a scene also what filmed it, and how much of whom a detector saw there. Of a recording without a camera that
@@ -30,8 +30,6 @@ class InfoOptions:
     """With --sites, also draw them on a body, into this file (.svg)."""
     verbose: Flag = False
     """Of an estimate also how each solve went: steps, and the cost before and after."""
-    overwrite: Flag = False
-    """Replace a picture that exists."""
 
 
 def main(options: InfoOptions) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from vip_factors.atomic import atomic_path
-from vip_factors.cli.options import FailOn, Flag, ManyOptions, parsed
+from vip_factors.cli.options import FailOn, ManyOptions, parsed
 from vip_factors.errors import InputError
 
 # Of these a file appears only once it is whole; elsewhere it is put under another name, and renamed.
@@ -62,7 +62,6 @@ class RunOptions(ManyOptions):
     """What is not for the command of each file."""
 
     out: str | None = None
-    overwrite: Flag = False
 
 
 @dataclass(frozen=True)

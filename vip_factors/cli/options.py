@@ -222,7 +222,15 @@ class Input:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ManyOptions:
+class WritingOptions:
+    """Options of the commands that write files."""
+
+    overwrite: Flag = False
+    """Replace files that exist."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ManyOptions(WritingOptions):
     """Options of the commands that work on folders, globs and lists (@list.txt) of files too."""
 
     jobs: Annotated[int, Range(least=1)] = 1

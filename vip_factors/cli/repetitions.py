@@ -6,13 +6,13 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from vip_factors.cli.options import Flag, beside
+from vip_factors.cli.options import WritingOptions, beside
 from vip_factors.cli.terminal import waiting
 from vip_factors.repetitions.settings import RepetitionSettings
 
 
 @dataclass(frozen=True)
-class RepetitionOptions:
+class RepetitionOptions(WritingOptions):
     """Find squats, lunges, jumps and curls, and write when each began and ended, its depth, tempo, ranges and symmetry:
     repetitions.csv, repetitions.json and repetitions.png.
 
@@ -24,8 +24,6 @@ class RepetitionOptions:
     """Estimate (.mcap)."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder to write to, made if need be; beside the estimate, ending in .repetitions, if not given."""
-    overwrite: Flag = False
-    """Replace files that exist."""
     settings: Annotated[RepetitionSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
         default_factory=RepetitionSettings
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on
+from vip_factors.cli.options import FailOn, ManyOptions, Output, beside, fail_on
 from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
@@ -35,8 +35,6 @@ class ReportOptions(ManyOptions):
     the same moments; needs vip-factors[film]."""
     out: Annotated[Path | None, Output()] = None
     """Where to write the page; beside the estimate if not given."""
-    overwrite: Flag = False
-    """Replace the file if it exists."""
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
     settings: Annotated[ReportSettings, tyro.conf.arg(name="", prefix_name=False)] = field(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Input, Output
+from vip_factors.cli.options import Flag, Input, Output, WritingOptions
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
@@ -53,7 +53,7 @@ class VideoOptions:
 
 
 @dataclass(frozen=True)
-class SimulateOptions:
+class SimulateOptions(WritingOptions):
     """Make a recording with known truth from a motion: what sensors on that person would have measured.
 
     With --camera it becomes a scene: one or more wearers, bystanders, a camera, and what a 2D pose detector would
@@ -78,8 +78,6 @@ class SimulateOptions:
     """Length of the package's own motion (20 if absent); in a scene, files are repeated or cut to it too."""
     noise_free: Flag = False
     """Perfect sensors instead of realistic ones; error options (of --help-all) given besides are ignored."""
-    overwrite: Flag = False
-    """Replace the recording if it exists."""
     video: Annotated[VideoOptions, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=VideoOptions)
     errors: Annotated[SimulateSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
         default_factory=SimulateSettings

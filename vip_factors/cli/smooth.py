@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import FailOn, Flag, ManyOptions, Output, beside, fail_on
+from vip_factors.cli.options import FailOn, ManyOptions, Output, beside, fail_on
 from vip_factors.cli.terminal import progress_bar
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
@@ -44,8 +44,6 @@ class SmoothOptions(ManyOptions):
     want a camera of known pose. A settings file may name one too (configuration = "kaichi-full")."""
     settings: Path | None = None
     """TOML file with settings; a table for each group, such as [solve]."""
-    overwrite: Flag = False
-    """Replace the estimate if it exists."""
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
 

@@ -85,8 +85,6 @@ class StreamOptions(ManyOptions):
     want a camera of known pose. A settings file may name one too (configuration = "kaichi-full")."""
     settings: Path | None = None
     """TOML file with settings; a table for each group, such as [walk]."""
-    overwrite: Flag = False
-    """Replace files that exist."""
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
     token_file: Path | None = None

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Output, beside
+from vip_factors.cli.options import Flag, Output, WritingOptions, beside
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 from vip_factors.shown_settings import ShownClock
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class SyncOptions:
+class SyncOptions(WritingOptions):
     """Find the offset between the clocks of video and sensors, and write a copy of the scene that holds it.
 
     The offset is the seconds to add to the video's times. It is found from how people move, without any event, and
@@ -38,8 +38,6 @@ class SyncOptions:
     """Only tell what was found; write no scene."""
     picture: Annotated[Path | None, Output(".png")] = None
     """Picture (.png) of the agreement over all offsets."""
-    overwrite: Flag = False
-    """Replace files that exist."""
 
 
 def main(options: SyncOptions, settings: "ClockSettings") -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Output
+from vip_factors.cli.options import Output, WritingOptions
 from vip_factors.cli.terminal import progress_bar
 from vip_factors.errors import InputError
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class TrainOptions:
+class TrainOptions(WritingOptions):
     """Learn how far from the joints a 2D pose detector puts hips, knees, shoulders …, from recordings with truth.
 
     Each recording has a camera's 2D poses and the motion of an optical system that had no part in them (what was
@@ -36,8 +36,6 @@ class TrainOptions:
     """Recordings (.mcap) with cameras and truth; two of one person count as two people."""
     out: Annotated[Path, Output(".toml")]
     """File (.toml) to write."""
-    overwrite: Flag = False
-    """Replace the file if it exists."""
     # As in OffsetTraining, which imports more than help needs.
     prior_people: float = 4.0
     """As so many people the usual sigmas count, when it is asked how far people scatter about a detector's habit."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Flag, Output
+from vip_factors.cli.options import Output, WritingOptions
 from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate, NotNegativeInt
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class TuneOptions:
+class TuneOptions(WritingOptions):
     """Tune weights of factors by Bayesian optimisation, on recordings whose truth is known.
 
     Every trial reconstructs all recordings with other settings. The study is a file: the same command continues it
@@ -52,8 +52,6 @@ class TuneOptions:
     """Frames per second of the trials; fewer are quicker, and weights count by time, not by the frame."""
     seed: NotNegativeInt = 0
     """Of the sampler."""
-    overwrite: Flag = False
-    """Replace the settings file if it exists."""
 
 
 def main(options: TuneOptions) -> None:

@@ -9,7 +9,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.files import Opened, open_all, open_one
-from vip_factors.cli.options import RERUN_FILE, Flag, Output
+from vip_factors.cli.options import RERUN_FILE, Flag, Output, WritingOptions
 from vip_factors.cli.terminal import note, progress_bar, waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
@@ -23,7 +23,7 @@ INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd, --picture or --video"
 
 
 @dataclass(frozen=True)
-class ViewOptions:
+class ViewOptions(WritingOptions):
     """Look at a recording or scene, an estimate, or both together, in Rerun's viewer or as files.
 
     Give the recording beside the estimate to see the sensors, what they measured, and the truth if it is known; of a
@@ -54,8 +54,6 @@ class ViewOptions:
     compare: Literal["root", "world", "side"] = "root"
     """Where to draw the estimate beside the truth: on the true root path, in the true world, or to the side. Scenes
     are always drawn in the true world."""
-    overwrite: Flag = False
-    """Replace files that exist."""
 
 
 def main(options: ViewOptions) -> None:

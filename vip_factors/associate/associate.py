@@ -41,6 +41,7 @@ class Association:
         by_place: ``(N,)`` whether it was given for lying where the wearer is, by the known camera, and not for moving
             alike; its confidence is the least that is asked of others. Empty where no camera was known.
         by_clothes: whether clothes had a say.
+        track: ``(N,)`` the tracklet of each detection; empty where they were not looked for.
     """
 
     wearer: np.ndarray
@@ -51,6 +52,7 @@ class Association:
     findings: tuple[Finding, ...] = ()
     by_place: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
     by_clothes: bool = False
+    track: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
 
 
 def associate(
@@ -61,6 +63,7 @@ def associate(
     camera: CameraPath | None = None,
     gravity_camera: Array | None = None,
     progress: Callable[[float], None] | None = None,
+    before: Association | None = None,
 ) -> Association:
     """Find which detections show which wearers.
 
@@ -73,6 +76,7 @@ def associate(
         gravity_camera: ``(F, 3)`` direction of gravity (down) in the camera's frame by its IMU, of any length; NaN
             where unknown.
         progress: told the fraction done.
+        before: of the same detections, whose tracklets are these ones'.
 
     Raises:
         InputError: without motions, or for gravity of another shape.
@@ -81,7 +85,7 @@ def associate(
     if not motions:
         raise InputError("association without a wearer's motion: give at least one")
     weights = load_weights(settings.weights) if settings.weights else load_weights()
-    context = make_context(detections, model, motions, camera, gravity_camera)
+    context = make_context(detections, model, motions, camera, gravity_camera, before=before)
     suffix = "" if camera is None else "_camera"
     features = unary_features(context)
     odds = weights.logistic["unary" + suffix].log_odds(features)
@@ -108,7 +112,7 @@ def add_by_position(
     settings = settings or AssociationSettings()
     if not settings.by_place:
         return association
-    context = make_context(detections, model, motions, camera, None, fitted=False)
+    context = make_context(detections, model, motions, camera, None, fitted=False, before=association)
     if context.camera is None:
         return association
     clothes = _clothes(context, detections, association.wearer) if settings.by_clothes else None
@@ -129,7 +133,7 @@ def _decided(
     sure[sure] = ~_contradicted(context, rows[chosen][sure], odds)
     wearer = problem.wearer[chosen]
     sure &= np.bincount(wearer, weights=sure, minlength=1)[wearer] >= settings.least_choices  # seen again
-    return _result(context, odds, rows[chosen][sure], confidence[sure], len(context.frame))
+    return _result(context, odds, rows[chosen][sure], confidence[sure])
 
 
 def _contradicted(context: Context, rows: np.ndarray, odds: Array) -> np.ndarray:
@@ -173,7 +177,7 @@ def _with_positions(
 
 def make_context(
     detections: Detections, model: CameraModel, motions: Sequence[Motion], camera: CameraPath | None,
-    gravity_camera: Array | None, fitted: bool = True,
+    gravity_camera: Array | None, fitted: bool = True, before: Association | None = None,
 ) -> Context:  # fmt: skip
     """Hypothesis cameras, if they are to be fitted, and tracklets of a recording. Arguments as :func:`associate`'s."""
     F = len(detections.time)
@@ -185,6 +189,9 @@ def make_context(
             up = -gravity_camera / np.linalg.norm(gravity_camera, axis=1, keepdims=True)
     rays, weight = model.normalise(detections.pixels), used_confidence(detections)
     wearers = tuple(wearer_points(motion, detections.keypoints, detections.time) for motion in motions)
+    track = np.zeros(0, int) if before is None else before.track
+    if len(track) != len(detections):
+        track = tracklets(detections.frame, rays, weight, detections.rate or NOMINAL_RATE)
     looked_at = detections if fitted else detections.select(np.zeros(len(detections), bool))
     return Context(
         hypotheses=hypotheses(looked_at, rays[: len(looked_at)], wearers),
@@ -192,7 +199,7 @@ def make_context(
         names=detections.keypoints.keypoints,
         rays=rays,
         weight=weight,
-        track=tracklets(detections.frame, rays, weight, detections.rate or NOMINAL_RATE),
+        track=track,
         frame=detections.frame,
         time=detections.time,
         sigma=keypoint_sigma(detections.keypoints),
@@ -283,8 +290,8 @@ def intra_edges(context: Context, rows: np.ndarray, odds: Array) -> list[tuple[n
     return found
 
 
-def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array, N: int) -> Association:
-    h = context.hypotheses
+def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array) -> Association:
+    h, N = context.hypotheses, len(context.frame)
     unary = np.full(N, np.inf)
     np.minimum.at(unary, h.detection, -odds)
     unary[~np.isfinite(unary)] = np.nan
@@ -294,4 +301,4 @@ def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array, 
     wearer[there], sure[there], unary[there] = h.wearer[rows], confidence, -odds[rows]
     R[there] = h.R_camera_world[rows]
     p[there] = -(h.R_camera_world[rows] @ h.p_world_camera[rows][..., None])[..., 0]
-    return Association(wearer, sure, R, p, unary)
+    return Association(wearer, sure, R, p, unary, track=context.track)

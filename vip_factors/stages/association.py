@@ -48,9 +48,13 @@ class AssociatedCamera:
 
 
 def associate_cameras(
-    scene: Scene, wearers: Sequence[InertialSolution], settings: CommonSettings, on_progress: Callable[[float], None]
-) -> tuple[AssociatedCamera, ...]:
-    """The first association, of each camera by itself: nobody's place in the world is known yet."""
+    scene: Scene, wearers: Sequence[InertialSolution], settings: CommonSettings, on_progress: Callable[[float], None],
+    before: Sequence[AssociatedCamera] = (),
+) -> tuple[AssociatedCamera, ...]:  # fmt: skip
+    """The first association, of each camera by itself: nobody's place in the world is known yet.
+
+    ``before`` is that of the same scene with other motions, if there was one.
+    """
     associated, motions = [], [motion_of(one.model, one.state) for one in wearers]
     for number, camera in enumerate(scene.cameras):
         detections = camera.timed_detections
@@ -61,6 +65,7 @@ def associate_cameras(
             settings.association,
             gravity_camera=gravity_in_camera(camera, detections.time),
             progress=_share_of_progress(on_progress, number, len(scene.cameras)),
+            before=before[number].association if before else None,
         )
         seen = tuple(_sightings(association, number, detections, one) for number, one in enumerate(wearers))
         associated.append(AssociatedCamera(camera, detections, association, seen))
@@ -81,7 +86,7 @@ def associate_cameras_again(
         association = associate(
             detections, each.camera.model, motions, settings.association,
             each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
-            _share_of_progress(on_progress, number, len(associated)),
+            _share_of_progress(on_progress, number, len(associated)), each.association,
         )  # fmt: skip
         # Bodies have given way to keypoints in a wrong order by now: it is the first association that tells.
         order = [one for one in each.association.findings if one.kind == "keypoint order"]
@@ -165,7 +170,7 @@ def first_association(
     if not poor or not settings.acceleration:
         return tuple(wearers), first
     better = [_calibrated(one, settings, solver) if number in poor else one for number, one in enumerate(wearers)]
-    again = associate_cameras(scene, better, settings, on_progress)
+    again = associate_cameras(scene, better, settings, on_progress, first)
     for number in poor:
         again, better[number] = _starting(again, number, better[number], wearers[number])
     return tuple(better), again

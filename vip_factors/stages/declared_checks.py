@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.associate.hypothesis import CAUCHY, hypotheses, keypoint_sigma, used_confidence, wearer_points
+from vip_factors.associate.hypothesis import CAUCHY, WearerPoints, hypotheses, keypoint_sigma, used_confidence
 from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import POSES
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
@@ -25,7 +26,6 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import Settings
 from vip_factors.stages.calibration_start import brisk_stretch
-from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import find_start, inertial_tracker
 from vip_factors.stages.solver import Solver
 
@@ -33,7 +33,8 @@ LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder"
 SHOWN = {"legs": ("knee", "ankle", "heel", "toe"), "arms": ("elbow", "wrist")}  # keypoints that their sensors move
 LIKELIER = "the recording is much likelier so"  # what speaks for an exchange, beside what is seen
 LEAST_FRAMES = 15  # of the recording, and of the video
-SAMPLE = 300  # video frames looked at
+SAMPLE = 150  # video frames looked at: the inertial tracker is run at these instants alone
+SETTLED = 0.03  # relative decrease of the tracker's cost from which on misfits stay what they are, to 2 %
 # Median misfit of the limbs' keypoints with sides exchanged, of what it is as placed, and share of the frames in which
 # it is less: of six sound scenes none is below 1.3 or above 0.3, so that exchanged ones are below 0.77 and above 0.7.
 BETTER, SHARE = 0.8, 0.7
@@ -98,7 +99,9 @@ def against_declared(
     doubtful = [one for one in likeliest if one.gain > -least]
     if camera is None or not doubtful:
         return None, None
-    return None, _seen_exchange(recording, as_declared, doubtful, frames, camera, settings)
+    return None, _seen_exchange(
+        recording, as_declared, doubtful, _sampled(camera.timed_detections, time), camera, settings
+    )
 
 
 def _likeliest(
@@ -152,13 +155,14 @@ def _start(recording: Recording, looked: tuple[ImuFrames, ImuFrames], settings: 
 
 
 def _seen_exchange(
-    recording: Recording, as_placed: Start, doubtful: Sequence[_Sides], frames: ImuFrames, camera: Camera,
+    recording: Recording, as_placed: Start, doubtful: Sequence[_Sides], detections: Detections, camera: Camera,
     settings: Settings,
 ) -> Exchange | None:  # fmt: skip
     """The limbs that lie much better on the keypoints with their sides exchanged."""
-    detections = _sampled(camera.timed_detections, frames.time)
-    if len(np.unique(detections.frame)) < LEAST_FRAMES:
+    if len(detections.time) < LEAST_FRAMES:
         return None
+    streams = [replace(recording.imus[name], specific_force=None) for name in recording.placed]
+    frames = resample_streams(streams, detections.time)
     before = _misfits(recording, as_placed, frames, detections, camera, settings)
     found, ratios = [], []
     for one in doubtful:
@@ -180,12 +184,13 @@ def _seen_exchange(
 
 
 def _sampled(detections: Detections, time: Array) -> Detections:
-    """The detections of some video frames within the time looked at."""
+    """The detections of some video frames within the time looked at, and of these frames alone."""
     own = detections.time[detections.frame]
     frames = np.unique(detections.frame[(own > time[0]) & (own < time[-1])])
     if len(frames) > SAMPLE:
         frames = frames[np.linspace(0, len(frames) - 1, SAMPLE).astype(int)]
-    return detections.select(np.isin(detections.frame, frames))
+    chosen = detections.select(np.isin(detections.frame, frames))
+    return replace(chosen, time=chosen.time[frames], frame=np.searchsorted(frames, chosen.frame))
 
 
 def _best_rows(frame: np.ndarray, cost: Array) -> np.ndarray:
@@ -197,10 +202,21 @@ def _best_rows(frame: np.ndarray, cost: Array) -> np.ndarray:
 def _misfits(
     recording: Recording, start: Start, frames: ImuFrames, detections: Detections, camera: Camera, settings: Settings
 ) -> Mapping[str, Array]:
-    """By limbs, how far ``(N,)`` their keypoints lie off the inertial tracker's, in squared sigmas, robustly."""
-    solver = Solver(settings.solve, lambda stage, done: None, name=settings.solver)
-    tracked = inertial_tracker(recording, frames, settings, solver, start.calibration)
-    points = wearer_points(motion_of(tracked.model, tracked.state), detections.keypoints, detections.time)
+    """By limbs, how far ``(N,)`` their keypoints lie off the inertial tracker's, in squared sigmas, robustly.
+
+    ``frames`` are those of the video.
+    """
+    solver = Solver(replace(settings.solve, relative_decrease=SETTLED), lambda stage, done: None, name=settings.solver)
+    unposed = replace(recording, initial_pose="none")  # it was held at other instants
+    tracked = inertial_tracker(unposed, frames, settings, solver, start.calibration)
+    skeleton, R = tracked.model.skeleton, tracked.state.R_parent_child
+    body = forward_kinematics(skeleton, R, np.zeros((len(R), 3)))
+    landmarks = [(k, one) for k, one in enumerate(detections.keypoints.on_body(skeleton)) if one is not None]
+    p_world_keypoint = np.full((len(R), len(detections.keypoints), 3), np.nan)
+    p_world_keypoint[:, [k for k, _ in landmarks]] = body.points(
+        np.array([one.bone for _, one in landmarks]), np.stack([one.p_bone_point for _, one in landmarks])
+    )
+    points = WearerPoints(p_world_keypoint, body.p_world_joint[:, 0], R[:, 0], np.ones(len(R), bool))
     found = hypotheses(detections, camera.model.normalise(detections.pixels), [points])
     sigma, weight = keypoint_sigma(detections.keypoints), used_confidence(detections)[found.detection]
     square = np.sum(found.error**2, axis=-1) / sigma**2

@@ -54,47 +54,6 @@ class GaitMotion:
 
 
 @dataclass(frozen=True)
-class Vicon:
-    """Optical reference: joint centres ``(T, 3)`` in metres and segment rotations ``(T, 3, 3)`` by Vicon's names."""
-
-    centres: Mapping[str, Array]
-    R_world_segment: Mapping[str, Array]
-
-    def __len__(self) -> int:
-        return len(self.centres["PELV"])
-
-    @property
-    def time(self) -> Array:
-        """Seconds ``(T,)`` from the first raw packet."""
-        return (FIRST_PACKET + np.arange(len(self))) / VICON_HZ
-
-    def knee_flexion(self, side: str) -> Array:
-        """Degrees ``(T,)``."""
-        letter = side[0].upper()
-        thigh, shank = self.R_world_segment[f"{letter}TH"], self.R_world_segment[f"{letter}SK"]
-        return knee_flexion_deg(thigh @ R_VICON_BONE, shank @ R_VICON_BONE)
-
-
-def read_vicon(path: Path) -> Vicon:
-    """The comma-separated export: ``//`` comments, a header, then joint centres (``NAME_1…3``) and ``qNAME_1…4``."""
-    with path.open(encoding="utf-8") as file:
-        lines = [line for line in file if not line.startswith("//")]
-    names, table = lines[0].strip().split(","), np.loadtxt(lines[1:], delimiter=",")
-
-    def columns(name: str, count: int) -> Array:
-        wanted = [f"{name}_{number}" for number in range(1, count + 1)]
-        missing = [one for one in wanted if one not in names]
-        if missing:
-            raise FileFormatError(f"{path}: no column '{missing[0]}'; expected Vicon's joint centres and segments")
-        return table[:, [names.index(one) for one in wanted]]
-
-    points = ["PELV", *(f"{side}{name}" for side in "LR" for name in ("FEP", "FEO", "TIO", "TOE"))]
-    segments = ["RPV", *(f"{side}{name}" for side in "LR" for name in ("TH", "SK", "FT"))]
-    centres = {name: columns(name, 3) for name in points}
-    return Vicon(centres, {name: matrix_from_quaternion(columns(f"q{name}", 4), Order.WXYZ) for name in segments})
-
-
-@dataclass(frozen=True)
 class AngleError:
     """Degrees: RMSE, and RMSE once the mean difference is removed."""
 
@@ -103,14 +62,30 @@ class AngleError:
 
 
 def vicon_angles(folder: Path) -> GaitMotion:
-    """Of ``xsens_vicon_walk``: segments by optical markers."""
-    vicon = read_vicon(folder / "vicon" / f"{TRIAL}.csv")
-    pelvis = vicon.R_world_segment["RPV"] @ R_VICON_BONE
-    flexion: dict[str, Array] = {}
+    """Of ``xsens_vicon_walk``: segments and joint centres by optical markers, from the first raw packet on.
+
+    The export is comma-separated: ``//`` comments, a header, then joint centres (``NAME_1…3``) and ``qNAME_1…4``.
+    """
+    path = folder / "vicon" / f"{TRIAL}.csv"
+    lines = [line for line in path.read_text(encoding="utf-8").splitlines() if not line.startswith("//")]
+    names, table = lines[0].strip().split(","), np.loadtxt(lines[1:], delimiter=",", ndmin=2)
+
+    def columns(name: str, count: int) -> Array:
+        wanted = [f"{name}_{number}" for number in range(1, count + 1)]
+        missing = [one for one in wanted if one not in names]
+        if missing:
+            raise FileFormatError(f"{path}: no column '{missing[0]}'; expected Vicon's joint centres and segments")
+        return table[:, [names.index(one) for one in wanted]]
+
+    def bone(segment: str) -> Array:
+        return matrix_from_quaternion(columns(f"q{segment}", 4), Order.WXYZ) @ R_VICON_BONE
+
+    centres, flexion = {name: columns(own, 3) for name, own in CENTRES.items()}, dict[str, Array]()
     for side in SIDES:
-        thigh = vicon.R_world_segment[f"{side[0].upper()}TH"] @ R_VICON_BONE
-        flexion[f"{side}_knee"], flexion[f"{side}_hip"] = vicon.knee_flexion(side), hip_flexion_deg(pelvis, thigh)
-    return GaitMotion(vicon.time, flexion, {name: vicon.centres[own] for name, own in CENTRES.items()})
+        thigh, shank = (bone(f"{side[0].upper()}{segment}") for segment in ("TH", "SK"))
+        flexion[f"{side}_knee"] = knee_flexion_deg(thigh, shank)
+        flexion[f"{side}_hip"] = hip_flexion_deg(bone("RPV"), thigh)
+    return GaitMotion((FIRST_PACKET + np.arange(len(table))) / VICON_HZ, flexion, centres)
 
 
 def optical_angles(path: Path) -> GaitMotion:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.studies.__main__ import main
-from tests.studies.gait import Agreement, AngleError, read_vicon
+from tests.studies.gait import TRIAL, Agreement, AngleError, vicon_angles
 from tests.studies.marker_body import SIDES
 from tests.studies.real import Real, RealTrial
 from tests.studies.real_recordings import real_recordings
@@ -45,10 +45,10 @@ def test_a_folder_without_recordings_is_one_sentence(tmp_path: Path, capsys: pyt
 
 
 def test_a_file_without_the_columns_is_named(tmp_path: Path) -> None:
-    path = tmp_path / "vicon.csv"
-    path.write_text("// fs=100\nPELV_1,PELV_2\n0,1\n", encoding="utf-8")
-    with pytest.raises(FileFormatError, match="PELV_3"):
-        read_vicon(path)
+    (tmp_path / "vicon").mkdir()
+    (tmp_path / "vicon" / f"{TRIAL}.csv").write_text("// fs=100\nLFEP_1,LFEP_2\n0,1\n", encoding="utf-8")
+    with pytest.raises(FileFormatError, match="LFEP_3"):
+        vicon_angles(tmp_path)
 
 
 @pytest.mark.data

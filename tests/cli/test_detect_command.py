@@ -53,7 +53,7 @@ def test_what_cannot_be(run: Callable, video: Path, seen: People, tmp_path: Path
         ((video, "--keypoints", "coco17"), "without --model"),
         ((video, "--start-s", "20"), "there is no frame"),
         ((video, "--model", tmp_path / "none.onnx"), "no such model file"),
-        ((video, "--tile-levels", "9"), "tile_levels 9"),
+        ((video, "--tile-levels", "9"), "--tile-levels is 9"),
     ):
         told = run("detect", *words)
         assert told.code == 2

@@ -204,7 +204,7 @@ def test_heading_errors_are_those_injected(drawn: DrawnScene, tmp_path: Path) ->
         (lambda drawn, folder: film(drawn, folder / "a.avi", SMALL), "end in .mp4, .webp, .gif"),
         (lambda drawn, folder: film(drawn, folder / "no" / "a.mp4", SMALL), "no folder"),
         (lambda drawn, folder: film(drawn, folder / "a.mp4", LATE), "nothing to film"),
-        (lambda drawn, folder: FilmSettings(video_height=10), "64 to 2160"),
+        (lambda drawn, folder: FilmSettings(video_height=10), "64 or more and 2160 at most"),
         (lambda drawn, folder: FilmSettings(video_seconds=(2.0, 1.0)), "later end"),
     ],
 )  # fmt: skip

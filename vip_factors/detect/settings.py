@@ -1,8 +1,11 @@
 """What is set of detection. Apart from what uses it: the command line shows it without NumPy."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from vip_factors.errors import InputError
+from vip_factors.ranges import NotNegative, Range, check_ranges
+
+PositiveShare = Annotated[float, Range(above=0, most=1)]
 
 
 @dataclass(frozen=True)
@@ -26,25 +29,16 @@ class DetectSettings:
             one search seldom do so to the next ones.
     """
 
-    least_score: float = 0.5
-    least_presence: float = 0.5
-    search_s: float = 0.5
-    tile_levels: int = 2
-    box_overlap: float = 0.3
-    same_person: float = 0.1
-    lost_s: float = 1.0
-    least_s: float = 0.2
-    turn_s: float = 0.25
-    chances: int = 2
+    least_score: PositiveShare = 0.5
+    least_presence: PositiveShare = 0.5
+    search_s: NotNegative = 0.5
+    tile_levels: Annotated[int, Range(least=0, most=4)] = 2
+    box_overlap: PositiveShare = 0.3
+    same_person: NotNegative = 0.1
+    lost_s: NotNegative = 1.0
+    least_s: NotNegative = 0.2
+    turn_s: NotNegative = 0.25
+    chances: Annotated[int, Range(least=1)] = 2
 
     def __post_init__(self) -> None:
-        for name in ("least_score", "least_presence", "box_overlap"):
-            if not 0 < getattr(self, name) < 1:
-                raise InputError(f"{name} {getattr(self, name)}: expected a number between 0 and 1")
-        for name in ("search_s", "same_person", "lost_s", "least_s", "turn_s"):
-            if not getattr(self, name) >= 0:
-                raise InputError(f"{name} {getattr(self, name)}: expected no negative number")
-        if self.chances < 1:
-            raise InputError(f"chances {self.chances}: expected 1 or more")
-        if not 0 <= self.tile_levels <= 4:
-            raise InputError(f"tile_levels {self.tile_levels}: expected 0 to 4")
+        check_ranges(self)

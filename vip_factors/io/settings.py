@@ -6,18 +6,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-from vip_factors.ranges import MaybeRate, RangeError
+from vip_factors.ranges import MaybeRate, check_ranges
 
 MIB = 1024 * 1024
-POSITIVE = (
-    "header_wait",
-    "message_wait",
-    "largest_rate",
-    "largest_message",
-    "largest_chunk",
-    "queue_limit",
-    "growth_wait",
-)
 
 
 class SentPose(StrEnum):
@@ -57,11 +48,7 @@ class LiveSourceSettings:
     next_client_wait: float = float("inf")
 
     def __post_init__(self) -> None:
-        for name in POSITIVE:
-            if not getattr(self, name) > 0:
-                raise RangeError(f"limits.{name}", f"is {getattr(self, name)}: expected a positive number")
-        if not self.next_client_wait >= 0:
-            raise RangeError("limits.next_client_wait", f"is {self.next_client_wait}: expected 0 seconds or more")
+        check_ranges(self, "limits.")
 
 
 DEFAULT = LiveSourceSettings()

@@ -1,8 +1,9 @@
 """Settings of the report."""
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from vip_factors.errors import InputError
+from vip_factors.ranges import NotNegativeInt, Range, Rate, check_ranges
 from vip_factors.viz.film_settings import FilmSettings
 
 
@@ -18,19 +19,14 @@ class ReportSettings:
         video_seconds: first and last second of the recording that the film shows; all of it if not given.
     """
 
-    rate: float = 30.0  # as films: faster is not seen, and would double the file
-    most_poses: int = 9000  # 2.4 MB in the page: five minutes of one wearer at 30 Hz
-    moments: int = 4  # a row or two of pictures: 60 kB each
+    rate: Rate = 30.0  # as films: faster is not seen, and would double the file
+    most_poses: Annotated[int, Range(least=2)] = 9000  # 2.4 MB in the page: five minutes of one wearer at 30 Hz
+    moments: NotNegativeInt = 4  # a row or two of pictures: 60 kB each
     video_height: int = 480  # fills the page's width beside the room; 720 takes half as long again
     video_seconds: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if not self.rate > 0:
-            raise InputError(f"rate {self.rate} Hz: expected a positive number")
-        if self.most_poses < 2:
-            raise InputError(f"most poses {self.most_poses}: expected two at least")
-        if self.moments < 0:
-            raise InputError(f"moments {self.moments}: expected none or more")
+        check_ranges(self)
         assert self.film
 
     @property

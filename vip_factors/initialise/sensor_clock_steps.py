@@ -20,11 +20,9 @@ from vip_factors.initialise.sensor_faults import (
     STRONG,
     JointSignal,
     common_steps,
-    joint_signal,
     least_over_headings,
 )
 from vip_factors.initialise.sensor_tree import Link
-from vip_factors.sensors.imu_stream import ImuStream
 
 LONGEST_S = 2.5  # that are looked for
 END_S = 15.0  # of a recording's end that are looked at, its last third if that is less
@@ -42,16 +40,16 @@ class ClockStep:
     nats: float
 
 
-def clock_step(streams: Sequence[ImuStream], links: Sequence[Link]) -> ClockStep | None:
+def clock_step(signals: Sequence[JointSignal | None], links: Sequence[Link]) -> ClockStep | None:
     """The sensor whose clock has surely jumped before the end of a recording, if there is one.
 
     Args:
-        streams: of ``S`` sensors.
+        signals: of ``S`` sensors; None of those that tell nothing.
         links: of the sensor tree; those between sensors with a free limb in between say nothing.
     """
-    start, end = min(one.time[0] for one in streams), max(one.time[-1] for one in streams)
+    ranges = [(one.time[0], one.time[-1]) for one in signals if one is not None]
+    start, end = min((one for one, _ in ranges), default=0.0), max((one for _, one in ranges), default=0.0)
     looked_at = min(END_S, (end - start) / 3)
-    signals = [_last(one, end - looked_at - 2 * LONGEST_S - LEAST_SHARED) for one in streams]
     steps = np.arange(*np.ceil((end - LONGEST_S - np.array([looked_at, 0.0])) / STEP).astype(int))
     gains = np.zeros((len(signals), len(SHIFTS)))
     for link in links:
@@ -69,10 +67,6 @@ def clock_step(streams: Sequence[ImuStream], links: Sequence[Link]) -> ClockStep
     if nats < SURE or abs(seconds) <= NEAR_S or shift in (0, len(SHIFTS) - 1):
         return None
     return ClockStep(int(sensor), seconds, nats)
-
-
-def _last(stream: ImuStream, start: float) -> JointSignal | None:
-    return joint_signal(stream.cut(start, np.inf)) if stream.time[-1] - start > LEAST_SHARED else None
 
 
 MOST = round(LONGEST_S / STEP)

@@ -25,6 +25,9 @@ from vip_factors.sensors.imu_stream import ImuStream
 STEP = 1 / 30  # s: what is quicker are foot strikes, which ring straps and reach one sensor after the other
 FINE = 4  # instants in a step at which accelerations are known; splines give them in between
 ARM_SIGMA, MISFIT = 0.2, 1.5  # m from sensor to joint; m/s² by which bodies that are not rigid miss
+# s between the instants that delays are found from. Between samples noise averages out: were all instants at one phase of
+# the parent's samples, the child's would seem late or early by what puts them between its own.
+APART = STEP * (1 + 1 / FINE)
 STARTS = np.arange(-0.12, 0.121, 0.02)  # s, delays looked at: the misfit's valley is a quarter of a swing wide
 HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
 STRONG = 15.0  # m/s², from which on an acceleration counts less at the start
@@ -59,6 +62,12 @@ class JointSignal:
     def spline(self) -> BSpline:
         """Of the values."""
         return make_interp_spline(self.time, self.values, k=3)
+
+    def cut(self, start: float, end: float) -> "JointSignal | None":
+        """What lies between two instants, if that is long enough to tell anything."""
+        own = slice(*np.searchsorted(self.time, (start, end)))
+        one = JointSignal(self.time[own], self.values[own], self.valid[own])
+        return one if end - start >= LEAST_SHARED else None
 
     @cached_property
     def first(self) -> int:
@@ -109,10 +118,10 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
     """
     margin = float(STARTS[-1]) + 2 * STEP
     time = np.arange(
-        max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, STEP
+        max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, APART
     )  # fmt: skip
     time = time[parent.complete(time, STEP) & child.complete(time, margin)] if len(time) else time
-    if len(time) * STEP < LEAST_BLOCKS * BLOCK:
+    if len(time) * APART < LEAST_BLOCKS * BLOCK:
         return None
     above = parent.spline(time)
     starts = [(*_start(above, child.spline(time + seconds)), seconds) for seconds in STARTS]
@@ -239,19 +248,20 @@ class SensorDelay:
 
 
 def sensor_delays(
-    streams: Sequence[ImuStream], bones: Sequence[int], links: Sequence[Link], settings: SensorClockSettings
+    signals: Sequence[JointSignal | None], bones: Sequence[int], links: Sequence[Link], settings: SensorClockSettings
 ) -> tuple[SensorDelay, ...]:
     """The sensors that are off; fewer than half of all, since most are taken to be right.
 
     Args:
-        streams: of ``S`` sensors.
+        signals: of ``S`` sensors; None of those that tell nothing.
         bones: ``S`` numbers.
         links: of the sensor tree; those between sensors with a free limb in between say nothing.
         settings: of the search.
     """
-    start, end = max(one.time[0] for one in streams), min(one.time[-1] for one in streams)
+    ranges = [(one.time[0], one.time[-1]) for one in signals if one is not None]
+    start, end = max((one for one, _ in ranges), default=0.0), min((one for _, one in ranges), default=0.0)
     spare = max(end - start - settings.seconds, 0.0) / 2
-    signals = [joint_signal(one.cut(start + spare, end - spare)) if end > start else None for one in streams]
+    signals = [None if one is None else one.cut(start + spare, end - spare) for one in signals]
     ends, delay, sigma = [], [], []
     for link in links:
         parent, child = signals[link.parent], signals[link.child]
@@ -263,7 +273,7 @@ def sensor_delays(
             delay.append(found[0])
             limb = JOINT_NAMES[bones[link.child]].endswith(LIMBS)
             sigma.append(np.hypot(found[1], settings.limb_sigma if limb else settings.trunk_sigma))
-    return fewest_delays(len(streams), ends, np.array(delay), np.array(sigma), settings)
+    return fewest_delays(len(signals), ends, np.array(delay), np.array(sigma), settings)
 
 
 def fewest_delays(

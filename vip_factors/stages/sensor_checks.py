@@ -16,6 +16,7 @@ from vip_factors.initialise.sensor_faults import (
     accelerometer_scale,
     clipped_samples,
     force_in_wrong_axes,
+    joint_signal,
     longest_repeat,
     range_ends,
     sensor_delays,
@@ -215,8 +216,8 @@ def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay
     if len(names) < 2:
         return (), None
     bones = [recording.placement.site(name).bone_index for name in names]
-    links, streams = placed_links(recording, settings), [recording.imus[name] for name in names]
-    return sensor_delays(streams, bones, links, settings.sensor_clocks), clock_step(streams, links)
+    links, signals = placed_links(recording, settings), [joint_signal(recording.imus[name]) for name in names]
+    return sensor_delays(signals, bones, links, settings.sensor_clocks), clock_step(signals, links)
 
 
 def _clock_jumped(wearer: str, name: str, late: float) -> Finding:

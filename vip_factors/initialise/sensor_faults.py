@@ -25,8 +25,8 @@ from vip_factors.sensors.imu_stream import ImuStream
 STEP = 1 / 30  # s: what is quicker are foot strikes, which ring straps and reach one sensor after the other
 FINE = 4  # instants in a step at which accelerations are known; splines give them in between
 ARM_SIGMA, MISFIT = 0.2, 1.5  # m from sensor to joint; m/s² by which bodies that are not rigid miss
-# s between the instants that delays are found from. Between samples noise averages out: were all instants at one phase of
-# the parent's samples, the child's would seem late or early by what puts them between its own.
+# s between the instants that delays are found from. Between samples noise averages out: were all instants at one phase
+# of the parent's samples, the child's would seem late or early by what puts them between its own.
 APART = STEP * (1 + 1 / FINE)
 STARTS = np.arange(-0.12, 0.121, 0.02)  # s, delays looked at: the misfit's valley is a quarter of a swing wide
 HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))

@@ -326,11 +326,7 @@ def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
 
 
 def gait(
-    estimate: Moved,
-    recording: Recording | Scene | None = None,
-    *,
-    out: StrPath | None = None,
-    overwrite: bool = False,
+    estimate: Moved, recording: Recording | Scene | None = None, *, out: StrPath | None = None, overwrite: bool = False
 ) -> "tuple[Gait, ...]":
     """How each wearer walked: events, strides, figures with their ±, joint angles over the cycle.
 
@@ -353,11 +349,7 @@ def gait(
 
 
 def repetitions(
-    estimate: Moved,
-    settings: RepetitionSettings | None = None,
-    *,
-    out: StrPath | None = None,
-    overwrite: bool = False,
+    estimate: Moved, settings: RepetitionSettings | None = None, *, out: StrPath | None = None, overwrite: bool = False
 ) -> tuple[WearerRepetitions, ...]:
     """Squats, lunges, jumps and curls of each wearer: times, depth, tempo, ranges, symmetry, jump height, with their ±.
 
@@ -379,10 +371,7 @@ def repetitions(
 
 
 def export(
-    estimate: Moved,
-    path: StrPath,
-    settings: ExportSettings | None = None,
-    overwrite: bool = False,
+    estimate: Moved, path: StrPath, settings: ExportSettings | None = None, overwrite: bool = False
 ) -> tuple[Path, ...]:
     """Write an estimate into a file of another program; the suffix tells the format.
 

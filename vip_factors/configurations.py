@@ -96,12 +96,7 @@ def _kaichi(own: Tree, weighted: bool = True, contact: bool = True, camera: bool
         biweight=AdaptiveBiweightSettings(weighted, reach=2.0, scale_px=140.0),
     )  # fmt: skip
     feet = GroundContactSettings(
-        contact,
-        ContactFrom.ACCELERATION,
-        Weighing.DISTANCE,
-        ground,
-        acceleration_scale=5.0,
-        loss=ground_loss,
+        contact, ContactFrom.ACCELERATION, Weighing.DISTANCE, ground, acceleration_scale=5.0, loss=ground_loss
     )
     return replace(
         own,

@@ -17,12 +17,7 @@ from vip_factors.atomic import atomic_open
 from vip_factors.cli.info_text import recording_text
 from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.io.mcap_reader import McapWarning, read_contents
-from vip_factors.io.mcap_recording import (
-    FIRST_CAMERA,
-    read_scene,
-    wearer_topics,
-    write_recording,
-)
+from vip_factors.io.mcap_recording import FIRST_CAMERA, read_scene, wearer_topics, write_recording
 from vip_factors.io.mcap_samples import detections_of
 from vip_factors.io.mcap_source import indexed_recording
 from vip_factors.io.mcap_writer import MessageWriter
@@ -98,10 +93,7 @@ def test_two_topics_of_one_sensor_or_two_sensors_on_one_topic_are_refused(tmp_pa
     with open(tmp_path / "r.mcap", "wb") as file, MessageWriter(file) as writer:
         for i, (topic, sensor) in enumerate(zip(topics, sensors, strict=True)):
             writer.write(topic, ImuSample(sensor=sensor, seconds=i, specific_force=FORCE), i)
-    with (
-        pytest.warns(McapWarning),
-        pytest.raises(FileFormatError, match=r"r\.mcap.*one topic per sensor"),
-    ):
+    with pytest.warns(McapWarning), pytest.raises(FileFormatError, match=r"r\.mcap.*one topic per sensor"):
         read_scene(tmp_path / "r.mcap")
 
 
@@ -149,8 +141,7 @@ def test_unusable_samples_are_refused_with_the_file_named(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("content", "what"),
-    [(b"", "empty"), (b"PK\x03\x04 a zip file", "not an MCAP"), (b"\x89MCAP", "cut after 5 bytes")],
+    ("content", "what"), [(b"", "empty"), (b"PK\x03\x04 a zip file", "not an MCAP"), (b"\x89MCAP", "cut after 5 bytes")]
 )
 def test_what_is_no_mcap_file_is_refused(tmp_path: Path, content: bytes, what: str) -> None:
     (tmp_path / "x.mcap").write_bytes(content)

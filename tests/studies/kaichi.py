@@ -31,13 +31,7 @@ from tests.studies.study import NAN, Fixed, Tell, bullets, group, mean, table
 from vip_factors.body.kinematics import Motion
 from vip_factors.configurations import Configuration, named_settings
 from vip_factors.errors import InputError, RecordingError, SolveError
-from vip_factors.evaluate.metrics import (
-    GLOBAL_JOINTS,
-    common_frames,
-    global_position_error,
-    indices,
-    orientation_error,
-)
+from vip_factors.evaluate.metrics import GLOBAL_JOINTS, common_frames, global_position_error, indices, orientation_error
 from vip_factors.findings import sentences
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import rotation_z, transpose, wrap_angle, yaw_of

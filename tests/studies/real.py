@@ -105,17 +105,7 @@ class Real(Study):
         Where a whole body's markers are known, a table of what they tell; where a video is, one of how far it agrees.
         """
         real = [one for one in rows if isinstance(one, RealTrial)]
-        head = [
-            "recording",
-            "s",
-            "knee °",
-            "hip °",
-            "centres mm",
-            "live: knee °",
-            "hip °",
-            "mm",
-            "findings",
-        ]
+        head = ["recording", "s", "knee °", "hip °", "centres mm", "live: knee °", "hip °", "mm", "findings"]
         lines: list[list[object]] = []
         for one in real:
             findings = f"{len(one.batch_findings)}, {len(one.live_findings)}"

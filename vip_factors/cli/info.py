@@ -51,13 +51,7 @@ def file_text(path: Path, verbose: bool = False) -> str:
         InputError, FileFormatError, OSError: if it cannot be read.
     """
     from vip_factors.cli.files import open_one
-    from vip_factors.cli.info_text import (
-        estimate_text,
-        motion_text,
-        recording_text,
-        scene_estimate_text,
-        scene_text,
-    )
+    from vip_factors.cli.info_text import estimate_text, motion_text, recording_text, scene_estimate_text, scene_text
 
     if path.suffix.lower() == ".mcap":
         from vip_factors.io.mcap_source import indexed_recording

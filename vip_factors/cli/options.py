@@ -77,12 +77,7 @@ def _command_module(command: str) -> Any:
     return import_module(f"vip_factors.cli.{command.replace('-', '_')}")
 
 
-def parse(
-    options: type[Options],
-    prog: str,
-    arguments: Sequence[str],
-    default: Options | None = None,
-) -> Options:
+def parse(options: type[Options], prog: str, arguments: Sequence[str], default: Options | None = None) -> Options:
     """Fill a dataclass from arguments; its docstring is the help's first lines, the comments at its fields the rest.
 
     Args:
@@ -139,11 +134,7 @@ def _option(options: type, name: str) -> str:
     return "--" + ".".join(words)
 
 
-def parse_with_settings(
-    options: type[Options],
-    prog: str,
-    arguments: Sequence[str],
-) -> tuple[Options, Any]:
+def parse_with_settings(options: type[Options], prog: str, arguments: Sequence[str]) -> tuple[Options, Any]:
     """As :func:`parse`, of a command that also takes every setting of a tree of settings.
 
     Those are hundreds: ``--help`` tells a few of them, without importing the rest; ``--help-all`` tells all.

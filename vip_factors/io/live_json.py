@@ -255,9 +255,7 @@ def _cameras(*poses: LiveCameraPose | None) -> list[CameraPoseAnswer | None]:
 
 def _camera(pose: LiveCameraPose, turn: list[Number]) -> CameraPoseAnswer:
     told = CameraPoseAnswer(
-        time=round(pose.time, TIME_DIGITS),
-        position=_list(pose.p_world_camera, METRE_DIGITS),
-        orientation_wxyz=turn,
+        time=round(pose.time, TIME_DIGITS), position=_list(pose.p_world_camera, METRE_DIGITS), orientation_wxyz=turn
     )
     if pose.covariance is not None:
         sigma = _sigmas(pose.covariance)

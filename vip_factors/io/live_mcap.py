@@ -21,20 +21,9 @@ from vip_factors.findings import Finding, sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import set_timestamp
-from vip_factors.io.mcap_estimate import (
-    CALIBRATION,
-    POSE,
-    SCENE_HEAD,
-    SCENE_INFO,
-    SINGLE,
-    WEARER,
-)
+from vip_factors.io.mcap_estimate import CALIBRATION, POSE, SCENE_HEAD, SCENE_INFO, SINGLE, WEARER
 from vip_factors.io.mcap_estimate_writer import CameraWriter, WearerWriter
-from vip_factors.io.mcap_frames import (
-    MODEST_FRAMES,
-    camera_pose_messages,
-    pose_messages,
-)
+from vip_factors.io.mcap_frames import MODEST_FRAMES, camera_pose_messages, pose_messages
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate

@@ -94,9 +94,7 @@ def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
 
 
 MOUNT = DataclassCodec(
-    CameraInfo.Mount,
-    CameraMount,
-    {"mounting_wxyz": "R_camera_imu", "mounting_sigma_rad": "mounting_sigma"},
+    CameraInfo.Mount, CameraMount, {"mounting_wxyz": "R_camera_imu", "mounting_sigma_rad": "mounting_sigma"}
 )
 """A sensor on a camera by its name; in memory it has its samples."""
 HEAD = DataclassCodec(CameraInfo, Camera, {"time_offset_s": "time_offset", "mount": "mounting", "video": "images"})

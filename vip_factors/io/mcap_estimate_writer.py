@@ -16,11 +16,7 @@ import numpy as np
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import (
-    CameraEstimate,
-    Estimate,
-    WearerEstimate,
-)
+from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_estimate as on

@@ -115,12 +115,7 @@ def residual_messages(
 
 
 def camera_pose_messages(
-    writer: MessageWriter,
-    topic: str,
-    path: CameraPath,
-    start_ns: int,
-    covariance: Array | None = None,
-    first: int = 0,
+    writer: MessageWriter, topic: str, path: CameraPath, start_ns: int, covariance: Array | None = None, first: int = 0
 ) -> Iterator[TimedMessage]:
     """The poses of a camera, serialised, in the order of time; the first of them has the number ``first``."""
     times_ns = nanoseconds(path.time, start_ns)

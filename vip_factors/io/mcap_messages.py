@@ -42,9 +42,7 @@ T = TypeVar("T")
 def _joints_and_landmarks(skeleton: Skeleton) -> dict[str, Any]:
     joints = [
         SkeletonMessage.Joint(
-            name=name,
-            parent=JOINT_NAMES[parent] if parent >= 0 else "",
-            p_parent_joint=vector_message(offset),
+            name=name, parent=JOINT_NAMES[parent] if parent >= 0 else "", p_parent_joint=vector_message(offset)
         )
         for name, parent, offset in zip(JOINT_NAMES, PARENTS, skeleton.p_parent_joint, strict=True)
     ]

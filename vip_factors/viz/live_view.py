@@ -22,14 +22,7 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.viz.colours import GHOST_COLOUR, body_colours
 from vip_factors.viz.compare import floor_height, moved, set_apart
 from vip_factors.viz.drawn_scene import NOBODY
-from vip_factors.viz.rerun_body import (
-    log_joint_names,
-    log_joints,
-    log_joints_style,
-    log_poses,
-    log_sensors,
-    log_shape,
-)
+from vip_factors.viz.rerun_body import log_joint_names, log_joints, log_joints_style, log_poses, log_sensors, log_shape
 from vip_factors.viz.rerun_camera import (
     NOBODYS,
     body_in,

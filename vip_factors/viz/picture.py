@@ -12,19 +12,7 @@ from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
 from vip_factors.errors import InputError
 from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, yaw_of
-from vip_factors.viz.charts import (
-    MARGIN,
-    SOFT_INK,
-    TEXT,
-    WIDTH,
-    Curve,
-    draw_curves,
-    page,
-    panel,
-    save,
-    size_of,
-    write,
-)
+from vip_factors.viz.charts import MARGIN, SOFT_INK, TEXT, WIDTH, Curve, draw_curves, page, panel, save, size_of, write
 from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, mixed, wearer_colour
 from vip_factors.viz.compare import floor_height
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer

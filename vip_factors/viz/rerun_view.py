@@ -16,14 +16,7 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.viz.colours import GHOST_COLOUR, body_colours
 from vip_factors.viz.compare import Compare, floor_height
 from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer
-from vip_factors.viz.rerun_body import (
-    log_body,
-    log_joint_names,
-    log_joints,
-    log_joints_style,
-    log_sensors,
-    log_trail,
-)
+from vip_factors.viz.rerun_body import log_body, log_joint_names, log_joints, log_joints_style, log_sensors, log_trail
 from vip_factors.viz.rerun_camera import (
     FRUSTUM_COLOUR,
     NOBODYS,

@@ -85,10 +85,7 @@ def export_format(path: Path) -> ExportFormat:
 
 
 def export(
-    estimate: Estimate,
-    path: Path,
-    settings: ExportSettings = DEFAULT,
-    overwrite: bool = False,
+    estimate: Estimate, path: Path, settings: ExportSettings = DEFAULT, overwrite: bool = False
 ) -> tuple[Path, ...]:
     """Write an estimate into the format that the suffix of ``path`` names.
 

@@ -8,13 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.body.joint_angles import (
-    R_WORLD_ISB,
-    JointAngles,
-    joint_angles,
-    mirrored,
-    segment_orientations,
-)
+from vip_factors.body.joint_angles import R_WORLD_ISB, JointAngles, joint_angles, mirrored, segment_orientations
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index

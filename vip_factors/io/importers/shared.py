@@ -41,10 +41,7 @@ def candidates(path: Path, suffixes: tuple[str, ...]) -> list[Path]:
 
 
 def sensor_files(
-    path: Path,
-    suffixes: tuple[str, ...],
-    is_ours: Callable[[Path], bool],
-    split: Callable[[str], tuple[str, str]],
+    path: Path, suffixes: tuple[str, ...], is_ours: Callable[[Path], bool], split: Callable[[str], tuple[str, str]]
 ) -> dict[str, Path]:
     """Sensor name → file, for the files of the one recording at ``path``.
 

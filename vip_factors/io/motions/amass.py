@@ -38,10 +38,7 @@ P_MODEL_PELVIS = np.array([0.0, -0.23, 0.03])
 
 
 def read_amass(
-    path: str | Path,
-    model: str | Path | None = None,
-    stature_m: float | None = None,
-    rate: float | None = None,
+    path: str | Path, model: str | Path | None = None, stature_m: float | None = None, rate: float | None = None
 ) -> Motion:
     """An AMASS file as a motion of our skeleton. Hands are kept rigid with the wrists.
 

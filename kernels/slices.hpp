@@ -244,18 +244,21 @@ class BodySums {
     }
     int64_t row_width(int i) const { return target_.rows[column(i, 1)] - target_.rows[column(i, 0)]; }
 
-    // Sum all, and carry it over to the joints.
+    // Sum all, and carry it over to the joints. In a chain what two slices know of the same two frames goes there once.
     void expand() {
+        const bool chain = moves() && target_.rows[column(1, 0)] == target_.row(1, column(0, 0));
         for (int64_t t = 0; t < target_.frames; t++) {
-            std::fill(information_.begin(), information_.end(), 0.0), std::fill(coupling_.begin(), coupling_.end(), 0.0);
-            for (Each& one : each_) std::fill(one.sums.begin(), one.sums.end(), 0.0);
-            std::fill(met_, met_ + PAIRS, false);
+            clear(chain && t > 0);
             for (const auto& add : adds_) add(t);
+            const bool waits = chain && t + 1 < target_.frames;
             for (int i = 0; moves() && i < FRAMES && frame(t) + i < bones_.frames; i++) {
+                for (int j = i; j < FRAMES && frame(t) + j < bones_.frames; j++) {
+                    const int pair = pair_of(i, j);
+                    if ((met_[pair] || handed_on_[pair]) && (i == 0 || !waits))
+                        expand_pair(t, i, j, screws(frame(t) + i), screws(frame(t) + j));
+                }
                 if (!met_[pair_of(i, i)]) continue;
                 const double* now = screws(frame(t) + i);
-                for (int j = i; j < FRAMES && frame(t) + j < bones_.frames; j++)
-                    if (met_[pair_of(i, j)]) expand_pair(t, i, j, now, screws(frame(t) + j));
                 expand_others(t, i, now);
                 for (const Each& one : each_) expand_each(t, i, one, now);
             }
@@ -282,8 +285,23 @@ class BodySums {
     std::vector<Each> each_;
     std::vector<double> information_, coupling_, screws_, by_lengths_;  // of one slice
     int64_t screws_of_[FRAMES] = {-1, -1, -1}, by_lengths_of_[FRAMES] = {-1, -1, -1};
-    bool met_[PAIRS] = {};  // which pairs of frames have anything at all
+    bool met_[PAIRS] = {}, handed_on_[PAIRS] = {};  // which pairs of frames have anything at all, from this slice and before
     std::vector<std::function<void(int64_t)>> adds_;
+
+    // Begin a slice: of pairs of frames behind the first of the one before with what that knew of them.
+    void clear(bool handed_on) {
+        for (int i = 0; moves() && i < FRAMES; i++)
+            for (int j = i; j < FRAMES; j++) {
+                double* into = information(pair_of(i, j), 0);
+                const int before = j + 1 < FRAMES ? pair_of(i + 1, j + 1) : -1;
+                handed_on_[pair_of(i, j)] = handed_on && before >= 0 && (met_[before] || handed_on_[before]);
+                if (handed_on_[pair_of(i, j)]) std::copy(information(before, 0), information(before, 0) + JOINTS * 36, into);
+                else std::fill(into, into + JOINTS * 36, 0.0);
+            }
+        std::fill(coupling_.begin(), coupling_.end(), 0.0);
+        for (Each& one : each_) std::fill(one.sums.begin(), one.sums.end(), 0.0);
+        std::fill(met_, met_ + PAIRS, false);
+    }
 
     double* information(int pair, int64_t bone) { return &information_[(pair * JOINTS + bone) * TWIST * TWIST]; }
     double* coupling(int i, int64_t bone) { return &coupling_[(i * JOINTS + bone) * TWIST * stride_]; }

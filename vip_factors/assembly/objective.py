@@ -19,7 +19,7 @@ from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import STEP_ANGLE, scene_layout
-from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, knot_key, static_key
+from vip_factors.solve.chain_system import REACH, Chain, ChainSystem, StaticGroup, frame_keys, knot_key, static_key
 from vip_factors.solve.knots import KnotSystem
 from vip_factors.solve.slices import Slices
 from vip_factors.terms.equations import Equations, Term
@@ -133,8 +133,14 @@ class SceneObjective:
         self._system = system
         kind = ChainAccumulator if kernels is None or self.problem.extra is not None else CompiledChainAccumulator
         sums = [kind(self.layout, system, t, min(CHUNK, T - t)) for t in range(0, T, CHUNK)]
-        for some in (sums[::2], sums[1::2]):  # each may write into the first frames of the next
-            parallel_map(evaluation.add_bodies_to, some)
+
+        def add(stretch: ChainAccumulator, first: int, behind: int) -> None:
+            system.empty_frames(stretch.begin + first, stretch.begin + stretch.count + behind)
+            evaluation.add_bodies_to(stretch)
+
+        # Each may write into the first frames of the next.
+        parallel_map(lambda stretch: add(stretch, 0, REACH), sums[::2])
+        parallel_map(lambda stretch: add(stretch, REACH, 0), sums[1::2])
         camera = ChainAccumulator(self.layout, system, 0, T)
         evaluation.add_camera_to(camera)
         for one in (*sums, camera):

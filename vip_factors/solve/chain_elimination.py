@@ -17,7 +17,7 @@ from scipy.linalg.lapack import dpotrf
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain_system import REACH, ChainSystem
+from vip_factors.solve.chain_system import ChainSystem
 from vip_factors.solve.elimination import LinearSystem, eliminate
 from vip_factors.solve.segments import SEGMENT, SegmentedStrand
 from vip_factors.solve.strands import Strand
@@ -86,21 +86,10 @@ class ChainElimination:
 
 
 def _met_by_all(system: ChainSystem) -> int | None:
-    """The chain that all others meet, where it is less work to eliminate these each by themselves; else None."""
-    widths, T, last = [len(one.damping) for one in system.chains], system.frames, len(system.chains) - 1
-    if (
-        last < 1
-        or set(system.between) != {(p, last) for p in range(last)}
-        or not all(one.tied for one in system.chains)
-    ):
-        return None
-    W, S, c = sum(widths), len(system.static), widths[last]
-    apart = W * REACH * (REACH * W + S) ** 2 + c * SEGMENT * (2 * REACH * W + S) ** 2  # of a segment
-    for number in range(last):
-        w, s = widths[number], sum(blocks.shape[2] for (p, _), blocks in system.coupling.items() if p == number)
-        apart += w * SEGMENT * (2 * REACH * w + s + c * SEGMENT // 2) ** 2
-    together = W * (REACH * W + S) ** 2
-    return last if apart < (SEGMENT + REACH) * together and T > SEGMENT else None
+    """The chain that two others or more meet, and these nothing else, in frames enough; else None."""
+    last = len(system.chains) - 1
+    meet = last > 1 and set(system.between) == {(number, last) for number in range(last)}
+    return last if meet and all(one.tied for one in system.chains) and system.frames > SEGMENT else None
 
 
 def _tied_chains(system: ChainSystem) -> list[list[int]]:

@@ -120,15 +120,18 @@ class ChainSystem:
         return found
 
     def emptied(self) -> "ChainSystem":
-        """The same, all zero."""
-        for chain in self.chains:
-            chain.rows[:], chain.gradient[:] = 0.0, 0.0
+        """The same, all zero but for what chains say, of which :meth:`empty_frames` makes an end."""
         for group in self.groups:
             if group.knots is not None:
                 group.knots.empty_again()
         self.static[:], self.static_gradient[:] = 0.0, 0.0
         self.extra.clear()
         return self
+
+    def empty_frames(self, begin: int, end: int) -> None:
+        """Make zero what chains say of some frames: best just before they are summed, for then they are at hand."""
+        for chain in self.chains:
+            chain.rows[begin:end], chain.gradient[begin:end] = 0.0, 0.0
 
     @property
     def frames(self) -> int:

@@ -11,6 +11,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.camera import robust_mean_angle
+from vip_factors.initialise.start_search import Starts
 from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, lag_frame, without_frames
 from vip_factors.live.settings import LiveSettings
@@ -18,7 +19,7 @@ from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
-from vip_factors.sensors.frames import coarser
+from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.stages.association import AssociatedCamera, associate_cameras, first_association, usable_cameras
@@ -124,15 +125,19 @@ def solve_stretch(
     scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
     if earlier is not None:
         scene = replace(scene, wearers=tuple(earlier.embodied(one) for one in scene.wearers))
-    found = () if before is None else zip(before.problem.wearers, before.shared.wearers, strict=True)
-    begun = [
-        _inertial_as_before(stretch, one, settings, solver, *known)
-        for one, known in zip(scene.wearers, found, strict=False)
-    ]
-    wearers = tuple(one for one in begun if one is not None)
-    is_calibrated = len(wearers) == len(scene.wearers)
-    if not is_calibrated:
-        wearers = tuple(_inertial(stretch, one, settings, solver, earlier) for one in scene.wearers)
+    each = [
+        (one, coarser(stretch.frames(one.subject.name, one.placed), settings.coarse_factor)) for one in scene.wearers
+    ]  # fmt: skip
+    is_calibrated = False
+    if earlier is not None:
+        wearers = tuple(_inertial_after(*one, settings, solver, earlier) for one in each)
+    else:
+        starts = [find_start(*one, settings, solver.progress_of("start")) for one in each]
+        found = () if before is None else zip(before.problem.wearers, before.shared.wearers, strict=True)
+        known = [_as_before(start, own, *one) for (start, _), (_, own), one in zip(starts, each, found, strict=False)]
+        is_calibrated = bool(known) and all(one is not None for one in known)
+        every = zip(each, starts, known if is_calibrated else [None] * len(each), strict=True)
+        wearers = tuple(_inertial(*one, settings, solver, start, kept) for one, start, kept in every)
     if scene.cameras and settings.fusion.use_camera:
         solution = _solve_before_cameras(scene, wearers, settings, solver, is_calibrated)
         if solution is not None:
@@ -163,35 +168,34 @@ def _solve_before_cameras(
     return replace(solution, fused=replace(fused, state=state), about_floor=about_floor)
 
 
-def _inertial_as_before(
-    stretch: MeasuredStretch, recording: Recording, settings: LiveSettings, solver: Solver, found: WearerProblem,
-    state: WearerState,
-) -> InertialSolution | None:  # fmt: skip
-    """The tracker with a calibration found before; None if a start from nothing is another, or of other sensors."""
-    frames = coarser(stretch.frames(recording.subject.name, recording.placed), settings.coarse_factor)
+def _as_before(
+    start: InitialCalibration, frames: ImuFrames, found: WearerProblem, state: WearerState
+) -> InitialCalibration | None:
+    """The calibration found before; None if the start from nothing is another, or it is of other sensors."""
     if frames.sensors != found.frames.sensors:
         return None
-    start, starts = find_start(recording, frames, settings, solver.progress_of("start"))
     headings = state.headings + robust_mean_angle(wrap_angle(start.headings - state.headings))
     turned = angle_between(start.R_bone_sensor, state.R_bone_sensor)
     if max(np.abs(wrap_angle(start.headings - headings)).max(), turned.max()) > ALIKE:
         return None
-    known = replace(start, headings=headings, R_bone_sensor=state.R_bone_sensor)
-    tracked = inertial_tracker(recording, frames, settings, solver, known)
-    model = replace(tracked.model, prior_headings=start.headings, prior_R_bone_sensor=start.R_bone_sensor)
-    return replace(tracked, model=model, starts=starts)
+    return replace(start, headings=headings, R_bone_sensor=state.R_bone_sensor)
 
 
 def _inertial(
-    stretch: MeasuredStretch,
-    recording: Recording,
-    settings: LiveSettings,
-    solver: Solver,
-    earlier: EarlierCalibration | None,
+    recording: Recording, frames: ImuFrames, settings: LiveSettings, solver: Solver,
+    found: tuple[InitialCalibration, Starts | None], known: InitialCalibration | None,
+) -> InertialSolution:  # fmt: skip
+    """The tracker from a start; or with a calibration ``known`` before, and the start for what is expected of it."""
+    start, starts = found
+    tracked = replace(inertial_tracker(recording, frames, settings, solver, known or start), starts=starts)
+    expected = replace(tracked.model, prior_headings=start.headings, prior_R_bone_sensor=start.R_bone_sensor)
+    return tracked if known is None else replace(tracked, model=expected)
+
+
+def _inertial_after(
+    recording: Recording, frames: ImuFrames, settings: LiveSettings, solver: Solver, earlier: EarlierCalibration
 ) -> InertialSolution:
-    frames = coarser(stretch.frames(recording.subject.name, recording.placed), settings.coarse_factor)
-    if earlier is None:
-        return inertial_tracker(recording, frames, settings, solver)
+    """The tracker with the calibration of before a pause."""
     own = dict(earlier.calibration[recording.subject.name])
     if any(name not in own for name in frames.sensors):
         fresh = first_calibration(recording, frames, settings)

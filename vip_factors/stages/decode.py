@@ -77,16 +77,19 @@ def pose_covariance(keys: Sequence[int], marginals: Mapping[int, Array]) -> Pose
 
 @dataclass(frozen=True)
 class SceneCovariance:
-    """How sure poses are: of each wearer, and ``(T, 6, 6)`` of the camera's pose (None if that is kept)."""
+    """How sure poses are: of each wearer, and ``(T, 6, 6)`` of the camera's pose (None if that is kept); and what all
+    frames share, by key."""
 
     wearers: tuple[PoseCovariance, ...]
     camera: Array | None
+    shared: Mapping[int, Array]
 
     def at(self, frames: np.ndarray) -> "SceneCovariance":
         """The covariance at some frames, by index ``(n,)``; a camera that stands still has one for all."""
         wearers = tuple(PoseCovariance(one.joints[frames], one.root[frames]) for one in self.wearers)
         moving = self.camera is not None and len(self.camera) > 1
-        return SceneCovariance(wearers, self.camera[frames] if self.camera is not None and moving else self.camera)
+        camera = self.camera[frames] if self.camera is not None and moving else self.camera
+        return SceneCovariance(wearers, camera, self.shared)
 
 
 def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> SceneCovariance:
@@ -101,13 +104,12 @@ def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> 
         keys = objective.frame_keys(OwnerId(Owner.WEARER, number))
         assert keys is not None
         wearers.append(pose_covariance(keys, marginals))
-    if not model.camera.free_pose:
-        return SceneCovariance(tuple(wearers), None)
-    path = objective.frame_keys(CAMERA)
+    camera, path = None, objective.frame_keys(CAMERA)
     if path is not None:
-        return SceneCovariance(tuple(wearers), np.stack([marginals[key] for key in path]))
-    covariance = static_covariance(objective, CAMERA, "poses", marginals)
-    return SceneCovariance(tuple(wearers), None if covariance is None else covariance[None])
+        camera = np.stack([marginals[key] for key in path])
+    elif (still := static_covariance(objective, CAMERA, "poses", marginals)) is not None:
+        camera = still[None]
+    return SceneCovariance(tuple(wearers), camera, {key: marginals[key] for key in objective.static_keys})
 
 
 def static_covariance(

@@ -56,8 +56,8 @@ def scene_estimate(
 ) -> Estimate:
     """The estimate: motions and camera of the full rate; bodies, and how sure what is shared is, of the coarse one."""
     assert scene.camera is not None
-    shared = marginals_of_shared(coarse)
     covariance = full_rate_covariance(coarse, fine, solver) if settings.covariance else None
+    shared = marginals_of_shared(coarse) if covariance is None else covariance.shared
     wearers = tuple(
         replace(
             with_sigmas(estimate, coarse.model, number, shared),

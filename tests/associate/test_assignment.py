@@ -1,6 +1,7 @@
 import numpy as np
 import pytest
 
+from vip_factors.associate import assignment
 from vip_factors.associate.assignment import AssignmentProblem, solve, solve_in_windows
 
 
@@ -33,8 +34,12 @@ def best_of_all(one: AssignmentProblem) -> float:
     return min(one.value(chosen) for chosen in choices if allowed(one, chosen))
 
 
+@pytest.mark.parametrize("looks", [0, assignment.LOOKS], ids=["by HiGHS", "by a bound"])
 @pytest.mark.parametrize("seed", range(8))
-def test_small_programmes_are_solved_as_trying_all_choices_would(seed: int) -> None:
+def test_small_programmes_are_solved_as_trying_all_choices_would(
+    seed: int, looks: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(assignment, "LOOKS", looks)
     one = problem(seed, frames=3, people=2, wearers=2)
     chosen = solve(one)
     assert allowed(one, chosen)
@@ -53,6 +58,16 @@ def test_windows_come_to_what_the_full_programme_finds(seed: int) -> None:
     full, windows = solve(one), solve_in_windows(one, 16, 8)
     assert allowed(one, windows)
     assert one.value(windows) == pytest.approx(one.value(full))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_three_wearers_are_told_apart_without_highs(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    one = problem(seed, frames=12, people=4, wearers=3, spread=0.05, reach=3)
+    monkeypatch.setattr(assignment, "LOOKS", 0)
+    by_highs = solve(one)
+    monkeypatch.undo()
+    monkeypatch.delattr(assignment, "milp")
+    np.testing.assert_array_equal(solve(one), by_highs)
 
 
 def test_unconnected_frames_are_decided_each_on_its_own() -> None:

@@ -1,11 +1,13 @@
-"""The binary linear program that chooses hypotheses (thesis eqs. 4.11–4.12), for HiGHS.
+"""The binary linear program that chooses hypotheses (thesis eqs. 4.11–4.12), by its dual, or by HiGHS.
 
-Products of two choices become auxiliary variables. They may be continuous: with binary choices the constraints leave
-them only 0 or 1. A wearer is seen once per frame, so all products of one hypothesis with another frame's hypotheses
-of a wearer add up to at most 1: constraints summed in this way describe the same program and relax it less.
+What is settled whatever else is chosen is left out of it. Of the rest a bound is raised until what it points at proves
+to be the best choice; if it is caught before, HiGHS solves the program. There products of two choices become auxiliary
+variables. They may be continuous: with binary choices the constraints leave them only 0 or 1. A wearer is seen once per
+frame, so all products of one hypothesis with another frame's hypotheses of a wearer add up to at most 1: constraints
+summed in this way describe the same program and relax it less.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +19,9 @@ from vip_factors.geometry.rotations import Array
 
 SECONDS_PER_WINDOW = 20.0  # what HiGHS may take for one; the best found until then is used
 RELATIVE_GAP = 1e-4
-TOLERANCE = 1e-6  # within which HiGHS keeps to constraints
+SWEEPS, LOOKS = 10, 20  # between looks at the bound, and how often, until HiGHS is asked: two to six looks do mostly
+PROVEN = 1e-7  # of its cost is what a choice may be short of the bound: rounding
+NEVER = 1e4  # log-odds, beyond all others
 
 
 @dataclass(frozen=True)
@@ -57,10 +61,6 @@ class AssignmentProblem:
         a, b = self.edges.T
         to_chosen = [np.bincount(one, chosen[other] * self.edge_cost, len(chosen)) for one, other in ((a, b), (b, a))]
         return replace(self, cost=self.cost + sum(to_chosen))
-
-    def with_edges(self, which: np.ndarray) -> "AssignmentProblem":
-        """The problem with some of its edges, by mask."""
-        return replace(self, edges=self.edges[which], edge_cost=self.edge_cost[which])
 
 
 def solve(problem: AssignmentProblem) -> np.ndarray:
@@ -132,77 +132,110 @@ def _exclusive_groups(problem: AssignmentProblem) -> list[np.ndarray]:
 
 
 def _solve_open(problem: AssignmentProblem) -> np.ndarray:
-    """The best choice ``(H,)``: of the program's relaxation where that chooses nothing by halves, as it nearly always
-    does.
-
-    Most edges that cost something join a right hypothesis with a wrong one, and nobody chooses both: such edges are
-    taken in where a choice without them breaks their constraints. Then none of those left out would change it.
-    """
-    H, taken = len(problem.cost), problem.edge_cost <= 0
-    while (found := _minimised(problem.with_edges(taken), binary=False)) is not None:
-        products = np.zeros(len(taken))
-        products[taken] = found[H:]
-        broken = _broken(problem, found[:H], products) & ~taken
-        if not broken.any():
-            break
-        taken |= broken
-    if found is None or np.any(np.abs(found[:H] - np.round(found[:H])) > TOLERANCE):
-        found = _minimised(problem, binary=True)
-    if found is None:
-        raise SolveError(f"the association's binary program of {H} hypotheses was not solved")
-    return found[:H] > 0.5
-
-
-def _minimised(problem: AssignmentProblem, binary: bool) -> Array | None:
-    """Choices and products ``(H + E,)`` of the program, or of its relaxation; None if HiGHS found none in its time."""
+    """The best choice ``(H,)``; HiGHS is asked where no bound proves one."""
+    dual = _Dual(problem)
+    for _ in range(LOOKS):
+        dual.raise_bound()
+        chosen = dual.choice()
+        value = problem.value(chosen)
+        if value - dual.bound() <= PROVEN * (1 + abs(value)):
+            return chosen
     H, E = len(problem.cost), len(problem.edges)
-    return milp(
+    result = milp(
         np.concatenate([problem.cost, problem.edge_cost]),
         constraints=_constraints(problem),
-        integrality=np.concatenate([np.full(H, float(binary)), np.zeros(E)]),
+        integrality=np.concatenate([np.ones(H), np.zeros(E)]),
         bounds=Bounds(0, 1),
         options={"time_limit": SECONDS_PER_WINDOW, "mip_rel_gap": RELATIVE_GAP},
-    ).x
+    )
+    if result.x is None:
+        raise SolveError(f"the association's binary program of {H} hypotheses was not solved: {result.message}")
+    return result.x[:H] > 0.5
 
 
-def _broken(problem: AssignmentProblem, x: Array, products: Array) -> np.ndarray:
-    """Edges ``(E,)`` of a cost whose constraints a choice ``(H,)`` with products ``(E,)`` breaks."""
-    broken, dear = np.zeros(len(products), bool), np.flatnonzero(problem.edge_cost > 0)
-    for near, far, key, _ in _with_each_wearer(problem, dear):
-        broken[dear] |= x[near] + np.bincount(key, x[far] - products[dear])[key] > 1 + TOLERANCE
-    return broken
+class _Dual:
+    """A lower bound of the program by block-coordinate ascent (Globerson & Jaakkola 2007, Tourani et al. 2018).
 
-
-def _with_each_wearer(
-    problem: AssignmentProblem, edges: np.ndarray
-) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Both ends of some edges, this way and that, numbered by the one and the wearer and frame of the other; and the
-    first edge of each number.
+    Nodes, each with one label of several, are wearers in frames, which are nobody or a hypothesis, and detections,
+    which show nobody or a wearer. Costs move between nodes and pairs of nodes; what each of these costs at least, by
+    itself, adds up to the bound.
     """
-    group = _exclusive_groups(problem)[0]
-    for near, far in (problem.edges[edges].T, problem.edges[edges].T[::-1]):
-        both = near * (int(group.max(initial=0)) + 1) + group[far]
-        _, first, key = np.unique(both, return_index=True, return_inverse=True)
-        yield near, far, key, first
+
+    def __init__(self, problem: AssignmentProblem) -> None:
+        self.node, self.detection = _exclusive_groups(problem)
+        H, N = len(problem.cost), int(self.node.max()) + 1
+        order = np.argsort(self.node, kind="stable")
+        self.label = np.empty(H, int)
+        self.label[order] = np.arange(H) - np.searchsorted(self.node[order], self.node[order]) + 1
+        wearer, frame, shown = problem.wearer, problem.frame, problem.wearer + 1
+        L = int(max(self.label.max(), shown.max())) + 1
+        self.own = np.full((N + int(self.detection.max()) + 1, L), NEVER)
+        self.own[:, 0] = self.own[N + self.detection, shown] = 0.0
+        self.own[self.node, self.label] = problem.cost
+        rivals = np.argwhere(np.triu(self.detection[:, None] == self.detection, 1))
+        a, b = np.concatenate([problem.edges, rivals]).T
+        a, b = np.where(self.node[a] < self.node[b], (a, b), (b, a))
+        cost = np.concatenate([problem.edge_cost, np.full(len(rivals), NEVER)])
+        _, first, pair = np.unique(self.node[a] * N + self.node[b], return_index=True, return_inverse=True)
+        at = np.flatnonzero(np.bincount(self.detection)[self.detection] > 1)
+        self.pair = np.zeros((len(first) + len(at), L, L))
+        np.add.at(self.pair, (pair, self.label[a], self.label[b]), cost)
+        beside = np.arange(len(first), len(self.pair))
+        self.pair[beside, self.label[at], :] = self.pair[beside, :, shown[at]] = NEVER
+        self.pair[beside, self.label[at], shown[at]] = 0.0
+        a, b = a[first], b[first]
+        self.ends = np.concatenate([[self.node[a], self.node[b]], [self.node[at], N + self.detection[at]]], axis=1)
+        # No node is twice in a turn: pairs of hypotheses by how far apart and whose, those with detections by label.
+        apart = np.abs(frame[a] - frame[b])
+        odd = np.minimum(frame[a], frame[b]) // np.maximum(apart, 1) % 2
+        whose = np.where(wearer[a] == wearer[b], -1 - odd, wearer[a] * L + wearer[b])
+        turn = np.concatenate([[apart, whose], [np.full(len(at), -1), shown[at] * L + self.label[at]]], axis=1)
+        turn = np.unique(turn, axis=1, return_inverse=True)[1].ravel()
+        self.turns = np.split(np.argsort(turn, kind="stable"), np.cumsum(np.bincount(turn))[:-1])
+
+    def raise_bound(self) -> None:
+        """By some turns of all pairs, forth and back: what a pair costs goes to its nodes, to either as much as can."""
+        for turn in (*self.turns, *self.turns[::-1]) * SWEEPS:
+            i, j = self.ends[:, turn]
+            joint = self.pair[turn] + self.own[i][:, :, None] + self.own[j][:, None]
+            first = joint.min(axis=2, keepdims=True) / 2
+            joint -= first
+            second = joint.min(axis=1, keepdims=True)
+            joint -= second
+            rest = joint.min(axis=2, keepdims=True)
+            self.own[i], self.own[j], self.pair[turn] = (first + rest)[..., 0], second[:, 0], joint - rest
+
+    def bound(self) -> float:
+        """No choice costs less."""
+        return float(self.own.min(axis=1).sum() + self.pair.min(axis=(1, 2)).sum())
+
+    def choice(self) -> np.ndarray:
+        """What each node would choose by itself, ``(H,)``; nobody for a detection that two would have."""
+        chosen = self.label == self.own.argmin(axis=1)[self.node]
+        return np.asarray(chosen & (np.bincount(self.detection, chosen)[self.detection] == 1))
 
 
 def _constraints(problem: AssignmentProblem) -> LinearConstraint:
     H, E = len(problem.cost), len(problem.edges)
     rows = _Rows(H + E)
-    for group in _exclusive_groups(problem):
-        shared = np.flatnonzero(np.bincount(group)[group] > 1)
-        rows.add(np.unique(group[shared], return_inverse=True)[1], shared, np.ones(len(shared)), 1.0)
+    wearer_frame, detection = _exclusive_groups(problem)
+    for group in (wearer_frame, detection):
+        shared = np.bincount(group)[group] > 1
+        rows.add(group[shared], np.flatnonzero(shared), np.ones(int(shared.sum())), 1.0)
     edge = np.arange(E)
-    for near, _, key, first in _with_each_wearer(problem, edge):
+    for near, far in (problem.edges.T, problem.edges.T[::-1]):
         # all products of one choice with a wearer in another frame: at most that choice
+        key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
+        first = np.unique(key, return_index=True)[1]
         rows.add(
             np.concatenate([key, np.arange(len(first))]), np.concatenate([H + edge, near[first]]),
             np.concatenate([np.ones(E), -np.ones(len(first))]), 0.0,
         )  # fmt: skip
     dear = np.flatnonzero(problem.edge_cost > 0)
-    for near, far, key, first in _with_each_wearer(problem, dear):
+    for near, far in (problem.edges[dear].T, problem.edges[dear].T[::-1]):
         # a choice and one of a wearer in another frame: their product, which nobody would choose without
-        ones = np.ones(len(dear))
+        key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
+        first, ones = np.unique(key, return_index=True)[1], np.ones(len(dear))
         rows.add(
             np.concatenate([np.arange(len(first)), key, key]), np.concatenate([near[first], far, H + dear]),
             np.concatenate([np.ones(len(first)), ones, -ones]), 1.0,
@@ -221,6 +254,7 @@ class _Rows:
     def add(self, row: np.ndarray, column: np.ndarray, value: Array, bound: float) -> None:
         if len(row) == 0:
             return
+        row = np.unique(row, return_inverse=True)[1]
         self.parts.append((row + self.count, column, value))
         added = int(row.max()) + 1
         self.bounds.append(np.full(added, bound))

@@ -4,7 +4,6 @@ Precision and recall of labels are as VIP reports them on 3DPW (thesis 4.4.3).
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -131,15 +130,7 @@ def association(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
             f"the estimate labels {len(labels)} detections, scene '{scene.name}' holds {len(truth.wearer)}: expected "
             "one label each; is it the estimate of this scene?"
         )
-    score = association_score(labels, truth.wearer)
-    return {
-        "association_precision": Metric(100 * score.precision, "%"),
-        "association_recall": Metric(100 * score.recall, "%"),
-        "association_labels": Metric(float(score.given), ""),
-        "association_swapped": Metric(float(score.swapped), ""),
-        "association_strangers": Metric(float(score.strangers), ""),
-        "association_missed": Metric(float(score.missed), ""),
-    }
+    return label_metrics(labels, truth.wearer)
 
 
 def _calibration_errors(
@@ -183,47 +174,23 @@ def _pixels(name: str, distances: list[Array]) -> dict[str, Metric]:
 NOBODY = -1
 
 
-@dataclass(frozen=True)
-class AssociationScore:
-    """How right the labels are; NaN where nothing was given, or nothing was there to be found.
+def label_metrics(labels: np.ndarray, truth: np.ndarray) -> dict[str, Metric]:
+    """How right labels ``(N,)`` of detections are against the true ones: index of the wearer, −1 for nobody.
 
-    Attributes:
-        given, true, correct: labels that name a wearer; detections that are a wearer's; labels that name the right one.
-        swapped: labels that name another wearer than the detection's.
-        strangers: labels given to detections of bystanders, or of nobody.
-        missed: wearers' detections that were given to nobody.
+    Precision: correct labels over labels given; recall: over detections that are a wearer's; NaN where there are none.
+    Swapped are labels that name another wearer, strangers those given to bystanders or nobody, missed wearers'
+    detections that were given to nobody.
     """
-
-    given: int
-    true: int
-    correct: int
-    swapped: int
-    strangers: int
-    missed: int
-
-    @property
-    def precision(self) -> float:
-        """Correct labels over labels given."""
-        return self.correct / self.given if self.given else float("nan")
-
-    @property
-    def recall(self) -> float:
-        """Correct labels over true labels."""
-        return self.correct / self.true if self.true else float("nan")
-
-
-def association_score(labels: np.ndarray, truth: np.ndarray) -> AssociationScore:
-    """Score labels ``(N,)`` of detections against the true ones: index of the wearer, −1 for nobody."""
     given, is_true = labels != NOBODY, truth != NOBODY
     correct = is_true & (labels == truth)
-    return AssociationScore(
-        given=int(given.sum()),
-        true=int(is_true.sum()),
-        correct=int(correct.sum()),
-        swapped=int((given & is_true & ~correct).sum()),
-        strangers=int((given & ~is_true).sum()),
-        missed=int((is_true & ~given).sum()),
-    )
+    shares = {"precision": given, "recall": is_true}
+    counts = {"labels": given, "swapped": given & is_true & ~correct, "strangers": given & ~is_true,
+              "missed": is_true & ~given}  # fmt: skip
+    table = {
+        name: Metric(100 * float(correct.sum() / all_of.sum()) if np.any(all_of) else float("nan"), "%")
+        for name, all_of in shares.items()
+    } | {name: Metric(float(which.sum()), "") for name, which in counts.items()}
+    return {f"association_{name}": metric for name, metric in table.items()}
 
 
 def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment) -> dict[str, float]:

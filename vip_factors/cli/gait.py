@@ -2,16 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated, ClassVar
 
 import tyro
 
 from vip_factors.cli.options import WritingOptions, beside
 from vip_factors.errors import InputError
-
-if TYPE_CHECKING:
-    from vip_factors.estimate import Estimate
-    from vip_factors.sensors.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -34,18 +30,22 @@ class GaitOptions(WritingOptions):
 
 def main(options: GaitOptions) -> None:
     """Run the command."""
+    from vip_factors.cli.files import open_one
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.gait.analysis import gaits_of
     from vip_factors.gait.files import write_gait
+    from vip_factors.io.mcap_recording import read_scene
 
     with progress_bar() as progress:
         progress("reading", 0.0)
-        estimate, scene = _read(options)
-        if estimate is None:
-            assert scene is not None
+        opened = open_one(options.source)
+        scene = opened.scene if options.recording is None else read_scene(options.recording)
+        if (estimate := opened.estimate) is None:
+            if opened.scene is None:
+                raise InputError(f"{options.source} is a motion: expected an estimate or a recording (.mcap)")
             from vip_factors.pipeline import smooth
 
-            estimate = smooth(scene, progress=progress)
+            estimate = smooth(opened.scene, progress=progress)
         gaits = gaits_of(estimate, scene)
     if not any(one.strides for one in gaits):
         raise InputError(f"{options.source}: nobody walks in it: no foot takes two steps")
@@ -53,18 +53,3 @@ def main(options: GaitOptions) -> None:
         print(gait)
     for path in write_gait(gaits, options.out or beside(options.source, ".gait"), options.overwrite):
         print(path)
-
-
-def _read(options: GaitOptions) -> "tuple[Estimate | None, Scene | None]":
-    from vip_factors.io import mcap_estimate, mcap_recording
-    from vip_factors.io.mcap_reader import read_contents
-
-    contents = read_contents(
-        options.source, lambda channel: mcap_estimate.is_read(channel) or mcap_recording.is_read(channel)
-    )
-    measured = any(topic in ("/recording/info", "/scene/info") for topic in contents.topics)
-    scene = mcap_recording.read_scene(options.recording if options.recording is not None else contents) \
-        if measured or options.recording is not None else None  # fmt: skip
-    if measured and not any(topic.startswith("/estimate") for topic in contents.topics):
-        return None, scene
-    return mcap_estimate.read_estimate(contents), scene

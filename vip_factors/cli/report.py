@@ -55,19 +55,18 @@ def main(options: ReportOptions) -> None:
 
         check_film(out.with_suffix(".mp4"))
         check_target(out.with_suffix(".mp4"), options.overwrite)
-    from vip_factors.io import mcap_estimate, mcap_recording
-    from vip_factors.io.mcap_reader import read_contents
+    from vip_factors.cli.files import open_one
+    from vip_factors.io.mcap_recording import read_scene
 
     with progress_bar() as progress:
         progress("reading", 0.0)
-        contents = read_contents(
-            options.estimate, lambda channel: mcap_estimate.is_read(channel) or mcap_recording.is_read(channel)
-        )
-        estimate = mcap_estimate.read_estimate(contents)
-        scene = mcap_recording.read_scene(options.recording) if options.recording is not None else None
-        if scene is None and any(topic in ("/recording/info", "/scene/info") for topic in contents.topics):
-            scene = mcap_recording.read_scene(contents)
-        truth = mcap_recording.read_scene(options.truth) if options.truth is not None else None
+        opened = open_one(options.estimate)
+        if (estimate := opened.estimate) is None:
+            raise InputError(
+                f"{options.estimate} holds no estimate: expected what vip-factors smooth makes of a recording"
+            )
+        scene = opened.scene if options.recording is None else read_scene(options.recording)
+        truth = None if options.truth is None else read_scene(options.truth)
         from vip_factors.report.page import write_report  # late: what cannot be read is told at once
 
         video = options.video[0] if options.video else options.video is not None

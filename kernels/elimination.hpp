@@ -106,7 +106,7 @@ inline bool eliminate_chain(const Blas& blas, const std::vector<Piece>& pieces, 
         double* rows = into.rows + t * w * n;
         for (int64_t r = 0; r < w; r++) {
             double *to = rows + r * n, *from = M + r * rest;
-            std::fill(to + r, to + n, 0.0);
+            std::fill(to + (r < met ? ahead : r), to + (r < met ? seen : n), 0.0);
             if (r >= met) continue;
             std::copy(from + r, from + ahead, to + r);
             std::copy(from + ahead, from + rest, to + seen);

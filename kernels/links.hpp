@@ -149,6 +149,12 @@ template <int n> inline void solve_positive(double* A, double* b) {
     }
 }
 
+inline double median(std::vector<double>& values) {  // in another order after that
+    const auto middle = values.begin() + values.size() / 2;
+    std::nth_element(values.begin(), middle, values.end());
+    return values.size() % 2 ? *middle : (*middle + *std::max_element(values.begin(), middle)) / 2;
+}
+
 inline int arm(int i) { return i < 3 ? 1 + i : 2 + i; }  // columns 0 and 4 are what both accelerations are
 
 // Least misfit over headings, given sums of products, and that heading; arms are eliminated.
@@ -203,10 +209,7 @@ VIP_WIDE inline double joint_share(const double* above, const double* below, int
             across[4 * t] = b[0] * b[0] + b[1] * b[1];  // of the misfit's slope by the heading with itself, and with −R b
             for (int k = 1; k < 4; k++) across[4 * t + k] = b[0] * below[12 * t + 4 + k] - b[1] * below[12 * t + k];
         }
-        std::nth_element(sorted.begin(), sorted.begin() + T / 2, sorted.end());
-        double median = sorted[T / 2];
-        if (T % 2 == 0) median = (median + *std::max_element(sorted.begin(), sorted.begin() + T / 2)) / 2;
-        const double scale = std::max(median / 2.37, LEAST_SCALE);
+        const double scale = std::max(median(sorted) / 2.37, LEAST_SCALE);
         double turned[4] = {0, 0, 0, 0};
         misfit = 0;
         for (int64_t t = 0; t < T; t++) {
@@ -238,6 +241,85 @@ VIP_WIDE inline double joint_share(const double* above, const double* below, int
     for (int k = 0; k < 4; k++)
         for (int m = 0; m < 4; m++) joint += x[k] * G[8 * k + m] * x[m];
     return misfit / joint;
+}
+
+// How late the one below is, how surely, and the share, as joint_share has it: Gauss–Newton from a delay and a heading.
+// Below are coefficients of a cubic spline over instants `step` apart; of each of the T instants above, how many of these
+// lie before it, and the number of the block whose misfits belong together.
+struct JointDelay { double seconds, sigma, share; };
+
+VIP_WIDE inline JointDelay joint_delay(const double* above, const double* below, const double* place, const int64_t* block,
+                                       int64_t T, double step, double reach, double seconds, double heading) {
+    std::vector<double> slopes(24 * T), off(3 * T), square(T), sorted(T), weight(T);
+    double x[8] = {0, 0, 0, 0, 0, 0, 0, 0}, H[64], misfit = 0;  // the arms from the third on
+    for (int round = 0; round < ROUNDS; round++) {
+        const double cosine = std::cos(heading), sine = std::sin(heading);
+        for (int64_t t = 0; t < T; t++) {
+            const double at = place[t] + seconds / step, whole = std::floor(at), f = at - whole, g = 1 - f;
+            const double value[4] = {g * g * g / 6, (3 * f * f * f - 6 * f * f + 4) / 6, (3 * g * g * g - 6 * g * g + 4) / 6, f * f * f / 6};
+            const double rate[4] = {-g * g / 2, (3 * f * f - 4 * f) / 2, -(3 * g * g - 4 * g) / 2, f * f / 2};
+            const double *from = below + 12 * (static_cast<int64_t>(whole) - 1), *a = above + 12 * t;
+            double b[12], moved[12], turned[12], *S = &slopes[24 * t];
+            for (int c = 0; c < 12; c++) {
+                b[c] = value[0] * from[c] + value[1] * from[12 + c] + value[2] * from[24 + c] + value[3] * from[36 + c];
+                moved[c] = (rate[0] * from[c] + rate[1] * from[12 + c] + rate[2] * from[24 + c] + rate[3] * from[36 + c]) / step;
+            }
+            double point[3], speed[3];
+            for (int c = 0; c < 4; c++) {
+                turned[c] = cosine * b[c] - sine * b[4 + c], turned[4 + c] = sine * b[c] + cosine * b[4 + c];
+                turned[8 + c] = b[8 + c];
+            }
+            for (int i = 0; i < 3; i++) {
+                point[i] = turned[4 * i], speed[i] = moved[4 * i];
+                double own = a[4 * i];
+                for (int c = 1; c < 4; c++) {
+                    own += a[4 * i + c] * x[1 + c], point[i] += turned[4 * i + c] * x[4 + c], speed[i] += moved[4 * i + c] * x[4 + c];
+                    S[8 * i + 1 + c] = a[4 * i + c], S[8 * i + 4 + c] = -turned[4 * i + c];
+                }
+                off[3 * t + i] = own - point[i];
+            }
+            S[0] = -(cosine * speed[0] - sine * speed[1]), S[8] = -(sine * speed[0] + cosine * speed[1]), S[16] = -speed[2];
+            S[1] = point[1], S[9] = -point[0], S[17] = 0;
+            sorted[t] = square[t] = off[3 * t] * off[3 * t] + off[3 * t + 1] * off[3 * t + 1] + off[3 * t + 2] * off[3 * t + 2];
+        }
+        const double scale = std::max(median(sorted) / 2.37, LEAST_SCALE), prior = scale / (ARM_SIGMA * ARM_SIGMA);
+        double sums[8] = {0, 0, 0, 0, 0, 0, 0, 0}, A[64];
+        std::fill(H, H + 64, 0.0), misfit = 0;
+        for (int64_t t = 0; t < T; t++) {
+            weight[t] = 1 / (1 + square[t] / (4 * scale)), misfit += weight[t] * square[t];
+            for (int i = 0; i < 3; i++) {
+                const double* S = &slopes[24 * t + 8 * i];
+                for (int r = 0; r < 8; r++) {
+                    const double w = weight[t] * S[r];
+                    sums[r] -= w * off[3 * t + i];
+                    for (int c = 0; c < 8; c++) H[8 * r + c] += w * S[c];
+                }
+            }
+        }
+        for (int r = 0; r < 8; r++) {
+            H[9 * r] += 1e-9 + (r > 1 ? prior : 0.0);
+            if (r > 1) sums[r] -= prior * x[r];
+        }
+        std::copy(H, H + 64, A);
+        solve_positive<8>(A, sums);
+        seconds += std::clamp(sums[0], -0.03, 0.03), heading += sums[1];
+        for (int r = 2; r < 8; r++) x[r] += sums[r];
+        if (std::abs(seconds) > reach) break;
+    }
+    double z[8] = {1, 0, 0, 0, 0, 0, 0, 0}, joint = 0, spread = 0, sum = 0;
+    solve_positive<8>(H, z);
+    for (int64_t t = 0; t < T; t++) {
+        if (t && block[t] != block[t - 1]) spread += sum * sum, sum = 0;
+        for (int i = 0; i < 3; i++) {
+            const double *S = &slopes[24 * t + 8 * i], *a = above + 12 * t + 4 * i;
+            double along = 0;
+            for (int r = 0; r < 8; r++) along += z[r] * S[r];
+            sum += weight[t] * along * off[3 * t + i];
+            const double own = a[0] + a[1] * x[2] + a[2] * x[3] + a[3] * x[4];
+            joint += weight[t] * own * own;
+        }
+    }
+    return {seconds, std::sqrt(spread + sum * sum), misfit / joint};
 }
 
 }  // namespace vip

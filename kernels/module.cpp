@@ -129,6 +129,18 @@ static double joint_share(In<3> above, In<3> below) {
     return vip::joint_share(above.data(), below.data(), static_cast<int64_t>(above.shape(0)));
 }
 
+// Of a sensor (T, 3, 4) and a spline's coefficients (N, 3, 4): seconds, sigma, share.
+static void joint_delay(In<3> above, In<3> below, In<1> place, Indices<1> block, double step, double reach, double seconds,
+                        double heading, Out<1> found) {
+    const auto T = static_cast<int64_t>(above.shape(0));
+    expect(T > 0 && above.size() == 12 * place.shape(0) && block.shape(0) == place.shape(0) && below.shape(1) == 3);
+    const double far = reach / step, last = static_cast<double>(below.shape(0)) - 5;  // knots are even but for both ends
+    expect(below.shape(2) == 4 && found.shape(0) == 3 && std::abs(seconds) <= reach);
+    for (int64_t t = 0; t < T; t++) expect(place(t) - far >= 4 && place(t) + far <= last);
+    const vip::JointDelay one = vip::joint_delay(above.data(), below.data(), place.data(), block.data(), T, step, reach, seconds, heading);
+    found(0) = one.seconds, found(1) = one.sigma, found(2) = one.share;
+}
+
 // Of each of S sensors its first `count` samples of (S, n), (S, n, 9), (S, n, 3); R (S, 3, 3) and force (S, 3).
 static void measure(In<2> time, In<3> R, In<3> force, Indices<1> count, In<1> period, double at, double step,
                     double gap_factor, Out<3> found_R, Flags seen, Out<2> found_force, Flags whole) {
@@ -469,6 +481,7 @@ NB_MODULE(_kernels, module) {
     module.def("measure", &measure, released());
     module.def("bend_cost", &bend_cost, released());
     module.def("least_over_headings", &least_over_headings, released());
+    module.def("joint_delay", &joint_delay, released());
     module.def("joint_share", &joint_share, released());
     module.def("follow_cameras", &follow_cameras, released());
     module.def("fit_people", &fit_people, released());

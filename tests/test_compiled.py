@@ -160,6 +160,22 @@ def test_misfits_of_joints(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
         np.testing.assert_allclose(fast, pure, rtol=1e-10, atol=1e-8)
 
 
+def test_delays_of_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From where the child is right to where the search leaves its reach."""
+    random, count = np.random.default_rng(6), 1500
+    smooth = np.apply_along_axis(np.convolve, 0, random.standard_normal((count, 12)), np.hanning(15), "same")
+    child = sensor_faults.JointSignal(
+        7.0 + np.arange(count) * sensor_faults.STEP / sensor_faults.FINE, smooth.reshape(-1, 3, 4), np.ones(count, bool)
+    )
+    time = np.arange(child.time[0] + 0.25, child.time[-1] - 0.25, sensor_faults.APART)
+    above = rotations.rotation_z(0.7) @ child.spline(time + 0.03) + 0.3 * random.standard_normal((len(time), 3, 4))
+    begun = [(0.02, 0.6), (0.0, 0.0), (-0.12, 3.0), (0.12, 3.0)]
+    fast = [sensor_faults.joint_delay(above, child, time, *one) for one in begun]
+    monkeypatch.setattr(sensor_faults, "kernels", None)
+    np.testing.assert_allclose(fast, [sensor_faults.joint_delay(above, child, time, *one) for one in begun], rtol=1e-10)
+    assert abs(fast[0][0] - 0.03) < 0.002
+
+
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("in_coordinates", [False, True])
 def test_slices(kind: str, in_coordinates: bool, monkeypatch: pytest.MonkeyPatch) -> None:

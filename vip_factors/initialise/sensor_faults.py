@@ -29,6 +29,7 @@ ARM_SIGMA, MISFIT = 0.2, 1.5  # m from sensor to joint; m/s² by which bodies th
 # of the parent's samples, the child's would seem late or early by what puts them between its own.
 APART = STEP * (1 + 1 / FINE)
 STARTS = np.arange(-0.12, 0.121, 0.02)  # s, delays looked at: the misfit's valley is a quarter of a swing wide
+REACH = float(STARTS[-1]) + STEP
 HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
 STRONG = 15.0  # m/s², from which on an acceleration counts less at the start
 ROUNDS = 12
@@ -116,7 +117,7 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
 
     None where the two share too little time, or no delay in reach makes them tell the same.
     """
-    margin = float(STARTS[-1]) + 2 * STEP
+    margin = REACH + 2 * STEP
     time = np.arange(
         max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, APART
     )  # fmt: skip
@@ -126,8 +127,23 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
     above = parent.spline(time)
     starts = [(*_start(above, child.spline(time + seconds)), seconds) for seconds in STARTS]
     _, heading, begin = min(starts)
-    seconds, sigma, misfit = _refined(above, child.spline, child.spline.derivative(), time, begin, heading)
-    return None if misfit > POOR or abs(seconds) > STARTS[-1] + STEP else (seconds, sigma)
+    seconds, sigma, misfit = joint_delay(above, child, time, begin, heading)
+    return None if misfit > POOR or abs(seconds) > REACH else (seconds, sigma)
+
+
+def joint_delay(
+    above: Array, child: JointSignal, time: Array, seconds: float, heading: float
+) -> tuple[float, float, float]:
+    """The delay of a child against the parent's values ``(T, 3, 4)``, its sigma, and :func:`joint_share`.
+
+    From a delay and a heading on; ``time`` ``(T,)`` is well within the child's.
+    """
+    if kernels is None:
+        return _refined(above, child.spline, child.spline.derivative(), time, seconds, heading)
+    found, step, blocks = np.empty(3), STEP / FINE, ((time - time[0]) / BLOCK).astype(np.int64)
+    place = (time - child.time[0]) / step
+    kernels.joint_delay(above, child.spline.c, place, blocks, step, REACH, seconds, heading, found)
+    return float(found[0]), float(found[1]), float(found[2])
 
 
 def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | None:
@@ -205,7 +221,7 @@ def _refined(
         step = -np.linalg.solve(hessian, scores.sum(axis=0) + prior * np.r_[0, 0, arms])
         seconds += float(np.clip(step[0], -0.03, 0.03))
         heading, arms = heading + float(step[1]), arms + step[2:]
-        if abs(seconds) > STARTS[-1] + STEP:
+        if abs(seconds) > REACH:
             break
     block = ((time - time[0]) / BLOCK).astype(int)
     sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)

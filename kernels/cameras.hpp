@@ -11,11 +11,10 @@ namespace vip {
 // As there: the square of CAUCHY, a fifth of NEAREST_DEPTH, MAX_TURN.
 constexpr double DOUBTED_SQUARE = 4.0, LEAST_DEPTH = 0.1, MAX_TURN = 0.5;
 
-// K points (K, 3) about their middle, where they were seen (K, 2), weights and square roots of precisions (K), and depth.
+// K points (K, 3) about their middle, where they were seen (K, 2), weights (K), and their precision over that of doubt (K).
 struct Sighting {
     int64_t count;
-    const double *points, *seen, *weight, *scale;
-    double depth;
+    const double *points, *seen, *weight, *precision;
 };
 
 // Cost of a camera, and the normal equations about it: the upper half of (6, 6), and (6).
@@ -34,10 +33,9 @@ inline void sum_camera(const Sighting& of, const double* R, const double* t, Cam
         const double inverse = 1 / std::max(r[2] + t[2], LEAST_DEPTH);
         const double x = (r[0] + t[0]) * inverse, y = (r[1] + t[1]) * inverse;
         const double error[2] = {x - of.seen[2 * k], y - of.seen[2 * k + 1]};
-        const double precision = of.scale[k] * of.scale[k] * of.depth * of.depth;
-        const double square = (error[0] * error[0] + error[1] * error[1]) * precision / std::max(w, 1e-12) / DOUBTED_SQUARE;
-        costs += w * DOUBTED_SQUARE * std::log1p(square), weights += w;
-        const double each = precision / (1 + square) * inverse;
+        const double square = (error[0] * error[0] + error[1] * error[1]) * of.precision[k];
+        costs += w * DOUBTED_SQUARE * std::log(1 + square), weights += w;
+        const double each = w * DOUBTED_SQUARE * of.precision[k] / (1 + square) * inverse;
         const double J[2][6] = {{-x * r[1], r[2] + x * r[0], -r[1], 1, 0, -x}, {-r[2] - y * r[1], y * r[0], r[0], 0, 1, -y}};
         for (int row = 0; row < 2; row++)
             for (int i = 0; i < 6; i++) {

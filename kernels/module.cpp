@@ -88,16 +88,15 @@ static void fit_people(In<4> points, In<4> rays, In<3> weight, In<2> known, In<1
         }
 }
 
-// Points (P, K, 3) and where they were seen (P, K, 2), weights and scales (P, K), depths (P); cameras (P, 3, 3) and (P, 3)
-// which are followed, and their costs (P).
-static void follow_cameras(In<3> points, In<3> seen, In<2> weight, In<2> scale, In<1> depth, int64_t steps, Out<3> R, Out<2> t,
-                           Out<1> cost) {
+// Points (P, K, 3) and where they were seen (P, K, 2), weights and precisions (P, K); cameras (P, 3, 3) and (P, 3) which are
+// followed, and their costs (P).
+static void follow_cameras(In<3> points, In<3> seen, In<2> weight, In<2> precision, int64_t steps, Out<3> R, Out<2> t, Out<1> cost) {
     const size_t P = points.shape(0), K = points.shape(1);
-    expect(points.shape(2) == 3 && seen.size() == P * K * 2 && weight.size() == P * K && scale.size() == P * K);
-    expect(depth.size() == P && R.size() == P * 9 && t.size() == P * 3 && cost.size() == P);
+    expect(points.shape(2) == 3 && seen.size() == P * K * 2 && weight.size() == P * K && precision.size() == P * K);
+    expect(R.size() == P * 9 && t.size() == P * 3 && cost.size() == P);
     for (size_t i = 0; i < P; i++) {
         const vip::Sighting sighting{static_cast<int64_t>(K), points.data() + i * K * 3, seen.data() + i * K * 2,
-                                     weight.data() + i * K, scale.data() + i * K, depth(i)};
+                                     weight.data() + i * K, precision.data() + i * K};
         cost(i) = vip::follow_camera(sighting, steps, R.data() + i * 9, t.data() + i * 3);
     }
 }

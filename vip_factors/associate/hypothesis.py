@@ -14,7 +14,7 @@ import numpy as np
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.compiled import kernels
-from vip_factors.geometry.rotations import Array, exp, hat, nearest_rotation, transpose
+from vip_factors.geometry.rotations import Array, exp, hat, transpose
 from vip_factors.sensors.detections import Detections
 
 FEWEST_KEYPOINTS = 6  # six unknowns would need three; below six a wrong person fits as well as the right one
@@ -127,17 +127,19 @@ class _Problem:
         moment += np.eye(3) * (1e-4 * np.trace(moment, axis1=1, axis2=2)[:, None, None] + 1e-9)
         cross = np.einsum("pk,pki,pkj->pij", w, self.flat - _mean(self.flat, w)[:, None], q, optimize=True)
         A = cross[:, :, :2] @ np.linalg.inv(moment[:, :2, :2])
-        U, s, _ = np.linalg.svd(A)
+        U, s, Vt = np.linalg.svd(A)
         scale = np.maximum(s[:, 0], 1e-6)
         self.depth = np.clip(1 / scale, NEAREST_DEPTH, FURTHEST_DEPTH)
-        slant = U[:, :, 1] * np.sqrt(np.maximum(1 - (s[:, 1] / scale) ** 2, 0))[:, None]
-        starts = [self._start(np.concatenate([A / scale[:, None, None], sign * slant[..., None]], axis=2), N)
-                  for sign in (1.0, -1.0)]  # fmt: skip
+        ratio = (s[:, 1] / scale)[:, None]
+        flat = np.concatenate([U[:, :, :1], U[:, :, 1:] * ratio[..., None]], axis=2) @ Vt
+        slant = U[:, :, 1] * np.sqrt(np.maximum(1 - ratio**2, 0))
+        starts = [self._start(np.concatenate([flat, sign * slant[..., None]], axis=2), N) for sign in (1.0, -1.0)]
         U3, _, Vt3 = np.linalg.svd(cross @ np.linalg.inv(moment), full_matrices=False)
         return [*starts, self._start(U3 @ Vt3, N)]
 
     def _start(self, rows: Array, N: Array) -> tuple[Array, Array]:
-        R = nearest_rotation(np.concatenate([rows, np.cross(rows[:, 0], rows[:, 1])[:, None]], axis=1))
+        """A camera by the first two rows of its rotation, which are orthonormal."""
+        R = np.concatenate([rows, np.cross(rows[:, 0], rows[:, 1])[:, None]], axis=1)
         middle = _mean(self.flat, self.w)
         return R @ N, np.concatenate([middle, np.ones((len(R), 1))], axis=1) * self.depth[:, None]
 
@@ -166,7 +168,8 @@ class _Problem:
         """Cameras some steps of Gauss–Newton on from others, and their costs."""
         if kernels is not None:
             R, t, cost = R.copy(), t.copy(), np.empty(len(R))
-            kernels.follow_cameras(self.X, self.flat, self.w, self.scale, self.depth, steps, R, t, cost)
+            precision = np.square(self.scale * self.depth[:, None] / CAUCHY) / np.maximum(self.w, 1e-12)
+            kernels.follow_cameras(self.X, self.flat, self.w, precision, steps, R, t, cost)
             return R, t, cost
         damping = np.full(len(R), 1e-3)
         cost = self.cost(R, t)

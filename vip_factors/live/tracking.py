@@ -28,6 +28,7 @@ from vip_factors.terms.reprojection import whitened_reprojections
 
 SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
 CALIBRATION = 4  # columns of a sensor's heading and mounting
+PATIENCE = 2  # frames: of two updates with video, what moved is linearised anew in one
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
 
 
@@ -79,7 +80,8 @@ class Tracking:
         self._watches = [KnockDetector(len(one.sensors), settings.watch, rate, begin) for one in start.problem.wearers]
         self._sensors = [(w, s) for w, one in enumerate(start.problem.wearers) for s in range(len(one.sensors))]
         self._slips = None if anew.use and learnt_s < settings.slip.learnt_s else self._slip_test(begin)
-        self._next_test = self._next_lesson = 0  # frames
+        # Frames; apart, as long as a frame is solved each time.
+        self._next_lesson, self._next_test = 0, self.smoother.numbers[-1] + 2 * PATIENCE
         self._measured = start.frames[-1].orientation_valid  # which sensors were, in the last frame
         self.solved, self.moved = True, list[int]()
         self._unsolved = 0  # frames that are predicted only, so far
@@ -296,7 +298,7 @@ class Tracking:
     def _notice_slips(self) -> list[Finding]:
         """Sensors that sit as they did no longer, by the last seconds."""
         smoother, newest = self.smoother, self.smoother.numbers[-1]
-        if self._slips is None or newest < self._next_test:
+        if self._slips is None or newest < self._next_test + self._patience:
             return []
         self._next_test = newest + self._settings.covariance_every
         estimate = newest, smoother.shared_coordinates, smoother.shared_covariance()
@@ -308,11 +310,16 @@ class Tracking:
             self._estimate_sensor_anew(wearer, sensor)  # and what it taught of the others may be wrong as well
         return [self._moved_finding(*one) for one in found]
 
+    @property
+    def _patience(self) -> int:
+        """Frames for which what is due can wait: for an update in which what moved is not linearised anew."""
+        return PATIENCE if self.observers and not self.smoother.waited else 0
+
     def _learn(self) -> None:
         """What the smoothed frames teach of the detectors: those of the first third of the lag, each but once."""
         smoother = self.smoother
         numbers = smoother.numbers[: max(1, len(smoother.numbers) // 3)]
-        if not self.observers or numbers[0] < self._next_lesson:
+        if not self.observers or numbers[0] < self._next_lesson + self._patience:
             return
         self._next_lesson = numbers.stop
         model, state = smoother.scene(numbers)

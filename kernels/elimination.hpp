@@ -154,14 +154,16 @@ inline void substitute_chain(const Blas& blas, const double* behind, const Elimi
     }
 }
 
-// Adds what lies on and above the diagonal: of the first `head` columns of a matrix to the first of another, and of
-// its last `tail` ones to the last.
-inline void add_upper(const double* from, int64_t row, int64_t head, int64_t tail, double* M, int64_t n) {
-    for (int64_t i = 0; i < head + tail; i++) {
-        const double* source = from + i * row;
-        double *into = M + (i < head ? i : n - tail + i - head) * n, *last = into + n - tail;
-        for (int64_t j = i; j < head; j++) into[j] += source[j];
-        for (int64_t j = i < head ? 0 : i - head; j < tail; j++) last[j] += source[head + j];
+// Adds what lies on and above the diagonal of k columns to those at ascending places of another matrix.
+inline void add_upper(const double* from, int64_t row, int64_t k, const int64_t* places, double* M, int64_t n) {
+    for (int64_t first = 0, end; first < k; first = end) {  // in runs of columns that stay beside each other
+        for (end = first + 1; end < k && places[end] == places[end - 1] + 1; end++) {}
+        for (int64_t i = 0; i < end; i++) {
+            const int64_t j = std::max(i, first);
+            const double* source = from + i * row + j;
+            double* into = M + places[i] * n + places[j];
+            for (int64_t c = 0; c < end - j; c++) into[c] += source[c];
+        }
     }
 }
 

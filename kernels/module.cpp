@@ -362,6 +362,12 @@ static void reorder(In<2> information, In<1> vector, Indices<1> order, Out<2> in
 // R and S (w, n), with the stride of the matrix that they lie in.
 using Matrix = nb::ndarray<double, nb::ndim<2>, nb::device::cpu>;
 
+static bool ascending(Indices<1> places, int64_t end) {
+    for (size_t i = 0; i < places.size(); i++)
+        if (places(i) < (i == 0 ? 0 : places(i - 1) + 1) || places(i) >= end) return false;
+    return true;
+}
+
 static vip::Conditional conditional(Matrix rows, const double* d) {
     expect((rows.size() == 0 || rows.stride(1) == 1) && rows.shape(0) <= rows.shape(1));
     return {rows.data(), d, static_cast<int>(rows.stride(0)), static_cast<int>(rows.shape(1)), static_cast<int>(rows.shape(0))};
@@ -381,28 +387,28 @@ static void forward(Matrix rows, Out<2> right, Out<2> behind) {
 }
 
 // Of each frame R and S, and d; and where what is shared steps behind it, the same of that.
-static void substitute_lag(nb::list frames, In<1> shared, Out<2> values) {
+static void substitute_lag(nb::list frames, Indices<1> far, In<1> shared, Out<2> values) {
     expect(frames.size() == values.shape(0));
     const auto T = static_cast<int64_t>(frames.size()), w = static_cast<int64_t>(values.shape(1));
     const auto s = static_cast<int64_t>(shared.shape(0));
-    std::vector<double> later(vip::REACH * w + s);  // of the frames ahead, and of what is shared
+    std::vector<double> later, own_shared(shared.data(), shared.data() + s);
     for (int64_t t = T - 1; t >= 0; t--) {
         const nb::tuple one = nb::cast<nb::tuple>(frames[t]);
-        const int64_t ahead = std::min<int64_t>(vip::REACH, T - 1 - t) * w;
-        if (t == T - 1) std::copy(shared.data(), shared.data() + s, later.data());
+        double* value = values.data() + t * w;
+        later.clear();
+        if (t + 1 < T) later.assign(value + w, value + 2 * w);
+        for (size_t i = 0; t + 2 < T && i < far.size(); i++) expect(0 <= far(i) && far(i) < w), later.push_back(value[2 * w + far(i)]);
+        const auto ahead = static_cast<int64_t>(later.size());
+        later.insert(later.end(), own_shared.begin(), own_shared.end());
         if (one.size() > 2) {
             const vip::Conditional step = conditional(one[2], one[3]);
             expect(step.w == s && step.n == s + ahead + s);
-            std::vector<double> before(s);
-            vip::substitute(blas, step, later.data(), before.data());
-            std::copy(before.begin(), before.end(), later.begin() + ahead);
+            vip::substitute(blas, step, later.data(), own_shared.data());
+            std::copy(own_shared.begin(), own_shared.end(), later.begin() + ahead);
         }
         const vip::Conditional own = conditional(one[0], one[1]);
         expect(own.w == w && own.n == w + ahead + s);
-        vip::substitute(blas, own, later.data(), values.data() + t * w);
-        const int64_t next = std::min<int64_t>(vip::REACH, T - t) * w;
-        std::copy_backward(later.data() + ahead, later.data() + ahead + s, later.data() + next + s);
-        std::copy(values.data() + t * w, values.data() + t * w + next, later.data());
+        vip::substitute(blas, own, later.data(), value);
     }
 }
 
@@ -437,33 +443,36 @@ static void substitute_chain(Out<3> rows, In<1> behind, int ahead, Out<2> steps)
     vip::substitute_chain(blas, behind.data(), chain);
 }
 
-// Of a slice (N, N) the columns of the frames that there are, and of the last `shared` ones: as a quadratic in x. The
-// slice is zero then, as far as it counts: here each row is at hand.
-static void slice_in_coordinates(Out<2> hessian, Out<1> gradient, In<1> value, int shared, Out<2> information, Out<1> vector) {
-    auto N = static_cast<int64_t>(hessian.shape(0)), n = static_cast<int64_t>(value.shape(0)), head = n - shared;
-    expect(hessian.shape(1) == hessian.shape(0) && gradient.shape(0) == hessian.shape(0) && n <= N && head >= 0 && shared >= 0);
+// Of a slice (N, N) ascending columns as a quadratic in x, in the rows of these. The slice is zero then, as far as it
+// counts: here each row is at hand.
+static void slice_in_coordinates(Out<2> hessian, Out<1> gradient, In<1> value, Indices<1> columns, Out<2> information, Out<1> vector) {
+    const auto N = static_cast<int64_t>(hessian.shape(0)), n = static_cast<int64_t>(value.shape(0));
+    expect(hessian.shape(1) == hessian.shape(0) && gradient.shape(0) == hessian.shape(0) && columns.shape(0) == value.shape(0));
     expect(information.shape(0) == value.shape(0) && information.shape(1) == value.shape(0) && vector.shape(0) == value.shape(0));
+    expect(ascending(columns, N));
     double* v = vector.data();
     std::fill(v, v + n, 0.0);
     for (int64_t i = 0; i < n; i++) {
-        const int64_t row = i < head ? i : N - n + i;
-        double *from = hessian.data() + row * N, *into = information.data() + i * n;
-        if (i < head) std::copy(from + i, from + head, into + i);
-        std::copy(from + std::max(row, N - shared), from + N, into + std::max(i, head));
-        std::fill(from + row, from + N, 0.0);
-        v[i] += vip::times_upper(into + i, n - i, value.data() + i, v + i) - gradient.data()[row];
-        gradient.data()[row] = 0.0;
+        double *from = hessian.data() + columns(i) * N, *into = information.data() + i * n;
+        for (int64_t j = i, end; j < n; j = end) {  // in runs of columns that stay beside each other
+            for (end = j + 1; end < n && columns(end) == columns(end - 1) + 1; end++) {}
+            std::copy(from + columns(j), from + columns(j) + (end - j), into + j);
+        }
+        std::fill(from + columns(i), from + N, 0.0);
+        v[i] += vip::times_upper(into + i, n - i, value.data() + i, v + i) - gradient.data()[columns(i)];
+        gradient.data()[columns(i)] = 0.0;
     }
 }
 
-// What is known before of the first columns and of the last `shared` ones.
-static void add_before(nb::ndarray<const double, nb::ndim<2>, nb::device::cpu> before, In<1> before_vector, int shared,
+// What is known before of columns at these places.
+static void add_before(nb::ndarray<const double, nb::ndim<2>, nb::device::cpu> before, In<1> before_vector, Indices<1> places,
                        Out<2> information, Out<1> vector) {
-    const auto k = static_cast<int64_t>(before_vector.shape(0)), n = static_cast<int64_t>(vector.shape(0)), head = k - shared;
+    const auto k = static_cast<int64_t>(before_vector.shape(0)), n = static_cast<int64_t>(vector.shape(0));
     expect((k == 0 || before.stride(1) == 1) && before.shape(0) == before_vector.shape(0) && before.shape(1) == before.shape(0));
-    expect(information.shape(0) == vector.shape(0) && information.shape(1) == vector.shape(0) && 0 <= head && k <= n);
-    vip::add_upper(before.data(), before.stride(0), head, shared, information.data(), n);
-    for (int64_t i = 0; i < k; i++) vector.data()[i < head ? i : n - k + i] += before_vector.data()[i];
+    expect(information.shape(0) == vector.shape(0) && information.shape(1) == vector.shape(0));
+    expect(places.shape(0) == before_vector.shape(0) && ascending(places, n));
+    vip::add_upper(before.data(), before.stride(0), k, places.data(), information.data(), n);
+    for (int64_t i = 0; i < k; i++) vector.data()[places(i)] += before_vector.data()[i];
 }
 
 NB_MODULE(_kernels, module) {

@@ -33,7 +33,7 @@ def summed(slices: Slices, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     H, g = np.zeros((n, n)), np.zeros(n)
     for t in range(T):
         columns = np.concatenate([np.arange(w * t, w * min(t + 3, T)), np.arange(n - s, n)])
-        information, vector = slices.in_coordinates(t, value[columns])
+        information, vector = slices.in_coordinates(t, value[: n - s].reshape(T, w)[t : t + 3], value[n - s :])
         H[np.ix_(columns, columns)] += np.triu(information) + np.triu(information, 1).T
         g[columns] += vector
     return H, g
@@ -54,7 +54,7 @@ def test_what_is_made_of_a_slice_stays_with_the_next_ones(pure: bool, monkeypatc
     made = slices_of(model, state)
     if pure:
         monkeypatch.setattr(solve_slices, "kernels", None)
-    information, vector = made.in_coordinates(0, np.zeros(made.width))
+    information, vector = made.in_coordinates(0, np.zeros((3, made.frame)), np.zeros(made.static))
     before = np.triu(information)
     made.emptied(T)
     np.testing.assert_array_equal(np.triu(information), before)

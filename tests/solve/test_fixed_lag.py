@@ -135,6 +135,29 @@ def test_kernels_say_what_numpy_says(monkeypatch: pytest.MonkeyPatch) -> None:
         np.testing.assert_allclose(one, other, atol=1e-10)
 
 
+@pytest.mark.parametrize("pure", [False, True])
+def test_columns_that_no_frame_sees_from_two_before_need_not_be_there(
+    pure: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:  # fmt: skip
+    if pure:
+        monkeypatch.setattr(fixed_lag, "kernels", None)
+    far = np.array([0, 3])
+    less, all_there = FixedLagChain(WIDTH, SHARED, far), FixedLagChain(WIDTH, SHARED)
+    for t, graph in enumerate(slices(seed=3)):
+        information, vector = dense(t, _copy(graph))
+        gone = 2 * WIDTH + np.array([1, 2]) if t + 2 < FRAMES else np.zeros(0, int)
+        kept = np.setdiff1d(np.arange(len(vector)), gone)
+        information[gone], information[:, gone], vector[gone] = 0.0, 0.0, 0.0
+        sigmas = np.ones(SHARED) if t % 4 == 1 else None
+        less.eliminate(t, information[np.ix_(kept, kept)], vector[kept], sigmas)
+        all_there.eliminate(t, information, vector, sigmas)
+    found, expected = less.solution(), all_there.solution()
+    np.testing.assert_allclose(found.values, expected.values, atol=1e-10)
+    np.testing.assert_allclose(found.shared, expected.shared, atol=1e-10)
+    for t in range(FRAMES):
+        np.testing.assert_allclose(found.covariance(t), expected.covariance(t), atol=1e-10)
+
+
 @pytest.mark.skipif(kernels is None, reason="without kernels slices begin as zeros")
 def test_what_lies_below_the_diagonal_is_never_summed() -> None:
     """It is memory as it comes: sums of it are no error, but warn of what it may hold."""

@@ -1,5 +1,7 @@
 """Chains that meet in a few columns, against the whole problem."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -124,6 +126,24 @@ def test_common_columns_wander_alike_in_all_chains() -> None:
     np.testing.assert_allclose(of_both[0], of_both[1], rtol=1e-3)
     newest = [chain.solution().frames[FRAMES - 1][-2:] for chain in chains._chains]
     np.testing.assert_allclose(newest[0], newest[1], atol=1e-4)
+
+
+def test_columns_that_no_frame_sees_from_two_before_need_not_be_there() -> None:
+    people, far = People(2, 2, 1), np.arange(2, OWN + 2)
+    less = JoinedChains([*(replace(one, far=far) for one in people.columns[:-1]), people.columns[-1]])
+    all_there = JoinedChains(people.columns)
+    for t, parts in enumerate(people.slices):
+        kept = [np.arange(len(v)) for _, v in parts]
+        for own, (H, v) in enumerate(parts[:-1]):
+            gone = REACH * (OWN + 2) + np.arange(2) if t + REACH < FRAMES else np.zeros(0, int)
+            kept[own] = np.setdiff1d(kept[own], gone)
+            H[gone], H[:, gone], v[gone] = 0.0, 0.0, 0.0
+        fewer = [(np.triu(H[np.ix_(own, own)]), v[own]) for own, (H, v) in zip(kept, parts, strict=True)]
+        less.eliminate(t, fewer)
+        all_there.eliminate(t, [(np.triu(H), v.copy()) for H, v in parts])
+    found, expected = less.solution(), all_there.solution()
+    np.testing.assert_allclose(found.values, expected.values, atol=1e-10)
+    np.testing.assert_allclose(found.covariance(0), expected.covariance(0), atol=1e-10)
 
 
 def test_a_marginal_is_that_of_the_inverse() -> None:

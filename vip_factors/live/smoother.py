@@ -8,11 +8,13 @@ import numpy as np
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.objective import joined_slices
+from vip_factors.body.kinematics import MOVES
+from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, moved_frames, stacked
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
-from vip_factors.problem.layout import Layout, Owner, OwnerId
+from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.solve.joined_lag import Columns, JoinedChains, JoinedSolution, marginal
@@ -66,10 +68,16 @@ class LagSmoother:
         self._usual_walk = layout.per_column("process_noise") * np.sqrt(settings.walk.every_s)
         parts = _parts(layout, extra is not None)
         self._layouts = [layout.of_owners(owners) for owners in parts]
-        self._columns = [Columns(layout.frame_columns(owners), layout.static_columns(owners)) for owners in parts]
+        far = [None if extra is not None else _far(own, problem) for own in self._layouts]
+        self._columns = [
+            Columns(layout.frame_columns(owners), layout.static_columns(owners), own)
+            for owners, own in zip(parts, far, strict=True)
+        ]
         self._chain = JoinedChains(self._columns)
         most = settings.relinearisation.most
-        self._slices = [Slices(one.frame_width, one.static_width, most) for one in self._layouts]
+        self._slices = [
+            Slices(one.frame_width, one.static_width, most, own) for one, own in zip(self._layouts, far, strict=True)
+        ]
         self._limits, self._shared_limits = _limits(layout, settings.relinearisation), layout.per_column("relinearise")
 
     # What there is
@@ -157,7 +165,7 @@ class LagSmoother:
         own = [(coordinates[:, one.frame], self._coordinates[one.static]) for one in self._columns]
         for t, one in enumerate(kept):
             quadratics = [
-                part.in_coordinates(t, np.concatenate([frames[t : t + REACH + 1].ravel(), shared]))
+                part.in_coordinates(t, frames[t : t + REACH + 1], shared)
                 for part, (frames, shared) in zip(slices, own, strict=True)
             ]
             self._chain.eliminate(one.frame.number, quadratics, self._walks.get(one.frame.number))
@@ -258,6 +266,16 @@ def _parts(layout: Layout, together: bool) -> list[set[OwnerId]]:
     if together or len(wearers) < 2:
         return [owners]
     return [*({one} | owners.difference(wearers) for one in wearers), owners.difference(wearers)]
+
+
+def _far(layout: Layout, problem: LagProblem) -> np.ndarray:
+    """Columns of a frame that the frame two before sees, by accelerations: where a sensor is, and where a camera."""
+    seen = np.ones(layout.frame_width, bool)
+    for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
+        if chain.owner.kind is Owner.WEARER:
+            bones = [sensor.bone for sensor in problem.wearers[chain.owner.number].sensors]
+            seen[columns][:ROOT] = np.repeat(MOVES[:JOINT_COUNT, bones].any(axis=1), 3)
+    return np.flatnonzero(seen)
 
 
 def _limits(layout: Layout, settings: RelinearisationSettings) -> Array:

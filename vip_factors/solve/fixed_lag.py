@@ -109,13 +109,14 @@ class FixedLagChain:
 
     Args:
         frame, static: widths of a frame, and of what all frames share.
+        far: which columns of a frame the frame two before it sees; None for all.
 
     Attributes:
-        width, static: these.
+        width, static, far: these.
     """
 
-    def __init__(self, frame: int, static: int) -> None:
-        self.width, self.static = frame, static
+    def __init__(self, frame: int, static: int, far: np.ndarray | None = None) -> None:
+        self.width, self.static, self.far = frame, static, np.arange(frame) if far is None else far
         self._frames: dict[int, _Eliminated] = {}
         self._past: _Quadratic | None = None  # what is known from the frames that were marginalised
 
@@ -130,7 +131,7 @@ class FixedLagChain:
         Args:
             number: of the frame: one of those that are kept, or the next.
             information, vector: ``(n, n)`` and ``(n,)`` of all factors whose first frame this is: columns of the frame,
-                of those of the next two that are there, and of what is shared; both are changed.
+                of the next and far ones of that after it, where there are any, and of what is shared; both are changed.
             sigmas: ``(s,)`` by which what is shared wanders behind the frame.
 
         Raises:
@@ -160,16 +161,14 @@ class FixedLagChain:
 
     def _add(self, before: _Quadratic, information: Array, vector: Array) -> None:
         """What the frames before say of the first ones of a slice, and of what is shared."""
+        ahead, shared = len(before.vector) - self.static, np.arange(len(vector) - self.static, len(vector))
+        frames = np.concatenate([np.arange(self.width), self.width + self.far])[:ahead]
+        places = np.concatenate([frames, shared])
         if kernels is not None:
-            kernels.add_before(before.information, before.vector, self.static, information, vector)
+            kernels.add_before(before.information, before.vector, places, information, vector)
             return
-        ahead, start = len(before.vector) - self.static, len(vector) - self.static
-        frames, shared = slice(0, ahead), slice(start, None)
-        vector[frames] += before.vector[:ahead]
-        vector[shared] += before.vector[ahead:]
-        information[frames, frames] += before.information[:ahead, :ahead]
-        information[frames, shared] += before.information[:ahead, ahead:]
-        information[shared, shared] += before.information[ahead:, ahead:]
+        vector[places] += before.vector
+        information[np.ix_(places, places)] += np.triu(before.information)
 
     def _wandered(self, rest: _Quadratic, sigmas: Array) -> tuple[_Conditional, _Quadratic]:
         """The shared variables eliminated, and what is known of those that stepped on from them."""
@@ -198,7 +197,7 @@ class FixedLagChain:
         rest = self._frames[max(self._frames)].rest
         ahead = len(rest.vector) - self.static
         last, _ = _Quadratic(rest.information[ahead:, ahead:].copy(), rest.vector[ahead:].copy()).without(self.static)
-        return LagSolution(self._frames, last, self.width)
+        return LagSolution(self._frames, last, self.width, self.far)
 
 
 class LagSolution:
@@ -209,10 +208,10 @@ class LagSolution:
         shared: ``(s,)``, what the newest frame shares with those to come.
     """
 
-    def __init__(self, eliminated: dict[int, _Eliminated], last: _Conditional, width: int) -> None:
-        self._eliminated, self._last, self.width = dict(eliminated), last, width
+    def __init__(self, eliminated: dict[int, _Eliminated], last: _Conditional, width: int, far: np.ndarray) -> None:
+        self._eliminated, self._last, self.width, self._far = dict(eliminated), last, width, far
         self.shared = last.given(np.zeros(0))
-        self.values = _substituted(list(eliminated.values()), self.shared, width)
+        self.values = _substituted(list(eliminated.values()), far, self.shared, width)
 
     @property
     def frames(self) -> dict[int, Array]:
@@ -238,9 +237,10 @@ class LagSolution:
         substitution forwards. No information matrix is inverted, so an accelerometer's double integration costs no
         digits.
         """
-        w, s, newest = self.width, len(self.shared), max(self._eliminated)
+        w, s, newest, far = self.width, len(self.shared), max(self._eliminated), len(self._far)
         total, own = np.zeros((w, w)), np.eye(w)
-        behind = np.zeros((min(REACH, newest - number) * w + s, w))  # of the frames ahead, and of what is shared
+        seen = (0, w, w + far)[min(REACH, newest - number)]
+        behind = np.zeros((seen + s, w))  # of the frames ahead, and of what is shared
         for at in range(number, newest + 1):
             one, ahead = self._eliminated[at], len(behind) - s
             Y = _forward(one.frame, own, behind)
@@ -252,23 +252,23 @@ class LagSolution:
                 total += Y.T @ Y
             yield None
             if at < newest:
-                own, behind = behind[:w], behind[w:]
-            if at + 1 + REACH <= newest:
-                behind = np.concatenate([behind[: ahead - w], np.zeros((w, w)), behind[ahead - w :]])
+                own, left = behind[:w], behind[w:]
+                behind = np.zeros(((0, w, w + far)[min(REACH, newest - at - 1)] + s, w))
+                behind[self._far[: ahead - w]], behind[len(behind) - s :] = left[: ahead - w], left[ahead - w :]
         Y = _forward(self._last, behind, np.zeros((0, w)))
         yield total + Y.T @ Y
 
 
-def _substituted(frames: list[_Eliminated], shared: Array, width: int) -> Array:
+def _substituted(frames: list[_Eliminated], far: np.ndarray, shared: Array, width: int) -> Array:
     """Values ``(T, w)`` of frames in their order, of what the newest one shares with those to come."""
     values = np.empty((len(frames), width))
     if kernels is not None:
         steps = [() if one.shared is None else (one.shared.rows, one.shared.d) for one in frames]
         own = [(one.frame.rows, one.frame.d, *step) for one, step in zip(frames, steps, strict=True)]
-        kernels.substitute_lag(own, shared, values)
+        kernels.substitute_lag(own, far, shared, values)
         return values
     for t, one in reversed(list(enumerate(frames))):
-        ahead = values[t + 1 : t + 1 + REACH].ravel()
+        ahead = np.concatenate([values[t + 1 : t + 2].ravel(), values[t + 2 : t + 3, far].ravel()])
         if one.shared is not None:
             shared = one.shared.given(np.concatenate([ahead, shared]))
         values[t] = one.frame.given(np.concatenate([ahead, shared]))

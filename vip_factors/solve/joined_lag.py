@@ -25,10 +25,14 @@ BARELY = 1e-4  # information, in 1/rad² or 1/m²: frames ahead are not determin
 
 @dataclass(frozen=True)
 class Columns:
-    """Of one chain: its columns ``(w,)`` in the vector of a frame, and ``(s,)`` in that of what all frames share."""
+    """Of one chain: its columns ``(w,)`` in the vector of a frame, and ``(s,)`` in that of what all frames share.
+
+    Of the former the frame two before sees those at ``far``; None for all. It sees the same common ones of all chains.
+    """
 
     frame: np.ndarray
     static: np.ndarray
+    far: np.ndarray | None = None
 
 
 class JoinedChains:
@@ -41,9 +45,10 @@ class JoinedChains:
 
     def __init__(self, columns: Sequence[Columns]) -> None:
         self._columns = columns[:-1] or columns
-        self._chains = [FixedLagChain(len(one.frame), len(one.static)) for one in self._columns]
+        self._chains = [FixedLagChain(len(one.frame), len(one.static), one.far) for one in self._columns]
         self._common = columns[-1] if len(columns) > 1 else Columns(np.zeros(0, int), np.zeros(0, int))
-        self._meeting = FixedLagChain(len(self._common.frame), len(self._common.static))
+        self._orders = dict[tuple[int, int], tuple[np.ndarray, int]]()  # by chain and width of a slice
+        self._meeting = FixedLagChain(len(self._common.frame), len(self._common.static), self._common.far)
 
     def eliminate(self, number: int, slices: Sequence[Quadratic], sigmas: Array | None = None) -> None:
         """Put in a frame, as :meth:`FixedLagChain.eliminate` does.
@@ -85,8 +90,10 @@ class JoinedChains:
         chain.begin(number, information, vector)
         own = chain.width - len(common.frame)
         eliminate(information, vector, 0, own)
-        frames = (len(vector) - chain.static) // chain.width
-        order, count = _own_first(frames, chain.width, chain.static, len(common.frame), len(common.static))
+        key = at, len(vector)
+        if key not in self._orders:
+            self._orders[key] = _own_first(chain, len(vector), len(common.frame), len(common.static))
+        order, count = self._orders[key]
         H, v = _reordered(information, vector, order)
         H[np.arange(count), np.arange(count)] += BARELY
         eliminate(H, v, 0, count)
@@ -145,15 +152,14 @@ class JoinedSolution:
             yield _placed([one.frame for one in self._columns], blocks) if blocks else None
 
 
-@cache
-def _own_first(frames: int, width: int, static: int, common: int, common_static: int) -> tuple[np.ndarray, int]:
-    """Columns of a slice whose first own ones are eliminated: the own ones that are left, then the common ones; and how
-    many are own."""
-    frame = np.arange(frames * width).reshape(frames, width)
-    shared = frames * width + np.arange(static)
-    own = frame[1:, : width - common].ravel(), shared[: static - common_static]
-    order = np.concatenate([*own, frame[:, width - common :].ravel(), shared[static - common_static :]])
-    return order, sum(map(len, own))
+def _own_first(chain: FixedLagChain, n: int, common: int, common_static: int) -> tuple[np.ndarray, int]:
+    """Columns of a slice of ``n`` whose first own ones are eliminated: the own ones that are left, then the common
+    ones; and how many are own."""
+    frames, every = n - chain.static, np.arange(chain.width)
+    is_common = np.concatenate([every, every, chain.far])[:frames] >= chain.width - common
+    is_common = np.concatenate([is_common, np.arange(chain.static) >= chain.static - common_static])
+    own = np.flatnonzero(~is_common)[chain.width - common :]
+    return np.concatenate([own, np.flatnonzero(is_common)]), len(own)
 
 
 _upper = cache(np.triu_indices)

@@ -44,14 +44,16 @@ class Slices:
     Args:
         frame, static: widths of a frame, and of what all frames share.
         frames: how many slices.
+        far: which columns of a frame the frame two before it sees; None for all.
 
     Attributes:
         hessian, gradient: ``(T, n, n)`` and ``(T, n)``; columns of the frame, the next, the one after, and of what all
             frames share. Of the Hessian what lies on and above the diagonal counts.
     """
 
-    def __init__(self, frame: int, static: int, frames: int) -> None:
-        self.frame, self.static = frame, static
+    def __init__(self, frame: int, static: int, frames: int, far: np.ndarray | None = None) -> None:
+        self.frame, self.static, self.far = frame, static, np.arange(frame) if far is None else far
+        self._seen = np.concatenate([np.arange(REACH * frame), REACH * frame + self.far])
         self.hessian = np.zeros((frames, self.width, self.width))
         self.gradient = np.zeros((frames, self.width))
         self._filled = set[int]()  # that are not zero
@@ -63,27 +65,26 @@ class Slices:
 
     def emptied(self, frames: int) -> "Slices":
         """Of so many frames, all zero; in the same memory, if it is enough: new pages cost more than zeros."""
-        found = Slices(self.frame, self.static, frames) if frames > len(self.hessian) else self
+        found = Slices(self.frame, self.static, frames, self.far) if frames > len(self.hessian) else self
         for t in found._filled:
             found.hessian[t] = found.gradient[t] = 0.0
         found._filled = set(range(frames))
         return found
 
-    def in_coordinates(self, t: int, value: Array) -> tuple[Array, Array]:
+    def in_coordinates(self, t: int, frames: Array, shared: Array) -> tuple[Array, Array]:
         """One slice as ``½ xᵀ H x − vectorᵀ x`` of coordinates: ``H`` ``(n, n)``, ``vector`` ``(n,)``; it is taken out.
 
-        The slice is a quadratic in steps from the coordinates ``value`` ``(n,)`` of its frame, of those of the next two
-        that are there, and of what all frames share. Of ``H`` what lies on and above the diagonal counts.
+        The slice is a quadratic in steps from the coordinates ``(f, w)`` of its frame and of those of the next two that
+        are there, of the last of three only the far ones, and ``(s,)`` of what all frames share. Of ``H`` what lies on
+        and above the diagonal counts.
         """
+        seen = self._seen[: frames.size]
+        value = np.concatenate([frames.ravel()[seen], shared])
+        columns = np.concatenate([seen, np.arange(self.width - self.static, self.width)])
         if kernels is not None:
             information, vector = np.empty((len(value), len(value))), np.empty(len(value))
-            kernels.slice_in_coordinates(self.hessian[t], self.gradient[t], value, self.static, information, vector)
+            kernels.slice_in_coordinates(self.hessian[t], self.gradient[t], value, columns, information, vector)
             self._filled.discard(t)
             return information, vector
-        H, gradient, frames = self.hessian[t], self.gradient[t], len(value) - self.static
-        if len(value) < self.width:
-            seen = np.concatenate([np.arange(frames), np.arange(self.width - self.static, self.width)])
-            H, gradient = H[np.ix_(seen, seen)], gradient[seen]
-        else:
-            H = H.copy()  # the slices' memory is used again, and what is made of this is kept
+        H, gradient = self.hessian[t][np.ix_(columns, columns)], self.gradient[t][columns]  # copies: both are kept
         return H, dsymv(1.0, H.T, value, lower=1) - gradient  # the triangle above the diagonal, transposed

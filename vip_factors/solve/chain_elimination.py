@@ -6,7 +6,7 @@ in a frame are eliminated one after the other: wearers before a camera that stan
 Where a camera moves, its poses are eliminated behind the wearers, a segment at a time, where that is less work.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -20,7 +20,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.solve.chain_system import ChainSystem
 from vip_factors.solve.elimination import LinearSystem, eliminate
 from vip_factors.solve.segments import SEGMENT, SegmentedStrand
-from vip_factors.solve.strands import Strand
+from vip_factors.solve.strands import Border, Strand
 
 MOST_KNOTS = 12  # of one group; of more GTSAM eliminates those early that no later frame sees
 _UNDETERMINED = "standard deviations: the data do not determine everything that is looked for"
@@ -45,7 +45,7 @@ class ChainElimination:
     """
 
     def __init__(self, system: ChainSystem, damping: float, apart: bool = True) -> None:
-        self._system, self._border, last = system, _Border(system), _met_by_all(system) if apart else None
+        self._system, self._border, last = system, Border(system), _met_by_all(system) if apart else None
         H, vector = self._border.information(damping)
         self._strands: Sequence[Strand | SegmentedStrand]
         if last is not None:
@@ -99,68 +99,6 @@ def _tied_chains(system: ChainSystem) -> list[list[int]]:
         met = [one for one in found if one & set(pair)]
         found = [one for one in found if one not in met] + [set[int]().union(*met)]
     return [sorted(one) for one in found]
-
-
-class _Border:
-    """What is eliminated last, side by side: what all frames share, then the later knots of groups that walk.
-
-    Attributes:
-        of_group: all columns of each group, its later knots behind its own.
-        columns: of each group and knot.
-    """
-
-    def __init__(self, system: ChainSystem) -> None:
-        self.system, self.width = system, len(system.static)
-        self.of_group = list[np.ndarray]()
-        self.columns = {group.key: group.columns for group in system.groups}
-        for group in system.groups:
-            own = [np.arange(group.columns.start, group.columns.stop)]
-            if group.knots is not None:
-                for key in group.knots.keys:
-                    later = self.columns[key] = slice(self.width, self.width + group.knots.columns)
-                    own.append(np.arange(later.start, later.stop))
-                    self.width = later.stop
-            self.of_group.append(np.concatenate(own))
-
-    def coupling(self, chain: int, group: int, blocks: Array) -> Iterator[tuple[Array, int, int]]:
-        """What ties frames of a chain to a group ``(t, w, c)``, with the first of its columns and the first frame."""
-        knots = self.system.groups[group].knots
-        if knots is None or chain != knots.chain:
-            yield blocks, 0, 0
-            return
-        S, weights = knots.columns, knots.weights[:, :, None, None]
-        after, before = np.concatenate([weights[1:], weights[-1:]]), np.concatenate([weights[:1], weights[:-1]])
-        yield blocks[:, :, S:], S, 0
-        for k in range(len(knots.keys) + 1):
-            some = np.flatnonzero(weights[:, k] + after[:, k] + before[:, k])
-            if len(some):
-                near = slice(some[0], some[-1] + 1)
-                seen = weights[near, k] * blocks[near, :, :S]
-                seen += after[near, k] * knots.adjacent[near, 0] + before[near, k] * knots.adjacent[near, 1]
-                yield seen, 0 if k == 0 else blocks.shape[2] + (k - 1) * S, int(near.start)
-
-    def information(self, damping: float) -> tuple[Array, Array]:
-        """What is known of it but for what chains say: ``(s, s)``, its upper triangle, and ``(s,)``."""
-        system, n = self.system, len(self.system.static)
-        H, vector = np.zeros((self.width, self.width)), np.zeros(self.width)
-        H[:n, :n] = system.static + np.diag(damping * system.static_damping)
-        g = system.static_gradient.copy()
-        for group in system.groups:
-            if group.knots is not None:
-                group.knots.add_static(H[group.columns, group.columns], g[group.columns])
-                for k, key in enumerate(group.knots.keys, start=1):
-                    own, gradient, static, following = group.knots.of_later(k, damping)
-                    at = self.columns[key]
-                    H[at, at], vector[at] = own, -gradient
-                    H[group.columns, at] = static.T
-                    if following is not None:
-                        H[at, self.columns[group.knots.keys[k]]] = following
-        vector[:n] = -g
-        return H, vector
-
-    def by_key(self, values: Array) -> dict[int, Array]:
-        """Vectors of groups and knots."""
-        return {key: values[columns] for key, columns in self.columns.items()}
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,10 @@
 """Chains eliminated frame by frame: of each frame ``R x + S y = d`` is kept, ``y`` being what is eliminated later.
 
-Chains that meet in every frame go side by side, as one.
+Chains that meet in every frame go side by side, as one. Last, behind all chains, goes what all frames share.
 """
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 from scipy.linalg.blas import dtrsm, dtrsv
@@ -19,18 +18,66 @@ from vip_factors.solve.slices import eliminated
 Piece = tuple[Array, int, int, int]  # blocks (t, r, c) of some frames' rows, the first row, column and frame
 
 
-class Border(Protocol):
-    """The columns that are eliminated last: what frames share.
+class Border:
+    """What is eliminated last, side by side: what all frames share, then the later knots of groups that walk.
 
     Attributes:
-        of_group: columns of each group, its later knots behind its own.
+        of_group: all columns of each group, its later knots behind its own.
+        columns: of each group and knot.
     """
 
-    of_group: list[np.ndarray]
+    def __init__(self, system: ChainSystem) -> None:
+        self.system, self.width = system, len(system.static)
+        self.of_group = list[np.ndarray]()
+        self.columns = {group.key: group.columns for group in system.groups}
+        for group in system.groups:
+            own = [np.arange(group.columns.start, group.columns.stop)]
+            if group.knots is not None:
+                for key in group.knots.keys:
+                    later = self.columns[key] = slice(self.width, self.width + group.knots.columns)
+                    own.append(np.arange(later.start, later.stop))
+                    self.width = later.stop
+            self.of_group.append(np.concatenate(own))
 
     def coupling(self, chain: int, group: int, blocks: Array) -> Iterator[tuple[Array, int, int]]:
         """What ties frames of a chain to a group ``(t, w, c)``, with the first of its columns and the first frame."""
-        ...
+        knots = self.system.groups[group].knots
+        if knots is None or chain != knots.chain:
+            yield blocks, 0, 0
+            return
+        S, weights = knots.columns, knots.weights[:, :, None, None]
+        after, before = np.concatenate([weights[1:], weights[-1:]]), np.concatenate([weights[:1], weights[:-1]])
+        yield blocks[:, :, S:], S, 0
+        for k in range(len(knots.keys) + 1):
+            some = np.flatnonzero(weights[:, k] + after[:, k] + before[:, k])
+            if len(some):
+                near = slice(some[0], some[-1] + 1)
+                seen = weights[near, k] * blocks[near, :, :S]
+                seen += after[near, k] * knots.adjacent[near, 0] + before[near, k] * knots.adjacent[near, 1]
+                yield seen, 0 if k == 0 else blocks.shape[2] + (k - 1) * S, int(near.start)
+
+    def information(self, damping: float) -> tuple[Array, Array]:
+        """What is known of it but for what chains say: ``(s, s)``, its upper triangle, and ``(s,)``."""
+        system, n = self.system, len(self.system.static)
+        H, vector = np.zeros((self.width, self.width)), np.zeros(self.width)
+        H[:n, :n] = system.static + np.diag(damping * system.static_damping)
+        g = system.static_gradient.copy()
+        for group in system.groups:
+            if group.knots is not None:
+                group.knots.add_static(H[group.columns, group.columns], g[group.columns])
+                for k, key in enumerate(group.knots.keys, start=1):
+                    own, gradient, static, following = group.knots.of_later(k, damping)
+                    at = self.columns[key]
+                    H[at, at], vector[at] = own, -gradient
+                    H[group.columns, at] = static.T
+                    if following is not None:
+                        H[at, self.columns[group.knots.keys[k]]] = following
+        vector[:n] = -g
+        return H, vector
+
+    def by_key(self, values: Array) -> dict[int, Array]:
+        """Vectors of groups and knots."""
+        return {key: values[columns] for key, columns in self.columns.items()}
 
 
 class Run:

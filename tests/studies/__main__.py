@@ -29,6 +29,7 @@ STUDIES = {
     "population": "population:Population",
     "coverage": "coverage:Coverage",
     "real": "real:Real",
+    "catalogue": "catalogue:Catalogue",
     "gait": "gait_study:GaitStudy",
     "repetitions": "repetitions_study:RepetitionStudy",
     "fuzz": "fuzz.run:Fuzz",

@@ -1,12 +1,16 @@
 """Tracking carried over to a calibration found anew."""
 
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live import prediction
 from vip_factors.live.measurement import PlacedVideoFrame
+from vip_factors.live.prediction import corrections
 from vip_factors.live.problem import FrameState
 from vip_factors.simulate.gestures import gestures
 
@@ -23,3 +27,27 @@ def test_two_sightings_of_one_frame_do_not_tell_how_fast_a_wearer_goes(monkeypat
     placed = prediction._placed(found, [state] * 9, 20, None, [PlacedVideoFrame(23, None)] * 2)  # type: ignore[arg-type]
     assert placed is not None
     np.testing.assert_allclose([one.p_world_pelvis[0] for one in placed], [[1.0, 4.0, 0.9]] * 9, atol=1e-9)
+
+
+def test_bones_that_were_wrong_are_told_of_the_last_frame_before() -> None:
+    """One bone against the others counts; that all are turned together does not, nor does what comes later."""
+    skeleton, bones = skeleton_from_stature(1.8), [0, 4, 5, 18, 19]
+    wearer = SimpleNamespace(
+        skeleton=skeleton, sensors=[SimpleNamespace(bone=bone) for bone in bones], name="anna",
+        frames=SimpleNamespace(sensors=[f"sensor{bone}" for bone in bones]),
+    )  # fmt: skip
+
+    def smoother(numbers: range, turned: int, by: float, at: int) -> Any:
+        def state(number: int) -> SimpleNamespace:
+            R = np.tile(np.eye(3), (1, 24, 1, 1))
+            R[0, turned] = rotation_z(np.deg2rad(by if number == at else 0.0))
+            return SimpleNamespace(R_parent_child=R)
+
+        return SimpleNamespace(numbers=numbers, problem=SimpleNamespace(wearers=[wearer]), state=state)
+
+    before = smoother(range(10, 20), 0, 0.0, 19)
+    (told,) = corrections(12.0, before, smoother(range(11, 21), 19, 50.0, 19))
+    assert "sensor19" in str(told)
+    assert "12 s" in str(told)
+    assert not corrections(12.0, before, smoother(range(11, 21), 19, 50.0, 20))
+    assert not corrections(12.0, before, smoother(range(11, 21), 0, 50.0, 19))

@@ -342,9 +342,9 @@ def _camera(yaw: float, state: FrameState, at_find: FrameState, since: FrameStat
     return np.asarray(R), np.asarray(state.p_world_camera + turn @ step)
 
 
-def corrections(before: LagSmoother, after: LagSmoother, seconds: float) -> list[Finding]:
-    """The bones that were shown wrong until now."""
-    found, number = list[Finding](), after.numbers[-1]
+def corrections(seconds: float, before: LagSmoother, after: LagSmoother) -> list[Finding]:
+    """The bones that were shown wrong in the last frame that had no calibration of so many seconds."""
+    found, number = list[Finding](), before.numbers[-1]
     for old, new, R_old, R_new in zip(
         before.problem.wearers, after.problem.wearers,
         before.state(number).R_parent_child, after.state(number).R_parent_child, strict=True,

@@ -27,6 +27,7 @@ STUDIES = {
     "recordings": "recordings:Recordings",
     "golden": "golden:Golden",
     "population": "population:Population",
+    "weights": "weights:Weights",
     "coverage": "coverage:Coverage",
     "real": "real:Real",
     "catalogue": "catalogue:Catalogue",

@@ -9,6 +9,7 @@ import numpy as np
 
 from tests.studies.population import CHOOSING, COLUMNS, Population, PopulationRow, population
 from tests.studies.study import markdown, run
+from tests.studies.weights import RUNS, WEIGHTS, Weights, WeightsRow, design
 from vip_factors.settings import Settings
 
 
@@ -42,3 +43,17 @@ def test_rows_that_are_kept_are_not_made_again(tmp_path: Path) -> None:
     found = run(of)
     assert [row.scene for row in found] == [row.scene for row in rows]
     assert f"{np.median(range(5)):.1f}" in markdown(of, found)
+
+
+def test_the_effects_of_weights_do_not_hide_behind_one_another() -> None:
+    levels = design()
+    assert levels.shape == (RUNS, len(WEIGHTS))
+    np.testing.assert_allclose(levels.T @ levels, RUNS * np.eye(len(WEIGHTS)))
+
+
+def test_an_effect_is_told_in_percent(tmp_path: Path) -> None:
+    of = Weights(simulator=tmp_path, motions=tmp_path, folder=tmp_path)
+    level = np.concatenate([[0.0], design()[:, list(WEIGHTS).index("orientation")]])
+    rows = [WeightsRow(n, PopulationRow("one", dict.fromkeys(COLUMNS, 20 * 1.1**up))) for n, up in enumerate(level)]
+    told = next(line for line in markdown(of, rows).splitlines() if "orientation" in line)
+    assert "+9.5" in told  # the logarithm of 1.1

@@ -6,13 +6,12 @@ same motion, and the video shows it. The wearer rests at both ends, so nothing j
 drawn slowly (calibration, filter errors, straps, the detector's habits) repeats with the scene; white noise is new.
 """
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Literal
 
 import numpy as np
@@ -152,7 +151,7 @@ class LongRun:
 
     Attributes:
         frames: of the estimate.
-        seconds, cpu_seconds: of wall and of processors, from opening the recording to the estimate's name.
+        seconds, cpu_seconds: of wall, and of processors by this process alone, from opening the recording to the estimate's name.
         before, peak: resident bytes before the recording was opened, and at most; of this process alone.
         recording_bytes, estimate_bytes: of the files.
     """
@@ -232,11 +231,11 @@ def _imu_stream(name: str, samples: Sequence[ImuSample]) -> ImuStream:
 
 def smoothed(recording: Path, estimate: Path, jobs: int = 1) -> LongRun:
     """As ``vip-factors smooth`` does."""
-    before, begin, cpu = peak_memory(), perf_counter(), sum(os.times()[:4])
+    before, begin, cpu = peak_memory(), perf_counter(), process_time()
     with windows_elsewhere(jobs, None) as each:
         chunks = smooth_chunks(open_source([recording], Settings().windows.above_s), each=each)
         write_estimate(chunks, estimate)
         seconds = perf_counter() - begin
-    cpu_seconds = sum(os.times()[:4]) - cpu  # with those of the processes, which have ended
+    cpu_seconds = process_time() - cpu
     sizes = (path.stat().st_size for path in (recording, estimate))
     return LongRun(chunks.frames[0], seconds, cpu_seconds, before, peak_memory(), *sizes)

@@ -151,7 +151,8 @@ class LongRun:
 
     Attributes:
         frames: of the estimate.
-        seconds, cpu_seconds: of wall, and of processors by this process alone, from opening the recording to the estimate's name.
+        seconds, cpu_seconds: of wall, and of processors by this process alone, from opening the recording to the
+            estimate's name.
         before, peak: resident bytes before the recording was opened, and at most; of this process alone.
         recording_bytes, estimate_bytes: of the files.
     """

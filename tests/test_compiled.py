@@ -225,7 +225,7 @@ def assert_same_slices(
 
     def slices() -> Slices:
         empty = Slices(layout.frame_width, layout.static_width, model.frames)
-        return objective.scene_slices(layout, model, state, empty, charts)
+        return objective.joined_slices([layout], model, state, [empty], charts)[0]
 
     fast = slices()
     monkeypatch.setattr(objective, "kernels", None)

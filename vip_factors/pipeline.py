@@ -34,7 +34,7 @@ from vip_factors.stages.inertial_windows import smooth_wearer
 from vip_factors.stages.reporting import with_model_errors
 from vip_factors.stages.restarts import in_own_frames, with_restarts
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
-from vip_factors.stages.solver import Progress, Solver
+from vip_factors.stages.solver import Progress, Solver, silent
 from vip_factors.stages.windows import Each, scene_plan
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
@@ -83,7 +83,7 @@ def smooth_chunks(
     Raises:
         InputError, RecordingError, SolveError: as :func:`smooth`; also as chunks are asked for.
     """
-    found = _solved_chunks(source, settings, progress or (lambda stage, fraction: None), extra_factors, each)
+    found = _solved_chunks(source, settings, progress or silent, extra_factors, each)
     return found.changed(lambda one: with_model_errors(one, settings)) if settings.model_errors else found
 
 
@@ -177,7 +177,7 @@ def factor_graph(
         SolveError: if a problem on the way is not determined.
     """
     scene = source if isinstance(source, Scene) else Scene(source.name, (source,))
-    solver = Solver(settings.solve, progress or (lambda stage, fraction: None), name=settings.solver)
+    solver = Solver(settings.solve, progress or silent, name=settings.solver)
     plan = scene_plan(SceneInMemory(scene), settings, whole=True)
     wearers = inertial_trackers(scene, plan.all_coarse_time, settings, solver)
     if scene.camera is not None and settings.fusion.use_camera:

@@ -9,7 +9,7 @@ from linear import dense
 from small_problems import KINDS, SILENCES, T, small_scene
 
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.objective import SceneObjective, joined_slices, scene_slices
+from vip_factors.assembly.objective import SceneObjective, joined_slices
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
@@ -20,7 +20,7 @@ from vip_factors.solve.slices import Slices
 def slices_of(model: SceneProblem, state: SceneState, charts: Charts | None = None) -> Slices:
     layout = scene_layout(model)
     empty = Slices(layout.frame_width, layout.static_width, model.frames)
-    return scene_slices(layout, model, state, empty, charts)
+    return joined_slices([layout], model, state, [empty], charts)[0]
 
 
 def batched(model: SceneProblem, state: SceneState) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,7 @@ from linear import assert_same, dense, dense_of_graph
 from small_problems import T, small_scene
 
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.objective import SceneObjective, scene_slices
+from vip_factors.assembly.objective import SceneObjective, joined_slices
 from vip_factors.errors import InputError
 from vip_factors.factor_graph.extra import StreamedTerms, UserTerms
 from vip_factors.factor_graph.graph import factor_graph_of
@@ -127,7 +127,8 @@ def test_in_slices_they_are_what_they_are_in_the_chain_far_from_zero_coordinates
         streamed.append(first + t, float(t))
 
     def gradient(with_extra: bool) -> Array:
-        slices = scene_slices(layout, problem, state, Slices(layout.frame_width, layout.static_width, T), charts)
+        empty = Slices(layout.frame_width, layout.static_width, T)
+        (slices,) = joined_slices([layout], problem, state, [empty], charts)
         if with_extra:
             streamed.add_to(slices, state, first, charts)
         w, whole = layout.frame_width, np.zeros(layout.frame_width * T + layout.static_width)

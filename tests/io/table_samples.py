@@ -183,6 +183,8 @@ class Layout:
 def quantities_of(stream: ImuStream, layout: Layout) -> dict[str, Array]:
     """The numbers of one sensor by quantity, as the layout has them."""
     assert stream.R_inertial_sensor is not None
+    assert stream.specific_force is not None
+    assert stream.angular_rate is not None
     R = transpose(R_UP[layout.up]) @ stream.R_inertial_sensor
     R = R if layout.sense == "sensor_to_world" else transpose(R)
     return {

@@ -90,20 +90,20 @@ class _Compiled(Accumulator):
         for number, (name, kind) in enumerate(_names()):
             found = layout.columns_of(OwnerId(kind, wearer) if kind is Owner.WEARER else OwnerId(kind), name)
             if found is not None:
-                start = self.shared if found.chain == STATIC else layout.chain_columns[found.chain].start
+                start = self.static_start if found.chain == STATIC else layout.chain_columns[found.chain].start
                 columns[number] = start + found.start
         columns[-1] = columns[HEADINGS]
-        if columns[HEADINGS] >= 0 and wearer in self.walking:
-            columns[[HEADINGS, -1]] = self.walking[wearer]
+        if columns[HEADINGS] >= 0 and wearer in self.heading_columns:
+            columns[[HEADINGS, -1]] = self.heading_columns[wearer]
         return columns
 
     @property
-    def shared(self) -> int:
+    def static_start(self) -> int:
         """The first column of a slice that all frames share."""
         return (REACH + 1) * self.layout.frame_width
 
     @property
-    def walking(self) -> Mapping[int, tuple[int, int]]:
+    def heading_columns(self) -> Mapping[int, tuple[int, int]]:
         """Of each wearer whose headings walk the first columns of these in a slice, at its first frame and the next."""
         return {}
 
@@ -144,9 +144,9 @@ class CompiledChainAccumulator(_Compiled, ChainAccumulator):
             for p, one in enumerate(system.chains)
             for ahead, places in enumerate(self._places(p))
         ]
-        for (knots, group), columns in zip(self._knots, self.walking.values(), strict=True):
+        for (knots, group), columns in zip(self._knots, self.heading_columns.values(), strict=True):
             s, places = knots.own.shape[2], np.full(self._width, -1)
-            places[self.shared + group : self.shared + group + s] = np.arange(s)
+            places[self.static_start + group : self.static_start + group + s] = np.arange(s)
             for ahead, start in enumerate(columns):
                 of_frame = places.copy()
                 of_frame[start : start + knots.columns] = np.arange(knots.columns)
@@ -154,18 +154,18 @@ class CompiledChainAccumulator(_Compiled, ChainAccumulator):
         self.into(kernels.Target(self._chains, self.static, self.static_gradient, self._width, begin, count))
 
     @property
-    def shared(self) -> int:
+    def static_start(self) -> int:
         """See the base."""
-        return super().shared + sum(2 * knots.columns for knots, _ in self._knots)
+        return super().static_start + sum(2 * knots.columns for knots, _ in self._knots)
 
     @property
     def _width(self) -> int:
-        return self.shared + self.layout.static_width
+        return self.static_start + self.layout.static_width
 
     @property
-    def walking(self) -> Mapping[int, tuple[int, int]]:
+    def heading_columns(self) -> Mapping[int, tuple[int, int]]:
         """See the base."""
-        found, start = dict[int, tuple[int, int]](), super().shared
+        found, start = dict[int, tuple[int, int]](), super().static_start
         for knots, _ in self._knots:
             found[self.layout.chains[knots.chain].owner.number] = start, start + knots.columns
             start += 2 * knots.columns
@@ -186,11 +186,11 @@ class CompiledChainAccumulator(_Compiled, ChainAccumulator):
                 places[i, at : at + blocks.shape[2]] = np.arange(start, start + blocks.shape[2])
             start += blocks.shape[2]
         for g, blocks in ((g, blocks) for (p, g), blocks in system.coupling.items() if p == chain):
-            at, group = self.shared + system.groups[g].columns.start, system.groups[g]
+            at, group = self.static_start + system.groups[g].columns.start, system.groups[g]
             places[:, at : at + blocks.shape[2]] = np.arange(start, start + blocks.shape[2])
             if group.knots is not None and group.knots.chain == chain:
                 S, behind = group.knots.columns, one.rows.shape[2] - 2 * group.knots.columns
-                now, later = self.walking[layout.chains[chain].owner.number]
+                now, later = self.heading_columns[layout.chains[chain].owner.number]
                 places[0, now : now + S] = places[1, later : later + S] = np.arange(start, start + S)
                 places[0, later : later + S] = np.arange(behind, behind + S)  # of the frame after
                 places[2, later : later + S] = np.arange(behind + S, behind + 2 * S)  # of the one before

@@ -218,20 +218,14 @@ class SceneObjective:
         return state
 
 
-def scene_slices(
-    layout: Layout, problem: SceneProblem, state: SceneState, slices: Slices, charts: Charts | None = None
-) -> Slices:
-    """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough."""
-    return joined_slices([layout], problem, state, [slices], charts)[0]
-
-
 def joined_slices(
     layouts: Sequence[Layout], problem: SceneProblem, state: SceneState, slices: Sequence[Slices],
     charts: Charts | None = None,
 ) -> list[Slices]:  # fmt: skip
-    """The same apart for each wearer, whose layout has the camera's variables too, and last for the camera alone.
+    """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough.
 
-    A single layout is of all.
+    They are apart for each wearer, whose layout has the camera's variables too, and last for the camera alone. A single
+    layout is of all.
     """
     slices = [one.emptied(problem.frames) for one in slices]
     kind = SliceAccumulator if kernels is None else CompiledSliceAccumulator

@@ -48,7 +48,7 @@ from vip_factors.solve.chain_elimination import last_covariance
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
-from vip_factors.stages.solver import Solver
+from vip_factors.stages.solver import Solver, silent
 
 SETTLING_S = 9.0  # of data in which sensors in each other's places are looked for, and rivals of starts solved
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
@@ -94,7 +94,7 @@ def recalibrate(
 
 def _with_rivals_solved(coarse: StretchSolution, settings: LiveSettings) -> StretchSolution:
     """The same, but for starts whose rivals end in the same motion: those are settled."""
-    fused, solver = coarse.fused, Solver(settings.solve, lambda stage, fraction: None)
+    fused, solver = coarse.fused, Solver(settings.solve, silent)
     wearers = tuple(
         replace(one, starts=with_rivals_solved(
             one.starts, fused.model, fused.state, number, recording, settings, solver

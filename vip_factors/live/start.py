@@ -29,7 +29,7 @@ from vip_factors.stages.fusion import FusionSolution, at_full_rate, fuse_in_roun
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames, find_start, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
-from vip_factors.stages.solver import Solver
+from vip_factors.stages.solver import Solver, silent
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
 # By which a start from nothing may differ from the calibration found before that is gone on from: nearer than to any
@@ -122,7 +122,7 @@ def solve_stretch(
         RecordingError: if the sensors say too little.
         SolveError: if the problem is not determined.
     """
-    scene, solver = stretch.scene(), Solver(settings.solve, lambda stage, fraction: None)
+    scene, solver = stretch.scene(), Solver(settings.solve, silent)
     if earlier is not None:
         scene = replace(scene, wearers=tuple(earlier.embodied(one) for one in scene.wearers))
     each = [

@@ -72,7 +72,7 @@ class FixedLagTracker:
         self._doubts_told: set[tuple[str, ...]] = set()
         self._found: Recalibration | None = None  # a calibration to go on with as soon as the wearers are seen
         # How many seconds the last one was found from, and what was tracked before it, until they are compared.
-        self._before: tuple[float, LagSmoother] | None = None
+        self._before_recalibration: tuple[float, LagSmoother] | None = None
         self._next_continuation = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
         self._recalibrator = Recalibrator(head, settings, real_time)
@@ -150,9 +150,9 @@ class FixedLagTracker:
         """Tracking with a calibration found anew, if there is one by now."""
         smoother = tracking.smoother
         newest = smoother.numbers[-1]
-        if self._before is not None and tracking.solved:
-            self._estimates.add_findings(*corrections(*self._before, smoother))
-            self._before = None
+        if self._before_recalibration is not None and tracking.solved:
+            self._estimates.add_findings(*corrections(*self._before_recalibration, smoother))
+            self._before_recalibration = None
         answer = self._recalibrator.answer(newest)
         if isinstance(answer, Finding):
             self._estimates.add_findings(answer)
@@ -166,7 +166,7 @@ class FixedLagTracker:
             if again is not None:
                 self._estimates.reset()
                 if not self._is_preliminary:  # after the next update: tracking has gone on by one iteration so far
-                    self._before = self._found.seconds, smoother
+                    self._before_recalibration = self._found.seconds, smoother
                 if self._found.seconds >= self.settings.slip.learnt_s:
                     self._tell_of_doubts(self._found.start)
                 self._learnt_s = max(self._learnt_s, self._found.seconds)
@@ -202,7 +202,7 @@ class FixedLagTracker:
 
     def _lose(self, finding: Finding) -> None:
         """Give up what is tracked, but not what has been learnt of the sensors."""
-        self._found = self._before = None
+        self._found = self._before_recalibration = None
         if self._tracking is not None:
             self._earlier = self._learnt(self._tracking, self._paths[-1][1])
             self._estimates.add_findings(finding)

@@ -110,17 +110,17 @@ class ChainSystem:
     between: dict[tuple[int, int], Array] = field(default_factory=dict)
     coupling: dict[tuple[int, int], Array] = field(default_factory=dict)
     extra: list[tuple[int, gtsam.GaussianFactor]] = field(default_factory=list)
-    _kept: dict[tuple[int, int], Array] = field(default_factory=dict)
+    _memory: dict[tuple[int, int], Array] = field(default_factory=dict)
 
-    def kept(self, chain: int, first: int, shape: tuple[int, ...]) -> Array:
+    def memory_of(self, chain: int, first: int, shape: tuple[int, ...]) -> Array:
         """Memory for what eliminating a chain from a frame on keeps: that of the time before, which is no more."""
-        found = self._kept.get((chain, first))
+        found = self._memory.get((chain, first))
         if found is None or found.shape != shape:
-            found = self._kept[chain, first] = np.empty(shape)
+            found = self._memory[chain, first] = np.empty(shape)
         return found
 
     def emptied(self) -> "ChainSystem":
-        """The same, all zero but for what chains say, of which :meth:`empty_frames` makes an end."""
+        """The same, all zero but for the frames of chains: :meth:`empty_frames` is for these."""
         for group in self.groups:
             if group.knots is not None:
                 group.knots.empty_again()

@@ -98,7 +98,7 @@ class SegmentedStrand:
                 rows = (end - begin, len(order), len(order) + sum(sizes) + filled - V)
                 run = Run(
                     list(_pieces(part, met, begin, end)), part.chain.gradient[begin:end, order],
-                    damping * part.chain.damping[order], sizes[0], self._system.kept(part.number, begin, rows),
+                    damping * part.chain.damping[order], sizes[0], self._system.memory_of(part.number, begin, rows),
                 )  # fmt: skip
                 places = [width + part.behind, part.before, width + V + part.shared, np.arange(V, filled)]
                 pieces += self._said(k, run.information[None], np.concatenate(places))
@@ -116,7 +116,7 @@ class SegmentedStrand:
             for part in self._parts:
                 for j, columns in enumerate(part.between):
                     gradient[k, columns] += part.chain.gradient[begin - REACH + j]
-        kept = self._system.kept(last.number, 0, (count, width, width + V + len(vector)))
+        kept = self._system.memory_of(last.number, 0, (count, width, width + V + len(vector)))
         self._last = Run(pieces, gradient, damped, V, kept)
         for run in (run for runs in self._runs for run in runs):
             run.information = run.information[:0]  # it is not asked for again

@@ -180,7 +180,7 @@ class Strand:
                     for block, column, first in border.coupling(number, group, system.coupling[number, group]):
                         self._pieces += placed(block, place, start + column + np.arange(block.shape[2]), first)
             start += len(border.of_group[group])
-        self._rows = system.kept(numbers[0], 0, (system.frames, len(far), start))
+        self._rows = system.memory_of(numbers[0], 0, (system.frames, len(far), start))
 
     def _in_frames(self, system: ChainSystem) -> Iterator[Piece]:
         width = len(self._order)

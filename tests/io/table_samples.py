@@ -236,7 +236,8 @@ def write_export(folder: Path, stream_of: dict[str, ImuStream]) -> Path:
         (folder / f"walk_{ending}.trc").write_text("\n".join(lines) + "\n")
     lines = ["DataRate=50", "DataType=Quaternion", "version=3", "endheader", "\t".join(["time", *stream_of])]
     for i, time in enumerate(streams[0].time):
-        quaternions = [quaternion_from_matrix(one.R_inertial_sensor[i], Order.WXYZ) for one in streams]
+        R = [one.R_inertial_sensor[i] for one in streams if one.R_inertial_sensor is not None]
+        quaternions = [quaternion_from_matrix(one, Order.WXYZ) for one in R]
         lines.append("\t".join([repr(float(time)), *(",".join(repr(float(q)) for q in one) for one in quaternions)]))
     (folder / "walk_Orientations.sto").write_text("\n".join(lines) + "\n")
     return folder

@@ -1,12 +1,16 @@
 """Where stderr is no terminal, long work says now and then how far it is."""
 
 import sys
+from dataclasses import replace
 from io import StringIO
+from pathlib import Path
 from threading import Event
 
 import pytest
 
+import vip_factors as vip
 from vip_factors.cli import terminal
+from vip_factors.io.mcap_recording import read_scene
 
 
 class Pipe(StringIO):
@@ -105,3 +109,26 @@ def test_a_stream_in_a_pipe_tells_its_status_now_and_then(monkeypatch: pytest.Mo
         line.show("10 s tracked")
         assert not line.shown
     assert pipe.getvalue() == "10 s tracked\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "escaped"),
+    [
+        ("Ada \x1b]0;title\x07\x1b[2J", r"Ada \x1b]0;title\x07\x1b[2J"),
+        ("a\nb\r\x9bc\u202etxt\u2028", r"a\nb\r\x9bc\u202etxt\u2028"),
+        ("Zoë ± 3°, 名前", "Zoë ± 3°, 名前"),
+    ],
+)
+def test_names_do_not_steer_the_terminal(name: str, escaped: str, capsys: pytest.CaptureFixture[str]) -> None:
+    terminal.note(f"note: {name}")
+    assert capsys.readouterr().err == f"note: {escaped}\n"
+
+
+def test_wearers_of_files_do_not_steer_the_terminal(run, files, tmp_path: Path) -> None:
+    scene = read_scene(files.recording)
+    wearer = replace(scene.wearers[0], name="walk\x1b[2J")
+    recording = vip.write(replace(scene, wearers=(wearer,)), tmp_path / "walk.mcap")
+    outcome = run("smooth", recording, "--frame-rate", "10", "--solve.max-iterations", "1")
+    assert r"walk\x1b[2J" in outcome.out
+    missing = run("smooth", tmp_path / "\x1b[2Jnone.mcap")
+    assert "\x1b" not in outcome.out + outcome.err + missing.err

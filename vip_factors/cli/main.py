@@ -16,6 +16,7 @@ from types import FrameType
 from typing import Any
 
 from vip_factors import __version__
+from vip_factors.cli.terminal import printable
 from vip_factors.errors import InputError, VipFactorsError, naming_file
 
 SHELLS = ("bash", "zsh", "fish")
@@ -136,7 +137,7 @@ class _Notes:
 
     def show(self, message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
         """A warning as one line: what was left out of a file, say; where in our code it arose helps nobody."""
-        line = f"{PROGRAM}: note: {' '.join(str(message).split())}"
+        line = printable(f"{PROGRAM}: note: {' '.join(str(message).split())}")
         if line not in self._told:
             self._told.add(line)
             print(line, file=sys.stderr)
@@ -148,7 +149,7 @@ def _sentence(error: Exception) -> str:
         text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
     else:
         text = str(error) or type(error).__name__
-    return " ".join(text.split())
+    return printable(" ".join(text.split()))
 
 
 def _help(every: bool) -> str:

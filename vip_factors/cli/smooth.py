@@ -11,7 +11,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import FailOn, ManyOptions, Output, beside, fail_on
-from vip_factors.cli.terminal import progress_bar
+from vip_factors.cli.terminal import printable, progress_bar
 from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.shown_settings import ShownSettings
@@ -74,15 +74,15 @@ def main(options: SmoothOptions, settings: "Settings") -> None:
     head = replace(head, reports=(*head.reports, *reports))
     for wearer, frames in zip(head.wearers, estimate.frames, strict=True):
         rate, count = wearer.motion.rate, len(wearer.sensors)
-        who = f", {wearer.name}" if wearer.name else ""
+        who = printable(f", {wearer.name}" if wearer.name else "")
         print(f"{wearer.method}{who}: {frames} frames at {rate:g} Hz from {count} sensors")
     if head.camera is not None:
         given = int((head.wearer_of_detection >= 0).sum())
         print(f"camera: {given} of {len(head.wearer_of_detection)} detections are of wearers")
     print(f"computed in {sum(report.seconds for report in head.all_reports):.1f} s")
-    print(f"verdict: {head.verdict}")
+    print(printable(f"verdict: {head.verdict}"))
     for finding in head.all_findings:
-        print(f"{finding.severity}: {finding}")
+        print(printable(f"{finding.severity}: {finding}"))
     _tell_file(out, options)
     fail_on(options.fail_on, head.verdict)
 

@@ -1,5 +1,6 @@
 """What a person sees while waiting, on stderr: bars at a terminal, elsewhere (a pipe, a log) a line now and then."""
 
+import re
 import sys
 import time
 from collections import Counter
@@ -14,11 +15,18 @@ if TYPE_CHECKING:
 Tell = Callable[[str, float], None]
 """Called with the name of a stage and the fraction of it that is done."""
 
+# C0 and C1 controls (ESC moves cursors and sets titles), separators of lines, marks that turn text round, surrogates.
+CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 LINE_S = 5.0  # between plain lines: often enough to see that it lives, and a minute fits on a screen
 STREAM_LINE_S = 10.0  # of a stream, which may run for hours
 MOST_SHARE = 0.99  # of a stage that goes on
 SURE_S = 2.0  # before, a stage's pace is a guess
 MINUTES_S = 120.0  # from here on times are told in minutes
+
+
+def printable(text: str) -> str:
+    """One line of text with its control characters escaped, ``\\x1b`` say: names from files never steer a terminal."""
+    return CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
 
 
 class Stages:
@@ -124,7 +132,7 @@ def _speaking(text: Callable[[], str]) -> Iterator[None]:
     def speak() -> None:
         while not over.wait(LINE_S):
             try:
-                print(f"{text()} ({time.monotonic() - begun:.0f} s)", file=sys.stderr, flush=True)
+                print(f"{printable(text())} ({time.monotonic() - begun:.0f} s)", file=sys.stderr, flush=True)
             except (OSError, ValueError):  # nobody reads it any more
                 return
 
@@ -139,7 +147,7 @@ def _speaking(text: Callable[[], str]) -> Iterator[None]:
 
 def note(text: str) -> None:
     """A remark that is not a result, on stderr."""
-    print(text, file=sys.stderr)
+    print(printable(text), file=sys.stderr)
 
 
 class StatusLine:
@@ -182,7 +190,7 @@ class StatusLine:
         if self._live is not None:
             from rich.text import Text
 
-            self._live.update(Text(text, no_wrap=True, overflow="ellipsis"), refresh=True)
+            self._live.update(Text(printable(text), no_wrap=True, overflow="ellipsis"), refresh=True)
         elif self.shown:
             self._spoken = time.monotonic()
             note(text)
@@ -190,6 +198,6 @@ class StatusLine:
     def note(self, text: str) -> None:
         """A remark on a line of its own."""
         if self._live is not None:
-            self._live.console.print(text, markup=False, highlight=False, soft_wrap=True)
+            self._live.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
         else:
             note(text)

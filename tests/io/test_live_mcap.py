@@ -1,6 +1,8 @@
 """Estimate files written as they go."""
 
+import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -12,10 +14,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_answers import LAG, answer, answers, live_scene, setup_of, truth_of
+from live_sender import delimited, sample_message
 
 from vip_factors.atomic import partial_path
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.findings import sentences
+from vip_factors.io.live.messages import header_message
 from vip_factors.io.live_mcap import LIVE_CAMERA, LIVE_UPDATE, LiveMcapSink
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_messages import Topics
@@ -25,6 +29,7 @@ from vip_factors.io.schemas.camera_estimate_pb2 import CameraPose
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
 TESTS = Path(__file__).parents[1]
@@ -212,10 +217,41 @@ def test_a_wearer_who_begins_later_or_misses_frames(tmp_path: Path) -> None:
     assert len(ann.motion) == len(given) - LAG
     truth = truth_of(scene, 0).p_world_pelvis
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[24], truth[24])
-    np.testing.assert_array_equal(ann.motion.p_world_pelvis[25:28], truth[[24] * 3])  # held
+    np.testing.assert_array_equal(ann.motion.p_world_pelvis[25:28], truth[[24] * 3])  # held as it is read
+    poses = Topics(read_contents(tmp_path / "e.mcap")).all("/estimate/wearer/ann/pose", BodyPose)
+    assert [one.frame for one in poses] == [*range(25), 28, *range(30, len(ann.motion))]
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[30:], truth[30 : len(ann.motion)])
     findings = sentences(read_estimate(tmp_path / "e.mcap").findings)
     assert any("ann: 3 frames are missing" in one for one in findings)
+
+
+MOST_BYTES = 2 << 30
+
+
+def test_a_clock_that_jumps_by_a_day_leaves_a_gap(tmp_path: Path) -> None:
+    scene, out, jump = live_scene(5.0, 1, filmed=False), tmp_path / "e.mcap", 100_000.0
+    command = [sys.executable, "-m", "vip_factors", "stream", "-", "--json", "--frame-rate", "30", "--out", str(out)]
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (MOST_BYTES, MOST_BYTES)),
+    ) as stream:  # fmt: skip
+        assert stream.stdin is not None
+        assert stream.stdout is not None
+        stream.stdin.write(delimited(header_message(stream_head(scene)).SerializeToString()))
+        for sample in live_samples(scene):
+            later = jump if sample.time > 2.5 else 0.0
+            stream.stdin.write(delimited(sample_message(replace(sample, time=sample.time + later)).SerializeToString()))
+        stream.stdin.flush()
+        assert any(json.loads(line)["time"] > jump + 4.5 for line in stream.stdout)
+        stream.send_signal(signal.SIGINT)
+        assert stream.wait(20) == 130
+    assert out.stat().st_size < 2_000_000
+    frames = [one.frame for one in Topics(read_contents(out)).all("/estimate/pose", BodyPose)]
+    assert frames[-1] > 30 * jump
+    assert len(frames) < 150
+    with pytest.warns(McapWarning, match="ends after"):
+        motion = read_estimate(out).only_wearer.motion
+    assert len(motion) < 75
 
 
 def test_a_camera_known_to_stand_still_has_one_pose(tmp_path: Path) -> None:

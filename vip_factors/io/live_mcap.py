@@ -228,9 +228,8 @@ class _Wearer:
     def __init__(self, wearer: Recording, rate: float, prefix: str, live: str, start_ns: int) -> None:
         self.prefix, self._live, self._start_ns = prefix, live, start_ns
         self._wearer, self._skeleton, self._rate = wearer, wearer.subject.body(), rate
-        self._waiting: list[LivePose] = []  # smoothed ones, a frame apart
-        self._last: LivePose | None = None
-        self._start, self._taken = 0.0, 0
+        self._waiting: list[tuple[int, list[LivePose]]] = []  # runs of smoothed poses, each with its first frame
+        self._start, self._next_frame = 0.0, 0
         self._out: WearerWriter | None = None  # of the smoothed poses, from the first one on
 
     @property
@@ -241,20 +240,23 @@ class _Wearer:
     def take(self, answer: LiveWearerEstimate) -> list[Finding]:
         """Take in a smoothed pose, and the body believed, of which the file's motion has the last one.
 
-        Frames have a constant rate: a gap, which is told, is filled with the pose before it; a pose that comes a second
-        time is left out.
+        Frames are numbered by their times at a constant rate: where none came, numbers are left out. A pose that comes
+        a second time is left out.
         """
         self._skeleton = answer.skeleton or self._skeleton
         pose = answer.smoothed
         if pose is None:
             return []
-        if self._last is None:
-            self._start, self._last = pose.time, pose
-        missing = round((pose.time - self._start) * self._rate) - self._taken
+        if self._next_frame == 0:
+            self._start = pose.time
+        frame = round((pose.time - self._start) * self._rate)
+        missing = frame - self._next_frame
         if missing < 0:
             return []
-        self._waiting += [self._last] * missing + [pose]
-        self._taken, self._last = self._taken + missing + 1, pose
+        if missing or not self._waiting:
+            self._waiting.append((frame, []))
+        self._waiting[-1][1].append(pose)
+        self._next_frame = frame + 1
         numbers = {"frames": missing, "until": pose.time}
         return [Finding("frames missing", answer.name, numbers=numbers)] if missing else []
 
@@ -264,9 +266,9 @@ class _Wearer:
         streams: list[Iterable[TimedMessage]] = [
             pose_messages(writer, self._live + POSE, answer.motion, self._start_ns, answer.covariance, frame)
         ]
-        poses, self._waiting = self._waiting, []
-        if poses:
-            chunk = self._estimate(poses, self._start + (self._taken - len(poses)) / self._rate)
+        runs, self._waiting = self._waiting, []
+        for first, poses in runs:
+            chunk = self._estimate(poses, self._start + first / self._rate)
             if self._out is None:
                 self._out = WearerWriter(writer, chunk, 0, self.prefix, self._start_ns, None, MODEST_FRAMES)
             streams += self._out.streams(chunk)
@@ -275,7 +277,7 @@ class _Wearer:
     def close(self) -> None:
         """Write how many frames there are."""
         if self._out is not None:
-            self._out.write_motion(self._estimate([], self._start).motion, self._taken)
+            self._out.write_motion(self._estimate([], self._start).motion, self._next_frame)
 
     def _estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
         name, sensors = self._wearer.subject.name, tuple(site.sensor for site in self._wearer.placement.sites)

@@ -188,7 +188,7 @@ class WearerWriter:
         scene: bool | None,
         shown_frames: float = inf,
     ) -> None:
-        self._writer, self._prefix, self._start_ns, self._written = writer, prefix, start_ns, 0
+        self._writer, self._prefix, self._start_ns, self._start_s = writer, prefix, start_ns, head.motion.start
         writer.write(prefix + on.INFO, HEAD.encode(head, start_ns=start_ns), start_ns)
         self.write_motion(head.motion, frames)
         if frames:  # a stream writes its calibration as it goes
@@ -210,10 +210,9 @@ class WearerWriter:
         self._writer.write(self._prefix + on.MOTION, codecs.MOTION.encode(motion, frames=frames), self._start_ns)
 
     def streams(self, chunk: WearerEstimate) -> Iterator[Iterable[TimedMessage]]:
-        """The messages of the next frames."""
-        writer, prefix, start_ns = self._writer, self._prefix, self._start_ns
-        motion, first = chunk.motion, self._written
-        self._written += len(motion)
+        """The messages of the next frames, which are numbered by the chunk's start."""
+        writer, prefix, start_ns, motion = self._writer, self._prefix, self._start_ns, chunk.motion
+        first = round((motion.start - self._start_s) * motion.rate)
         for report in chunk.reports:
             writer.write(prefix + on.REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
         yield pose_messages(writer, prefix + on.POSE, motion, start_ns, chunk.covariance, first)

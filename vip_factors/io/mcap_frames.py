@@ -39,6 +39,7 @@ MODEST_FRAMES = 20_000  # eleven minutes of shown frames, some 40 MB: beyond it 
 POINTS_PER_BONE = 3
 BONE_THICKNESS_M = 0.025
 BONE_COLOUR = (0.95, 0.55, 0.15, 1.0)  # an orange that shows on Foxglove's dark and light grounds
+MOST_HELD = 120_000  # frames without a pose, an hour at 30 Hz: their poses and covariances take 0.4 GB of memory
 MOST_RESIDUALS = 20_000_000  # nine hours at 60 Hz, of ten wearers
 
 
@@ -68,15 +69,13 @@ def pose_messages(
 def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[Motion, PoseCovariance | None]:
     """The motion of its messages, and its covariance if all frames have one.
 
-    It ends before the first lost frame, of which a warning says.
+    The last pose is held over gaps, of which a warning tells; before a gap that is too long for that the motion ends.
 
     Raises:
         FileFormatError: for frames of another skeleton.
     """
-    frames = 0
-    while frames < len(poses) and poses[frames].frame == frames:
-        frames += 1
-    poses = poses[:frames]
+    poses = _held_over_gaps(path, info, poses)
+    frames = len(poses)
     wxyz = _rows("joint rotations", [one.joint_rotations_wxyz for one in poses], (JOINT_COUNT, 4))
     root = [(one.p_world_pelvis.x, one.p_world_pelvis.y, one.p_world_pelvis.z) for one in poses]
     motion = Motion(
@@ -90,6 +89,25 @@ def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[
         return motion, None
     joints = _rows("joint covariances", [one.joint_covariance for one in poses], (JOINT_COUNT, 3, 3))
     return motion, PoseCovariance(joints, _rows("root covariances", [one.root_covariance for one in poses], (3, 3)))
+
+
+def _held_over_gaps(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> list[BodyPose]:
+    """A pose for each frame from the first on: where a frame has none, the one before it."""
+    held: list[BodyPose] = []
+    missing = 0
+    for read, pose in enumerate(poses):
+        gap = pose.frame - len(held)
+        if gap < 0 or (gap and not held) or missing + gap > MOST_HELD:
+            lost = (
+                f"its frames {len(held):,} to {pose.frame - 1:,} are missing: what follows, {len(poses) - read:,} poses"
+            )
+            warn(path, f"motion '{info.name}' ends after {len(held) / info.rate_hz:.2f} s: {lost}, is not read")
+            break
+        missing += gap
+        held += [*held[-1:] * gap, pose]
+    if missing:
+        warn(path, f"motion '{info.name}': {missing:,} frames are missing: the last pose before them is held")
+    return held
 
 
 def _rows(what: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:

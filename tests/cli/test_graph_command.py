@@ -1,5 +1,7 @@
 """The factor graph of a small recording, drawn from the command line."""
 
+import re
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -9,17 +11,52 @@ import pytest
 from vip_factors.cli.main import main
 
 SMALL = ("--frame-rate", "20", "--solve.max-iterations", "3")
+needs_graphviz = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 
 
 @pytest.fixture(scope="module")
 def filmed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A wearer of six sensors before a camera that stands."""
-    path = tmp_path_factory.mktemp("graph") / "scene.mcap"
+    path = tmp_path_factory.mktemp("graph") / 'a "scene".mcap'
     simulate = ("simulate", "gestures", str(path), "--seconds", "1", "--placement", "sip6", "--camera", "fixed")
     assert main([*simulate, "--seed", "1"]) == 0
     return path
 
 
+def path_with(folder: Path, script: str | None) -> str:
+    """A search path on which ``dot`` is a script, or missing."""
+    folder.mkdir()
+    if script is not None:
+        program = folder / "dot"
+        program.write_text(f"#!/bin/sh\n{script}\n", encoding="utf-8")
+        program.chmod(0o755)
+    return str(folder)
+
+
+@pytest.mark.parametrize("script", [None, "exit 1"], ids=["missing", "failing"])
+def test_without_graphviz_the_graph_is_written_for_it(
+    run: Callable, filmed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, script: str | None
+) -> None:
+    monkeypatch.setenv("PATH", path_with(tmp_path / "bin", script))
+    told = run("graph", filmed, "--picture", tmp_path / "graph.svg", "--frame", "4", *SMALL)
+    assert told.code == 0, told.err
+    graph = tmp_path / "graph.dot"
+    assert told.out.splitlines()[-1] == str(graph)
+    assert f"dot -Tsvg -O {graph}" in told.err
+    assert not (tmp_path / "graph.svg").exists()
+    text = graph.read_text(encoding="utf-8")
+    number = {label: name for name, label in re.findall(r'(\w+)\[.*label="(.*?)"\];', text) if "subgraph" not in name}
+    edges = {frozenset(ends) for ends in re.findall(r"(\w+)--(\w+)\[", text)}
+    # What an acceleration sees: rotations and roots of three frames, headings, and the places of sensors.
+    for label, nodes in (
+        ("acceleration \N{MULTIPLICATION SIGN} 5", 3 + 3 + 2),
+        ("heading prior \N{MULTIPLICATION SIGN} 6", 1),
+    ):
+        assert sum(number[label] in ends for ends in edges) == nodes
+    assert {"frame 4", "frame 5", "frame 6"} <= set(re.findall(r"frame \d+", text))
+
+
+@needs_graphviz
 def test_picture_and_table_of_a_scene(run: Callable, filmed: Path, tmp_path: Path) -> None:
     picture = tmp_path / "graph.svg"
     told = run("graph", filmed, "--picture", picture, *SMALL)
@@ -33,10 +70,17 @@ def test_picture_and_table_of_a_scene(run: Callable, filmed: Path, tmp_path: Pat
     assert int(counts["smoothness"]) == frames - 1
     assert int(counts["reprojection"]) > frames
     texts = {element.text for element in ElementTree.parse(picture).iter() if element.tag.endswith("text")}
-    assert {*counts, "initial pose"} <= texts
+    assert {
+        'Factor graph of a "scene"',
+        "joint rotation",
+        "camera pose",
+        "joint limit \N{MULTIPLICATION SIGN} 23",
+        "smoothness",
+    } <= texts
     assert [path.name for path in tmp_path.iterdir()] == ["graph.svg"]
 
 
+@needs_graphviz
 def test_a_recording_without_a_camera_beside_it(run: Callable, files, tmp_path: Path) -> None:
     recording = tmp_path / "walk.mcap"
     recording.write_bytes(files.recording.read_bytes())
@@ -44,7 +88,9 @@ def test_a_recording_without_a_camera_beside_it(run: Callable, files, tmp_path: 
     assert told.code == 0, told.err
     assert told.out.splitlines()[-1] == str(tmp_path / "walk.graph.svg")
     assert "camera pose" not in told.out
-    assert "One frame in full: t = 0" in (tmp_path / "walk.graph.svg").read_text(encoding="utf-8")
+    text = (tmp_path / "walk.graph.svg").read_text(encoding="utf-8")
+    assert "frame 0<" in text
+    assert "camera" not in text
 
 
 def test_what_cannot_be_drawn_is_refused(run: Callable, filmed: Path, tmp_path: Path) -> None:

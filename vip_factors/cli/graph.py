@@ -1,5 +1,6 @@
-"""``vip-factors graph``: a recording or a scene in, a picture of its factor graph out."""
+"""``vip-factors graph``: counts and a picture of the factor graph of a recording or scene."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar
@@ -8,21 +9,21 @@ import tyro
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Output, WritingOptions, beside
-from vip_factors.cli.terminal import progress_bar
+from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.configurations import Configuration
 from vip_factors.ranges import Range
 from vip_factors.shown_settings import ShownSettings
 
 if TYPE_CHECKING:
     from vip_factors.settings import Settings
-    from vip_factors.viz.graph_picture import GraphDescription
 
 
 @dataclass(frozen=True)
 class GraphOptions(WritingOptions):
-    """Draw the factor graph of a recording or scene: one frame in full, the chain of frames, and what there is.
+    """Draw the factor graph of a recording or scene: three frames of it, and how many variables and factors there are.
 
-    It is the graph in which headings, mountings and the camera are found, on every coarse-factor-th frame.
+    It is the graph in which headings, mountings and the camera are found, on every coarse-factor-th frame. Graphviz
+    lays the picture out; without it a .dot file is written.
 
     Every setting of the pipeline is an option (--help-all tells them); --settings reads them from a file, and options
     win over it.
@@ -35,7 +36,7 @@ class GraphOptions(WritingOptions):
     picture: Annotated[Path | None, Output(".svg")] = None
     """Picture (.svg) to write; RECORDING.graph.svg if absent."""
     frame: Annotated[int | None, Range(least=0)] = None
-    """Frame of the graph to draw in full, from 0; the middle one if absent."""
+    """First of the three frames to draw, from 0; the middle of the recording if absent."""
     configuration: Configuration = Configuration.OWN
     """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020."""
     settings: Path | None = None
@@ -49,26 +50,27 @@ def main(options: GraphOptions, settings: "Settings") -> None:
     picture = options.picture or beside(options.recording, ".graph.svg")
     check_target(picture, options.overwrite)
     scene = read_scene(options.recording)
-    from vip_factors.factor_graph.outline import graph_description
+    from vip_factors.factor_graph.dot import dot, svg
     from vip_factors.pipeline import factor_graph
-    from vip_factors.viz.graph_picture import graph_picture
 
     with progress_bar() as progress:
         graph = factor_graph(scene, settings, progress)
-    names = scene.names
-    description = graph_description(graph, scene.name, names, options.frame)
-    with atomic_open(picture, overwrite=options.overwrite) as file:
-        file.write(graph_picture(description))
-    print(_table(description))
-    print(picture)
+    text = dot(graph, f"Factor graph of {scene.name}", options.frame)
+    drawing = svg(text)
+    if drawing is None:
+        picture, drawing = picture.with_suffix(".dot"), text.encode()
+    with atomic_open(picture, "wb", options.overwrite) as file:
+        file.write(drawing)
+    seconds = graph.time[-1] - graph.time[0]
+    print(f"{len(graph.time)} frames in {seconds:.2f} s, of {', '.join(scene.names)}")
+    for title, counts in (("variables", graph.variable_counts), ("factors", graph.factor_counts)):
+        print(_table(title, counts))
+    print(f"\n{picture}")
+    if picture.suffix == ".dot":
+        note(f"Graphviz did not lay the picture out: install it, then dot -Tsvg -O {picture}")
 
 
-def _table(graph: "GraphDescription") -> str:
-    lines = [f"{graph.frames} frames in {graph.seconds:.2f} s, of {', '.join(graph.wearers)}"]
-    variables = {one.kind: one.count for one in graph.variable_kinds}
-    factors = {one.kind: one.count for one in graph.factor_kinds}
-    width = max(map(len, (*variables, *factors)))
-    for title, counts in (("variables", variables), ("factors", factors)):
-        lines += ["", f"{title:<{width + 2}}  {sum(counts.values()):>8}"]
-        lines += [f"  {kind:<{width}}  {count:>8}" for kind, count in counts.items()]
-    return "\n".join([*lines, ""])
+def _table(title: str, counts: Mapping[str, int]) -> str:
+    width = 30
+    lines = [f"  {kind:<{width}}  {count:>8}" for kind, count in counts.items()]
+    return "\n".join(["", f"{title:<{width + 2}}  {sum(counts.values()):>8}", *lines])

@@ -1,0 +1,113 @@
+"""Three frames of a factor graph in Graphviz's DOT language, and as a picture laid out by Graphviz."""
+
+import itertools
+import re
+import subprocess
+from collections import Counter
+
+import gtsam
+
+from vip_factors.errors import InputError
+from vip_factors.factor_graph.graph import FactorGraph
+from vip_factors.factor_graph.variables import Variable
+
+FRAMES = 3  # an acceleration spans as many
+LAYOUT_SECONDS = 60.0
+GRAPH = """rankdir=LR; ranksep=1; nodesep=0.1; fontname="Helvetica,Arial,sans-serif";
+  node[fontname="Helvetica,Arial,sans-serif", fontsize=13, style=filled, fillcolor="#dbe6f5", color="#3f6fb5"];"""
+FRAME = 'style=rounded; color="#b9c2cc"; fontsize=13'
+FACTOR = 'shape=box, color=white, fontcolor=white, margin="0.08,0.04", width=0, height=0'
+COLOURS = (
+    "#2f5fa8", "#c93238", "#b85f0b", "#2f7f36", "#8f4f86", "#6a42a3", "#0f7a7a", "#8f6b08", "#85573a", "#b03d72",
+    "#6b6b1c", "#2f78a6", "#5a6473", "#8a1f31", "#a33c10", "#3b3f8f", "#1f7a58",
+)  # fmt: skip
+Node = tuple[str, int | None]
+"""Kind of variables, and their frame; None if all frames share them."""
+
+
+def dot(graph: FactorGraph, title: str, first: int | None = None) -> str:
+    """Three frames of a graph as DOT text: ellipses are kinds of variables, boxes kinds of factors, with their counts.
+
+    GTSAM writes the graph; colours, frames and the order of the columns are put around it.
+
+    Args:
+        graph: of one wearer or several, whose variables of a kind share a node.
+        title: above the picture.
+        first: index of the first frame; None for the middle of the recording.
+
+    Raises:
+        InputError: if the graph has no such frame.
+    """
+    count = len(graph.time)
+    first = max(count - FRAMES, 0) // 2 if first is None else first
+    if not 0 <= first < count:
+        raise InputError(f"frame {first}: the graph has frames 0 to {count - 1}; choose one of them")
+    window = range(first, min(first + FRAMES, count))
+    variables = Counter(_node(graph, variable) for variable in graph.variables)
+    nodes = [node for node in variables if node[1] is None or node[1] in window]
+    keys = {node: key for key, node in enumerate(nodes)}
+    seen: dict[tuple[str, tuple[int, ...]], dict[Node, None]] = {}
+    factors: Counter[tuple[str, tuple[int, ...]]] = Counter()
+    for factor in graph.factors:
+        sees = dict.fromkeys(_node(graph, variable) for variable in factor.variables)
+        if all(node in keys for node in sees):
+            box = factor.kind, tuple(sorted({frame for _, frame in sees if frame is not None}))
+            seen.setdefault(box, {}).update(sees)
+            factors[box] += 1
+    symbolic = gtsam.SymbolicFactorGraph()
+    for sees in seen.values():
+        symbolic.push_back(gtsam.SymbolicFactor.FromKeys([keys[node] for node in sees]))
+    text = symbolic.dot(lambda key: _label(nodes[key][0], variables[nodes[key]], "\\n"))
+    colours = dict(zip(dict.fromkeys(kind for kind, _ in seen), itertools.cycle(COLOURS), strict=False))
+    boxes = list(seen)
+
+    def edge(match: re.Match[str]) -> str:
+        """An edge in its factor's colour; columns are frames, their factors, what frames share, and priors on that."""
+        key, (kind, frames) = int(match[1]), boxes[int(match[2])]
+        ends = (f"var{key}", f"factor{match[2]}")
+        ends = ends[::-1] if frames and nodes[key][1] is None else ends
+        return f'{"--".join(ends)}[color="{colours[kind]}"];'
+
+    lines = [f'graph {{\n  label="{_quoted(title)}"; labelloc=t; fontsize=18; {GRAPH}']
+    for frame in window:
+        members = [f"var{key};" for node, key in keys.items() if node[1] == frame]
+        members += [f"factor{number};" for number, (_, frames) in enumerate(boxes) if frames == (frame,)]
+        lines.append(f'  subgraph cluster{frame} {{label="frame {frame}"; {FRAME}; {" ".join(members)}}}')
+    shared = [f"var{key};" for node, key in keys.items() if node[1] is None]
+    lines += [f"  {{rank=same; {' '.join(shared)}}}", re.sub(r"var(\d+)--factor(\d+);", edge, _body(text))]
+    lines += [f'  {name[:-1]}[fillcolor="#eceff3"];' for name in shared]
+    for number, (kind, frames) in enumerate(boxes):
+        label = _label(kind, factors[kind, frames])
+        lines.append(f'  factor{number}[{FACTOR}, fillcolor="{colours[kind]}", label="{label}"];')
+    return "\n".join([*lines, "}\n"])
+
+
+def _body(text: str) -> str:
+    """What GTSAM writes between the braces, without the size that it gives the picture."""
+    return text[text.index(";") + 1 : text.rindex("}")].strip("\n")
+
+
+def _node(graph: FactorGraph, variable: Variable) -> Node:
+    path = variable.is_of_the_camera_path and graph.problem.camera.moving
+    return variable.kind, variable.frame if variable.is_of_a_frame or path else None
+
+
+def _label(kind: str, count: int, between: str = " ") -> str:
+    return f"{kind}{between}\N{MULTIPLICATION SIGN} {count}" if count > 1 else kind
+
+
+def _quoted(text: str) -> str:
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def svg(text: str) -> bytes | None:
+    """The picture of DOT text, laid out by Graphviz's program; None without Graphviz, or if it fails or takes longer
+    than a minute.
+    """
+    try:
+        program = subprocess.run(
+            ["dot", "-Tsvg"], input=text.encode(), capture_output=True, timeout=LAYOUT_SECONDS, check=True
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return program.stdout

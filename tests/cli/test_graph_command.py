@@ -10,6 +10,7 @@ import pytest
 
 from vip_factors.cli.main import main
 
+TIMES = "\N{MULTIPLICATION SIGN}"
 SMALL = ("--frame-rate", "20", "--solve.max-iterations", "3")
 needs_graphviz = pytest.mark.skipif(shutil.which("dot") is None, reason="Graphviz is not installed")
 
@@ -49,8 +50,8 @@ def test_without_graphviz_the_graph_is_written_for_it(
     edges = {frozenset(ends) for ends in re.findall(r"(\w+)--(\w+)\[", text)}
     # What an acceleration sees: rotations and roots of three frames, headings, and the places of sensors.
     for label, nodes in (
-        ("acceleration \N{MULTIPLICATION SIGN} 5", 3 + 3 + 2),
-        ("heading prior \N{MULTIPLICATION SIGN} 6", 1),
+        (f"acceleration {TIMES} 5", 3 + 3 + 2),
+        (f"heading prior {TIMES} 6", 1),
     ):
         assert sum(number[label] in ends for ends in edges) == nodes
     assert {"frame 4", "frame 5", "frame 6"} <= set(re.findall(r"frame \d+", text))
@@ -74,7 +75,7 @@ def test_picture_and_table_of_a_scene(run: Callable, filmed: Path, tmp_path: Pat
         'Factor graph of a "scene"',
         "joint rotation",
         "camera pose",
-        "joint limit \N{MULTIPLICATION SIGN} 23",
+        f"joint limit {TIMES} 23",
         "smoothness",
     } <= texts
     assert [path.name for path in tmp_path.iterdir()] == ["graph.svg"]

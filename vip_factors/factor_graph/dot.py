@@ -57,7 +57,8 @@ def dot(graph: FactorGraph, title: str, first: int | None = None) -> str:
     symbolic = gtsam.SymbolicFactorGraph()
     for sees in seen.values():
         symbolic.push_back(gtsam.SymbolicFactor.FromKeys([keys[node] for node in sees]))
-    text = symbolic.dot(lambda key: _label(nodes[key][0], variables[nodes[key]], "\\n"))
+    labels = [_label(node[0], variables[node], "\\n") for node in nodes]
+    text = symbolic.dot(lambda key: labels[int(key)])
     colours = dict(zip(dict.fromkeys(kind for kind, _ in seen), itertools.cycle(COLOURS), strict=False))
     boxes = list(seen)
 

@@ -22,7 +22,6 @@ ROWS = [
     {"stages", "configurations"},
     {"pipeline", "live", "report"},
     {"api"},
-    {"tune"},
     {"cli"},
     {"__main__"},
 ]
@@ -56,8 +55,6 @@ FENCED = {
     "distributed": {"cli"},
     "fsspec": {"cli"},
     "psutil": {"cli"},
-    "optuna": {"tune"},
-    "sqlalchemy": {"tune"},
 }
 
 

@@ -28,6 +28,7 @@ STUDIES = {
     "golden": "golden:Golden",
     "population": "population:Population",
     "weights": "weights:Weights",
+    "tune": "tune:Tune",
     "coverage": "coverage:Coverage",
     "real": "real:Real",
     "catalogue": "catalogue:Catalogue",

@@ -45,10 +45,9 @@ COMMANDS = {
     "repetitions": "tell squats, lunges, jumps and curls, and jump heights",
     "view": "look at recordings and estimates in Rerun",
     "train": "learn where a detector puts its keypoints",
-    "tune": "find weights of factors on recordings with truth",
 }
 # Named by ``--help``; told, as all are, by ``--help-all``.
-FURTHER = ("calibrate-camera", "body", "simulate", "sync", "evaluate", "graph", "train", "tune")
+FURTHER = ("calibrate-camera", "body", "simulate", "sync", "evaluate", "graph", "train")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -299,7 +299,7 @@ def _afresh(path: Path, read: Callable[[Path], object]) -> None:
         read(Path(copyfile(path, Path(inner, path.name))))
 
 
-# Models of detectors, studies of weights, records of steps: what optional packages read
+# Models of detectors, records of steps: what optional packages read
 
 
 def _model_cases() -> list[Case]:
@@ -307,14 +307,6 @@ def _model_cases() -> list[Case]:
     if find_spec("onnxruntime") and find_spec("onnx"):
         command = "vip-factors detect VIDEO.mp4 --model {}/pose.onnx"
         cases.append(Case("onnx", lambda: {"pose.onnx": simcc_model()}, _onnx, command, seldom=3, apart=True))
-    if find_spec("optuna"):
-        for suffix, seldom in ((".log", 5), (".db", 40)):
-            name = f"study{suffix}"
-            command = f"vip-factors tune RECORDING.mcap --study {{}}/{name} --trials 2"
-            cases.append(Case(
-                f"study-{suffix[1:]}", partial(_study_file, name),
-                partial(_take_study, name=name), command, seldom=seldom,
-            ))  # fmt: skip
     return cases
 
 
@@ -356,25 +348,3 @@ def _onnx(folder: Path) -> None:
     from vip_factors.detect.onnx_pose import Box, OnnxPose
 
     OnnxPose(folder / "pose.onnx", threads=1).look(np.zeros((48, 64, 3), np.uint8), Box(10, 5, 40, 45))
-
-
-def _study_file(name: str) -> Files:
-    made = written(lambda folder: _go_on(folder / name))
-    return {one: data for one, data in made.items() if one == name}
-
-
-def _take_study(folder: Path, name: str) -> None:
-    _afresh(folder / name, _go_on)
-
-
-def _go_on(path: Path) -> None:
-    """Two trials of one number."""
-    from vip_factors.tune.parameters import DEFAULT_PARAMETERS
-    from vip_factors.tune.study import Study, Task, best, report_lines
-
-    one = DEFAULT_PARAMETERS[0]
-    study = Study(path, Task(("a.mcap",), (one,), {one.name: one.low}, "mpjpe"))
-    study.run(2, lambda name, values: values[one.name])
-    assert study.before is not None
-    report_lines(study.trials, (one,), study.before, "mm")
-    best(study.trials, study.before)

@@ -37,6 +37,7 @@ STUDIES = {
     "fuzz": "fuzz.run:Fuzz",
     "train-prior": "train_prior:TrainPrior",
     "train-body": "train_prior:TrainBody",
+    "train-keypoints": "train_keypoints:TrainKeypoints",
     "train-gait": "gait_train:TrainGait",
     "train-gait-events": "gait_study:TrainGaitEvents",
     "train-association": "train_association:TrainAssociation",

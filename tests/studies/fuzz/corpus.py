@@ -38,9 +38,10 @@ from tests.io.table_samples import (
     write_quaternions,
 )
 from tests.studies.fuzz.run import Case, Files
+from tests.studies.train_keypoints import keypoint_offsets_text
 from vip_factors.associate.weights import SHIPPED_WEIGHTS, load_weights
 from vip_factors.body.anthropometry import SHIPPED_BODY_PRIOR, LengthPrior, likely_body, load_body_prior
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import SHIPPED_PRIOR, load_pose_prior
@@ -56,7 +57,7 @@ from vip_factors.io.detections.read import read_detections
 from vip_factors.io.export.animation import write_bvh
 from vip_factors.io.export.files import ExportSettings
 from vip_factors.io.export.smpl import write_amass
-from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, read_keypoint_offsets, write_keypoint_offsets
+from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.io.live.open import read_token
 from vip_factors.io.motions import read_motion
 from vip_factors.io.motions.amass import smpl_body
@@ -270,8 +271,8 @@ def _write_cameras(folder: Path) -> None:
 def _write_bodies(folder: Path) -> None:
     lengths, shape = LengthPrior(LENGTHS, 1e-4 * np.eye(len(LENGTHS))), (len(OFFSET_KEYPOINTS), 3)
     write_body_file(folder / "body.toml", BodyFile("Ada", likely_body(1.7).skeleton, lengths, (), "made"))
-    offsets = PooledOffsets(KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02)), 2)
-    write_keypoint_offsets(folder / "offsets.toml", KeypointOffsetsFile({"body25": offsets}, "made"))
+    offsets = KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02))
+    (folder / "offsets.toml").write_text(keypoint_offsets_text({"body25": (offsets, 2)}, "made"))
 
 
 def _smpl() -> dict[str, bytes]:

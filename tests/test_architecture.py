@@ -12,7 +12,7 @@ ROWS = [
     {"shown_settings", "body"},
     {"sensors"},
     {"estimate", "live_estimate"},
-    {"estimate_chunks"},
+    {"estimate_chunks", "describe"},
     {"simulate", "associate", "initialise", "evaluate", "io", "viz"},
     {"problem", "solve", "detect", "gait", "repetitions"},
     {"terms"},
@@ -22,6 +22,7 @@ ROWS = [
     {"stages", "configurations"},
     {"pipeline", "live", "report"},
     {"api"},
+    {"tune"},
     {"cli"},
     {"__main__"},
 ]
@@ -55,6 +56,8 @@ FENCED = {
     "distributed": {"cli"},
     "fsspec": {"cli"},
     "psutil": {"cli"},
+    "optuna": {"tune"},
+    "sqlalchemy": {"tune"},
 }
 
 

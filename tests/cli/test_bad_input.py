@@ -116,7 +116,7 @@ def test_what_is_unforeseen_keeps_its_traceback(files, monkeypatch: pytest.Monke
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("a bug of ours")
 
-    monkeypatch.setattr("vip_factors.cli.info_text.recording_text", broken)
+    monkeypatch.setattr("vip_factors.describe.recordings.recording_tables", broken)
     with pytest.raises(ZeroDivisionError):
         main(["info", str(files.recording)])
 

@@ -1,6 +1,7 @@
 """``convert`` makes scenes of recordings, 2D poses and a camera; ``info`` says what is in them."""
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -43,10 +44,11 @@ def test_two_wearers_and_a_camera(run, files, tmp_path: Path, poses: Path) -> No
     assert scene.camera.detections.keypoints == KEYPOINT_SETS["coco17"]
     info = run("info", tmp_path / "both.mcap")
     assert info.code == 0, info.err
-    assert "scene 'both'\n  2 wearers: Ada, Bea\n" in info.out
-    assert "standing still: 640 by 480 pixels" in info.out
-    assert "keypoints coco17 (17)" in info.out
-    assert "4 detections; people per frame: nobody in 38, 1 in 2, 2 in 1" in info.out
+    for words in (
+        r"scene 'both'\n  2 wearers: +Ada, Bea\n", r"standing still\n  image: +640 by 480 pixels",
+        r"keypoints: +coco17 \(17\)", r"detections: +4; people per frame: nobody in 38, 1 in 2, 2 in 1",
+    ):  # fmt: skip
+        assert re.search(words, info.out), words
     assert "left_forearm" in info.out
 
 
@@ -94,10 +96,10 @@ def test_info_on_the_estimate_of_a_scene(run, files, tmp_path: Path) -> None:
     told = run("info", tmp_path / "e.mcap")
     assert told.code == 0, told.err
     for words in (
-        "estimate of scene 'walk', method VIP", "care: the floor is wet", "a path of 3.0 m", "0.57° and 1.0 cm",
-        "median 2.5 px", "2 to", "1 to nobody", "heading of pelvis",
+        "estimate 'walk', method VIP", "care: +the floor is wet", r"path: +3\.00 m in", r"± 0\.6° and ± 1\.0 cm",
+        rf"{one.motion.name} +{T} +2\.5 +2\.5", rf"{one.motion.name} +2 +66\.7 %", r"nobody .* 1 +33\.3 %",
     ):  # fmt: skip
-        assert words in told.out, words
+        assert re.search(words, told.out), words
 
 
 FLOOR = "[floor]\nR_floor_camera = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]\np_floor_camera = [{0}, -4, 1.2]\n"
@@ -120,7 +122,7 @@ def test_further_cameras_stand_where_their_files_say(run, files, tmp_path: Path,
     assert [camera.time_offset for camera in scene.further_cameras] == [0.0, -0.5]
     np.testing.assert_allclose(scene.further_cameras[1].known_path.p_world_camera, [[1, -4, 1.2]], atol=1e-12)
     info = run("info", tmp_path / "out.mcap")
-    assert info.out.count("camera's pose known, at 1 instant") == 2
+    assert len(re.findall("pose known at: +1 instant", info.out)) == 2
     # To a scene that has its first camera already.
     told = run("convert", files.recording, tmp_path / "one.mcap", *first)
     told = run("convert", tmp_path / "one.mcap", tmp_path / "two.mcap", "--video-rate", "10", *further[:4])

@@ -32,7 +32,7 @@ def test_everything_tells_the_same(run: Callable, tmp_path: Path, findings, word
     estimate, scene, made = estimate_of(SCENE), tmp_path / "scene.mcap", tmp_path / "e.mcap"
     write_recording(SCENE, scene)
     write_estimate(replace(estimate, findings=findings), made)
-    told = re.search(r"verdict: (\w+), (.*)", run("info", made).out)
+    told = re.search(r"verdict: +(\w+), (.*)", run("info", made).out)
     assert told[1].lower() == word
     page, table = tmp_path / "e.html", tmp_path / "e.json"
     limits = ("care", "doubt")
@@ -52,7 +52,7 @@ def test_what_smooth_prints_is_in_the_file_which_is_written_whatever_the_verdict
     few = ("--frame-rate", 20, "--solve.max-iterations", 1)
     told = run("smooth", files.recording, "--out", tmp_path / "e.mcap", *few, "--fail-on", "care")
     assert told.code == 3
-    verdicts = [re.search("verdict: (.*)", text)[1] for text in (told.out, run("info", tmp_path / "e.mcap").out)]
+    verdicts = [re.search("verdict: +(.*)", text)[1] for text in (told.out, run("info", tmp_path / "e.mcap").out)]
     assert verdicts == [str(read_estimate(tmp_path / "e.mcap").verdict)] * 2
     assert "stopped before it had settled" in verdicts[0]
 

@@ -14,7 +14,7 @@ from mcap_samples import assert_same, recordings, walk
 from scene_samples import filmed_walk, scenes
 
 from vip_factors.atomic import atomic_open
-from vip_factors.cli.info_text import recording_text
+from vip_factors.describe.recordings import recording_tables
 from vip_factors.errors import FileFormatError, InputError, RecordingError
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.mcap_recording import FIRST_CAMERA, read_scene, wearer_topics, write_recording
@@ -380,10 +380,9 @@ def test_the_index_tells_what_the_samples_do(tmp_path: Path) -> None:
     index = indexed_recording(path, 0.0)
     assert index is not None
     read = read_scene(path).wearers[0]
-    told = recording_text(index.head, index).splitlines()
-    assert told[:-1] == recording_text(read).splitlines()
-    assert "index" in told[-1]
-    assert "1 (" in told[4 + next(row for row, line in enumerate(told[4:]) if line.split()[0] == first)]  # the gap
+    tables = list(recording_tables(index.head, index.time, index.truth_frames))
+    assert tables == list(recording_tables(read))
+    assert [row[5] for row in tables[1].rows if row[0] == first] == ["1"]  # gap
     for name, stream in read.imus.items():
         np.testing.assert_allclose(index.time[name], stream.time, atol=2e-9)
     assert indexed_recording(path, 1e4) is None

@@ -9,7 +9,7 @@ import tyro
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Output, WritingOptions, beside
-from vip_factors.errors import InputError, nearest
+from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
     from vip_factors.estimate import WearerEstimate
@@ -38,7 +38,8 @@ class BodyOptions(WritingOptions):
 
 def main(options: BodyOptions) -> None:
     """Run the command."""
-    from vip_factors.cli.info_text import body_lines
+    from vip_factors.cli.tables import print_tables
+    from vip_factors.describe.estimates import hinge_table, length_table
     from vip_factors.io.body_file import body_of_estimate, write_body_file
     from vip_factors.viz.body_chart import body_picture
 
@@ -52,7 +53,7 @@ def main(options: BodyOptions) -> None:
     truth = _true_lengths(options.truth, estimate.motion.name) if options.truth is not None else {}
     write_body_file(out, body_of_estimate(estimate, options.estimate.name), options.overwrite)
     assert estimate.body is not None
-    print("\n".join(body_lines(estimate.body)))
+    print_tables([length_table(estimate.body), hinge_table(estimate.body)])
     print(out)
     if options.picture is not None:
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
@@ -62,6 +63,7 @@ def main(options: BodyOptions) -> None:
 
 def _wearer(options: BodyOptions) -> "WearerEstimate":
     from vip_factors.io.mcap_estimate import read_estimate
+    from vip_factors.io.toml_values import nearest
 
     wearers = {one.motion.name: one for one in read_estimate(options.estimate).wearers}
     if options.wearer is None and len(wearers) > 1:
@@ -76,6 +78,7 @@ def _true_lengths(path: Path, name: str) -> Mapping[str, float]:
     """Of the wearer of that name, or the only one."""
     from vip_factors.evaluate.body import true_lengths
     from vip_factors.io.mcap_recording import read_scene
+    from vip_factors.io.toml_values import nearest
 
     wearers = {one.subject.name: one for one in read_scene(path).wearers}
     if len(wearers) > 1 and name not in wearers:

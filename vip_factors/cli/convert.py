@@ -121,7 +121,8 @@ class ConvertOptions(WritingOptions):
 def main(options: ConvertOptions) -> None:
     """Convert a log as the command line's arguments say."""
     from vip_factors.api import convert
-    from vip_factors.cli.info_text import recording_text, scene_text
+    from vip_factors.cli.tables import print_tables
+    from vip_factors.describe.recordings import recording_tables, scene_tables
     from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording
 
@@ -138,11 +139,11 @@ def main(options: ConvertOptions) -> None:
         scene = convert(options.log, ImportOptions(**known), camera, join=options.join, further_cameras=further)
         if scene.camera is None and len(scene.wearers) == 1:
             write_recording(scene.wearers[0], options.out, overwrite=options.overwrite)
-            text = recording_text(scene.wearers[0])
+            tables = recording_tables(scene.wearers[0])
         else:
             write_recording(scene, options.out, overwrite=options.overwrite)
-            text = scene_text(scene)
-    print(text)
+            tables = scene_tables(scene)
+    print_tables(tables)
     print(options.out)
 
 

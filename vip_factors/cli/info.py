@@ -1,14 +1,18 @@
 """``vip-factors info``: what a file holds."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import tyro
 
 from vip_factors.atomic import atomic_open
 from vip_factors.cli.options import Flag, Output, WritingOptions
 from vip_factors.errors import InputError
+
+if TYPE_CHECKING:
+    from vip_factors.describe.table import Table
 
 READ_S = 300.0  # seconds of a recording that are read: of longer ones the index tells, in a second instead of minutes
 
@@ -35,52 +39,56 @@ class InfoOptions(WritingOptions):
 def main(options: InfoOptions) -> None:
     """Run the command."""
     if options.sites and options.file is None:
-        _tell_sites(options)
+        _print_sites(options)
         return
     if options.file is None or options.sites:
         raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
     if options.picture is not None:
         raise InputError("--picture draws the sites: give --sites instead of a file")
-    print(file_text(options.file, options.verbose))
+    from vip_factors.cli.tables import print_tables
+
+    print_tables(file_tables(options.file, options.verbose))
 
 
-def file_text(path: Path, verbose: bool = False) -> str:
-    """What a recording, an estimate or a motion holds.
+def file_tables(path: Path, verbose: bool = False) -> Iterator["Table"]:
+    """Facts about a recording, an estimate or a motion.
 
     Raises:
         InputError, FileFormatError, OSError: if it cannot be read.
     """
     from vip_factors.cli.files import open_one
-    from vip_factors.cli.info_text import estimate_text, motion_text, recording_text, scene_estimate_text, scene_text
+    from vip_factors.describe.estimates import estimate_tables
+    from vip_factors.describe.recordings import motion_facts, recording_tables, scene_tables
+    from vip_factors.describe.table import facts
 
     if path.suffix.lower() == ".mcap":
         from vip_factors.io.mcap_source import indexed_recording
 
         index = indexed_recording(path, READ_S)
         if index is not None:
-            return recording_text(index.head, index)
+            yield from recording_tables(index.head, index.time, index.truth_frames)
+            yield facts("", ("note", "told by the file's index: between first and last, samples were not read"))
+            return
     opened = open_one(path)
-    parts = []
-    if opened.scene is not None:
-        recording = opened.recording
-        parts.append(scene_text(opened.scene) if recording is None else recording_text(recording))
-    if opened.estimate is not None and opened.is_scene:
-        parts.append(scene_estimate_text(opened.estimate, verbose))
-    elif opened.estimate is not None:
-        parts.append(estimate_text(opened.estimate.only_wearer, verbose=verbose))
+    if opened.recording is not None:
+        yield from recording_tables(opened.recording)
+    elif opened.scene is not None:
+        yield from scene_tables(opened.scene)
+    if opened.estimate is not None:
+        yield from estimate_tables(opened.estimate, verbose)
     if opened.motion is not None:
-        parts.append(f"motion '{opened.motion.name}'\n" + motion_text(opened.motion))
-    return "\n\n".join(parts)
+        yield motion_facts(opened.motion, f"motion '{opened.motion.name}'")
 
 
-def _tell_sites(options: InfoOptions) -> None:
-    from vip_factors.cli.info_text import sites_text
+def _print_sites(options: InfoOptions) -> None:
+    from vip_factors.cli.tables import print_tables
+    from vip_factors.describe.recordings import site_table
 
     if options.picture is not None:
         from vip_factors.viz.drawn_body import sites_picture
 
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
             file.write(sites_picture())
-    print(sites_text())
+    print_tables([site_table()])
     if options.picture is not None:
         print(options.picture)

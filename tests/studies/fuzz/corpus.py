@@ -38,16 +38,16 @@ from tests.io.table_samples import (
     write_quaternions,
 )
 from tests.studies.fuzz.run import Case, Files
-from tests.studies.train_keypoints import keypoint_offsets_text
 from vip_factors.associate.weights import SHIPPED_WEIGHTS, load_weights
 from vip_factors.body.anthropometry import SHIPPED_BODY_PRIOR, LengthPrior, likely_body, load_body_prior
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, keypoint_set
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import SHIPPED_PRIOR, load_pose_prior
-from vip_factors.cli.info_text import motion_text, recording_text
 from vip_factors.cli.settings_file import read_settings
+from vip_factors.cli.tables import terminal_text
 from vip_factors.configurations import configured
+from vip_factors.describe.recordings import motion_facts, recording_tables
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
 from vip_factors.io.camera_file import read_camera_file, read_floor
@@ -57,7 +57,7 @@ from vip_factors.io.detections.read import read_detections
 from vip_factors.io.export.animation import write_bvh
 from vip_factors.io.export.files import ExportSettings
 from vip_factors.io.export.smpl import write_amass
-from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, read_keypoint_offsets, write_keypoint_offsets
 from vip_factors.io.live.open import read_token
 from vip_factors.io.motions import read_motion
 from vip_factors.io.motions.amass import smpl_body
@@ -137,7 +137,7 @@ def log_cases() -> list[Case]:
 def _read_log(folder: Path, path: str, options: dict[str, str]) -> None:
     """As ``convert`` does."""
     told = {key: (folder / value if key == "columns" else str(folder / value)) for key, value in options.items()}
-    recording_text(import_recording(folder / path, ImportOptions(**told)))  # type: ignore[arg-type]
+    terminal_text(recording_tables(import_recording(folder / path, ImportOptions(**told))))  # type: ignore[arg-type]
 
 
 def _below(folder: Path, name: str) -> Path:
@@ -206,7 +206,7 @@ def _file_cases() -> list[Case]:
         return {one: files[one] for one in names}
 
     def motion(path: Path) -> None:
-        motion_text(read_motion(path))
+        terminal_text([motion_facts(read_motion(path))])
 
     def camera(path: Path) -> None:
         path = path.with_name(f"{path.name}:left") if path.name == "Calib.toml" else path  # one of two cameras
@@ -271,8 +271,8 @@ def _write_cameras(folder: Path) -> None:
 def _write_bodies(folder: Path) -> None:
     lengths, shape = LengthPrior(LENGTHS, 1e-4 * np.eye(len(LENGTHS))), (len(OFFSET_KEYPOINTS), 3)
     write_body_file(folder / "body.toml", BodyFile("Ada", likely_body(1.7).skeleton, lengths, (), "made"))
-    offsets = KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02))
-    (folder / "offsets.toml").write_text(keypoint_offsets_text({"body25": (offsets, 2)}, "made"))
+    offsets = PooledOffsets(KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02)), 2)
+    write_keypoint_offsets(folder / "offsets.toml", KeypointOffsetsFile({"body25": offsets}, "made"))
 
 
 def _smpl() -> dict[str, bytes]:
@@ -300,7 +300,7 @@ def _afresh(path: Path, read: Callable[[Path], object]) -> None:
         read(Path(copyfile(path, Path(inner, path.name))))
 
 
-# Models of detectors, records of steps: what optional packages read
+# Models of detectors, studies of weights, records of steps: what optional packages read
 
 
 def _model_cases() -> list[Case]:
@@ -308,6 +308,14 @@ def _model_cases() -> list[Case]:
     if find_spec("onnxruntime") and find_spec("onnx"):
         command = "vip-factors detect VIDEO.mp4 --model {}/pose.onnx"
         cases.append(Case("onnx", lambda: {"pose.onnx": simcc_model()}, _onnx, command, seldom=3, apart=True))
+    if find_spec("optuna"):
+        for suffix, seldom in ((".log", 5), (".db", 40)):
+            name = f"study{suffix}"
+            command = f"vip-factors tune RECORDING.mcap --study {{}}/{name} --trials 2"
+            cases.append(Case(
+                f"study-{suffix[1:]}", partial(_study_file, name),
+                partial(_take_study, name=name), command, seldom=seldom,
+            ))  # fmt: skip
     return cases
 
 
@@ -349,3 +357,25 @@ def _onnx(folder: Path) -> None:
     from vip_factors.detect.onnx_pose import Box, OnnxPose
 
     OnnxPose(folder / "pose.onnx", threads=1).look(np.zeros((48, 64, 3), np.uint8), Box(10, 5, 40, 45))
+
+
+def _study_file(name: str) -> Files:
+    made = written(lambda folder: _go_on(folder / name))
+    return {one: data for one, data in made.items() if one == name}
+
+
+def _take_study(folder: Path, name: str) -> None:
+    _afresh(folder / name, _go_on)
+
+
+def _go_on(path: Path) -> None:
+    """Two trials of one number."""
+    from vip_factors.tune.parameters import DEFAULT_PARAMETERS
+    from vip_factors.tune.study import Study, Task, best, report_lines
+
+    one = DEFAULT_PARAMETERS[0]
+    study = Study(path, Task(("a.mcap",), (one,), {one.name: one.low}, "mpjpe"))
+    study.run(2, lambda name, values: values[one.name])
+    assert study.before is not None
+    report_lines(study.trials, (one,), study.before, "mm")
+    best(study.trials, study.before)

@@ -18,8 +18,9 @@ from tests.studies.fuzz.corpus import FLOOR, written, written_motions, xsens_log
 from tests.studies.fuzz.mutations import varint
 from tests.studies.fuzz.run import Case, Files
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.cli.info import file_text
+from vip_factors.cli.info import file_tables
 from vip_factors.cli.options import run_command
+from vip_factors.cli.tables import terminal_text
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import exp
@@ -291,7 +292,7 @@ def _board(view: int) -> np.ndarray:
 def _recording(folder: Path, name: str) -> None:
     """As ``info``, and as far as ``smooth`` goes before it solves."""
     path = folder / f"{name}.mcap"
-    file_text(path)
+    terminal_text(file_tables(path))
     for wearer in open_source([path], 0.0).wearers:
         wearer.between(0.0, 0.1)
     scene = read_scene(path)
@@ -304,7 +305,7 @@ def _recording(folder: Path, name: str) -> None:
 def _estimate(folder: Path, name: str) -> None:
     """As ``info``, ``evaluate`` and ``body`` do."""
     path = folder / f"{name}.estimate.mcap"
-    file_text(path)
+    terminal_text(file_tables(path))
     estimate, scene = read_estimate(path), read_scene(folder / f"{name}.mcap")
     read_calibration_history(path)
     wearer = scene.wearers[0]

@@ -1,0 +1,298 @@
+"""Facts about estimates: what was found, how sure that is, and how it was made."""
+
+import math
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from vip_factors.body.hinges import HingeEstimate
+from vip_factors.body.lengths import stature_of
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.describe.recordings import clock_rows, motion_facts, path_text
+from vip_factors.describe.table import MM, UNKNOWN, Cell, Quantity, Row, Table, bone_words, degrees, facts, joint_words
+from vip_factors.estimate import (
+    BodyEstimate,
+    CameraEstimate,
+    DetectorEstimate,
+    Estimate,
+    SensorPlaceEstimate,
+    SolveReport,
+    StartChoice,
+    WearerEstimate,
+)
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
+from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.recording import Recording
+
+RESIDUALS = {"orientation_deg": ("orientation", "°"), "acceleration_m_s2": ("acceleration", "m/s²")}
+# The joints that carry limbs: those of the spine share one bend, which is known better than its parts.
+LIMB_JOINTS = tuple(
+    index for index, name in enumerate(JOINT_NAMES) if name.endswith(("hip", "knee", "ankle", "shoulder", "elbow"))
+)
+
+
+def verdict_facts(estimate: Estimate) -> Table:
+    """Verdict and findings."""
+    findings = [(str(finding.severity), str(finding)) for finding in estimate.all_findings]
+    return facts("", ("verdict", str(estimate.verdict)), *findings)
+
+
+def figure_table(estimate: Estimate) -> Table:
+    """The few figures that a person wants, each with a remark."""
+    wearers, camera = estimate.wearers, estimate.camera
+    motion, sensors = wearers[0].motion, sum(len(wearer.sensors) for wearer in wearers)
+    rows: list[Row] = [
+        ("duration", Quantity(len(motion) / motion.rate, unit="s", decimals=1),
+         f"{len(motion)} frames at {motion.rate:g} Hz"),
+        ("people", str(len(wearers)), f"{sensors} sensors in all"),
+    ]  # fmt: skip
+    sigma = limb_sigma(wearers)
+    if math.isfinite(sigma):
+        remark = "how sensors sit not included" if mountings_are_held(wearers) else "one standard deviation"
+        rows.append(("joint angles", f"± {degrees(sigma)}", f"typical of the limbs; {remark}"))
+    else:
+        rows.append(("joint angles", "± unknown", "smooth with --covariance to know"))
+    residuals = [wearer.residuals.get("orientation_deg", np.zeros(0)).ravel() for wearer in wearers]
+    median = _quantile(np.concatenate(residuals), 0.5)
+    if math.isfinite(median):
+        rows.append(("fit to the sensors", Quantity(median, unit="°", decimals=1), "median difference of orientation"))
+    if camera is not None and camera.residual_px is not None:
+        median = _quantile(camera.residual_px, 0.5)
+        share = f"{100 * median / camera.model.height:.1f} % of the image's height"
+        rows += [("fit to the video", Quantity(median, unit="px"), share)] if math.isfinite(median) else []
+    if len(wearers) == 1:
+        is_fitted = wearers[0].body is not None and len(wearers[0].body.names) > 0
+        remark = "lengths fitted to the video" if is_fitted else "lengths as given, not measured here"
+        rows.append(("stature of the body", Quantity(stature_of(motion.skeleton), unit="m", decimals=2), remark))
+    return Table((), rows, words=3)
+
+
+def limb_sigma(wearers: Sequence[WearerEstimate]) -> float:
+    """Median standard deviation of the limbs' joint rotations in radians; NaN without covariances."""
+    sigmas = [wearer.covariance.joint_sigma[:, LIMB_JOINTS].ravel() for wearer in wearers if wearer.covariance]
+    return _quantile(np.concatenate([*sigmas, np.zeros(0)]), 0.5)
+
+
+def mountings_are_held(wearers: Sequence[WearerEstimate]) -> bool:
+    """Whether the uncertainties of the poses take the sensors' mountings for known."""
+    sigmas = [sensor.heading_sigma for wearer in wearers for sensor in wearer.calibration.values()]
+    return bool(sigmas) and not np.isfinite(sigmas).any()
+
+
+def _quantile(values: Array, share: float) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.quantile(finite, share)) if len(finite) else math.nan
+
+
+def wearer_facts(wearer: WearerEstimate) -> Table:
+    """Motion and body of a wearer, the start of the reconstruction, and how far it is from the sensors."""
+    rows: list[Row] = [*motion_facts(wearer.motion).rows, *_start_rows(wearer.start)]
+    rows.append(("standard deviations", "yes" if wearer.covariance is not None else "no"))
+    for kind, values in wearer.residuals.items():
+        name, unit = RESIDUALS.get(kind, (kind, ""))
+        half, most = (Quantity(_quantile(values, share), unit=unit, decimals=2) for share in (0.5, 0.95))
+        rows.append((f"difference of {name}", f"{half} (median), 95 % below {most}"))
+    return facts(f"wearer '{wearer.motion.name or wearer.name}'", *rows)
+
+
+def _start_rows(start: StartChoice | None) -> list[Row]:
+    """The start that was chosen, the next one that differs, and how much less likely that is."""
+    if start is None:
+        return []
+    rows: list[Row] = [("start", start.supposition)]
+    if start.rival:
+        often = 7.0  # nats: a thousand times
+        times = f"{math.exp(start.margin):.1f}" if start.margin < often else f"{math.exp(often):.0f} or more"
+        rows.append(("another start", f"{start.rival}: {times} times less likely, turns a sensor by more than 60°"))
+    if start.doubtful:
+        rows.append(("not settled", ", ".join(start.doubtful)))
+    return rows
+
+
+def length_table(body: BodyEstimate | None) -> Table:
+    """Lengths before and after."""
+    rows: list[Row] = []
+    if body is not None:
+        values = (MM * array for array in (body.prior, body.prior_sigma, body.posterior, body.sigma))
+        for name, keeps, prior, prior_sigma, length, sigma in zip(body.names, body.keeps_prior, *values, strict=True):
+            word = "keeps what was likely" if keeps else "measured"
+            rows.append((name, Quantity(prior, prior_sigma), Quantity(length, sigma), Quantity(length - prior), word))
+    return Table(("length, mm", "likely before", "found", "change", ""), rows)
+
+
+def hinge_table(body: BodyEstimate | None) -> Table:
+    """Carrying angles of elbows and knees, before and after."""
+
+    def carrying(hinge: HingeEstimate | None) -> Cell:
+        return UNKNOWN if hinge is None else degrees(hinge.carrying_angle, hinge.carrying_sigma)
+
+    prior = {} if body is None else {hinge.joint: hinge for hinge in body.prior_hinges}
+    hinges = () if body is None else body.hinges
+    rows = [(joint_words(hinge.joint), carrying(prior.get(hinge.joint)), carrying(hinge)) for hinge in hinges]
+    return Table(("carrying angle", "likely before", "found"), rows)
+
+
+def calibration_table(wearer: WearerEstimate, recording: Recording | None = None) -> Table:
+    """Heading and mounting of each sensor; mountings against the site where the recording tells that, else absolute."""
+    sites = {} if recording is None else {site.sensor: site for site in recording.placement.sites}
+    bones = {place.sensor: place.bone for place in wearer.sensor_places}  # in files of older versions, nowhere else
+    rows = []
+    for name, sensor in wearer.calibration.items():
+        site, bone = sites.get(name), sensor.bone or bones.get(name, "")
+        mounting = quaternion_text(sensor.R_bone_sensor)
+        if recording is not None:
+            turn = math.nan if site is None else float(angle_between(site.R_bone_sensor, sensor.R_bone_sensor))
+            mounting = str(degrees(turn))
+        where = bone_words(bone if site is None else site.bone) or UNKNOWN
+        rows.append((name, where, heading_text(sensor), _drift_text(sensor), mounting, _mounting_sigma_text(sensor)))
+    turned = "mounting on the bone, wxyz" if recording is None else "turned against its site"
+    return Table(("sensor", "on", "heading", "drift to the end", turned, "known to"), rows, words=2)
+
+
+def quaternion_text(R: Array) -> str:
+    """A rotation ``(3, 3)`` as w, x, y and z."""
+    return " ".join(f"{value:z.3f}" for value in quaternion_from_matrix(R, Order.WXYZ))
+
+
+def heading_text(sensor: SensorCalibration) -> str:
+    """Heading of a sensor within half a turn."""
+    held = np.deg2rad(0.15)  # only the heading that a gauge prior holds is as sure as this
+    heading = float(wrap_angle(sensor.heading))
+    if math.isfinite(sensor.heading_sigma) and sensor.heading_sigma <= held:
+        return f"{degrees(heading)}, by convention"
+    return str(degrees(heading, sensor.heading_sigma))
+
+
+def _drift_text(sensor: SensorCalibration) -> str:
+    path = np.rad2deg(sensor.heading_path)
+    return f"{path[-1] - path[0]:+z.1f}°" if len(path) else "none looked for"
+
+
+def _mounting_sigma_text(sensor: SensorCalibration) -> str:
+    sigma = np.rad2deg(sensor.mounting_sigma)
+    return f"± {sigma.max():.1f}°" if np.isfinite(sigma).all() else "unknown"
+
+
+LEFT, UP, FORWARD = 0, 1, 2  # bone axes
+
+
+def place_table(wearer: WearerEstimate) -> Table:
+    """Where each sensor sat on its bone, and where it was supposed to sit."""
+    rows = [
+        (place.sensor, bone_words(place.bone),
+         *(_beside_prior(place, axis) for axis in (LEFT, UP, FORWARD)))
+        for place in wearer.sensor_places
+    ]  # fmt: skip
+    title = "sensors' places on their bones, mm from the joint (supposed)"
+    return Table(("sensor", "on", "left", "up", "forward"), rows, title, words=2, is_detail=True)
+
+
+def detector_table(detector: DetectorEstimate | None) -> Table:
+    """How far from where its table has it a detector puts each keypoint of the left side."""
+    rows: list[Row] = []
+    if detector is not None:
+        for number, name in enumerate(detector.keypoints):
+            rows.append((name, *(_beside_prior(detector, (number, axis)) for axis in (FORWARD, UP, LEFT))))
+    title = "keypoints' offsets from the joint centres, mm (supposed)"
+    return Table(("keypoint", "forward", "up", "outward"), rows, title, is_detail=True)
+
+
+def _beside_prior(place: SensorPlaceEstimate | DetectorEstimate, index: int | tuple[int, int]) -> str:
+    """One coordinate, with what was supposed of it behind."""
+    value, sigma, prior, prior_sigma = (
+        MM * float(array[index]) for array in (place.posterior, place.sigma, place.prior, place.prior_sigma)
+    )
+    return f"{Quantity(value, sigma)} ({Quantity(prior, prior_sigma)})"
+
+
+def residual_table(wearer: WearerEstimate) -> Table:
+    """How far the motion is from what each sensor measured."""
+    residuals = [wearer.residuals.get(kind, np.zeros((0, len(wearer.sensors)))) for kind in RESIDUALS]
+    rows: list[Row] = []
+    for column, sensor in enumerate(wearer.sensors if any(values.size for values in residuals) else ()):
+        cells: list[Cell] = [sensor]
+        for values in residuals:
+            shares = (_quantile(values[:, column], share) for share in (0.5, 0.95, 1.0))
+            cells += [Quantity(value, decimals=decimals) for value, decimals in zip(shares, (2, 2, 1), strict=True)]
+        rows.append(cells)
+    head = ["sensor"]
+    for name, unit in RESIDUALS.values():
+        head += [f"{name}, {unit}: median", "95 % below", "largest"]
+    return Table(head, rows)
+
+
+def camera_estimate_facts(camera: CameraEstimate) -> Table:
+    """Where a camera was, how its sensor sat, and its clock."""
+    rows: list[Row] = [("path", path_text(camera.path.p_world_camera))]
+    if camera.covariance is not None:
+        variance = np.diagonal(camera.covariance, axis1=1, axis2=2)
+        turn = np.sqrt(np.median(variance[:, :3].max(axis=1)))
+        shift = Quantity(100 * np.sqrt(np.median(variance[:, 3:].max(axis=1))), unit="cm", decimals=1)
+        rows.append(("known to", f"± {degrees(turn)} and ± {shift} (median, worst axis)"))
+    if camera.calibration is not None:
+        sensor = camera.calibration
+        mounting = f"wxyz {quaternion_text(sensor.R_bone_sensor)}, {_mounting_sigma_text(sensor)} (worst axis)"
+        rows += [("heading of its sensor", heading_text(sensor)), ("mounting of its sensor", mounting)]
+    return facts(f"camera '{camera.name}'", *rows, *clock_rows(camera.clock, camera.clock_sigma))
+
+
+def reprojection_table(estimate: Estimate, names: Sequence[str]) -> Table:
+    """How far each wearer is from what the camera saw."""
+    residuals = estimate.camera.residual_px if estimate.camera is not None else None
+    rows = []
+    for name, values in zip(names, () if residuals is None else residuals.T, strict=residuals is not None):
+        half, most = (Quantity(_quantile(values, share), decimals=1) for share in (0.5, 0.95))
+        rows.append((name, str(int(np.isfinite(values).sum())), half, most))
+    return Table(("seen by the camera", "frames", "median, px", "95 % below, px"), rows)
+
+
+def detection_table(estimate: Estimate, names: Sequence[str]) -> Table:
+    """How many detections were given to whom."""
+    given = estimate.wearer_of_detection
+    people = [*enumerate(names), (-1, "nobody (strangers, false detections)")] if len(given) else []
+    rows = [
+        (name, str(int(np.sum(given == index))), f"{100 * float(np.mean(given == index)):.1f} %")
+        for index, name in people
+    ]
+    return Table(("detections given to", "count", "share"), rows)
+
+
+def solve_table(reports: Sequence[SolveReport], with_cost: bool = False) -> Table:
+    """How each part of the computation went."""
+    rows = []
+    for report in reports:
+        before, after = sum(report.initial_cost.values()), sum(report.final_cost.values())
+        cost = [str(len(report.iterations)), f"{before:.4g} → {after:.4g}"] if with_cost else []
+        rows.append((report.stage, "yes" if report.converged else "no", f"{report.seconds:.1f} s", *cost))
+    head = ("part", "settled", "time", *(["steps", "cost"] if with_cost else []))
+    return Table(head, rows, "how the computation went", words=2, is_detail=True)
+
+
+def wearer_tables(wearer: WearerEstimate) -> Iterator[Table]:
+    """Everything about one of the wearers."""
+    yield wearer_facts(wearer)
+    yield length_table(wearer.body)
+    yield hinge_table(wearer.body)
+    yield place_table(wearer)
+    yield calibration_table(wearer)
+
+
+def estimate_tables(estimate: Estimate, verbose: bool = False) -> Iterator[Table]:
+    """Everything about an estimate: verdict, camera, then each wearer; how the solves went only if verbose."""
+    names, reports = [wearer.motion.name for wearer in estimate.wearers], estimate.all_reports
+    rows = [*verdict_facts(estimate).rows]
+    if reports:
+        unsettled = dict.fromkeys(report.stage for report in reports if not report.converged)
+        stopped = f"; stopped before it settled: {', '.join(unsettled)}" if unsettled else ""
+        rows.append(("computed in", f"{sum(report.seconds for report in reports):.1f} s{stopped}"))
+    rows += [("who is who", sentence) for sentence in estimate.association]
+    yield facts(f"estimate '{estimate.name}', method {estimate.method}", *rows)
+    if estimate.camera is not None:
+        yield camera_estimate_facts(estimate.camera)
+    yield reprojection_table(estimate, names)
+    yield detection_table(estimate, names)
+    yield detector_table(estimate.detector)
+    yield solve_table(reports if verbose else (), with_cost=True)
+    for wearer in estimate.wearers:
+        yield from wearer_tables(wearer)

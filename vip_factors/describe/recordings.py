@@ -1,0 +1,207 @@
+"""Facts about motions, recordings and scenes."""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.describe.table import MM, Quantity, Row, Table, bone_words, count, facts, joint_words
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.calibration import SITES, SensorSite, site_axes, site_name
+from vip_factors.sensors.camera_model import CameraModel, VideoClock
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.imu_stream import ImuStream, gaps_of, rate_of
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
+
+STREAMS = {"R_inertial_sensor": "orientation", "specific_force": "acceleration", "angular_rate": "turning rate"}
+
+
+def motion_facts(motion: Motion, title: str = "", frames: int | None = None) -> Table:
+    """Length, rate and body of a motion; ``frames`` of a motion whose frames were not read."""
+    frames = len(motion) if frames is None else frames
+    until = f", {motion.start:.2f} to {motion.start + (frames - 1) / motion.rate:.2f} s" if frames else ""
+    return facts(
+        title,
+        ("motion", f"{frames} frames at {motion.rate:g} Hz{until}"),
+        ("body", motion.skeleton.source),
+        ("lengths", _lengths_text(motion.skeleton)),
+    )
+
+
+def _lengths_text(skeleton: Skeleton) -> str:
+    ends = {"thigh": "left_knee", "shank": "left_ankle", "upper arm": "left_elbow", "forearm": "left_wrist"}
+    limbs = ", ".join(f"{name} {MM * skeleton.bone_length(end):.0f}" for name, end in ends.items())
+    rest = skeleton.p_pelvis_joint
+    hips, shoulders = (
+        MM * (rest[joint_index(f"left_{name}"), 0] - rest[joint_index(f"right_{name}"), 0])
+        for name in ("hip", "shoulder")
+    )
+    return f"{limbs} mm; hips {hips:.0f}, shoulders {shoulders:.0f} mm apart"
+
+
+def recording_facts(recording: Recording) -> Table:
+    """Who wore the sensors, where, and when."""
+    subject = recording.subject
+    rows = [("subject", f"{subject.name}, {subject.body().source}")]
+    if subject.body_note:
+        rows.append(("body", subject.body_note))
+    rows += [("placement", recording.placement.name), ("initial pose", recording.initial_pose)]
+    if recording.imus:
+        start, end = recording.interval
+        rows.append(("time", f"{start:.2f} to {end:.2f} s, {count(len(recording.imus), 'sensor')}"))
+    rows += [("note", line) for line in recording.notes.splitlines() if line]
+    return facts(f"recording '{recording.name}'", *rows)
+
+
+def sensor_table(recording: Recording, time: Mapping[str, Array] | None = None) -> Table:
+    """Where each sensor sat and what it gave; ``time`` of all samples where they were not read."""
+    body = recording.subject.body()
+    sites = {site.sensor: _site_words(site, body) for site in recording.placement.sites}
+    start, end = recording.interval if recording.imus else (0.0, 0.0)
+    rows = []
+    for name, stream in recording.imus.items():
+        samples = stream.time if time is None else time[name]
+        gaps = gaps_of(samples)
+        lost = float((gaps[:, 1] - gaps[:, 0]).sum())
+        missing = f"{lost:.2f} s ({100 * lost / max(end - start, 1e-9):.1f} %)" if len(gaps) else "none"
+        rate = Quantity(rate_of(samples), unit="Hz", decimals=1)
+        where = sites.get(name, "not placed, not used")
+        rows.append((name, where, _stream_words(stream), str(len(samples)), rate, str(len(gaps)), missing))
+    return Table(("sensor", "worn on", "measures", "samples", "rate", "gaps", "missing"), rows, words=3)
+
+
+def _site_words(site: SensorSite, body: Skeleton) -> str:
+    name = site_name(site, body)
+    return f"{bone_words(site.bone)} (elsewhere)" if name is None else joint_words(name)
+
+
+def _stream_words(stream: ImuStream) -> str:
+    return ", ".join(word for name, word in STREAMS.items() if getattr(stream, name) is not None)
+
+
+def truth_facts(recording: Recording, frames: int | None = None) -> Table:
+    """What is known for certain; ``frames`` of a motion whose frames were not read."""
+    truth = recording.truth
+    if truth is None:
+        return facts("")
+    motion = motion_facts(truth.motion, frames=frames)
+    return facts("truth: motion and calibration" if truth.calibration else "truth: motion", *motion.rows)
+
+
+def camera_facts(camera: Camera) -> Table:
+    """What filmed, and how much of whom a detector saw there."""
+    rows: list[Row] = [("image", _image_text(camera.model))]
+    if camera.mount is not None:
+        imu = camera.mount.imu
+        gaps = f"{len(imu.gaps)} ({np.ptp(imu.gaps, axis=1).sum():.2f} s)" if len(imu.gaps) else "none"
+        rows.append(("sensor", f"{imu.name}, {len(imu)} samples, {imu.rate:.1f} Hz, gaps {gaps}, {_stream_words(imu)}"))
+    if camera.known_path is not None:
+        rows.append(("pose known at", count(len(camera.known_path), "instant")))
+    rows += [*clock_rows(camera.clock), *detection_rows(camera.detections), *_video_rows(camera.video)]
+    return facts(f"camera '{camera.name}', {'moving' if camera.moving else 'standing still'}", *rows)
+
+
+def _image_text(model: CameraModel) -> str:
+    bent = f"{len(model.distortion)} distortion coefficients" if model.distortion else "no distortion"
+    focal = f"focal length {model.focal[0]:.0f}, {model.focal[1]:.0f} px"
+    return f"{model.width} by {model.height} pixels, {focal}, {bent}"
+
+
+def clock_rows(clock: VideoClock, sigma: tuple[float, float] | None = None) -> list[Row]:
+    """How the video's clock differs from the sensors' at its time 0, and how that changes."""
+    rows: list[Row] = []
+    offset_sigma, drift_sigma = (math.nan, math.nan) if sigma is None else sigma
+    if clock.offset or clock.drift or sigma is not None:
+        rows.append(("video behind the sensors by", Quantity(MM * clock.offset, MM * offset_sigma, "ms", 1)))
+    if clock.drift or sigma is not None:
+        rows.append(("and more a minute", Quantity(60 * MM * clock.drift, 60 * MM * drift_sigma, "ms", 1)))
+    return rows
+
+
+def detection_rows(detections: Detections) -> list[Row]:
+    """Frames and rate of a video, and the people that a detector found in it."""
+    keypoints, frames = detections.keypoints, len(detections.time)
+    rows: list[Row] = [("keypoints", f"{keypoints.name} ({len(keypoints)})")]
+    if not frames:
+        return [*rows, ("video", "no frame")]
+    time = detections.time
+    rows.append(("video", f"{count(frames, 'frame')} at {detections.rate:.4g} Hz, {time[0]:.2f} to {time[-1]:.2f} s"))
+    people, often = np.unique(np.bincount(detections.frame, minlength=frames), return_counts=True)
+    shares = ", ".join(f"{number or 'nobody'} in {times}" for number, times in zip(people, often, strict=True))
+    rows.append(("detections", f"{len(detections)}; people per frame: {shares}"))
+    if len(detections):
+        seen = detections.seen
+        middle = np.median(detections.confidence[seen]) if np.any(seen) else 0.0
+        rows.append(("keypoints seen", f"{100 * seen.mean():.0f} %, median confidence {middle:.2f}"))
+    if detections.torso_colour is not None:
+        coloured = int(np.sum(np.isfinite(detections.torso_colour).all(axis=1)))
+        rows.append(("colours of clothes", f"in {coloured} of them, to tell who is who"))
+    return rows
+
+
+def _video_rows(video: Video | None) -> list[Row]:
+    rows: list[Row] = []
+    if video is not None and video.path is not None:
+        rows.append(("file", f"{video.path}{'' if video.path.is_file() else ' (not there)'}"))
+    if video is not None and video.images:
+        size = sum(map(len, video.images.values())) / 1e6
+        rows.append(("images", f"{count(len(video.images), 'frame')} embedded, {size:.1f} MB"))
+    return rows
+
+
+def path_text(p_world_camera: Array) -> str:
+    """Where a camera stood, or how far it went; positions ``(T, 3)`` in metres."""
+    stands = 0.1  # m: what stays as near to one place was no walk, though its steps add up to metres
+    middle = np.median(p_world_camera, axis=0)
+    where = f"stood at {', '.join(f'{value:.2f}' for value in middle)} m"
+    if len(p_world_camera) == 1:
+        return where
+    reach = np.linalg.norm(p_world_camera - middle, axis=1).max()
+    if reach < stands:
+        return f"{where}, within {100 * reach:.0f} cm, in {len(p_world_camera)} poses"
+    length = np.linalg.norm(np.diff(p_world_camera, axis=0), axis=1).sum()
+    return f"{length:.2f} m in {len(p_world_camera)} poses"
+
+
+def _scene_truth_facts(truth: SceneTruth, names: Sequence[str]) -> Table:
+    given = [f"{np.sum(truth.wearer == index)} of {name}" for index, name in enumerate(names)]
+    rows = [("path", path_text(truth.camera.p_world_camera))]
+    more = {"heading and mounting of its sensor": truth.camera_calibration, "true pixels": truth.pixels}
+    rows += [("also", name) for name, value in more.items() if value is not None]
+    rows.append(("detections", f"{', '.join(given)}, {np.sum(truth.wearer < 0)} of others or nobody"))
+    return facts("truth of the camera", *rows)
+
+
+def recording_tables(
+    recording: Recording, time: Mapping[str, Array] | None = None, truth_frames: int | None = None
+) -> Iterator[Table]:
+    """Everything about a recording; times and number of true frames where these were not read."""
+    yield recording_facts(recording)
+    yield sensor_table(recording, time)
+    yield truth_facts(recording, truth_frames)
+
+
+def scene_tables(scene: Scene) -> Iterator[Table]:
+    """Everything about a scene: its cameras, then each wearer."""
+    rows = [(count(len(scene.wearers), "wearer"), ", ".join(scene.names))]
+    yield facts(f"scene '{scene.name}'", *rows, *([] if scene.cameras else [("camera", "none")]))
+    truths = (None,) * len(scene.cameras) if scene.truth is None else (scene.truth, *scene.truth.further)
+    for camera, truth in zip(scene.cameras, truths, strict=True):
+        yield camera_facts(camera)
+        if truth is not None:
+            yield _scene_truth_facts(truth, scene.names)
+    for wearer in scene.wearers:
+        yield from recording_tables(wearer)
+
+
+def site_table() -> Table:
+    """Sites for sensors by name, where they are, and the axes of a sensor there."""
+    rows = []
+    for name in SITES:
+        where, axes = site_axes(name).split("; ")
+        rows.append((name, where, *(axis.partition(" ")[2] for axis in axes.split(", "))))
+    head = ("site", "where (from one joint to the next)", "x", "y", "z, out of the skin")
+    return Table(head, rows, "axes in the wearer's own directions, in a T-pose with the palms down", words=5)

@@ -5,12 +5,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from films import write_video
 
 from vip_factors.io.camera_file import read_camera_file, read_floor
 
 
 @pytest.fixture(scope="module")
-def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A board of 7 x 5 inner corners seen through a camera with a focal length of 400 pixels; it lies down last."""
     folder = tmp_path_factory.mktemp("board")
     y, x = np.mgrid[:6, :8]
@@ -18,6 +19,7 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     board = cv2.copyMakeBorder(squares, 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=245)
     K = np.array([[400.0, 0, 200], [0, 400, 150], [0, 0, 1]])
     texel = np.array([[1 / 30, 0, -4.5], [0, 1 / 30, -3.5], [0, 0, 1]])  # of the board in squares, about its middle
+    images = []
     turns = [(a, b, 0.1) for a in (-0.6, 0.0, 0.6) for b in (-0.6, 0.0, 0.6)] + [(-1.0, 0, 0)]
     for index, turn in enumerate(turns):
         R, _ = cv2.Rodrigues(np.array(turn, dtype=float))
@@ -25,52 +27,46 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
         H = K @ np.column_stack([R[:, :2], shift]) @ texel
         finer = np.diag([3.0, 3.0, 1.0])
         seen = cv2.warpPerspective(board, finer @ H, (1200, 900), borderValue=150)
-        cv2.imwrite(str(folder / f"{index:02d}.png"), cv2.resize(seen, (400, 300), interpolation=cv2.INTER_AREA))
-    return folder
+        images.append(cv2.cvtColor(cv2.resize(seen, (400, 300), interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2BGR))
+    cv2.imwrite(str(folder / "lying.png"), images[-1])
+    return write_video(folder / "board.avi", images)
 
 
-def test_from_photographs_to_a_camera_file(run, photographs: Path, tmp_path: Path) -> None:
+def test_from_a_video_to_a_camera_file(run, video: Path, tmp_path: Path) -> None:
     out = tmp_path / "camera.toml"
     told = run(
-        "calibrate-camera", photographs, out, "--checkerboard", "7x5", "--square-m", "0.1", "--floor", "last",
+        "calibrate-camera", video, out, "--checkerboard", "7x5", "--square-m", "0.1", "--floor", "last",
         "--distortion", "0",
     )  # fmt: skip
     assert told.code == 0, told.err
     assert "reprojection error" in told.out
-    assert "00.png" in told.out
-    assert "floor from 09.png" in told.out
+    assert "floor from frame 9" in told.out
     model = read_camera_file(out)
     assert (model.width, model.height, model.distortion) == (400, 300, ())
     np.testing.assert_allclose(model.focal, 400, rtol=0.01)
     floor = read_floor(out)
     assert floor is not None
     assert floor[1][2] == pytest.approx(1.4 * np.cos(1.0), abs=0.02)
-    # Numbers count images, from 0; the first image's board does not lie, but nobody can know.
-    told = run(
-        "calibrate-camera", photographs, tmp_path / "b.toml", "--checkerboard", "7x5", "--square-m", "0.1",
-        "--floor", "9",
-    )  # fmt: skip
-    assert "floor from 09.png" in told.out
 
 
-def test_a_camera_file_is_told_where_it_stands(run, photographs: Path, tmp_path: Path) -> None:
+def test_a_camera_file_is_told_where_it_stands(run, video: Path, tmp_path: Path) -> None:
     board = ("--checkerboard", "7x5", "--square-m", "0.1")
-    run("calibrate-camera", photographs, tmp_path / "a.toml", *board, "--distortion", "0", "--floor", "last")
+    run("calibrate-camera", video, tmp_path / "a.toml", *board, "--distortion", "0", "--floor", "last")
     plain = tmp_path / "plain.toml"
     plain.write_text((tmp_path / "a.toml").read_text().split("[floor]")[0])
-    lying = ("--floor-image", photographs / "09.png")
+    lying = ("--floor-image", video.with_name("lying.png"))
     told = run("calibrate-camera", plain, tmp_path / "b.toml", *board, *lying)
     assert told.code == 0, told.err
     assert "alike from both ends" in told.err  # seven and five: both are odd
     assert read_camera_file(tmp_path / "b.toml") == read_camera_file(plain)
     for mine, expected in zip(read_floor(tmp_path / "b.toml"), read_floor(tmp_path / "a.toml"), strict=True):
-        np.testing.assert_allclose(mine, expected, atol=1e-6)
+        np.testing.assert_allclose(mine, expected, atol=2e-3)  # films are compressed
     assert "--floor-image" in run("calibrate-camera", plain, tmp_path / "c.toml", *board).err
     small = tmp_path / "small.png"
-    cv2.imwrite(str(small), cv2.imread(str(photographs / "09.png"))[::2, ::2])
+    cv2.imwrite(str(small), cv2.imread(str(video.with_name("lying.png")))[::2, ::2])
     assert "200 x 150" in run("calibrate-camera", plain, tmp_path / "c.toml", *board, "--floor-image", small).err
     assert "no such image" in run("calibrate-camera", plain, tmp_path / "c.toml", *board, "--floor-image", "none").err
-    both = run("calibrate-camera", photographs, tmp_path / "c.toml", *board, *lying, "--floor", "last")
+    both = run("calibrate-camera", video, tmp_path / "c.toml", *board, *lying, "--floor", "last")
     assert "one of them" in both.err
 
 
@@ -79,16 +75,13 @@ def test_a_camera_file_is_told_where_it_stands(run, photographs: Path, tmp_path:
     [
         (("--checkerboard", "8x6"), ("8 x 6", "7 x 5")),
         (("--checkerboard", "big"), ("big", "9x6")),
-        ((), ("--checkerboard", "--charuco")),
+        ((), ("--checkerboard",)),
         (("--checkerboard", "7x5", "--floor", "last"), ("--square-m",)),
-        (("--checkerboard", "7x5", "--floor", "middle", "--square-m", "1"), ("middle", "first, last")),
-        (("--checkerboard", "7x5", "--floor", "99", "--square-m", "1"), ("99", "10 images")),
-        (("--checkerboard", "7x5", "--images", "1"), ("1 view", "at least 3")),
-        (("--charuco", "7x5", "--dictionary", "DICT"), ("DICT", "DICT_4X4_50")),
+        (("--checkerboard", "7x5", "--floor", "middle", "--square-m", "1"), ("middle", "first")),
     ],
 )
-def test_mistakes(run, photographs: Path, tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]) -> None:
-    told = run("calibrate-camera", photographs, tmp_path / "camera.toml", *options)
+def test_mistakes(run, video: Path, tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]) -> None:
+    told = run("calibrate-camera", video, tmp_path / "camera.toml", *options)
     assert told.code == 2
     assert told.err.splitlines()[-1].startswith("vip-factors: ")
     for word in words:
@@ -96,9 +89,9 @@ def test_mistakes(run, photographs: Path, tmp_path: Path, options: tuple[str, ..
     assert list(tmp_path.iterdir()) == []
 
 
-def test_files_are_checked_first(run, photographs: Path, tmp_path: Path) -> None:
+def test_files_are_checked_first(run, video: Path, tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("precious")
-    assert "exists" in run("calibrate-camera", photographs, tmp_path / "a.toml", "--checkerboard", "7x5").err
-    assert ".toml" in run("calibrate-camera", photographs, tmp_path / "a.yaml", "--checkerboard", "7x5").err
+    assert "exists" in run("calibrate-camera", video, tmp_path / "a.toml", "--checkerboard", "7x5").err
+    assert ".toml" in run("calibrate-camera", video, tmp_path / "a.yaml", "--checkerboard", "7x5").err
     assert "none" in run("calibrate-camera", tmp_path / "none", tmp_path / "b.toml", "--checkerboard", "7x5").err
     assert [path.name for path in tmp_path.iterdir()] == ["a.toml"]

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, exp, rotation_x
-from vip_factors.io.calibrate_camera_board import Charuco, Checkerboard
+from vip_factors.io.checkerboard import Checkerboard
 from vip_factors.sensors.camera_model import CameraModel
 
 CAMERA = CameraModel(640, 480, (520.0, 516.0), (326.0, 235.0), (-0.12, 0.06, 0.001, -0.0008))
@@ -12,11 +12,8 @@ SQUARE_M = 0.03
 TEXELS = 40  # a square
 
 
-def drawing(board: Checkerboard | Charuco) -> tuple[np.ndarray, Array]:
+def drawing(board: Checkerboard) -> tuple[np.ndarray, Array]:
     """The board with a white margin of one square, and where its frame's origin is in the drawing, in squares."""
-    if isinstance(board, Charuco):
-        size = ((board.columns + 2) * TEXELS, (board.rows + 2) * TEXELS)
-        return board.board().generateImage(size, marginSize=TEXELS), np.array([1.0, 1.0])
     columns, rows = board.columns + 1, board.rows + 1
     y, x = np.mgrid[:rows, :columns]
     squares = np.where((x + y) % 2 == 0, 0, 255).astype(np.uint8)
@@ -31,7 +28,7 @@ def rays(camera: CameraModel, finer: int = 2) -> Array:
 
 
 def render(
-    board: Checkerboard | Charuco, R_camera_board: Array, p_camera_board: Array, ray: Array, random: np.random.Generator
+    board: Checkerboard, R_camera_board: Array, p_camera_board: Array, ray: Array, random: np.random.Generator
 ) -> np.ndarray:
     """A noisy grey image of the board."""
     picture, origin = drawing(board)
@@ -45,7 +42,7 @@ def render(
     return np.clip(0.8 * grey + 20 + random.normal(0, 2, grey.shape), 0, 255).astype(np.uint8)
 
 
-def poses(board: Checkerboard | Charuco, count: int, random: np.random.Generator) -> list[tuple[Array, Array]]:
+def poses(board: Checkerboard, count: int, random: np.random.Generator) -> list[tuple[Array, Array]]:
     """Tilted boards in all parts of the image: ``R_camera_board``, ``p_camera_board``."""
     centre = 0.5 * board.square_m * np.array([board.columns - 1, board.rows - 1, 0])
     made = []
@@ -58,7 +55,7 @@ def poses(board: Checkerboard | Charuco, count: int, random: np.random.Generator
     return made
 
 
-def lying(board: Checkerboard | Charuco) -> tuple[Array, Array, Array, Array]:
+def lying(board: Checkerboard) -> tuple[Array, Array, Array, Array]:
     """A board on the floor: ``R_camera_board``, ``p_camera_board``, and the true pose of the camera.
 
     The camera looks forward and 50° down from 0.4 m; the floor's frame is the board's turned upside down, z up.

@@ -1,4 +1,4 @@
-"""``vip-factors calibrate-camera``: a video or images of a board in, a camera file out."""
+"""``vip-factors calibrate-camera``: a video of a board in, a camera file out."""
 
 import re
 from collections.abc import Sequence
@@ -14,46 +14,36 @@ from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.io.calibrate_camera import CalibrationImage, CameraCalibration
-    from vip_factors.io.calibrate_camera_board import Board, BoardView
+    from vip_factors.io.calibrate_camera import CameraCalibration
+    from vip_factors.io.checkerboard import BoardView, Checkerboard
     from vip_factors.sensors.camera_model import CameraModel
 
 
 @dataclass(frozen=True)
 class CalibrateCameraOptions(WritingOptions):
-    """Find a camera's focal length, centre and distortion from a video or images of a checkerboard or ChArUco board.
+    """Find a camera's focal length, centre and distortion from a video of a checkerboard.
 
     Film with the zoom, focus and size that you will use. Show the board from many sides, tilted by 30° and more, near
     enough to fill a third of the image, and in the image's corners too. With --floor or --floor-image, an image in
     which the board lies on the floor also tells where the camera stood and which way is up. Several cameras that see
-    the same board lie there, unmoved, stand in one world; a checkerboard needs an odd and an even number for that.
+    the same board lie there, unmoved, stand in one world; it needs an odd and an even number of corners for that.
     """
 
-    common: ClassVar = ("checkerboard", "charuco", "square_m", "floor", "overwrite")
-    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|FOLDER|CAMERA")]
-    """Video, or folder of images; or a camera file, to which --floor-image adds where the camera stands."""
+    common: ClassVar = ("checkerboard", "square_m", "floor", "overwrite")
+    source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|CAMERA")]
+    """Video; or a camera file, to which --floor-image adds where the camera stands."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml"), Output(".toml")]
     """Camera file to write."""
-    checkerboard: str | None = None
+    checkerboard: str
     """Columns and rows of inner corners (one less than squares), such as 9x6."""
-    charuco: str | None = None
-    """Columns and rows of squares of a ChArUco board, such as 7x5, instead."""
-    dictionary: str = "DICT_5X5_100"
-    """Markers of the ChArUco board, by OpenCV's name."""
-    marker_share: float = 0.75
-    """Side of a marker over that of a square."""
     square_m: float | None = None
     """Side of a square in metres; needed for the floor only."""
-    floor: str | None = None
-    """Image in which the board lies on the floor: first or last (in which it was seen), or a number from 0."""
+    floor: Literal["first", "last"] | None = None
+    """Of the frames that show the board, the one in which it lies on the floor."""
     floor_image: Path | None = None
     """Image of its own, of the same size, in which the board lies on the floor; instead of --floor."""
     distortion: Literal[0, 4, 5, 8] = 4
     """Number of distortion coefficients: 4 for most lenses, 8 for wide-angle ones."""
-    images: int = 150
-    """Images to look at, evenly spread."""
-    views: int = 40
-    """Views to use at most."""
 
 
 def main(options: CalibrateCameraOptions) -> None:
@@ -61,8 +51,6 @@ def main(options: CalibrateCameraOptions) -> None:
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
 
     check_target(options.out, options.overwrite)
-    if options.images < 1 or options.views < 1:
-        raise InputError(f"--images {options.images} --views {options.views}: expected numbers above 0")
     board = _board(options)
     views: Sequence[BoardView] = ()
     warnings: Sequence[str] = ()
@@ -86,15 +74,14 @@ def main(options: CalibrateCameraOptions) -> None:
 
 
 def _calibrated(
-    options: CalibrateCameraOptions, board: "Board"
+    options: CalibrateCameraOptions, board: "Checkerboard"
 ) -> "tuple[CameraModel, Sequence[str], dict[str, str | float | int], Sequence[BoardView]]":
     """The intrinsics, warnings, what to write beside them, and the views of the board."""
-    from vip_factors.io.calibrate_camera import CameraCalibrationSettings, calibrate, find_views
+    from vip_factors.io.calibrate_camera import calibrate, find_views
 
-    settings = CameraCalibrationSettings(options.images, options.views, options.distortion)
     with progress_bar() as on_progress:
-        views, size = find_views(options.source, board, settings, on_progress)
-        calibration = calibrate(views, size, settings, on_progress)
+        views, size = find_views(options.source, board, on_progress)
+        calibration = calibrate(views, size, options.distortion, on_progress)
     print(calibration_text(calibration, len(views)))
     report: dict[str, str | float | int] = {
         "board": board.text,
@@ -126,58 +113,43 @@ def calibration_text(calibration: "CameraCalibration", seen: int) -> str:
     return "\n".join(lines)
 
 
-def _board(options: CalibrateCameraOptions) -> "Board":
-    from vip_factors.io.calibrate_camera_board import Charuco, Checkerboard
+def _board(options: CalibrateCameraOptions) -> "Checkerboard":
+    from vip_factors.io.checkerboard import Checkerboard
 
-    given = options.checkerboard or options.charuco
-    if given is None or (options.checkerboard and options.charuco):
-        raise InputError("expected either --checkerboard 9x6 (inner corners) or --charuco 7x5 (squares)")
     if options.floor is not None and options.floor_image is not None:
         raise InputError("--floor and --floor-image: expected one of them")
     if (options.floor is not None or options.floor_image is not None) and options.square_m is None:
         raise InputError("--floor needs --square-m, the side of a square in metres")
-    parts = re.fullmatch(r"\s*(\d+)\s*[xX,]\s*(\d+)\s*", given)
+    parts = re.fullmatch(r"\s*(\d+)\s*[xX,]\s*(\d+)\s*", options.checkerboard)
     if parts is None:
-        raise InputError(f"board size '{given}': expected columns and rows, such as 9x6")
-    columns, rows, square_m = int(parts[1]), int(parts[2]), 1.0 if options.square_m is None else options.square_m
-    if options.checkerboard:
-        return Checkerboard(columns, rows, square_m)
-    return Charuco(columns, rows, options.dictionary, square_m, options.marker_share)
+        raise InputError(f"--checkerboard '{options.checkerboard}': expected columns and rows, such as 9x6")
+    return Checkerboard(int(parts[1]), int(parts[2]), 1.0 if options.square_m is None else options.square_m)
 
 
 def _floor(
-    options: CalibrateCameraOptions, board: "Board", views: "Sequence[BoardView]", model: "CameraModel"
+    options: CalibrateCameraOptions, board: "Checkerboard", views: "Sequence[BoardView]", model: "CameraModel"
 ) -> tuple[tuple, str]:
     """The camera's pose over the floor, and what it says in words."""
     import numpy as np
 
-    from vip_factors.io.calibrate_camera import floor_pose, image_file, one_image
+    from vip_factors.io.calibrate_camera import floor_pose, photograph
 
     if options.floor_image is not None:
-        image = image_file(options.floor_image)
-        if image.grey.shape != (model.height, model.width):
-            height, width = image.grey.shape
+        grey = photograph(options.floor_image)
+        if grey.shape != (model.height, model.width):
+            height, width = grey.shape
             raise InputError(
                 f"{options.floor_image}: {width} x {height} pixels, but the camera has {model.width} x {model.height}: "
                 "expected an image of the same size"
             )
-        view = _view_in(board, options.floor_image, image)
-    elif options.floor in ("first", "last"):
-        view = views[0 if options.floor == "first" else -1]
-    elif options.floor is not None and options.floor.isdigit():
-        view = _view_in(board, options.source, one_image(options.source, int(options.floor)))
+        view = board.find(options.floor_image.name, grey)
+        if view is None:
+            raise InputError(f"{options.floor_image}: no {board.text} in it: expected an image that shows it")
     else:
-        raise InputError(f"--floor {options.floor}: expected first, last or an image's number, counted from 0")
+        view = views[0 if options.floor == "first" else -1]
     R, p, rms_px = floor_pose(view, model)
     down = np.rad2deg(np.arcsin(-R[2, 2]))
     return (R, p), (
         f"floor from {view.name}: camera {p[2]:.2f} m above it, looking {abs(down):.1f}° "
         f"{'down' if down >= 0 else 'up'}, error {rms_px:.3f} px"
     )
-
-
-def _view_in(board: "Board", source: Path, image: "CalibrationImage") -> "BoardView":
-    found = board.find(image.name, image.grey)
-    if found is None:
-        raise InputError(f"{source}: no {board.text} in image {image.name}: --floor needs one that shows it")
-    return found

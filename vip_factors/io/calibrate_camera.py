@@ -1,6 +1,6 @@
 """Intrinsics of a camera from views of a flat board (Zhang 2000, as OpenCV does it), and where it stood over the floor.
 
-The images come from a video or a folder, evenly spread. Which of them are used matters more than how many: the sharpest
+The images come from a video, evenly spread. Which of them are used matters more than how many: the sharpest
 of those that differ. Views that do not fit the rest are left out, and what the views cannot determine is said.
 """
 
@@ -13,14 +13,15 @@ import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.io.calibrate_camera_board import HINT_IMAGES, Board, BoardView
+from vip_factors.io.checkerboard import HINT_IMAGES, BoardView, Checkerboard
 from vip_factors.io.video import opened_video
 from vip_factors.sensors.camera_model import CameraModel
 
 LEAST_VIEWS = 3  # below, focal lengths and centre are not determined (Zhang 2000, section 3.1)
 ROUNDS = 4  # of leaving out views that do not fit
-
-
+MOST_IMAGES = 150  # looked at
+MOST_VIEWS = 40  # used; the time of the fit grows with them, and beyond some tens nothing is gained
+BLIND_STEP = 8  # frames, where a video does not say how many it has: about four looks a second
 LEAST_CHANGE = 0.03  # mean shift of the board's corners between two used views, as a share of the image's diagonal
 # A view whose error is so many times the median is left out: blur, a bent board, a wrong corner. But not below so many
 # pixels, which good corners have too.
@@ -29,21 +30,6 @@ FEW_VIEWS = 10  # fewer are warned of
 LEAST_TILT_DEG = 20.0  # if no two views differ by so much in direction, focal length and distance are confused
 LEAST_COVERAGE = 0.5  # share of the image that corners should reach, for the distortion near its edges
 FOCAL_SIGMA = 0.01  # relative standard deviation of the focal length that is warned of; 1 % is 3 cm at 3 m
-
-
-@dataclass(frozen=True)
-class CameraCalibrationSettings:
-    """How many views are used, and what is found of them.
-
-    Attributes:
-        images: looked at, evenly spread over the video.
-        views: used at most; the time of the fit grows with them, and beyond some tens nothing is gained.
-        distortion: number of coefficients, 0, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (wide-angle lenses).
-    """
-
-    images: int = 150
-    views: int = 40
-    distortion: int = 4
 
 
 @dataclass(frozen=True)
@@ -72,23 +58,21 @@ class CameraCalibration:
 
 def find_views(
     source: Path,
-    board: Board,
-    settings: CameraCalibrationSettings | None = None,
+    board: Checkerboard,
     on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> tuple[tuple[BoardView, ...], tuple[int, int]]:
-    """Views of a board in a video or a folder of images, in order, and the images' width and height.
+    """Find the views of a board in a video, in order, and the images' width and height.
 
     Raises:
-        InputError: if the board is in none of them (what was seen instead is said), and as :func:`calibration_images`.
+        InputError: if the board is in none of them (what was seen instead is said), and as :func:`video_images`.
     """
-    settings = settings or CameraCalibrationSettings()
     views: list[BoardView] = []
     without: list[np.ndarray] = []
     looked, size = 0, (0, 0)
-    for image in calibration_images(source, settings.images):
+    for image in video_images(source, MOST_IMAGES):
         on_progress("looking for the board", image.done)
         looked, size = looked + 1, (image.grey.shape[1], image.grey.shape[0])
-        view = board.find(image.name, image.grey)
+        view = board.find(f"frame {image.number}", image.grey)
         if view is not None:
             views.append(view)
         elif len(without) < 4 * HINT_IMAGES:
@@ -104,16 +88,21 @@ def find_views(
 def calibrate(
     views: Sequence[BoardView],
     size: tuple[int, int],
-    settings: CameraCalibrationSettings | None = None,
+    distortion: int = 4,
     on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> CameraCalibration:
-    """Intrinsics from views of a board in images of ``size`` (width, height).
+    """Find intrinsics from views of a board in images of ``size`` (width, height).
+
+    Args:
+        views: of the board.
+        size: of the images.
+        distortion: number of coefficients, 0, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (wide-angle lenses).
+        on_progress: called with the stage and the fraction of it that is done.
 
     Raises:
         InputError: if too few views differ from one another.
     """
-    settings = settings or CameraCalibrationSettings()
-    chosen = chosen_views(views, size, settings)
+    chosen = chosen_views(views, size)
     if len(chosen) < LEAST_VIEWS:
         alike = f", and only {len(chosen)} of them differ" if len(views) >= LEAST_VIEWS else ""
         raise InputError(
@@ -123,7 +112,7 @@ def calibrate(
     left_out: list[tuple[str, float]] = []
     for one_round in range(ROUNDS):
         on_progress("fitting the camera", one_round / ROUNDS)
-        fit = _fit(chosen, size, settings)
+        fit = _fit(chosen, size, distortion)
         errors = fit[-1]
         bad = errors > max(OUTLIER * np.median(errors), OUTLIER_PX)
         if not np.any(bad) or np.sum(~bad) < LEAST_VIEWS or one_round == ROUNDS - 1:
@@ -133,18 +122,16 @@ def calibrate(
     on_progress("fitting the camera", 1.0)
     rms, K, bent, turns, sigma, errors = fit
     focal, centre = (float(K[0, 0]), float(K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
-    model = CameraModel(*size, focal, centre, tuple(float(one) for one in bent[: settings.distortion]))
+    model = CameraModel(*size, focal, centre, tuple(float(one) for one in bent[:distortion]))
     coverage = _coverage(chosen, size)
     named = tuple((view.name, float(error)) for view, error in zip(chosen, errors, strict=True))
-    warnings = _warnings(focal, sigma, _tilt_spread_deg(turns), coverage, len(chosen), settings)
+    warnings = _warnings(focal, sigma, _tilt_spread_deg(turns), coverage, len(chosen))
     return CameraCalibration(
-        model, sigma[:4], sigma[4 : 4 + settings.distortion], rms, named, tuple(left_out), coverage, warnings
+        model, sigma[:4], sigma[4 : 4 + distortion], rms, named, tuple(left_out), coverage, warnings
     )
 
 
-def chosen_views(
-    views: Sequence[BoardView], size: tuple[int, int], settings: CameraCalibrationSettings
-) -> list[BoardView]:
+def chosen_views(views: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
     """Views that differ, the sharper of those alike: farthest first, until all left are near a chosen one.
 
     Two views of a plane differ as their outlines do. A board that looks the same upside down may be found either way.
@@ -154,7 +141,7 @@ def chosen_views(
     sharpness = np.array([view.sharpness for view in views])
     nearest = np.full(len(views), np.inf)
     chosen: list[int] = []
-    for _ in range(min(settings.views, len(views))):
+    for _ in range(min(MOST_VIEWS, len(views))):
         far = nearest >= LEAST_CHANGE
         if not np.any(far):
             break
@@ -188,7 +175,7 @@ def floor_pose(view: BoardView, model: CameraModel) -> tuple[Array, Array, float
 
 
 def _fit(
-    views: Sequence[BoardView], size: tuple[int, int], settings: CameraCalibrationSettings
+    views: Sequence[BoardView], size: tuple[int, int], distortion: int
 ) -> tuple[float, Array, Array, Array, Array, Array]:
     """RMS, camera matrix, distortion, rotation vectors of the boards, sigmas of the intrinsics, error of each view."""
     import cv2
@@ -198,9 +185,9 @@ def _fit(
         4: cv2.CALIB_FIX_K3,
         5: 0,
         8: cv2.CALIB_RATIONAL_MODEL,
-    }.get(settings.distortion)
+    }.get(distortion)
     if flags is None:
-        raise InputError(f"{settings.distortion} distortion coefficients: expected 0, 4, 5 or 8")
+        raise InputError(f"{distortion} distortion coefficients: expected 0, 4, 5 or 8")
     points = [view.points_board.astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     rms, *found = cv2.calibrateCameraExtended(points, pixels, size, np.zeros((3, 3)), np.zeros(8), flags=flags)
@@ -228,12 +215,10 @@ def _warnings(
     tilt_deg: float,
     coverage: float,
     count: int,
-    settings: CameraCalibrationSettings,
 ) -> tuple[str, ...]:
     said = []
-    few_views = min(FEW_VIEWS, settings.views)
-    if count < few_views:
-        said.append(f"only {count} views that differ: {2 * few_views} make the result reliable")
+    if count < FEW_VIEWS:
+        said.append(f"only {count} views that differ: {2 * FEW_VIEWS} make the result reliable")
     if tilt_deg < LEAST_TILT_DEG:
         said.append(
             f"the board was never tilted by more than {tilt_deg:.0f}° between views: focal length and distance are "
@@ -250,105 +235,50 @@ def _warnings(
     return tuple(said)
 
 
-IMAGE_SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
-BLIND_STEP = 8  # frames, where a video does not say how many it has: about four looks a second
+class VideoImage(NamedTuple):
+    """A frame of a video: its number from 0, how much of the video is done by then, and its grey bytes."""
 
-
-class CalibrationImage(NamedTuple):
-    """One image: its name for people, its number in the video or folder, how much of all is done, grey bytes."""
-
-    name: str
     number: int
     done: float
     grey: np.ndarray
 
 
-def calibration_images(source: Path, most: int) -> Iterator[CalibrationImage]:
-    """At most about ``most`` images of a folder (by name) or a video (in time).
+def video_images(path: Path, most: int) -> Iterator[VideoImage]:
+    """Read at most about ``most`` frames of a video, evenly spread.
 
     Raises:
-        InputError: if there is no such file, or no image in the folder; or the images differ in size.
-        FileFormatError: if a video or an image cannot be read.
+        InputError: if there is no such file.
+        FileFormatError: if it is no video, or has no frame.
     """
-    if not source.exists():
-        raise InputError(f"{source}: there is no such file or folder: expected a video or a folder of images")
-    size = None
-    for image in _of_folder(source, most) if source.is_dir() else _of_video(source, most):
-        size = size or image.grey.shape
-        if image.grey.shape != size:
-            (height, width), (h, w) = size, image.grey.shape
-            raise InputError(
-                f"{source}: image {image.name} has {w} x {h} pixels and those before it {width} x {height}: "
-                "expected images of one camera, all of the same size"
-            )
-        yield image
-
-
-def one_image(source: Path, number: int) -> CalibrationImage:
-    """The image with a number, counted from 0.
-
-    Raises:
-        InputError, FileFormatError: as :func:`calibration_images`, and if there are fewer images.
-    """
-    if source.is_dir():
-        files = _files(source)
-        if not 0 <= number < len(files):
-            raise InputError(f"{source} holds {len(files)} images: there is no image {number}, counted from 0")
-        return CalibrationImage(files[number].name, number, 1.0, _grey(files[number]))
-    for index, image in enumerate(_of_video(source, most=0)):
-        if index == number:
-            return image
-    raise InputError(f"{source}: there is no frame {number}, counted from 0")
-
-
-def image_file(path: Path) -> CalibrationImage:
-    """A single image.
-
-    Raises:
-        InputError, FileFormatError: if there is none, or it cannot be read.
-    """
-    if not path.is_file():
-        raise InputError(f"{path}: there is no such image")
-    return CalibrationImage(path.name, 0, 1.0, _grey(path))
-
-
-def _files(folder: Path) -> list[Path]:
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-    if not files:
-        raise InputError(f"{folder}: there is no image in this folder: expected {', '.join(IMAGE_SUFFIXES)}")
-    return files
-
-
-def _grey(path: Path) -> np.ndarray:
-    import cv2
-
-    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)  # turned as its file asks for, as videos are too
-    if grey is None:
-        raise FileFormatError(f"{path}: OpenCV cannot read this image")
-    return grey
-
-
-def _of_folder(folder: Path, most: int) -> Iterator[CalibrationImage]:
-    files = _files(folder)
-    step = -(-len(files) // most)
-    for number in range(0, len(files), step):
-        yield CalibrationImage(files[number].name, number, number / len(files), _grey(files[number]))
-
-
-def _of_video(path: Path, most: int) -> Iterator[CalibrationImage]:
-    """Every frame if ``most`` is 0."""
     import cv2
 
     with opened_video(path) as video:
         total = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-        step = 1 if most == 0 else -(-total // most) if total > 0 else BLIND_STEP
+        step = -(-total // most) if total > 0 else BLIND_STEP
         number = 0
         while video.grab():
             if number % step == 0:
                 read, frame = video.retrieve()
                 if read:
                     grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-                    yield CalibrationImage(f"frame {number}", number, number / total if total > 0 else 0.0, grey)
+                    yield VideoImage(number, number / total if total > 0 else 0.0, grey)
             number += 1
     if number == 0:
-        raise FileFormatError(f"{path}: OpenCV finds no frame in it: expected a video or a folder of images")
+        raise FileFormatError(f"{path}: OpenCV finds no frame in it: expected a video")
+
+
+def photograph(path: Path) -> np.ndarray:
+    """Read a single grey image ``(height, width)``.
+
+    Raises:
+        InputError: if there is none.
+        FileFormatError: if it cannot be read.
+    """
+    import cv2
+
+    if not path.is_file():
+        raise InputError(f"{path}: there is no such image")
+    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)  # turned as its file asks for, as videos are too
+    if grey is None:
+        raise FileFormatError(f"{path}: OpenCV cannot read this image")
+    return grey

@@ -12,6 +12,7 @@ from threading import Event
 
 import numpy as np
 
+from tests.films import write_video
 from tests.io.pose_files import person, write_mmpose, write_openpose
 from tests.live_sender import write_messages
 from tests.studies.fuzz.corpus import FLOOR, written, written_motions, xsens_log
@@ -104,7 +105,7 @@ COMMANDS: tuple[tuple[str, str, str, int, tuple[str, ...]], ...] = (
      ("convert {}/log {}/out.mcap --pose-from {}/held:2 --initial-pose n-pose --overwrite",)),
     ("sync-scene", "scene.mcap", "", 25, ("sync {}/scene.mcap --seconds 0.1 --overwrite",)),
     ("sync-clocks", "filmed.mcap", "", 40, ("sync {}/filmed.mcap --dry-run",)),
-    ("board-images", "views/", "", 60, (f"calibrate-camera {{}}/views {{}}/out.toml {BOARD}",)),
+    ("board-video", "views.avi", "", 60, (f"calibrate-camera {{}}/views.avi {{}}/out.toml {BOARD}",)),
     ("board-floor", "board.toml floor.png", "", 15,
      (f"calibrate-camera {{}}/board.toml {{}}/out.toml --floor-image {{}}/floor.png --square-m 0.1 {BOARD}",)),
     ("video", "plain.mcap poses.json camera.toml film.mp4", "plain.mcap poses.json camera.toml", 80,
@@ -119,7 +120,7 @@ COMMANDS: tuple[tuple[str, str, str, int, tuple[str, ...]], ...] = (
      ("stream {}/whole_plain.mcap --start-s 0.2 --lag-s 0.2 --out {}/out.mcap --overwrite",)),
     ("graph-scene", "whole_scene.mcap", "", 250, ("graph {}/whole_scene.mcap --picture {}/out.svg --overwrite",)),
 )  # fmt: skip
-APART = frozenset({"video", "board-images", "board-floor"})  # native libraries may crash
+APART = frozenset({"video", "board-video", "board-floor"})  # native libraries may crash
 LIBRARIES = {"video": "av", "film": "PIL"}
 
 
@@ -206,7 +207,7 @@ def _scene_files() -> Files:
 
 @cache
 def _further_files() -> Files:
-    """What is beside recordings: motions, 2D poses, cameras, logs, images of a board."""
+    """What is beside recordings: motions, 2D poses, cameras, logs, views of a board."""
     plain, log = _scene_files()["plain.mcap"], xsens_log()
     wearer = _simulated(SECONDS).wearers[0]
     assert wearer.truth is not None
@@ -230,11 +231,11 @@ def _further_files() -> Files:
         write_mmpose(folder / "poses.json", people, keypoint_set("coco17").keypoints)
         for name in ("left", "right"):
             write_openpose(folder / f"{name}_json", {number: [_standing("body25")] for number in range(3)}, f"{name}_")
+        write_video(folder / "views.avi", [_board(view) for view in range(4)])
 
     return {
         **written(write), **written_motions(wearer.truth.motion), **log,
         **{f"held/{name[4:]}": one for name, one in log.items()},
-        **{f"views/{view}.png": png_bytes(_board(view)) for view in range(4)},
         "more.mcap": plain, "camera.toml": (camera + FLOOR).encode(), "Calib.toml": lab.encode(),
         "board.toml": board.encode(), "floor.png": png_bytes(_board(1)),
     }  # fmt: skip

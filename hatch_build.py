@@ -1,6 +1,6 @@
 """Builds ``vip_factors._kernels`` where there is a C++ compiler; without one the package is pure Python, and slower.
 
-``python hatch_build.py`` builds it into the checkout.
+``python hatch_build.py`` builds it into the checkout. ``CXX`` names the compiler, ``CXXFLAGS`` adds options.
 """
 
 import os
@@ -47,6 +47,7 @@ def built(root: Path) -> Path:
     flags = ["-std=c++17", "-O3", "-DNDEBUG", "-fPIC", "-fvisibility=hidden", "-fno-strict-aliasing", "-shared"]
     if sys.platform == "darwin":
         flags += ["-undefined", "dynamic_lookup"]
+    flags += os.environ.get("CXXFLAGS", "").split()
     sources = [root / "kernels" / "module.cpp", nano / "src" / "nb_combined.cpp"]
     includes = [f"-I{folder}" for folder in folders]
     subprocess.run([compiler, *flags, *includes, *map(str, sources), "-o", str(module)], check=True)

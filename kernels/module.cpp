@@ -14,8 +14,16 @@
 
 namespace nb = nanobind;
 using namespace nb::literals;
-using vip::BodySums, vip::Follows, vip::In, vip::Indices, vip::Mask, vip::Out, vip::Target, vip::expect;
+using vip::ANY, vip::BodySums, vip::Follows, vip::In, vip::Indices, vip::Mask, vip::Out, vip::Target;
+using vip::expect, vip::expect_shape, vip::expect_within, vip::has_shape;
 using Flags = nb::ndarray<bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+// An element of a list or tuple; arrays are taken as they are, since a converted copy would be gone when it is used.
+template <class T> static T element(nb::handle value) {
+    T result;
+    if (!nb::try_cast<T>(value, result, false)) throw nb::type_error("an element is no array or number of the expected kind");
+    return result;
+}
 
 // One function of SO(3) over a stack (n, …).
 template <int in, int out, void f(const double*, double*)> static void over_stack(In<2> from, Out<2> to) {
@@ -25,7 +33,10 @@ template <int in, int out, void f(const double*, double*)> static void over_stac
 
 static void forward_kinematics(In<4> R, In<2> offsets, In<2> root, Indices<1> parents, Out<4> R_world, Out<3> p_world) {
     const size_t J = parents.shape(0);
-    expect(R.shape(1) == J && offsets.shape(0) == J && root.shape(0) == R.shape(0) && R_world.size() == R.size());
+    const auto T = static_cast<int64_t>(R.shape(0)), joints = static_cast<int64_t>(J);
+    vip::expect_parents(parents);
+    expect_shape(R, {T, joints, 3, 3}), expect_shape(offsets, {joints, 3}), expect_shape(root, {T, 3});
+    expect_shape(R_world, {T, joints, 3, 3}), expect_shape(p_world, {T, joints, 3});
     for (size_t t = 0; t < R.shape(0); t++) {
         const double* own = R.data() + 9 * J * t;
         double *R_of = R_world.data() + 9 * J * t, *p_of = p_world.data() + 3 * J * t;
@@ -42,10 +53,11 @@ static void forward_kinematics(In<4> R, In<2> offsets, In<2> root, Indices<1> pa
 
 static void points(In<4> R_world, In<3> p_world, Indices<1> bones, In<2> offsets, Out<3> found) {
     const size_t T = R_world.shape(0), J = R_world.shape(1), n = bones.shape(0);
-    expect(p_world.size() == 3 * T * J && offsets.size() == 3 * n && found.size() == 3 * T * n);
+    const auto frames = static_cast<int64_t>(T), joints = static_cast<int64_t>(J), count = static_cast<int64_t>(n);
+    expect_shape(R_world, {frames, joints, 3, 3}), expect_shape(p_world, {frames, joints, 3});
+    expect_shape(offsets, {count, 3}), expect_shape(found, {frames, count, 3}), expect_within(bones, 0, joints);
     for (size_t i = 0; i < n; i++) {
         const auto bone = static_cast<size_t>(bones(i));
-        expect(bone < J);
         for (size_t t = 0; t < T; t++) {
             vip::product<3, 3, 1>(R_world.data() + 9 * (J * t + bone), &offsets(i, 0), &found(t, i, 0));
             for (size_t c = 0; c < 3; c++) found(t, i, c) += p_world(t, bone, c);
@@ -55,7 +67,9 @@ static void points(In<4> R_world, In<3> p_world, Indices<1> bones, In<2> offsets
 
 static void screws(In<4> R_world, In<3> p_world, Out<4> out) {
     const size_t J = R_world.shape(1);
-    expect(out.shape(0) == R_world.shape(0) && out.shape(1) == J + 1 && p_world.shape(1) == J);
+    const auto frames = static_cast<int64_t>(R_world.shape(0)), joints = static_cast<int64_t>(J);
+    expect(joints > 0), expect_shape(R_world, {frames, joints, 3, 3}), expect_shape(p_world, {frames, joints, 3});
+    expect_shape(out, {frames, joints + 1, 6, 3});
     std::fill(out.data(), out.data() + out.size(), 0.0);
     for (size_t t = 0; t < R_world.shape(0); t++) {
         const double *R = R_world.data() + 9 * J * t, *p = p_world.data() + 3 * J * t;
@@ -74,14 +88,15 @@ static void screws(In<4> R_world, In<3> p_world, Out<4> out) {
 // Keypoints (F, W, K, 3) of bodies against rays (F, N, K, 2) and weights (F, N, K); the fits (F, W, N, 4).
 static void fit_people(In<4> points, In<4> rays, In<3> weight, In<2> known, In<1> major, In<1> precision, In<4> covariance,
                        double depth_share, double side, Out<4> fits) {
-    const size_t F = points.shape(0), W = points.shape(1), K = points.shape(2), N = rays.shape(1);
-    expect(fits.shape(0) == F && fits.shape(1) == W && fits.shape(2) == N && fits.shape(3) == 4 && points.shape(3) == 3);
-    expect(rays.size() == F * N * K * 2 && weight.size() == F * N * K && known.size() == W * K && major.size() == K);
-    expect(precision.size() == K && covariance.size() == F * W * 9);
-    for (size_t f = 0; f < F; f++)
-        for (size_t w = 0; w < W; w++) {
-            const vip::Keypoints keypoints{static_cast<int64_t>(K), known.data() + w * K, major.data(), precision.data()};
-            for (size_t n = 0; n < N; n++)
+    const auto F = static_cast<int64_t>(points.shape(0)), W = static_cast<int64_t>(points.shape(1));
+    const auto K = static_cast<int64_t>(points.shape(2)), N = static_cast<int64_t>(rays.shape(1));
+    expect_shape(points, {F, W, K, 3}), expect_shape(rays, {F, N, K, 2}), expect_shape(weight, {F, N, K});
+    expect_shape(known, {W, K}), expect_shape(major, {K}), expect_shape(precision, {K});
+    expect_shape(covariance, {F, W, 3, 3}), expect_shape(fits, {F, W, N, 4});
+    for (int64_t f = 0; f < F; f++)
+        for (int64_t w = 0; w < W; w++) {
+            const vip::Keypoints keypoints{K, known.data() + w * K, major.data(), precision.data()};
+            for (int64_t n = 0; n < N; n++)
                 vip::fit_person(keypoints, points.data() + (f * W + w) * K * 3, rays.data() + (f * N + n) * K * 2,
                                 weight.data() + (f * N + n) * K, covariance.data() + (f * W + w) * 9, depth_share, side,
                                 fits.data() + ((f * W + w) * N + n) * 4);
@@ -91,11 +106,11 @@ static void fit_people(In<4> points, In<4> rays, In<3> weight, In<2> known, In<1
 // Points (P, K, 3) and where they were seen (P, K, 2), weights and precisions (P, K); cameras (P, 3, 3) and (P, 3) which are
 // followed, and their costs (P).
 static void follow_cameras(In<3> points, In<3> seen, In<2> weight, In<2> precision, int64_t steps, Out<3> R, Out<2> t, Out<1> cost) {
-    const size_t P = points.shape(0), K = points.shape(1);
-    expect(points.shape(2) == 3 && seen.size() == P * K * 2 && weight.size() == P * K && precision.size() == P * K);
-    expect(R.size() == P * 9 && t.size() == P * 3 && cost.size() == P);
-    for (size_t i = 0; i < P; i++) {
-        const vip::Sighting sighting{static_cast<int64_t>(K), points.data() + i * K * 3, seen.data() + i * K * 2,
+    const auto P = static_cast<int64_t>(points.shape(0)), K = static_cast<int64_t>(points.shape(1));
+    expect_shape(points, {P, K, 3}), expect_shape(seen, {P, K, 2}), expect_shape(weight, {P, K}), expect_shape(precision, {P, K});
+    expect_shape(R, {P, 3, 3}), expect_shape(t, {P, 3}), expect_shape(cost, {P});
+    for (int64_t i = 0; i < P; i++) {
+        const vip::Sighting sighting{K, points.data() + i * K * 3, seen.data() + i * K * 2,
                                      weight.data() + i * K, precision.data() + i * K};
         cost(i) = vip::follow_camera(sighting, steps, R.data() + i * 9, t.data() + i * 3);
     }
@@ -106,25 +121,26 @@ static void follow_cameras(In<3> points, In<3> seen, In<2> weight, In<2> precisi
 static void bend_cost(In<2> about_parent, In<3> parent, In<2> turned_parent, In<2> about_child, In<3> child, In<2> turned_child,
                       In<2> limits, In<2> whitening, Out<2> found) {
     const auto end = [](const In<2>& about, const In<3>& mounting, const In<2>& turned) {
-        expect(about.shape(1) == 4 && mounting.shape(2) == 4 && turned.shape(1) == 4 && about.shape(0) == mounting.shape(0));
+        expect_shape(about, {static_cast<int64_t>(mounting.shape(0)), 4}), expect_shape(mounting, {ANY, ANY, 4}), expect_shape(turned, {ANY, 4});
         return vip::LinkEnd{about.data(), mounting.data(), turned.data(), static_cast<int64_t>(mounting.shape(0)),
                             static_cast<int64_t>(mounting.shape(1))};
     };
     const vip::LinkEnd above = end(about_parent, parent, turned_parent), below = end(about_child, child, turned_child);
-    expect(turned_parent.shape(0) == turned_child.shape(0) && limits.size() == 9 && whitening.size() == 9);
-    expect(static_cast<int64_t>(found.shape(0)) == above.size() && static_cast<int64_t>(found.shape(1)) == below.size());
+    expect(turned_parent.shape(0) == turned_child.shape(0));
+    expect_shape(limits, {3, 3}), expect_shape(whitening, {3, 3}), expect_shape(found, {above.size(), below.size()});
     vip::bend_cost(above, below, static_cast<int64_t>(turned_parent.shape(0)), limits.data(), whitening.data(), found.data());
 }
 
 // Of sums of products (L, 5, 4, 4) the least misfit (L) and its heading (L).
 static void least_over_headings(In<4> products, Out<1> cost, Out<1> heading) {
-    expect(products.size() == 80 * cost.shape(0) && heading.shape(0) == cost.shape(0));
+    const auto L = static_cast<int64_t>(cost.shape(0));
+    expect_shape(products, {L, 5, 4, 4}), expect_shape(heading, {L});
     for (size_t l = 0; l < cost.shape(0); l++) cost(l) = vip::least_over_headings(products.data() + 80 * l, &heading(l));
 }
 
 // Of two sensors (T, 3, 4).
 static double joint_share(In<3> above, In<3> below) {
-    expect(above.shape(1) == 3 && above.shape(2) == 4 && above.shape(0) > 0 && below.size() == above.size());
+    expect(above.shape(0) > 0), expect_shape(above, {ANY, 3, 4}), expect_shape(below, {static_cast<int64_t>(above.shape(0)), 3, 4});
     return vip::joint_share(above.data(), below.data(), static_cast<int64_t>(above.shape(0)));
 }
 
@@ -132,10 +148,10 @@ static double joint_share(In<3> above, In<3> below) {
 static void joint_delay(In<3> above, In<3> below, In<1> place, Indices<1> block, double step, double reach, double seconds,
                         double heading, Out<1> found) {
     const auto T = static_cast<int64_t>(above.shape(0));
-    expect(T > 0 && above.size() == 12 * place.shape(0) && block.shape(0) == place.shape(0) && below.shape(1) == 3);
+    expect(T > 0), expect_shape(above, {T, 3, 4}), expect_shape(place, {T}), expect_shape(block, {T}), expect_shape(below, {ANY, 3, 4});
     const double far = reach / step, last = static_cast<double>(below.shape(0)) - 5;  // knots are even but for both ends
-    expect(below.shape(2) == 4 && found.shape(0) == 3 && std::abs(seconds) <= reach);
-    for (int64_t t = 0; t < T; t++) expect(place(t) - far >= 4 && place(t) + far <= last);
+    expect_shape(found, {3}), expect(std::abs(seconds) <= reach && std::isfinite(far) && step > 0, "the delay is out of reach");
+    for (int64_t t = 0; t < T; t++) expect(place(t) - far >= 4 && place(t) + far <= last, "an instant beyond the spline");
     const vip::JointDelay one = vip::joint_delay(above.data(), below.data(), place.data(), block.data(), T, step, reach, seconds, heading);
     found(0) = one.seconds, found(1) = one.sigma, found(2) = one.share;
 }
@@ -143,11 +159,11 @@ static void joint_delay(In<3> above, In<3> below, In<1> place, Indices<1> block,
 // Of each of S sensors its first `count` samples of (S, n), (S, n, 9), (S, n, 3); R (S, 3, 3) and force (S, 3).
 static void measure(In<2> time, In<3> R, In<3> force, Indices<1> count, In<1> period, double at, double step,
                     double gap_factor, Out<3> found_R, Flags seen, Out<2> found_force, Flags whole) {
-    const size_t S = time.shape(0), n = time.shape(1);
-    expect(R.size() == 9 * S * n && force.size() == 3 * S * n && count.size() == S && period.size() == S);
-    expect(found_R.size() == 9 * S && found_force.size() == 3 * S && seen.size() == S && whole.size() == S);
-    for (size_t s = 0; s < S; s++) {
-        expect(count(s) >= 0 && count(s) <= static_cast<int64_t>(n));
+    const auto S = static_cast<int64_t>(time.shape(0)), n = static_cast<int64_t>(time.shape(1));
+    expect_shape(R, {S, n, 9}), expect_shape(force, {S, n, 3}), expect_shape(count, {S}), expect_shape(period, {S});
+    expect_shape(found_R, {S, 3, 3}), expect_shape(found_force, {S, 3}), expect_shape(seen, {S}), expect_shape(whole, {S});
+    expect_within(count, 0, n + 1);
+    for (int64_t s = 0; s < S; s++) {
         const vip::Samples samples{&time(s, 0), &R(s, 0, 0), &force(s, 0, 0), count(s), period(s)};
         const vip::Covered covered = vip::measure(samples, at, step, gap_factor, &found_R(s, 0, 0), &found_force(s, 0));
         seen(s) = covered.orientation, whole(s) = covered.acceleration;
@@ -157,9 +173,9 @@ static void measure(In<2> time, In<3> R, In<3> force, Indices<1> count, In<1> pe
 // Slices (T, n, n) and (T, n).
 static void in_slices(Target* target, Out<3> hessian, Out<2> gradient) {
     const auto T = static_cast<int64_t>(hessian.shape(0)), n = static_cast<int64_t>(hessian.shape(1));
-    expect(hessian.shape(2) == hessian.shape(1) && gradient.shape(0) == hessian.shape(0) && gradient.shape(1) == hessian.shape(1));
+    expect_shape(hessian, {T, n, n}), expect_shape(gradient, {T, n});
     new (target) Target{std::vector<double*>(n), std::vector<double*>(n), std::vector<int64_t>(n, n * n),
-                        std::vector<int64_t>(n, n), std::vector<int>(n, 0), {std::vector<int64_t>(n)}, T};
+                        std::vector<int64_t>(n, n), std::vector<int>(n, 0), {std::vector<int64_t>(n)}, T, std::vector<int64_t>(n, 0)};
     for (int64_t c = 0; c < n; c++) {
         target->rows[c] = hessian.data() + c * n, target->gradients[c] = gradient.data() + c;
         target->orders[0][c] = c;
@@ -171,79 +187,103 @@ static void in_slices(Target* target, Out<3> hessian, Out<2> gradient) {
 // of a slice are shared: (s, s) and (s). From frame `begin` on.
 static void in_chains(Target* target, nb::list chains, Out<2> shared, Out<1> shared_gradient, int64_t columns, int64_t begin, int64_t frames) {
     const auto n = columns, s = static_cast<int64_t>(shared.shape(0));
-    expect(shared.shape(1) == shared.shape(0) && shared_gradient.shape(0) == shared.shape(0) && s <= n);
-    new (target) Target{std::vector<double*>(n), std::vector<double*>(n), std::vector<int64_t>(n, 0),
-                        std::vector<int64_t>(n, 0), std::vector<int>(n, 0), {}, frames};
+    expect_shape(shared, {s, s}), expect_shape(shared_gradient, {s});
+    expect(s <= n && begin >= 0 && frames >= 0 && n <= 1 << 20);
+    Target built{std::vector<double*>(n), std::vector<double*>(n), std::vector<int64_t>(n, 0), std::vector<int64_t>(n, 0),
+                 std::vector<int>(n, 0), {}, frames, std::vector<int64_t>(n, 0), begin};
     for (nb::handle item : chains) {
-        const nb::tuple one = nb::cast<nb::tuple>(item);
-        const auto rows = nb::cast<Out<3>>(one[0]);
-        const auto gradient = nb::cast<Out<2>>(one[1]);
-        const auto first = nb::cast<int64_t>(one[2]), ahead = nb::cast<int64_t>(one[3]);
-        const auto places = nb::cast<Indices<1>>(one[4]);
-        const auto w = static_cast<int64_t>(rows.shape(1)), m = static_cast<int64_t>(rows.shape(2));
-        expect(static_cast<int64_t>(places.shape(0)) == n && gradient.shape(1) == rows.shape(1) && first >= 0 && first + w <= n - s);
-        expect(begin >= 0 && begin + frames <= static_cast<int64_t>(rows.shape(0)) && gradient.shape(0) == rows.shape(0));
-        for (int64_t c = 0; c < n; c++) expect(places(c) < m);
+        const nb::tuple chain = element<nb::tuple>(item);
+        expect(chain.size() == 5, "a chain has rows, gradient, first column, frames ahead and places");
+        const auto rows = element<Out<3>>(chain[0]);
+        const auto gradient = element<Out<2>>(chain[1]);
+        const auto first = element<int64_t>(chain[2]), ahead = element<int64_t>(chain[3]);
+        const auto places = element<Indices<1>>(chain[4]);
+        const auto T = static_cast<int64_t>(rows.shape(0)), w = static_cast<int64_t>(rows.shape(1)), m = static_cast<int64_t>(rows.shape(2));
+        expect_shape(gradient, {T, w}), expect_shape(places, {n}), expect_within(places, INT64_MIN, m);
+        expect(first >= 0 && first + w <= n - s && ahead >= 0 && ahead < vip::FRAMES && begin + frames <= T);
         for (int64_t c = 0; c < w; c++) {
-            target->rows[first + c] = rows.data() + ((begin + ahead) * w + c) * m, target->row_step[first + c] = w * m;
-            target->gradients[first + c] = gradient.data() + (begin + ahead) * w + c, target->gradient_step[first + c] = w;
-            target->kind[first + c] = static_cast<int>(target->orders.size());
+            built.rows[first + c] = rows.data() + ((begin + ahead) * w + c) * m, built.row_step[first + c] = w * m;
+            built.gradients[first + c] = gradient.data() + (begin + ahead) * w + c, built.gradient_step[first + c] = w;
+            built.kind[first + c] = static_cast<int>(built.orders.size()), built.ahead[first + c] = ahead;
         }
-        target->orders.emplace_back(places.data(), places.data() + n);
+        built.orders.emplace_back(places.data(), places.data() + n);
+        built.length = std::min(built.length, T);
     }
     for (int64_t c = 0; c < s; c++) {
-        target->rows[n - s + c] = shared.data() + c * s, target->gradients[n - s + c] = shared_gradient.data() + c;
-        target->kind[n - s + c] = static_cast<int>(target->orders.size());
+        built.rows[n - s + c] = shared.data() + c * s, built.gradients[n - s + c] = shared_gradient.data() + c;
+        built.kind[n - s + c] = static_cast<int>(built.orders.size());
     }
-    target->orders.emplace_back(n, -1);
-    for (int64_t c = 0; c < s; c++) target->orders.back()[n - s + c] = c;
+    built.orders.emplace_back(n, -1);
+    for (int64_t c = 0; c < s; c++) built.orders.back()[n - s + c] = c;
+    new (target) Target(std::move(built));
 }
 
 // A body's sums, from the frame `begin` on; see BodySums.
 static void in_body(BodySums* self, const Target& target, int64_t begin, In<4> R, In<3> p, In<4> turns, int64_t first,
                     int64_t frame, Indices<1> parents, Indices<1> columns, In<3> directions) {
-    expect(parents.shape(0) == vip::JOINTS && columns.shape(0) == vip::BLOCKS && p.shape(1) == R.shape(1));
-    expect(R.shape(1) == vip::JOINTS || (R.size() == 0 && first < 0));  // none: of a camera alone
-    expect(p.shape(0) == R.shape(0) && (turns.size() == 0 || turns.size() >= R.size()) && directions.shape(2) <= 60);
-    expect(begin >= 0 && begin + target.frames <= static_cast<int64_t>(R.shape(0)));
+    const auto T = static_cast<int64_t>(R.shape(0));
+    vip::expect_parents(parents);
+    expect_shape(parents, {vip::JOINTS}), expect_shape(columns, {vip::BLOCKS}), expect_within(columns, INT64_MIN, target.width());
+    if (R.size() == 0 && first < 0) expect_shape(R, {T, 0, 3, 3}), expect_shape(p, {T, 0, 3});  // of a camera alone
+    else expect_shape(R, {T, vip::JOINTS, 3, 3}), expect_shape(p, {T, vip::JOINTS, 3});
+    expect(turns.size() == 0 || (turns.shape(0) >= R.shape(0) && has_shape(turns, {ANY, vip::JOINTS, 3, 3})));
+    expect(directions.size() == 0 || (has_shape(directions, {vip::JOINTS, 3, ANY}) && directions.shape(2) <= 60));
+    expect(begin >= 0 && begin + target.frames <= T && T <= target.length && frame >= 0);
+    expect(target.begin < 0 || target.begin == begin, "the sums begin at another frame than their target");
     const vip::Bones bones{R.data(), p.data(), turns.size() ? turns.data() : nullptr, static_cast<int64_t>(R.shape(0))};
     new (self) BodySums(target, begin, bones, first, frame, parents.data(), columns.data(),
                         directions.size() ? directions.data() : nullptr, static_cast<int>(directions.shape(2)));
     self->later([R, p, turns, directions](int64_t) {});  // keeps the arrays
 }
 
-static vip::Believed believed(std::string_view loss, double k, double share) { return {loss[0], k, share}; }
+static vip::Believed believed(std::string_view loss, double k, double share) {
+    expect(!loss.empty(), "a loss needs a name");
+    return {loss[0], k, share};
+}
 
 static vip::MovingPoints moving(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> shift) {
-    expect(p_bone.shape(0) == bones.size() && p_bone.shape(1) == 3);
-    expect(sums.lengths() == 0 || (shift.shape(0) == bones.size() && static_cast<int>(shift.shape(2)) == sums.lengths()));
-    for (size_t i = 0; i < bones.size(); i++) expect(bones(i) >= 0 && bones(i) < vip::JOINTS);
+    const auto n = static_cast<int64_t>(bones.size());
+    expect_shape(p_bone, {n, 3}), expect_within(bones, 0, vip::JOINTS);
+    if (sums.lengths() > 0) expect_shape(shift, {n, 3, sums.lengths()});
+    sums.expect_block(vip::LENGTHS, sums.lengths());
     return {sums, bones, p_bone, shift, {}, {}, {}, {}, {}, {}};
 }
 
-static bool of_all(const BodySums& sums, size_t frames) { return static_cast<int64_t>(frames) == sums.bones().frames; }
+static bool is_of_all(const BodySums& sums, size_t frames) { return static_cast<int64_t>(frames) == sums.bones().frames; }
+
+// One for all frames, or one that never changes.
+template <class Array> static void expect_one_or_all(const BodySums& sums, const Array& array) {
+    expect(array.shape(0) == 1 || is_of_all(sums, array.shape(0)));
+}
+
+// Rotations (T, 24, 3, 3) of joints whose body moves.
+static void expect_joints(const BodySums& sums, const In<4>& R) {
+    expect(sums.moves(), "the body does not move"), expect_shape(R, {sums.bones().frames, vip::JOINTS, 3, 3});
+}
 
 static void add_orientation(BodySums& sums, Indices<1> bones, In<3> mounting, In<2> headings, In<4> measured, Mask valid,
                             double sigma, std::string_view loss, double k, double share, In<3> charts) {
-    const size_t n = bones.size();
-    expect(mounting.shape(0) == n && headings.shape(1) == n && measured.shape(1) == n && valid.shape(1) == n);
-    expect(of_all(sums, measured.shape(0)) && of_all(sums, valid.shape(0)) && (charts.size() == 0 || charts.shape(0) == n));
-    expect(headings.shape(0) == 1 || of_all(sums, headings.shape(0)));
+    const auto n = static_cast<int64_t>(bones.size()), T = sums.bones().frames;
+    expect_shape(mounting, {n, 3, 3}), expect_shape(headings, {ANY, n}), expect_one_or_all(sums, headings);
+    expect_shape(measured, {T, n, 3, 3}), expect_shape(valid, {T, n}), expect_within(bones, 0, vip::JOINTS);
+    expect(charts.size() == 0 || has_shape(charts, {n, 3, 3}));
+    sums.expect_block(vip::HEADINGS, n), sums.expect_block(vip::MOUNTINGS, 3 * n);
     sums.later(vip::Orientation{sums, bones, mounting, headings, measured, valid, sigma, believed(loss, k, share), charts});
 }
 
 static void add_acceleration(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> shift, In<2> headings, In<3> force, Mask valid,
                              double step, double sigma, std::string_view loss, double k, double share) {
-    const size_t n = bones.size();
-    expect(headings.shape(1) == n && force.shape(1) == n && valid.shape(1) == n);
-    expect(of_all(sums, force.shape(0)) && of_all(sums, valid.shape(0)) && (headings.shape(0) == 1 || of_all(sums, headings.shape(0))));
+    const auto n = static_cast<int64_t>(bones.size()), T = sums.bones().frames;
+    expect_shape(headings, {ANY, n}), expect_one_or_all(sums, headings), expect_shape(force, {T, n, 3}), expect_shape(valid, {T, n});
+    sums.expect_block(vip::HEADINGS, n), sums.expect_block(vip::LATER_HEADINGS, n, 1), sums.expect_block(vip::PLACES, 3 * n);
     sums.later(vip::Acceleration{moving(sums, bones, p_bone, shift), headings, force, valid, step, sigma, believed(loss, k, share)});
 }
 
 static void add_contact(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> shift, In<2> confidence, double sole, double step,
                         double sigma, std::string_view loss, double k, double share, Follows follows) {
-    expect(confidence.shape(1) == bones.size() && of_all(sums, confidence.shape(0)));
-    expect(follows.size() == 0 || of_all(sums, follows.size() + 1));
+    expect_shape(confidence, {sums.bones().frames, static_cast<int64_t>(bones.size())});
+    expect(follows.size() == 0 || is_of_all(sums, follows.size() + 1));
+    sums.expect_block(vip::SOLE, 1);
     sums.later(vip::Contact{moving(sums, bones, p_bone, shift), confidence, sole, step, sigma, believed(loss, k, share), follows});
 }
 
@@ -251,11 +291,16 @@ static void add_reprojection(BodySums& sums, Indices<1> bones, In<2> p_bone, In<
                              In<1> lens, In<3> pixels, In<2> sigma, Mask seen, In<3> speed, In<1> late, In<1> since,
                              std::string_view loss, double k, double share, bool variables, In<3> charts, Indices<1> items,
                              In<2> signs) {
-    const size_t n = bones.size();
-    for (size_t width : {pixels.shape(1), sigma.shape(1), seen.shape(1), speed.shape(1), items.size(), signs.shape(0)}) expect(width == n);
-    for (size_t frames : {pixels.shape(0), sigma.shape(0), seen.shape(0), speed.shape(0), late.size(), since.size()}) expect(of_all(sums, frames));
-    for (size_t frames : {R_camera.shape(0), p_camera.shape(0)}) expect(frames == 1 || of_all(sums, frames));
-    expect(lens.size() == 12 && (charts.size() == 0 || charts.shape(0) == 1 || of_all(sums, charts.shape(0))));
+    const auto n = static_cast<int64_t>(bones.size()), T = sums.bones().frames;
+    expect_shape(R_camera, {ANY, 3, 3}), expect_one_or_all(sums, R_camera), expect_shape(p_camera, {ANY, 3}), expect_one_or_all(sums, p_camera);
+    expect_shape(lens, {12}), expect_shape(pixels, {T, n, 2}), expect_shape(sigma, {T, n}), expect_shape(seen, {T, n});
+    expect_shape(speed, {T, n, 2}), expect_shape(late, {T}), expect_shape(since, {T}), expect_shape(items, {n}), expect_shape(signs, {n, 3});
+    if (charts.size()) expect_shape(charts, {ANY, 6, 6}), expect_one_or_all(sums, charts);
+    int64_t offsets = 0;
+    expect_within(items, INT64_MIN, 1 << 20);
+    for (int64_t i = 0; i < n; i++) offsets = std::max(offsets, 3 * (items(i) + 1));
+    sums.expect_block(vip::OFFSETS, offsets);
+    if (variables) sums.expect_poses(1), sums.expect_block(vip::CLOCK, 1), sums.expect_block(vip::CLOCK_DRIFT, 1);
     vip::Lens model;
     std::copy(lens.data(), lens.data() + 12, reinterpret_cast<double*>(&model));
     sums.later(vip::Reprojection{moving(sums, bones, p_bone, shift), R_camera, p_camera, model, pixels, sigma, seen, speed, late,
@@ -263,52 +308,61 @@ static void add_reprojection(BodySums& sums, Indices<1> bones, In<2> p_bone, In<
 }
 
 static void add_pose_prior(BodySums& sums, In<4> R, In<2> information, In<1> mean, double weight) {
-    expect(of_all(sums, R.shape(0)) && information.size() == vip::POSE * vip::POSE && mean.size() == vip::POSE);
+    expect_joints(sums, R), expect_shape(information, {vip::POSE, vip::POSE}), expect_shape(mean, {vip::POSE});
+    sums.expect_block(vip::POSE_MEAN, vip::POSE);
     sums.later(vip::PosePrior{sums, R, information, mean, weight});
 }
 
 static void add_smoothness(BodySums& sums, In<4> R, In<2> information, Follows follows, double weight) {
-    expect(of_all(sums, R.shape(0)) && information.size() == vip::POSE * vip::POSE && of_all(sums, follows.size() + 1));
+    expect_joints(sums, R), expect_shape(information, {vip::POSE, vip::POSE}), expect(is_of_all(sums, follows.size() + 1));
     sums.later(vip::Smoothness{sums, R, information, follows, weight});
 }
 
 static void add_joint_limit(BodySums& sums, In<4> R, In<1> lower, In<1> upper, double sigma, bool per_axis, std::string_view loss,
                             double k, double share) {
-    expect(of_all(sums, R.shape(0)) && lower.size() == vip::POSE && upper.size() == vip::POSE);
+    expect_joints(sums, R), expect_shape(lower, {vip::POSE}), expect_shape(upper, {vip::POSE});
     sums.later(vip::JointLimit{sums, R, lower, upper, sigma, per_axis, believed(loss, k, share)});
 }
 
 static void add_hinge(BodySums& sums, In<4> R, Indices<1> hinges, Indices<1> joints, In<2> square, In<2> axes, In<3> by_tilts,
                       In<1> offsets, In<1> whitening, std::string_view loss, double k, double share) {
-    const size_t n = hinges.size();
-    expect(of_all(sums, R.shape(0)) && n > 0 && n <= 16 && joints.size() == n && offsets.size() == n && whitening.size() == n);
-    expect(square.size() == 3 * n && axes.size() == 3 * n && by_tilts.size() == 6 * n);
+    const auto n = static_cast<int64_t>(hinges.size());
+    expect(n > 0 && n <= 16), expect_joints(sums, R), expect_shape(joints, {n}), expect_within(joints, 1, vip::JOINTS);
+    expect_within(hinges, 0, n), expect_within(hinges, 0, hinges(n - 1) + 1);
+    expect_shape(square, {n, 3}), expect_shape(axes, {n, 3}), expect_shape(by_tilts, {n, 3, 2});
+    expect_shape(offsets, {n}), expect_shape(whitening, {n});
+    sums.expect_block(vip::HINGES, 2 * (hinges(n - 1) + 1) + n);
     sums.later(vip::Hinge{sums, R, hinges, joints, square, axes, by_tilts, offsets, whitening, believed(loss, k, share)});
 }
 
-static vip::Camera camera(BodySums& sums, In<3> R, In<2> p, In<3> charts) {
-    for (size_t frames : {R.shape(0), p.shape(0)}) expect(frames == 1 || of_all(sums, frames));
-    expect(R.size() == 9 * R.shape(0) && p.size() == 3 * p.shape(0));
-    expect(charts.size() == 0 || charts.size() == 36 || charts.size() == 36 * static_cast<size_t>(sums.bones().frames));
+static vip::Camera camera(BodySums& sums, In<3> R, In<2> p, In<3> charts, int frames) {
+    expect_shape(R, {ANY, 3, 3}), expect_one_or_all(sums, R), expect_shape(p, {ANY, 3}), expect_one_or_all(sums, p);
+    if (charts.size()) expect_shape(charts, {ANY, 6, 6}), expect_one_or_all(sums, charts);
+    sums.expect_poses(frames);
     return {sums, R, p, charts};
 }
 
 static void add_camera_orientation(BodySums& sums, In<3> R, In<2> p, In<3> charts, In<2> mounting, double heading, In<4> measured,
                                    Mask valid, double sigma, std::string_view loss, double k, double share, In<3> chart) {
-    expect(mounting.size() == 9 && of_all(sums, valid.shape(0)) && measured.size() == 9 * valid.shape(0));
-    sums.later(vip::CameraOrientation{camera(sums, R, p, charts), mounting, heading, measured, valid, sigma, believed(loss, k, share), chart});
+    const int64_t T = sums.bones().frames;
+    expect_shape(mounting, {3, 3}), expect_shape(measured, {T, 1, 3, 3}), expect_shape(valid, {T, 1});
+    expect(chart.size() == 0 || has_shape(chart, {1, 3, 3}));
+    sums.expect_block(vip::HEADING, 1), sums.expect_block(vip::CAMERA_MOUNTING, 3);
+    sums.later(vip::CameraOrientation{camera(sums, R, p, charts, 1), mounting, heading, measured, valid, sigma, believed(loss, k, share), chart});
 }
 
 static void add_camera_acceleration(BodySums& sums, In<3> R, In<2> p, In<3> charts, In<1> place, double heading, In<3> force,
                                     Mask valid, double step, double sigma, std::string_view loss, double k, double share) {
-    expect(place.size() == 3 && of_all(sums, valid.shape(0)) && force.size() == 3 * valid.shape(0));
-    sums.later(vip::CameraAcceleration{camera(sums, R, p, charts), place, heading, force, valid, step, sigma, believed(loss, k, share)});
+    const int64_t T = sums.bones().frames;
+    expect_shape(place, {3}), expect_shape(force, {T, 1, 3}), expect_shape(valid, {T, 1});
+    sums.expect_block(vip::HEADING, 1);
+    sums.later(vip::CameraAcceleration{camera(sums, R, p, charts, vip::FRAMES), place, heading, force, valid, step, sigma, believed(loss, k, share)});
 }
 
 static void add_camera_velocity(BodySums& sums, In<3> R, In<2> p, In<3> charts, double step, In<1> sigmas, std::string_view loss,
                                 double k, double share) {
-    expect(sigmas.size() == 6);
-    sums.later(vip::CameraVelocity{camera(sums, R, p, charts), step, sigmas, believed(loss, k, share)});
+    expect_shape(sigmas, {6});
+    sums.later(vip::CameraVelocity{camera(sums, R, p, charts, 2), step, sigmas, believed(loss, k, share)});
 }
 
 static void expand(BodySums& sums) {
@@ -317,6 +371,8 @@ static void expand(BodySums& sums) {
 }
 
 static vip::Blas blas;
+
+static void expect_blas() { expect(blas.dpotrf != nullptr, "use_blas comes first"); }
 
 // SciPy's functions, from what its Cython modules offer to others.
 static void use_blas(nb::dict functions) {
@@ -333,8 +389,8 @@ static void use_blas(nb::dict functions) {
 // The variables first … first + width, of which those before are eliminated already.
 static bool eliminate(Out<2> information, Out<1> vector, int first, int width) {
     const auto n = static_cast<int>(vector.shape(0));
-    expect(information.shape(0) == information.shape(1) && information.shape(0) == vector.shape(0));
-    expect(first >= 0 && width >= 0 && first + width <= n);
+    expect_blas(), expect_shape(information, {n, n});
+    expect(first >= 0 && first <= n && width >= 0 && width <= n - first);
     double* rows = information.data() + (n + 1) * static_cast<int64_t>(first);
     return vip::eliminate(blas, rows, vector.data() + first, n, n - first, width, rows + (n + 1) * static_cast<int64_t>(width), n);
 }
@@ -342,11 +398,11 @@ static bool eliminate(Out<2> information, Out<1> vector, int first, int width) {
 // Some variables of a quadratic, in another order.
 static void reorder(In<2> information, In<1> vector, Indices<1> order, Out<2> into, Out<1> into_vector) {
     const size_t n = vector.shape(0), k = order.shape(0);
-    expect(information.shape(0) == n && information.shape(1) == n);
-    expect(into.shape(0) == k && into.shape(1) == k && into_vector.shape(0) == k);
+    const auto variables = static_cast<int64_t>(n), selected = static_cast<int64_t>(k);
+    expect_shape(information, {variables, variables}), expect_within(order, 0, variables);
+    expect_shape(into, {selected, selected}), expect_shape(into_vector, {selected});
     for (size_t i = 0; i < k; i++) {
         const int64_t one = order(i);
-        expect(one >= 0 && one < static_cast<int64_t>(n));
         into_vector(i) = vector(one);
         double* row = &into(i, 0);
         for (size_t j = i, end; j < k; j = end) {  // in runs of columns that stay beside each other
@@ -369,35 +425,37 @@ static bool ascending(Indices<1> places, int64_t end) {
 }
 
 static vip::Conditional conditional(Matrix rows, const double* d) {
-    expect((rows.size() == 0 || rows.stride(1) == 1) && rows.shape(0) <= rows.shape(1));
+    expect_blas(), expect(rows.shape(0) <= rows.shape(1));
+    expect(rows.size() == 0 || (rows.stride(1) == 1 && (rows.shape(0) == 1 || rows.stride(0) >= static_cast<int64_t>(rows.shape(1)))), "rows must stand side by side");
     return {rows.data(), d, static_cast<int>(rows.stride(0)), static_cast<int>(rows.shape(1)), static_cast<int>(rows.shape(0))};
 }
 
 static vip::Conditional conditional(nb::handle rows, nb::handle d) {
-    const auto right = nb::cast<In<1>>(d);
-    const vip::Conditional found = conditional(nb::cast<Matrix>(rows), right.data());
-    expect(static_cast<int>(right.shape(0)) == found.w);
+    const auto right = element<In<1>>(d);
+    const vip::Conditional found = conditional(element<Matrix>(rows), right.data());
+    expect_shape(right, {found.w});
     return found;
 }
 
 static void forward(Matrix rows, Out<2> right, Out<2> behind) {
     const vip::Conditional of = conditional(rows, nullptr);
-    expect(static_cast<int>(right.shape(0)) == of.w && static_cast<int>(behind.shape(0)) == of.n - of.w && behind.shape(1) == right.shape(1));
+    expect_shape(right, {of.w, ANY}), expect_shape(behind, {of.n - of.w, static_cast<int64_t>(right.shape(1))});
     vip::forward(blas, of, right.data(), behind.data(), static_cast<int>(right.shape(1)));
 }
 
 // Of each frame R and S, and d; and where what is shared steps behind it, the same of that.
 static void substitute_lag(nb::list frames, Indices<1> far, In<1> shared, Out<2> values) {
-    expect(frames.size() == values.shape(0));
+    expect(frames.size() == values.shape(0)), expect_within(far, 0, static_cast<int64_t>(values.shape(1)));
     const auto T = static_cast<int64_t>(frames.size()), w = static_cast<int64_t>(values.shape(1));
     const auto s = static_cast<int64_t>(shared.shape(0));
     std::vector<double> later, own_shared(shared.data(), shared.data() + s);
     for (int64_t t = T - 1; t >= 0; t--) {
-        const nb::tuple one = nb::cast<nb::tuple>(frames[t]);
+        const nb::tuple one = element<nb::tuple>(frames[t]);
+        expect(one.size() == 2 || one.size() == 4, "a frame has rows and d, and those of a step of what is shared");
         double* value = values.data() + t * w;
         later.clear();
         if (t + 1 < T) later.assign(value + w, value + 2 * w);
-        for (size_t i = 0; t + 2 < T && i < far.size(); i++) expect(0 <= far(i) && far(i) < w), later.push_back(value[2 * w + far(i)]);
+        for (size_t i = 0; t + 2 < T && i < far.size(); i++) later.push_back(value[2 * w + far(i)]);
         const auto ahead = static_cast<int64_t>(later.size());
         later.insert(later.end(), own_shared.begin(), own_shared.end());
         if (one.size() > 2) {
@@ -417,19 +475,21 @@ static bool eliminate_chain(nb::list pieces, In<2> gradient, In<1> damping, int 
                             Out<3> rows, Out<2> d) {
     const vip::EliminatedChain into{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
                                     static_cast<int>(rows.shape(2)), rows.data(), d.data()};
-    expect(ahead >= 0 && into.w + ahead <= into.n && vector.size() + rows.shape(1) == rows.shape(2));
-    expect(information.shape(0) == vector.size() && information.shape(1) == vector.size());
-    expect(damping.size() == rows.shape(1) && gradient.size() == d.size() && d.size() == rows.shape(0) * rows.shape(1));
+    expect_blas(), expect(ahead >= 0 && into.w <= into.n && ahead <= into.n - into.w);
+    expect_shape(vector, {into.n - into.w}), expect_shape(information, {into.n - into.w, into.n - into.w});
+    expect_shape(damping, {into.w}), expect_shape(gradient, {into.frames, into.w}), expect_shape(d, {into.frames, into.w});
     std::vector<vip::Piece> found;
     for (nb::handle item : pieces) {
-        const nb::tuple one = nb::cast<nb::tuple>(item);
-        const auto blocks = nb::cast<nb::ndarray<const double, nb::ndim<3>, nb::device::cpu>>(one[0]);
+        const nb::tuple one = element<nb::tuple>(item);
+        expect(one.size() == 4, "a piece has blocks, row, column and first frame");
+        const auto blocks = element<nb::ndarray<const double, nb::ndim<3>, nb::device::cpu>>(one[0]);
         found.push_back({blocks.data(), blocks.stride(0), blocks.stride(1), blocks.stride(2), static_cast<int64_t>(blocks.shape(1)),
-                         static_cast<int64_t>(blocks.shape(2)), nb::cast<int64_t>(one[1]), nb::cast<int64_t>(one[2]),
-                         nb::cast<int64_t>(one[3]), static_cast<int64_t>(blocks.shape(0))});
-        expect(found.back().first >= 0 && found.back().first + found.back().frames <= into.frames);
-        expect(found.back().row >= 0 && found.back().column >= 0);
-        expect(found.back().row + found.back().rows <= into.w && found.back().column + found.back().columns <= into.n);
+                         static_cast<int64_t>(blocks.shape(2)), element<int64_t>(one[1]), element<int64_t>(one[2]),
+                         element<int64_t>(one[3]), static_cast<int64_t>(blocks.shape(0))});
+        const vip::Piece& piece = found.back();
+        expect(piece.first >= 0 && piece.frames <= into.frames && piece.first <= into.frames - piece.frames, "a piece beyond the frames");
+        expect(piece.row >= 0 && piece.rows <= into.w && piece.row <= into.w - piece.rows, "a piece beyond the rows");
+        expect(piece.column >= 0 && piece.columns <= into.n && piece.column <= into.n - piece.columns, "a piece beyond the columns");
     }
     nb::gil_scoped_release released;
     return vip::eliminate_chain(blas, found, gradient.data(), damping.data(), information.data(), vector.data(), into);
@@ -439,7 +499,8 @@ static bool eliminate_chain(nb::list pieces, In<2> gradient, In<1> damping, int 
 static void substitute_chain(Out<3> rows, In<1> behind, int ahead, Out<2> steps) {
     const vip::EliminatedChain chain{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
                                      static_cast<int>(rows.shape(2)), rows.data(), steps.data()};
-    expect(steps.size() == rows.shape(0) * rows.shape(1) && chain.n - chain.w == static_cast<int>(behind.size()) && ahead <= chain.n - chain.w);
+    expect_blas(), expect(chain.w <= chain.n && ahead >= 0 && ahead <= chain.n - chain.w);
+    expect_shape(steps, {chain.frames, chain.w}), expect_shape(behind, {chain.n - chain.w});
     vip::substitute_chain(blas, behind.data(), chain);
 }
 
@@ -447,9 +508,8 @@ static void substitute_chain(Out<3> rows, In<1> behind, int ahead, Out<2> steps)
 // counts: here each row is at hand.
 static void slice_in_coordinates(Out<2> hessian, Out<1> gradient, In<1> value, Indices<1> columns, Out<2> information, Out<1> vector) {
     const auto N = static_cast<int64_t>(hessian.shape(0)), n = static_cast<int64_t>(value.shape(0));
-    expect(hessian.shape(1) == hessian.shape(0) && gradient.shape(0) == hessian.shape(0) && columns.shape(0) == value.shape(0));
-    expect(information.shape(0) == value.shape(0) && information.shape(1) == value.shape(0) && vector.shape(0) == value.shape(0));
-    expect(ascending(columns, N));
+    expect_shape(hessian, {N, N}), expect_shape(gradient, {N}), expect_shape(columns, {n});
+    expect_shape(information, {n, n}), expect_shape(vector, {n}), expect(ascending(columns, N), "columns must ascend");
     double* v = vector.data();
     std::fill(v, v + n, 0.0);
     for (int64_t i = 0; i < n; i++) {
@@ -468,43 +528,54 @@ static void slice_in_coordinates(Out<2> hessian, Out<1> gradient, In<1> value, I
 static void add_before(nb::ndarray<const double, nb::ndim<2>, nb::device::cpu> before, In<1> before_vector, Indices<1> places,
                        Out<2> information, Out<1> vector) {
     const auto k = static_cast<int64_t>(before_vector.shape(0)), n = static_cast<int64_t>(vector.shape(0));
-    expect((k == 0 || before.stride(1) == 1) && before.shape(0) == before_vector.shape(0) && before.shape(1) == before.shape(0));
-    expect(information.shape(0) == vector.shape(0) && information.shape(1) == vector.shape(0));
-    expect(places.shape(0) == before_vector.shape(0) && ascending(places, n));
+    expect(k == 0 || before.stride(1) == 1, "rows must stand side by side"), expect_shape(before, {k, k});
+    expect_shape(information, {n, n}), expect_shape(places, {k}), expect(ascending(places, n), "places must ascend");
     vip::add_upper(before.data(), before.stride(0), k, places.data(), information.data(), n);
     for (int64_t i = 0; i < k; i++) vector.data()[places(i)] += before_vector.data()[i];
 }
 
+// Outputs are named and take no array that would have to be converted: what is written into a copy is lost.
 NB_MODULE(_kernels, module) {
     using released = nb::call_guard<nb::gil_scoped_release>;
-    module.def("exp", &over_stack<3, 9, vip::exp>, released());
-    module.def("log", &over_stack<9, 3, vip::log>, released());
-    module.def("right_jacobian", &over_stack<3, 9, vip::right_jacobian>, released());
-    module.def("inverse_right_jacobian", &over_stack<3, 9, vip::inverse_right_jacobian>, released());
-    module.def("pose_right_jacobian", &over_stack<6, 36, vip::pose_right_jacobian>, released());
-    module.def("hat", &over_stack<3, 9, vip::hat>, released());
-    module.def("forward_kinematics", &forward_kinematics, released());
-    module.def("points", &points, released());
-    module.def("screws", &screws, released());
-    module.def("measure", &measure, released());
-    module.def("bend_cost", &bend_cost, released());
-    module.def("least_over_headings", &least_over_headings, released());
-    module.def("joint_delay", &joint_delay, released());
-    module.def("joint_share", &joint_share, released());
-    module.def("follow_cameras", &follow_cameras, released());
-    module.def("fit_people", &fit_people, released());
+    const auto in = [](const char* name) { return nb::arg(name); };
+    const auto out = [](const char* name) { return nb::arg(name).noconvert(); };
+    module.def("exp", &over_stack<3, 9, vip::exp>, in("vectors"), out("R"), released());
+    module.def("log", &over_stack<9, 3, vip::log>, in("R"), out("vectors"), released());
+    module.def("right_jacobian", &over_stack<3, 9, vip::right_jacobian>, in("vectors"), out("J"), released());
+    module.def("inverse_right_jacobian", &over_stack<3, 9, vip::inverse_right_jacobian>, in("vectors"), out("J"), released());
+    module.def("pose_right_jacobian", &over_stack<6, 36, vip::pose_right_jacobian>, in("steps"), out("J"), released());
+    module.def("hat", &over_stack<3, 9, vip::hat>, in("vectors"), out("M"), released());
+    module.def("forward_kinematics", &forward_kinematics, in("R"), in("offsets"), in("root"), in("parents"), out("R_world"),
+               out("p_world"), released());
+    module.def("points", &points, in("R_world"), in("p_world"), in("bones"), in("offsets"), out("points"), released());
+    module.def("screws", &screws, in("R_world"), in("p_world"), out("screws"), released());
+    module.def("measure", &measure, in("time"), in("R"), in("force"), in("count"), in("period"), in("at"), in("step"),
+               in("gap_factor"), out("R_frame"), out("has_orientation"), out("force_frame"), out("has_force"), released());
+    module.def("bend_cost", &bend_cost, in("about_parent"), in("parent"), in("turned_parent"), in("about_child"), in("child"),
+               in("turned_child"), in("limits"), in("whitening"), out("cost"), released());
+    module.def("least_over_headings", &least_over_headings, in("products"), out("cost"), out("heading"), released());
+    module.def("joint_delay", &joint_delay, in("above"), in("below"), in("place"), in("block"), in("step"), in("reach"),
+               in("seconds"), in("heading"), out("delay"), released());
+    module.def("joint_share", &joint_share, in("above"), in("below"), released());
+    module.def("follow_cameras", &follow_cameras, in("points"), in("seen"), in("weight"), in("precision"), in("steps"), out("R"),
+               out("t"), out("cost"), released());
+    module.def("fit_people", &fit_people, in("points"), in("rays"), in("weight"), in("known"), in("major"), in("precision"),
+               in("covariance"), in("depth_share"), in("side"), out("fits"), released());
     module.def("use_blas", &use_blas);
-    module.def("eliminate", &eliminate);
-    module.def("reorder", &reorder);
-    module.def("substitute_lag", &substitute_lag);
-    module.def("forward", &forward);
-    module.def("eliminate_chain", &eliminate_chain);
-    module.def("substitute_chain", &substitute_chain);
-    module.def("slice_in_coordinates", &slice_in_coordinates);
-    module.def("add_before", &add_before);
+    module.def("eliminate", &eliminate, out("information"), out("vector"), in("first"), in("width"));
+    module.def("reorder", &reorder, in("information"), in("vector"), in("order"), out("reordered"), out("reordered_vector"));
+    module.def("substitute_lag", &substitute_lag, in("frames"), in("far"), in("shared"), out("values"));
+    module.def("forward", &forward, out("rows"), out("right"), out("behind"));
+    module.def("eliminate_chain", &eliminate_chain, in("pieces"), in("gradient"), in("damping"), in("ahead"), out("information"),
+               out("vector"), out("rows"), out("d"));
+    module.def("substitute_chain", &substitute_chain, out("rows"), in("behind"), in("ahead"), out("steps"));
+    module.def("slice_in_coordinates", &slice_in_coordinates, out("hessian"), out("gradient"), in("value"), in("columns"),
+               out("information"), out("vector"));
+    module.def("add_before", &add_before, in("before"), in("before_vector"), in("places"), out("information"), out("vector"));
     nb::class_<Target>(module, "Target")
-        .def("__init__", &in_slices, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
-        .def("__init__", &in_chains, nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>());
+        .def("__init__", &in_slices, out("hessian"), out("gradient"), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+        .def("__init__", &in_chains, in("chains"), out("shared"), out("shared_gradient"), in("columns"), in("begin"), in("frames"),
+             nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>());
     nb::class_<BodySums>(module, "BodySums")
         .def("__init__", &in_body, nb::keep_alive<1, 2>())
         .def("orientation", &add_orientation)

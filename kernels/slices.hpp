@@ -46,11 +46,28 @@ struct Target {
     std::vector<int> kind;  // of each column: which of the orders the elements of its row are in
     std::vector<std::vector<int64_t>> orders;  // where in a row each column is; below nought where it never is
     int64_t frames;
+    std::vector<int64_t> ahead;  // of each column: frames after the slice's own in which its rows lie
+    int64_t begin = -1, length = INT64_MAX;  // of a chain: frame of the first slice, frames of the rows; slices have neither
 
     int64_t width() const { return static_cast<int64_t>(rows.size()); }
     double* row(int64_t t, int64_t column) const { return rows[column] + t * row_step[column]; }
-    int64_t place(int64_t column, int64_t other) const { return orders[kind[column]][other]; }
+    int64_t place(int64_t column, int64_t other) const {
+        const int64_t found = orders[kind[column]][other];
+        if (found < 0) throw std::out_of_range("two columns that never meet");
+        return found;
+    }
     double& gradient(int64_t t, int64_t column) const { return gradients[column][t * gradient_step[column]]; }
+
+    // Throws unless these columns have rows at most `reach` frames ahead and stand side by side wherever they stand.
+    void expect_run(int64_t start, int64_t count, int64_t reach) const {
+        if (start < 0 || start + count > width()) throw std::out_of_range("columns beyond those of a slice");
+        for (int64_t c = start; c < start + count; c++)
+            if (rows[c] == nullptr || ahead[c] > reach) throw std::out_of_range("columns without rows in these frames");
+        for (const std::vector<int64_t>& order : orders)
+            for (int64_t c = 1; c < count; c++)
+                if (order[start] < 0 ? order[start + c] >= 0 : order[start + c] != order[start] + c)
+                    throw std::out_of_range("columns that are not side by side");
+    }
 };
 
 // Blocks of variables, in the order of vip_factors/assembly/compiled_sums.py; headings as they are a frame later last,
@@ -95,6 +112,12 @@ class BodySums {
         : target_(target), begin_(begin), bones_(bones), first_(first), frame_(frame), parents_(parents, parents + JOINTS),
           directions_(directions), lengths_(directions == nullptr || columns[LENGTHS] < 0 ? 0 : lengths) {
         std::copy(columns, columns + BLOCKS, columns_);
+        for (int i = 0; moves() && i < FRAMES; i++) {
+            target.expect_run(column(i, 0), 3 * SCREWS, i);
+            for (int64_t c = 1; c < 3 * SCREWS; c++)
+                if (target.rows[column(i, c)] - target.rows[column(i, c - 1)] != row_width(i) || target.kind[column(i, c)] != target.kind[column(i, 0)])
+                    throw std::out_of_range("a body's rows are not side by side");
+        }
         const int widths[] = {lengths_, 1, TWIST, 1, 1};
         const Block dense[] = {LENGTHS, SOLE, POSES, CLOCK, CLOCK_DRIFT};
         std::fill(dense_, dense_ + BLOCKS, -1);
@@ -115,9 +138,16 @@ class BodySums {
     int lengths() const { return lengths_; }
     int64_t column(int frame, int64_t own) const { return frame * frame_ + first_ + own; }
     int64_t block(Block name) const { return columns_[name]; }
+    // Throws unless a block that moves has so many columns, with rows at most `reach` frames ahead.
+    void expect_block(Block name, int64_t width, int64_t reach = 0) const {
+        if (columns_[name] >= 0) target_.expect_run(columns_[name], width, reach);
+    }
     // Of a camera's pose, in a frame after that of the slice where it moves.
     int64_t pose(int ahead) const {
         return columns_[POSES] < 0 ? -1 : columns_[POSES] + (columns_[POSES] < FRAMES * frame_ ? ahead * frame_ : 0);
+    }
+    void expect_poses(int frames) const {
+        for (int ahead = 0; pose(0) >= 0 && ahead < frames; ahead++) target_.expect_run(pose(ahead), TWIST, ahead);
     }
     Part part(Block name, int width, const double* J) const { return {columns_[name], width, J, dense_[name]}; }
     Part part_of_each(Block name, int width, const double* J, int slot, int item) const {
@@ -230,7 +260,6 @@ class BodySums {
                 for (int j = i; j < rows.count; j++) {
                     const Part& other = rows.parts[j];
                     const int64_t at = target_.place(own, other.column);
-                    if (at < 0) throw std::out_of_range("two columns that never meet");
                     for (int r = 0; r < rows.m; r++)
                         for (int b = i == j ? a : 0; b < other.width; b++)
                             row[at + b] += pushed[r] * other.J[r * other.width + b];
@@ -437,9 +466,7 @@ class BodySums {
 
     // A row of the body's with columns of a block; a camera that moves is behind bodies in a frame.
     void put_row(int64_t t, int64_t own, int64_t start, int width, const double* values) const {
-        const int64_t at = target_.place(own, start);
-        if (at < 0) throw std::out_of_range("two columns that never meet");
-        double* into = target_.row(t, own) + at;
+        double* into = target_.row(t, own) + target_.place(own, start);
         for (int d = 0; d < width; d++) into[d] += values[d];
     }
 

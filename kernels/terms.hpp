@@ -15,8 +15,34 @@ using Mask = nb::ndarray<const bool, nb::ndim<2>, nb::c_contig, nb::device::cpu>
 
 using Follows = nb::ndarray<const bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-inline void expect(bool is_so) {
-    if (!is_so) throw nb::value_error("shapes do not match");
+// Checks of what Python hands over: a wrong shape or index is a ValueError, never an access past the end of an array.
+inline void expect(bool condition, const char* message = "shapes do not match") {
+    if (!condition) throw nb::value_error(message);
+}
+
+constexpr int64_t ANY = -1;  // length of an axis that may have any
+
+template <class Array> inline bool has_shape(const Array& array, std::initializer_list<int64_t> shape) {
+    if (array.ndim() != shape.size()) return false;
+    size_t axis = 0;
+    for (const int64_t length : shape)
+        if (const auto actual = static_cast<int64_t>(array.shape(axis++)); length != ANY && actual != length) return false;
+    return true;
+}
+
+template <class Array> inline void expect_shape(const Array& array, std::initializer_list<int64_t> shape) {
+    expect(has_shape(array, shape));
+}
+
+inline void expect_within(const Indices<1>& indices, int64_t first, int64_t end) {
+    for (size_t i = 0; i < indices.size(); i++) expect(indices(i) >= first && indices(i) < end, "an index is out of range");
+}
+
+// Parents stand before their children; the root has none.
+inline void expect_parents(const Indices<1>& parents) {
+    expect(parents.size() > 0 && parents(0) < 0, "the first joint must be the root");
+    for (size_t j = 1; j < parents.size(); j++)
+        expect(parents(j) >= 0 && parents(j) < static_cast<int64_t>(j), "a parent must come before its child");
 }
 
 // What a factor counts: its confidence, times the share of its frame; the constant of the loss is of the share's root.

@@ -21,7 +21,7 @@ from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.rerun_body import cut_skin, see_through
 from vip_factors.viz.rerun_camera import log_image_style, log_people
 from vip_factors.viz.rerun_layout import NEAREST_M, abreast, centre_path, eye, forward_of, span_axis, span_of, spread_of
-from vip_factors.viz.summaries import KEPT, live_summary, paragraphs, scene_summary
+from vip_factors.viz.summaries import KEPT, live_summary, scene_summary
 
 
 class Heard(rr.RecordingStream):
@@ -127,11 +127,11 @@ def test_plots_span_the_recording() -> None:
     assert (nanoseconds["start"], nanoseconds["end"]) == (500_000_000, 2_000_000_000)
 
 
-def test_findings_are_a_list_and_lines_stay_lines() -> None:
-    assert paragraphs("one\ntwo\n\nthree") == ["one", "", "two", "", "three", ""]
+def test_findings_are_a_list_and_names_are_no_markup() -> None:
     scene = scene_sample(0.3)
-    text = scene_summary(drawn_scene(scene, replace(estimate_of(scene), findings=(bare("odd"),))))
-    assert "**CARE, usable with care: Something else was noticed**\n\n- care: odd\n\n" in text
+    text = scene_summary(drawn_scene(scene, replace(estimate_of(scene), findings=(bare("odd"), bare("[a](b)\n| <c>")))))
+    assert "- **verdict**: CARE, usable with care: Something else was noticed\n- **care**: odd\n" in text
+    assert "- **care**: \\[a\\](b) \\| \\<c\\>\n" in text
     assert "- **ann** is orange;" in text
     assert "- **bob** is blue;" in text
 
@@ -143,7 +143,7 @@ def test_a_streams_text_says_what_is_newest_and_what_is_smoothed() -> None:
     assert "Smoothed" in text
     assert text.index("finding 59") < text.index("finding 58")
     assert text.count("finding ") == KEPT
-    assert "**CARE, usable with care" in text
+    assert "- **verdict**: CARE, usable with care" in text
 
 
 def test_the_legend_shows_every_sensors_colour() -> None:

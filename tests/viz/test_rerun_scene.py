@@ -135,7 +135,7 @@ def test_lengths_stand_beside_what_was_likely() -> None:
     motion, square = gestures(0.5), np.diag([1e-4, 4e-4])
     body = BodyEstimate(("thigh", "shank"), np.array([0.42, 0.41]), np.array([0.4, 0.43]), 4 * square, square)
     for found, lines in (
-        (body, ["| thigh | 420.0 | 24.4 | 400.0 | 17.2 |", "| shank | 410.0 | 42.4 | 430.0 | 24.4 |"]),
+        (body, ["| thigh | 420 ± 24 | 400 ± 17 | -20 | measured |", "| shank | 410 ± 42 | 430 ± 24 | 20 | measured |"]),
         (None, []),
     ):
         estimate = WearerEstimate("walk", "VIP", motion, {}, body=found)

@@ -128,7 +128,7 @@ def detection_rows(detections: Detections) -> list[Row]:
     if not frames:
         return [*rows, ("video", "no frame")]
     time = detections.time
-    rows.append(("video", f"{count(frames, 'frame')} at {detections.rate:.4g} Hz, {time[0]:.2f} to {time[-1]:.2f} s"))
+    rows.append(("video", f"{count(frames, 'frame')} at {detections.rate:.4g} Hz, {time[0]:z.2f} to {time[-1]:.2f} s"))
     people, often = np.unique(np.bincount(detections.frame, minlength=frames), return_counts=True)
     shares = ", ".join(f"{number or 'nobody'} in {times}" for number, times in zip(people, often, strict=True))
     rows.append(("detections", f"{len(detections)}; people per frame: {shares}"))

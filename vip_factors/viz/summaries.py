@@ -1,16 +1,27 @@
-"""The text panel: what is odd first, then how good it is, who wears what, and how the solve went (Markdown)."""
+"""Text panels of the viewers in Markdown: verdict and findings, figures, colours, and facts about every wearer."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from vip_factors.estimate import Estimate, SolveReport
+from vip_factors.describe.estimates import (
+    calibration_table,
+    camera_estimate_facts,
+    detection_table,
+    figure_table,
+    length_table,
+    solve_table,
+    verdict_facts,
+)
+from vip_factors.describe.recordings import detection_rows, recording_facts
+from vip_factors.describe.table import Quantity, Row, Table, facts
+from vip_factors.estimate import Estimate
 from vip_factors.findings import Finding, verdict
-from vip_factors.geometry.rotations import angle_between
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import colour_name
 from vip_factors.viz.compare import APART, Compare
-from vip_factors.viz.drawn_scene import NOBODY, DrawnScene, DrawnWearer, rows_of
+from vip_factors.viz.drawn_scene import DrawnScene
 
 KEPT = 40  # findings of a stream that are shown: an hour's list would be sent again with each
 LIMBS = "left limbs are lighter, right ones darker"
@@ -23,37 +34,89 @@ _PLACED = {
 }
 
 
+def plain(text: str) -> str:
+    """Text that Markdown takes for one line of words, whatever names are in it."""
+    return re.sub(r"([\\`*\[\]<>|])", r"\\\1", " ".join(text.split()))
+
+
+def markdown(table: Table) -> list[str]:
+    """Lines of a table; of labels and their facts, of a list."""
+    if not table.rows:
+        return []
+    rows = [[plain(str(cell)) for cell in row] for row in table.rows]
+    title = [f"## {plain(table.title)}", ""] if table.title else []
+    if not table.head:
+        remarks = (f" ({'; '.join(row[2:])})" if row[2:] else "" for row in rows)
+        return [*title, *(f"- **{row[0]}**: {row[1]}{remark}" for row, remark in zip(rows, remarks, strict=True)), ""]
+    rule = ["---"] * table.words + ["---:"] * (len(table.head) - table.words)
+    lines = [" | ".join(cells) for cells in ([plain(name) for name in table.head], rule, *rows)]
+    return [*title, *(f"| {line} |" for line in lines), ""]
+
+
 def scene_summary(drawn: DrawnScene) -> str:
     """Markdown for the panel."""
-    estimates = [one.estimate for one in drawn.wearers if one.estimate is not None]
-    lines = [f"# {drawn.name}", ""]
-    if estimates:
-        method, motion = (
-            drawn.estimate.method if drawn.estimate is not None else estimates[0].method,
-            estimates[0].motion,
-        )
-        count = f", {len(drawn.wearers)} wearers" if len(drawn.wearers) > 1 else ""
-        sensors = (
-            f", {sum(len(one.sensors) for one in estimates)} sensors" if any(one.sensors for one in estimates) else ""
-        )
-        lines += [f"**{method}**{count}, {len(motion)} frames at {motion.rate:g} Hz{sensors}", ""]
-        lines += finding_lines(drawn.estimate or Estimate.of_one(estimates[0]))
-    lines += [*_wearer_table(drawn), *_colour_lines(drawn), *_camera_lines(drawn)]
+    lines = [f"# {plain(drawn.name)}", ""]
+    for table in _overview_tables(drawn):
+        lines += markdown(table)
+    lines += _colour_lines(drawn)
+    for table in _detail_tables(drawn):
+        lines += markdown(table)
+    return "\n".join(lines)
+
+
+def _estimate_of(drawn: DrawnScene) -> Estimate | None:
+    if drawn.estimate is not None:
+        return drawn.estimate
+    estimates = [wearer.estimate for wearer in drawn.wearers if wearer.estimate is not None]
+    return Estimate.of_one(estimates[0]) if estimates else None
+
+
+def _overview_tables(drawn: DrawnScene) -> Iterator[Table]:
+    estimate = _estimate_of(drawn)
+    if estimate is not None:
+        yield verdict_facts(estimate)
+        yield figure_table(estimate)
+    yield _error_table(drawn)
+
+
+def _error_table(drawn: DrawnScene) -> Table:
+    """How far each wearer is from the truth and from the picture."""
+    rows: list[Row] = []
     for wearer in drawn.wearers:
-        lines += [*_recording_lines(wearer, drawn.one_alone), *_body_table(wearer), *_sensor_table(wearer)]
-    reports = drawn.estimate.reports if drawn.estimate is not None else [r for one in estimates for r in one.reports]
-    return "\n".join([*lines, *solve_lines(reports)])
+        error = wearer.error_mm if wearer.error_mm is not None else np.zeros(0)
+        pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
+        mean, most = (error.mean(), np.percentile(error, 95)) if len(error) else (np.nan, np.nan)
+        median = np.nan if pixels is None else float(np.nanmedian(pixels))
+        if np.isfinite([mean, median]).any():
+            rows.append((wearer.name, *(Quantity(float(value), decimals=1) for value in (mean, most, median))))
+    return Table(("wearer", "joint error, mm", "95 % below", "reprojection, px"), rows)
 
 
-def finding_lines(estimate: Estimate) -> list[str]:
-    """The verdict, and what is odd, a point of a list each."""
-    return [f"**{estimate.verdict}**", "", *(f"- {one.severity}: {one}" for one in estimate.all_findings), ""]
+def _detail_tables(drawn: DrawnScene) -> Iterator[Table]:
+    estimate, names = drawn.estimate, [wearer.name for wearer in drawn.wearers]
+    if drawn.detections is not None:
+        yield facts("camera", *detection_rows(drawn.detections))
+    if estimate is not None and estimate.camera is not None:
+        yield camera_estimate_facts(estimate.camera)
+        yield detection_table(estimate, names)
+    if drawn.path is not None and drawn.true_path is not None:
+        true_path = drawn.true_path.at(drawn.path.time)
+        error = 100 * np.linalg.norm(drawn.path.p_world_camera - true_path.p_world_camera, axis=1)
+        yield facts("", ("off the true path by", f"{error.mean():.1f} cm on average, at most {error.max():.1f} cm"))
+    for wearer in drawn.wearers:
+        if wearer.recording is not None:
+            yield recording_facts(wearer.recording)
+        if wearer.estimate is not None:
+            yield length_table(wearer.estimate.body)
+            yield calibration_table(wearer.estimate, wearer.recording)
+    whole = _estimate_of(drawn)
+    yield solve_table(() if whole is None else whole.all_reports, with_cost=True)
 
 
 def _colour_lines(drawn: DrawnScene) -> list[str]:
-    """The legend of what is drawn, as a list."""
-    compared = any(one.motion is not None and one.truth is not None for one in drawn.wearers)
-    lines = [f"- **{one.name}** is {colour_name(one.index)}; {LIMBS}." for one in drawn.wearers]
+    """Legend of what is drawn."""
+    compared = any(wearer.motion is not None and wearer.truth is not None for wearer in drawn.wearers)
+    lines = [f"- **{plain(wearer.name)}** is {colour_name(wearer.index)}; {LIMBS}." for wearer in drawn.wearers]
     if drawn.one_alone:
         lines = ["- **Orange** is the wearer's left, **blue** the right."]
     if compared and drawn.compare is not None:
@@ -63,124 +126,25 @@ def _colour_lines(drawn: DrawnScene) -> list[str]:
     return _legend(lines, drawn.detections is not None, drawn.apart)
 
 
-def _legend(lines: Sequence[str], has_camera: bool, apart: bool) -> list[str]:
+def _legend(lines: Iterable[str], has_camera: bool, apart: bool) -> list[str]:
     return ["## Colours", "", *lines, *[IMAGE] * has_camera, SENSORS, *[f"- **{APART}**"] * apart, ""]
 
 
-def _camera_lines(drawn: DrawnScene) -> list[str]:
-    if drawn.one_alone:
-        return []
-    detections, labels = drawn.detections, drawn.labels
-    if detections is None or labels is None or drawn.model is None:
-        seen = "estimated; what it saw is in the scene's own file" if drawn.path is not None else "none"
-        return [f"Camera: {seen}.", ""]
-    text = (
-        f"Camera: {drawn.model.width} by {drawn.model.height} pixels, {len(detections.time)} frames at "
-        f"{detections.rate:.4g} Hz, {len(detections)} people detected ({detections.keypoints.name}), "
-        f"{int(np.sum(labels != NOBODY))} of them given to wearers (coloured; grey is nobody)."
-    )
-    lines = [text, ""]
-    if drawn.path is not None and drawn.true_path is not None:
-        other = drawn.true_path.at(drawn.path.time)
-        off = 100 * np.linalg.norm(drawn.path.p_world_camera - other.p_world_camera, axis=1)
-        lines += [f"**Camera {off.mean():.1f} cm** from its true path on average, at most {off.max():.1f} cm.", ""]
-    return lines
-
-
-def _wearer_table(drawn: DrawnScene) -> list[str]:
-    lines = ["| wearer | joint error mm | 95 % below | reprojection px | sensors |", "|---|---|---|---|---|"]
-    for wearer in drawn.wearers:
-        error = wearer.error_mm
-        pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
-        joint = (
-            [f"{error.mean():.1f}", f"{np.percentile(error, 95):.1f}"]
-            if error is not None and len(error)
-            else ["-"] * 2
-        )
-        median = f"{np.nanmedian(pixels):.1f}" if pixels is not None else "-"
-        sensors = str(len(wearer.recording.placed)) if wearer.recording is not None else "-"
-        lines.append("| " + " | ".join([wearer.name, *joint, median, sensors]) + " |")
-    return [*lines, ""]
-
-
-def _body_table(wearer: DrawnWearer) -> list[str]:
-    """Lengths before and after; none where no body was looked for."""
-    body = wearer.estimate.body if wearer.estimate is not None else None
-    if body is None or not body.names:
-        return []
-    lines = [f"| {wearer.name} | likely mm | ± mm | found mm | ± mm |", "|---|---|---|---|---|"]
-    rows = zip(body.names, body.prior, body.prior_sigma, body.posterior, body.sigma, strict=True)
-    lines += [f"| {name} | " + " | ".join(_text(1e3 * value) for value in values) + " |" for name, *values in rows]
-    return [*lines, ""]
-
-
-def _sensor_table(wearer: DrawnWearer) -> list[str]:
-    """Heading and mounting per sensor in degrees; headings relative to the truth share one free turn."""
-    rows = rows_of(wearer)
-    if not rows or wearer.estimate is None:
-        return []
-    truth = wearer.recording.truth.calibration if wearer.recording is not None and wearer.recording.truth else {}
-    lines = [f"| {wearer.name} | heading ° | ± ° | error ° | mounting error ° |", "|---|---|---|---|---|"]
-    for row in rows:
-        found, known = wearer.estimate.calibration[row.sensor], (truth or {}).get(row.sensor)
-        off = np.nan if known is None else float(np.rad2deg(angle_between(found.R_bone_sensor, known.R_bone_sensor)))
-        lines.append(
-            f"| {row.sensor} | {_text(row.heading)} | {_text(row.sigma)} | {_text(row.error)} | {_text(off)} |"
-        )
-    return [*lines, ""]
-
-
-def _recording_lines(wearer: DrawnWearer, with_notes: bool) -> list[str]:
-    if wearer.recording is None:
-        return []
-    recording = wearer.recording
-    subject, (start, end) = recording.subject, recording.interval
-    stature = f"{subject.stature_m:.2f} m" if subject.stature_m is not None else "of unknown stature"
-    lines = [
-        f"Recording: {end - start:.1f} s, {len(recording.imus)} IMUs ({len(recording.placed)} placed, "
-        f"{recording.placement.name}), worn by {subject.name}, {stature}, initial pose {recording.initial_pose}.",
-        "",
-    ]
-    return [*lines, *(paragraphs(recording.notes) if with_notes else [])]
-
-
-def paragraphs(text: str) -> list[str]:
-    """Lines of a text each of which stays a line of its own: Markdown would run them together."""
-    return [line for one in text.splitlines() if one.strip() for line in (one.strip(), "")]
-
-
-def _text(value: float) -> str:
-    return f"{value:.1f}" if np.isfinite(value) else "-"
-
-
-def solve_lines(reports: Sequence[SolveReport]) -> list[str]:
-    """A table (Markdown) of how the solves went; empty without any."""
-    if not reports:
-        return []
-    lines = ["| solve | steps | cost | s |", "|---|---|---|---|"]
-    for report in reports:
-        before, after = sum(report.initial_cost.values()), sum(report.final_cost.values())
-        ended = "" if report.converged else " (stopped)"
-        lines.append(
-            f"| {report.stage} | {len(report.iterations)}{ended} | {before:.4g} → {after:.4g} | {report.seconds:.1f} |"
-        )
-    return [*lines, ""]
-
-
 def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], apart: bool) -> str:
-    """The text.
+    """Markdown for the panel of a stream.
 
     Args:
-        setup: of what is streamed.
-        findings: and the seconds at which they were made, in their order.
+        setup: what is streamed.
+        findings: with the seconds at which they were made, in their order.
         apart: whether the wearers are set apart.
     """
-    lines = [f"# {setup.name}", ""]
+    lines = [f"# {plain(setup.name)}", ""]
     if findings:
-        lines += ["## Findings", "", f"**{verdict(one for _, one in findings)}**", ""]
-        lines += [f"- **{time:.1f} s** {one}" for time, one in reversed(findings[-KEPT:])]
-        lines.append("")
-    colours = [f"- **{name}**, newest: {colour_name(index)}, solid; {LIMBS}." for index, name in enumerate(setup.names)]
+        newest = [(f"{time:.1f} s", str(finding)) for time, finding in reversed(findings[-KEPT:])]
+        lines += markdown(facts("Findings", ("verdict", str(verdict(finding for _, finding in findings))), *newest))
+    colours = [
+        f"- **{plain(name)}**, newest: {colour_name(index)}, solid; {LIMBS}." for index, name in enumerate(setup.names)
+    ]
     colours.append("- Newest, preliminary (the first seconds, from little data): dark grey, solid.")
     colours.append("- Smoothed, a moment earlier: dark grey, see-through.")
     return "\n".join([*lines, *_legend(colours, setup.camera is not None, apart)])

@@ -44,7 +44,6 @@ FENCED = {
     "pythonosc": {"io"},
     "pylsl": {"io"},
     "av": {"viz"},
-    "PIL": {"viz"},
     "cv2": {"associate", "detect", "initialise", "io", "viz", "sensors"},
     "ai_edge_litert": {"detect"},
     "onnxruntime": {"detect"},

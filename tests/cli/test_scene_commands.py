@@ -51,20 +51,6 @@ def test_view_draws_all_kinds_of_files(run: Callable, folder: Path, tmp_path: Pa
     assert all(path.stat().st_size > 1000 for path in made)
 
 
-def test_view_writes_a_film(run: Callable, folder: Path, tmp_path: Path) -> None:
-    film = tmp_path / "a.mp4"
-    size = ("--video-height", "80", "--video-rate", "4")
-    done = run("view", folder / "scene.mcap", folder / "vip.mcap", "--video", film, *size)
-    assert (done.code, done.out.split()) == (0, [str(film)]), done.err
-    assert film.stat().st_size > 1000
-    again = run("view", folder / "scene.mcap", "--video", film)
-    assert (again.code, "exists" in again.err) == (2, True)
-    wrong = run("view", folder / "scene.mcap", "--video", tmp_path / "a.avi")
-    assert (wrong.code, ".mp4, .webp, .gif" in wrong.err) == (2, True)
-    settled = run("view", folder / "vip.mcap", "--video", tmp_path / "b.mp4", "--headings", folder / "vip.mcap")
-    assert (settled.code, "live estimate" in settled.err) == (2, True)
-
-
 def test_a_chart_takes_several_estimates_of_one_scene(run: Callable, folder: Path, tmp_path: Path) -> None:
     estimates = (folder / "vip.mcap", folder / "other.mcap")
     done = run("view", folder / "scene.mcap", *estimates, "--chart", tmp_path / "c.png")

@@ -19,7 +19,7 @@ def headless(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_without_a_display_a_window_is_refused_in_one_sentence(run: Callable, files) -> None:
     done = run("view", files.recording)
     assert (done.code, done.out) == (2, "")
-    assert done.err == "vip-factors: no display: use --serve, --save FILE.rrd, --picture or --video\n"
+    assert done.err == "vip-factors: no display: use --serve, --save FILE.rrd or --picture\n"
     done = run("stream", files.recording, "--rerun")
     assert done.code == 2
     assert done.err.startswith("vip-factors: no display: use --rerun-serve PORT")

@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings
-from live_answers import answers, live_scene, setup_of
 from mcap.reader import make_reader
 from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_samples import assert_same, calibration, estimates, motion, walk
-from scene_sample import estimate_of, scene_sample
 from scene_samples import filmed_walk, scene_estimates
 
 from vip_factors.body.skeleton import JOINT_NAMES
@@ -23,8 +21,7 @@ from vip_factors.describe.estimates import estimate_tables
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstimate
 from vip_factors.findings import Finding, bare
-from vip_factors.io.live_mcap import LiveMcapSink
-from vip_factors.io.mcap_estimate import CAMERA_POSE, read_calibration_history, read_estimate
+from vip_factors.io.mcap_estimate import CAMERA_POSE, read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.mcap_recording import read_scene, write_recording
@@ -301,31 +298,3 @@ def test_more_reprojection_errors_than_there_can_be_are_not_made_room_for(
     monkeypatch.setattr("vip_factors.io.mcap_frames.MOST_RESIDUALS", 3)
     with pytest.raises(FileFormatError, match=r"e\.mcap: tells of reprojection errors in \d+ frames of \d wearers"):
         read_estimate(tmp_path / "e.mcap")
-
-
-def test_headings_come_back_with_the_times_at_which_they_were_believed(tmp_path: Path) -> None:
-    scene, heading = live_scene(2.2), {}
-    with LiveMcapSink(tmp_path / "e.mcap", setup_of(scene), 60.0) as sink:
-        for one in answers(scene):
-            turned = []
-            for wearer in one.wearers:
-                head = replace(wearer.calibration["head"], heading=0.1 * one.time)
-                turned.append(replace(wearer, calibration={**wearer.calibration, "head": head}))
-            heading[round(one.time, 3)] = 0.1 * one.time
-            sink.write(replace(one, wearers=tuple(turned)))
-    histories = read_calibration_history(tmp_path / "e.mcap")
-    assert len(histories) == 2
-    for times, calibrations in histories:
-        assert len(times) == len(calibrations) >= 4
-        assert (np.diff(times) > 0).all()
-        for time, believed in zip(times, calibrations, strict=True):
-            assert believed["head"].heading == pytest.approx(heading[round(float(time), 3)], abs=1e-6)
-
-
-def test_an_estimate_of_the_whole_has_one_entry(tmp_path: Path) -> None:
-    scene = scene_sample(0.2)
-    write_estimate(estimate_of(scene), tmp_path / "e.mcap")
-    histories = read_calibration_history(tmp_path / "e.mcap")
-    assert [len(times) for times, _ in histories] == [1, 1]
-    with pytest.raises(InputError):
-        read_calibration_history(tmp_path / "none.mcap")

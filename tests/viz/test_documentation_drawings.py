@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from vip_factors.sensors.calibration import SITES, sensor_site, site_axes
+from vip_factors.viz.body_view import view_from
 from vip_factors.viz.drawn_body import pixel, sites_picture, standing_body
-from vip_factors.viz.eye import distant_eye
 
 DOCS = Path(__file__).parents[2] / "docs"
 DRAWINGS = runpy.run_path(str(DOCS / "draw.py"))["DRAWINGS"]
@@ -43,8 +43,8 @@ def test_somebody_stands_on_the_floor_and_faces_x() -> None:
 
 
 def test_the_wearers_left_is_on_the_right_of_a_front_view() -> None:
-    eye = distant_eye((100, 100), 0.0, 0.0, (0.0, 0.0), 100.0)
-    assert pixel(eye, np.array([0.0, 1.0, 2.0])) == pytest.approx((100.0, -200.0))
+    view = view_from(0.0, 0.0, (0.0, 0.0), 100.0)
+    assert pixel(view, np.array([0.0, 1.0, 2.0])) == pytest.approx((100.0, -200.0))
 
 
 def test_the_checkerboard_has_the_corners_that_its_caption_tells() -> None:

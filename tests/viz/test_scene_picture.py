@@ -16,8 +16,8 @@ from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.charts import INK, LINE_COLOURS, scene_charts
 from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.film_panes import PLANE
 from vip_factors.viz.images import video_stream
+from vip_factors.viz.overlay import GROUND
 from vip_factors.viz.picture import filmstrip
 
 ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
@@ -41,7 +41,7 @@ def pixels_like(png: Path, colour: tuple[int, int, int], tolerance: int = 10) ->
 def test_every_wearer_is_on_the_picture_in_its_colour(sample: Scene, tmp_path: Path) -> None:
     png = tmp_path / "a.png"
     filmstrip(drawn_scene(sample, estimate_of(sample, ERRORS)), png, frames=3)
-    shown = cv2.imread(str(png))[..., ::-1].astype(int)[130:430]  # the frames, with light and shadow
+    shown = cv2.imread(str(png))[..., ::-1].astype(int)[130:430]  # the frames
     assert 1000 < np.sum(shown[..., 0] - shown[..., 2] > 60) < 50_000  # orange
     assert 1000 < np.sum(shown[..., 2] - shown[..., 0] > 60) < 50_000  # blue
     short = tmp_path / "b.png"
@@ -58,7 +58,7 @@ def test_frames_of_the_video_are_the_background(sample: Scene, tmp_path: Path) -
     seen = replace(sample, camera=replace(sample.camera, video=video))
     filmstrip(drawn_scene(seen, None), tmp_path / "a.png", frames=3)
     assert pixels_like(tmp_path / "a.png", (0, 200, 0)) > 50_000
-    assert pixels_like(tmp_path / "a.png", PLANE, 2) < 8000  # but for the plates of the times
+    assert pixels_like(tmp_path / "a.png", GROUND, 2) < 8000  # but for the plates of the times
 
 
 def test_frames_are_found_in_files_and_rubbish_is_left_out(tmp_path: Path) -> None:

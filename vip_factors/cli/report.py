@@ -31,8 +31,8 @@ class ReportOptions(ManyOptions):
     truth: Path | None = None
     """Recording (.mcap) whose truth to compare with, if it is not the one above."""
     video: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="[FILM]")] = None
-    """Also write a film beside the page (.mp4): skeletons over the camera's video, or that in a file, and the room at
-    the same moments; needs vip-factors[film]."""
+    """Also write a film beside the page (.mp4): skeletons over the camera's video, or that in a file; needs
+    vip-factors[film]."""
     out: Annotated[Path | None, Output()] = None
     """Where to write the page; beside the estimate if not given."""
     fail_on: FailOn = "never"

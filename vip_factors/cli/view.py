@@ -1,7 +1,7 @@
 """``vip-factors view``: look at recordings, scenes, estimates and motions, in Rerun or as pictures."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -10,16 +10,15 @@ import tyro
 from vip_factors.atomic import check_target
 from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import RERUN_FILE, Flag, Output, WritingOptions
-from vip_factors.cli.terminal import note, progress_bar, waiting
+from vip_factors.cli.terminal import note, waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
-from vip_factors.viz.film_settings import FilmSettings
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
     from vip_factors.viz.drawn_scene import DrawnScene
 
-INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd, --picture or --video"
+INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd or --picture"
 
 
 @dataclass(frozen=True)
@@ -30,7 +29,7 @@ class ViewOptions(WritingOptions):
     scene also the video, who was assigned to what, and the estimated bodies over the image.
     """
 
-    common: ClassVar = ("save", "serve", "picture", "chart", "video", "overwrite")
+    common: ClassVar = ("save", "serve", "picture", "chart", "overwrite")
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most, but any number of estimates
     for --chart."""
@@ -48,9 +47,6 @@ class ViewOptions(WritingOptions):
     """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
     chart: Annotated[Path | None, Output(".png")] = None
     """Write a chart (.png): joint error per frame of every estimate, headings with their uncertainty; needs nothing."""
-    video: Annotated[Path | None, Output()] = None
-    """Write a film (.mp4, .webp, .gif): bodies over the camera's video and in a room; needs vip-factors[film]."""
-    film: Annotated[FilmSettings, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=FilmSettings)
     compare: Literal["root", "world", "side"] = "root"
     """Where to draw the estimate beside the truth: on the true root path, in the true world, or to the side. Scenes
     are always drawn in the true world."""
@@ -60,18 +56,14 @@ def main(options: ViewOptions) -> None:
     """Run the command."""
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
-    targets = (options.save, options.screenshot, options.picture, options.chart, options.video)
+    targets = (options.save, options.screenshot, options.picture, options.chart)
     for wanted in targets:
         if wanted is not None:
             check_target(wanted, options.overwrite)
-    if options.video is not None:
-        from vip_factors.viz.film import check_film
-
-        check_film(options.video)
     if options.chart is not None:
         _chart(options.files, options.chart, options.overwrite)
         print(options.chart)
-        others = (options.save, options.screenshot, options.picture, options.video)
+        others = (options.save, options.screenshot, options.picture)
         if not options.serve and all(one is None for one in others):
             return
     opened = open_all(options.files)
@@ -84,9 +76,6 @@ def main(options: ViewOptions) -> None:
 
         filmstrip(_drawn(opened), options.picture, overwrite=options.overwrite)
         print(options.picture)
-    if options.video is not None:
-        write_film(opened, options.video, options.film, options.overwrite)
-        print(options.video)
     if options.screenshot is not None:
         _screenshot(opened, options.screenshot, options)
         print(options.screenshot)
@@ -157,22 +146,3 @@ def _serve(opened: Opened, options: ViewOptions) -> None:
         rrd = Path(folder) / "view.rrd"
         _show(opened, rrd, options)
         serve(rrd, options.host, options.port, print_address)
-
-
-def write_film(opened: Opened, path: Path, settings: FilmSettings, overwrite: bool) -> None:
-    """Draw the film of what was opened.
-
-    Raises:
-        InputError, FileFormatError: if there is nothing to draw, or a file cannot be read or written.
-    """
-    from vip_factors.io.mcap_estimate import read_calibration_history
-    from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene
-    from vip_factors.viz.film import film
-
-    histories = read_calibration_history(settings.headings) if settings.headings is not None else ()
-    if opened.scene is None and opened.estimate is None and opened.motion is not None:
-        drawn = DrawnScene(opened.motion.name, (DrawnWearer(opened.motion.name, 0, None, opened.motion, None, None),))
-    else:
-        drawn = drawn_scene(opened.scene, opened.estimate)
-    with progress_bar() as progress:
-        film(drawn, path, settings, histories, overwrite=overwrite, on_progress=progress)

@@ -9,12 +9,9 @@ import warnings
 from itertools import starmap, zip_longest
 from typing import Any
 
-import numpy as np
-
 from vip_factors.errors import FileFormatError
 from vip_factors.estimate import CameraEstimate, Estimate, StartChoice, WearerEstimate
 from vip_factors.findings import TEXT, bare, sentences
-from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import DataclassCodec, time_ns_of
 from vip_factors.io.mcap_camera import intrinsics_of
@@ -34,7 +31,6 @@ from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
 from vip_factors.io.schemas.estimate_info_pb2 import StartChoice as StartChoiceMessage
 from vip_factors.io.schemas.residuals_pb2 import Residuals
 from vip_factors.io.schemas.scene_estimate_pb2 import SceneEstimateInfo
-from vip_factors.sensors.calibration import Calibration
 
 ESTIMATE = "/estimate/"
 SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
@@ -202,33 +198,3 @@ def _camera(topics: Topics) -> CameraEstimate | None:
         residual_px=camera_residuals_of(path, info, topics.all(CAMERA_RESIDUALS, CameraResiduals)),
         **CAMERA_HEAD.values(info),
     )
-
-
-CalibrationHistory = tuple[Array, list[Calibration]]
-"""Times ``(n,)`` in seconds from the recording's start, and the calibration believed from each of them on."""
-
-
-def read_calibration_history(path: str | os.PathLike[str]) -> list[CalibrationHistory]:
-    """The calibrations of each wearer of an estimate, in the order of time; one entry where it was solved as a whole.
-
-    Raises:
-        InputError, FileFormatError: if the file cannot be read.
-    """
-    wanted = (CALIBRATION, POSE, MOTION, SCENE_INFO)
-    contents = read_contents(
-        path, lambda channel: channel.topic.startswith(ESTIMATE) and channel.topic.endswith(wanted)
-    )
-    info = Topics(contents).last(SCENE_INFO, SceneEstimateInfo)
-    histories: list[CalibrationHistory] = []
-    for prefix in [SINGLE] if info is None else info.wearer_topics:
-        topics = Topics(contents, prefix)
-        motion, poses = topics.last(MOTION, MotionInfo), topics.all(POSE, BodyPose)
-        found = topics.objects(CALIBRATION, codecs.CALIBRATION)
-        if motion is None or not found or not poses:
-            histories.append((np.zeros(0), []))
-            continue
-        first_s = motion.start_s + poses[0].frame / motion.rate_hz
-        start_ns = topics.channels(POSE, BodyPose)[0].log_times[0] - round(first_s * 1e9)
-        logged = [time for one in topics.channels(CALIBRATION, codecs.CALIBRATION.message) for time in one.log_times]
-        histories.append(((np.array(logged, dtype=np.int64) - start_ns) / 1e9, list(found)))
-    return histories

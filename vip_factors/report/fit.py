@@ -228,7 +228,7 @@ def moments_section(material: Material, most: int) -> Section | None:
         Paragraph(
             "Where the estimate differs most from what was measured, or knows least, against what is usual in this "
             "recording. Look at these first; elsewhere the body fits better. Left limbs are orange, "
-            "right ones blue; in frames of the video bodies are the reconstructed ones, thin lines what "
+            "right ones blue; in frames of the video the broad skeletons are the reconstructed ones, thin lines what "
             "the detector saw." + (" The video itself is not in the recording." if blind else "")
         ),
         Pictures(tuple(pictures)),
@@ -309,7 +309,7 @@ def _peaks(values: Array, apart: int, most: int) -> list[int]:
 
 
 def _video_frame(material: Material, moment: Moment) -> list[Image]:
-    """The frame of the video at a moment with the bodies over it, if the camera is there and sees something then."""
+    """The frame of the video at a moment with the skeletons over it, if the camera is there and sees something then."""
     drawn = material.drawn
     if drawn.detections is None or drawn.model is None or not len(drawn.detections.time):
         return []
@@ -319,7 +319,7 @@ def _video_frame(material: Material, moment: Moment) -> list[Image]:
         return []
     height = round(FRAME_WIDTH * drawn.model.height / drawn.model.width)
     image = frame_picture(drawn, frame, (FRAME_WIDTH, height))
-    return [Image(jpeg(image), f"the video at {time[frame]:.2f} s with the bodies over it", wide=True)]
+    return [Image(jpeg(image), f"the video at {time[frame]:.2f} s with the skeletons over it", wide=True)]
 
 
 def png(image: np.ndarray) -> str:

@@ -21,7 +21,6 @@ from vip_factors import __version__
 from vip_factors.atomic import atomic_open
 from vip_factors.body.joint_angles import is_measured
 from vip_factors.body.skeleton import calibration_pose
-from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.gait.analysis import Gait, gait_of
 from vip_factors.gait.files import curves_figure
@@ -104,8 +103,8 @@ def write_report(
         settings: how much goes into the page.
         overwrite: whether an existing file may be replaced.
         progress: called with the name of the stage and the fraction of it done.
-        video: a film is to be beside the page, of skeletons over the camera's pictures and of the room: of the
-            recording's own video, or of that in a file.
+        video: a film of skeletons over the camera's pictures is to be beside the page: of the recording's own video,
+            or of that in a file.
 
     Raises:
         InputError: if they do not belong together, a file may not be written, or a film cannot be made.
@@ -126,9 +125,10 @@ def write_film(
     """Write the film of a page; see :func:`write_report`."""
     from vip_factors.viz.film import film
 
-    if given.drawn.path is None or given.drawn.detections is None:
-        raise InputError(f"{path}: no camera is known that filmed: expected a filmed recording, and its estimate")
-    times, rate = film(given.drawn, path, settings.film, overwrite=overwrite, on_progress=progress or no_progress)
+    times, rate = film(
+        given.drawn, path, settings.video_height, settings.video_seconds, overwrite=overwrite,
+        on_progress=progress or no_progress,
+    )  # fmt: skip
     pace = float(times[-1] - times[0]) * rate / (len(times) - 1) if len(times) > 1 else 1.0
     return ShownFilm(path.name, float(times[0]), pace)
 

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate, check_ranges
-from vip_factors.viz.film_settings import FilmSettings
 
 
 @dataclass(frozen=True)
@@ -22,14 +22,12 @@ class ReportSettings:
     rate: Rate = 30.0  # as films: faster is not seen, and would double the file
     most_poses: Annotated[int, Range(least=2)] = 9000  # 2.4 MB in the page: five minutes of one wearer at 30 Hz
     moments: NotNegativeInt = 4  # a row or two of pictures: 60 kB each
-    video_height: int = 480  # fills the page's width beside the room; 720 takes half as long again
+    video_height: Annotated[int, Range(least=64, most=2160)] = 480  # fills the page's width; 720 takes twice as long
     video_seconds: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
         check_ranges(self)
-        assert self.film
-
-    @property
-    def film(self) -> FilmSettings:
-        """Of the film beside the page."""
-        return FilmSettings(self.video_height, video_seconds=self.video_seconds, video_skeleton=True)
+        if self.video_seconds is not None and not self.video_seconds[0] < self.video_seconds[1]:
+            raise InputError(
+                f"film from second {self.video_seconds[0]} to {self.video_seconds[1]}: expected a later end"
+            )

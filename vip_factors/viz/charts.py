@@ -28,6 +28,7 @@ INK, SOFT_INK, GRID, ERROR = "#282e3a", "#66707e", "#e4e7ec", "#c44854"
 LINE_COLOURS = ("#3e6ebe", "#289650", "#e27828", "#965abe", "#c83c50", "#5a6473")
 WIDTH, MARGIN, TEXT = 1600, 60, 16.0
 CURVES_HEIGHT = 300
+SVG_DPI = 108  # of what is drawn as pixels within: half as many again as the page has
 ROW_HEIGHT, HEAD_HEIGHT, FOOT_HEIGHT, NAME_WIDTH, BLOCK_WIDTH, GAP = 28, 64, 44, 190, 760, 60  # of headings
 # A bar that is longer than the first says "unknown" as well as one that fills the panel.
 WIDEST_ERROR_DEG, NARROWEST_ERROR_DEG = 90.0, 2.0
@@ -118,7 +119,7 @@ def svg(drawing: Figure | Axes) -> str:
     with mpl.rc_context(
         {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}
     ):  # text stays text, a file stays itself
-        figure.savefig(file, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Type", "Format")))
+        figure.savefig(file, format="svg", dpi=SVG_DPI, metadata=dict.fromkeys(("Date", "Creator", "Type", "Format")))
     return file.getvalue().decode()
 
 

@@ -63,13 +63,3 @@ def body_colours(index: int) -> dict[Side, Colour]:
         Side.LEFT: mixed(colour, (255, 255, 255), 0.35),
         Side.RIGHT: mixed(colour, (0, 0, 0), 0.30),
     }
-
-
-def skin_colours(index: int) -> dict[Side, Colour]:
-    """The same in pictures with light and shadow, which darken by themselves."""
-    colour = wearer_colour(index)
-    return {
-        Side.MIDDLE: mixed(colour, (255, 255, 255), 0.10),
-        Side.LEFT: mixed(colour, (255, 255, 255), 0.42),
-        Side.RIGHT: mixed(colour, (0, 0, 0), 0.12),
-    }

@@ -4,21 +4,18 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import ESTIMATE_COLOURS
 from vip_factors.body.skeleton import calibration_pose
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import sensor_site, site_axes
+from vip_factors.viz.body_view import View, draw_body, view_from
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, Point, canvas, svg
 from vip_factors.viz.colours import mixed
-from vip_factors.viz.eye import Eye, distant_eye, scaled
-from vip_factors.viz.figure import Figure, as_bytes, blend, lit_from
 
 AXES = (("x", "#c8443c"), ("y", "#2f8f4e"), ("z", "#2f5fc4"))
 HALO = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}  # below text: legible over the body
 LETTER_GAP_PX = 9.0
-FINER = 1.5  # pixels of the body to one of the page
 
 
 def standing_body(pose: str, stature_m: float = 1.75) -> Motion:
@@ -29,38 +26,26 @@ def standing_body(pose: str, stature_m: float = 1.75) -> Motion:
     return Motion(skeleton, calibration_pose(pose)[None], np.array([[0.0, 0.0, height]]), 1.0)
 
 
-def draw_body(axes: Axes, body: Motion, eye: Eye, paler: float = 0.45) -> None:
-    """The first frame over the whole picture, in the colours of its sides with a share of white."""
-    width, height = eye.model.width, eye.model.height
-    fine = Eye(scaled(eye.model, round(FINER * width), round(FINER * height)), eye.R_world_camera, eye.p_world_camera)
-    image = np.ones((fine.model.height, fine.model.width, 3), np.float32)
-    colours = {side: mixed(colour, (255, 255, 255), paler) for side, colour in ESTIMATE_COLOURS.items()}
-    cover = blend(image, fine, [Figure(body_mesh(body.skeleton), body, colours).posed(body.start)], lit_from(fine))
-    assert cover is not None
-    # Cut out, so that it lies over what is drawn already.
-    rows, columns = (np.flatnonzero(cover.any(axis=axis)) for axis in (1, 0))
-    box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    seen = np.dstack([as_bytes(image[box]), as_bytes(np.sqrt(cover[box]))])
-    x, y = np.array([columns[0], columns[-1] + 1]) / FINER, np.array([rows[-1] + 1, rows[0]]) / FINER
-    axes.imshow(seen, extent=(*x, *y), interpolation="none", zorder=1)
-    axes.set(xlim=(0, width), ylim=(height, 0), aspect="auto")
+def draw_pale_body(axes: Axes, body: Motion, view: View, paler: float = 0.45) -> None:
+    """Draw the first frame in the colours of its sides with a share of white."""
+    draw_body(axes, body, 0, view, {side: mixed(c, (255, 255, 255), paler) for side, c in ESTIMATE_COLOURS.items()})
 
 
-def pixel(eye: Eye, p_world: Array) -> Point:
-    """Where one point is seen."""
-    x, y = eye.project(np.asarray(p_world, float))[0]
+def pixel(view: View, p_world: Array) -> Point:
+    """Where a point is seen."""
+    x, y = view.project(np.asarray(p_world, float))
     return float(x), float(y)
 
 
-def draw_axes(axes: Axes, eye: Eye, p_world: Array, R_world_frame: Array, metres: float) -> None:
+def draw_axes(axes: Axes, view: View, p_world: Array, R_world_frame: Array, metres: float) -> None:
     """Arrows of a frame's three axes with their letters, the farthest first."""
     tips = p_world + metres * R_world_frame.T
-    for axis in np.argsort(-eye.project(tips)[1]):
-        draw_arrow(axes, pixel(eye, p_world), pixel(eye, tips[axis]), *AXES[axis][::-1])
+    for axis in np.argsort(-view.depth(tips)):
+        draw_arrow(axes, pixel(view, p_world), pixel(view, tips[axis]), *AXES[axis][::-1])
 
 
 def draw_arrow(axes: Axes, start: Point, end: Point, colour: str, letter: str = "", width: float = 2.2) -> None:
-    """An arrow between two pixels; of one that points at the eye, or away from it, only a dot is left."""
+    """An arrow between two pixels; of one that points at the reader, or away from it, only a dot is left."""
     way = np.subtract(end, start)
     length = float(np.linalg.norm(way))
     if length < 4.0:
@@ -86,8 +71,8 @@ WIDTH, HEIGHT, MARGIN = 860, 1470, 30.0
 TOPS = (116.0, 960.0)  # of the panels, one above the other
 PLATE_M = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * np.array([0.024, 0.016, 0.0])
 PITCH = np.deg2rad(16.0)
-FRONT = distant_eye((WIDTH, HEIGHT), np.deg2rad(30.0), PITCH, (430.0, 890.0), 415.0)
-BACK = distant_eye((WIDTH, HEIGHT), np.deg2rad(150.0), PITCH, (425.0, 1375.0), 480.0, (0.0, 0.0, 1.0))
+FRONT = view_from(np.deg2rad(30.0), PITCH, (430.0, 890.0), 415.0)
+BACK = view_from(np.deg2rad(150.0), PITCH, (425.0, 1375.0), 480.0, (0.0, 0.0, 1.0))
 ARROW_M = 0.12
 LEADER_PX = 125.0  # a name further off than this has a line to its sensor
 # Each site, and where its name is written: pixels right of and below the sensor, and what of it stands there.
@@ -115,28 +100,28 @@ def sites_picture(stature_m: float = 1.75) -> str:
     frames = "T-pose, palms down. z points out of the skin. Orange is the wearer's left, blue the right."
     write(axes, (MARGIN, 74), frames, 14, SOFT_INK)
     body = standing_body("t-pose", stature_m)
-    for title, top, eye, names in (
+    for title, top, view, names in (
         ("From the front left", TOPS[0], FRONT, SEEN_FROM_THE_FRONT),
         ("From the back left", TOPS[1], BACK, SEEN_FROM_THE_BACK),
     ):
         axes.hlines(top - 12, MARGIN, WIDTH - MARGIN, color=GRID)
         write(axes, (MARGIN, top + 14), title, 15, bold=True)
-        draw_body(axes, body, eye, paler=0.55)
+        draw_pale_body(axes, body, view, paler=0.55)
         for name, beside in names.items():
-            _draw_site(axes, eye, name, beside, body)
+            _draw_site(axes, view, name, beside, body)
     return svg(axes)
 
 
-def _draw_site(axes: Axes, eye: Eye, name: str, beside: tuple[float, float, str], body: Motion) -> None:
+def _draw_site(axes: Axes, view: View, name: str, beside: tuple[float, float, str], body: Motion) -> None:
     site, state = sensor_site(name, body.skeleton), body.state
     R_world_bone = state.R_world_bone[0, site.bone_index]
     R_world_sensor = R_world_bone @ site.R_bone_sensor
     p_world_sensor = state.p_world_joint[0, site.bone_index] + R_world_bone @ site.p_bone_sensor
-    plate = eye.project(p_world_sensor + PLATE_M @ R_world_sensor.T)[0]
+    plate = view.project(p_world_sensor + PLATE_M @ R_world_sensor.T)
     axes.fill(*plate.T, facecolor="#f6de78", edgecolor=INK, lw=1.2, zorder=2)
-    draw_axes(axes, eye, p_world_sensor, R_world_sensor, ARROW_M)
+    draw_axes(axes, view, p_world_sensor, R_world_sensor, ARROW_M)
     right, down, anchor = beside
-    sensor = pixel(eye, p_world_sensor)
+    sensor = pixel(view, p_world_sensor)
     x, y = np.add(sensor, (right, down))
     if np.hypot(right, down) > LEADER_PX:
         axes.plot([x + 6, sensor[0]], [y - 6, sensor[1]], color=SOFT_INK, lw=1.1)

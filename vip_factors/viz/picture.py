@@ -1,39 +1,50 @@
-"""Pictures for a page: poses in a row, the truth in grey behind, or frames of a video with bodies; errors below."""
+"""Pictures for a page: poses in a row, the truth in grey behind, or frames of a video with skeletons; errors below."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.patches import Ellipse
 
-from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.mannequin import ESTIMATE_COLOURS, TRUTH_COLOUR, Side
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
 from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, yaw_of
-from vip_factors.viz.charts import MARGIN, SOFT_INK, TEXT, WIDTH, Curve, draw_curves, page, panel, save, size_of, write
-from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, mixed, wearer_colour
+from vip_factors.viz.body_view import SENSOR, View, draw_body, draw_sensors, view_from
+from vip_factors.viz.charts import (
+    INK,
+    MARGIN,
+    SOFT_INK,
+    TEXT,
+    WIDTH,
+    Curve,
+    canvas,
+    draw_curves,
+    page,
+    panel,
+    pixels,
+    save,
+    size_of,
+    write,
+)
+from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, wearer_colour
 from vip_factors.viz.compare import floor_height
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
-from vip_factors.viz.eye import Eye, distant_eye
-from vip_factors.viz.figure import BOX_COLOUR, Figure, as_bytes, blend, figure_of, lit_from
-from vip_factors.viz.film_panes import PLANE, CameraPane
-from vip_factors.viz.room import Room, floor_light
+from vip_factors.viz.overlay import GROUND, overlaid_frames
 
-GHOST = mixed(TRUTH_COLOUR, (255, 255, 255), 0.35)
+GHOST = (220, 222, 226)  # of the truth, behind the estimate
 GAP, HEADER, STRIP_HEIGHT, CHART_HEIGHT = 20, 130, 470, 190
 BODY_HEIGHTS = (1.95, 2.5)  # metres that fit into the strip: standing, and arms raised overhead
-HEADROOM_M = 0.35  # from the highest joint to the top: a head or a hand, and the perspective of looking down
-CELL_SHARE = 1.7  # of a pose's place in the row: arms reach beside it
-STEEP = 2.2  # light: shadows end before the next pose
+HEADROOM_M = 0.25  # from the highest joint to the top: a head or a hand
 FOOT_ROOM_PX = 42  # below the point under the pelvis: feet before it
-GHOST_OPACITY = 0.55
 VIEW_YAW, VIEW_PITCH = np.deg2rad(32.0), np.deg2rad(9.0)  # from the wearer's front left, a little from above
 # At rest the body's z (forward) is turned onto the world's x: the yaw of a standing body facing x is that of this.
 R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 COLUMNS = 3  # frames of a video beside each other
-OPACITY = 0.72  # of the bodies over the frames
 AROUND = 1.25  # around the people shown
 
 Entry = tuple[str, str, str]
@@ -44,8 +55,8 @@ DOT = "   ·   "
 def filmstrip(
     drawn: DrawnScene, path: Path, *, frames: int = 6, title: str | None = None, overwrite: bool = False
 ) -> None:
-    """Draw a PNG, with errors over time below: of what a camera filmed frames of its video, three in a row, bodies in
-    their wearers' colours over them; of one wearer alone poses in a row, each seen from the wearer's front left, in
+    """Draw a PNG, with errors over time below: of what a camera filmed frames of its video, three in a row, skeletons
+    in their wearers' colours over them; of one wearer alone poses in a row, each seen from the wearer's front left, in
     colour, the truth in grey behind.
 
     Args:
@@ -75,11 +86,14 @@ def _draw_poses(wearer: DrawnWearer, path: Path, poses: int, title: str | None, 
         title = ", ".join(filter(None, (estimate.name, estimate.method))) if estimate is not None else shown.name
     entries = [(side.value, hexadecimal(ESTIMATE_COLOURS[side]), "-") for side in (Side.LEFT, Side.RIGHT)]
     entries += [("truth", hexadecimal(GHOST), "-")] if ghost is not None else []
-    entries += [("sensor", hexadecimal(BOX_COLOUR), "s")] if wearer.recording is not None else []
+    entries += [("sensor", SENSOR, "s")] if wearer.recording is not None else []
     curves = [Curve("", shown.time, values)] if values is not None else []
-    strip = _strip(wearer, shown, ghost, frames)
     subtitle = _subtitle(estimate, shown, values, ghost is not None)
-    _compose(path, title, subtitle, entries, strip, [], curves, label, shown.time[frames], overwrite)
+    figure = _page(title, subtitle, entries, STRIP_HEIGHT, curves, label, shown.time[frames])
+    axes = panel(figure, (0, HEADER, WIDTH, HEADER + STRIP_HEIGHT))
+    axes.set(xlim=(0, WIDTH), ylim=(STRIP_HEIGHT, 0), xticks=(), yticks=())
+    _draw_row(axes, wearer, shown, ghost, frames)
+    save(figure, path, overwrite)
 
 
 def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarray:
@@ -93,12 +107,14 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
     Returns:
         ``(height, width, 3)``, blue green red.
     """
+    axes = canvas(*size)
     floor = floor_height(motion.frames(slice(frame, frame + 1)))
-    highest = float(motion.state.p_world_joint[frame, :, 2].max()) - floor
-    scale = (size[1] - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
-    figure = Figure(body_mesh(motion.skeleton), motion, ESTIMATE_COLOURS)
-    picture = _drawn_pose(size, scale, motion, frame, floor, figure)
-    return as_bytes(np.ascontiguousarray(picture[..., ::-1]))
+    view = _view(motion, frame, floor, size[0] / 2, size[1], _scale(motion, [frame], [floor], size[1]))
+    _draw_floor(axes, view)
+    draw_body(axes, motion, frame, view, ESTIMATE_COLOURS)
+    figure = axes.get_figure(root=True)
+    assert figure is not None
+    return pixels(figure)[..., ::-1]
 
 
 def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, overwrite: bool) -> None:
@@ -129,23 +145,20 @@ def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, 
     entries += [("nobody's", hexadecimal(STRANGER_COLOUR), "-")] if np.any(drawn.labels < 0) else []
     given, time = int(np.sum(drawn.labels >= 0)), drawn.detections.time
     subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(drawn.detections)} people detected", f"{given} given to wearers")
-    _compose(path, title, DOT.join(subtitle), entries, strip, plates, curves, label, time[chosen], overwrite)
+    figure = _page(title, DOT.join(subtitle), entries, strip.shape[0], curves, label, time[chosen])
+    figure.figimage(strip, 0, round(size_of(figure)[1]) - HEADER - strip.shape[0], origin="upper")
+    for left, low, text in plates:
+        box = {"facecolor": hexadecimal(GROUND), "edgecolor": "none", "pad": 8}
+        write(figure, (left + 10, low - 11), text, TEXT, "#ebeef2", bbox=box)
+    save(figure, path, overwrite)
 
 
-def _compose(
-    path: Path,
-    title: str,
-    subtitle: str,
-    entries: Sequence[Entry],
-    strip: np.ndarray,
-    plates: Sequence[tuple[float, float, str]],
-    curves: Sequence[Curve],
-    label: str,
+def _page(
+    title: str, subtitle: str, entries: Sequence[Entry], strip_height: int, curves: Sequence[Curve], label: str,
     marks: Array,
-    overwrite: bool,
-) -> None:
-    """Write the page: a header with its legend, the strip, plates on it (left, bottom, text), and curves below it."""
-    bottom = HEADER + strip.shape[0]
+) -> Figure:  # fmt: skip
+    """A header with its legend, room for the strip, and curves below it."""
+    bottom = HEADER + strip_height
     figure = page(WIDTH, bottom + (70 + CHART_HEIGHT if curves else 30))
     write(figure, (MARGIN, 62), title, 28, weight="bold")
     write(figure, (MARGIN, 98), subtitle, 19, SOFT_INK)
@@ -160,14 +173,10 @@ def _compose(
         labelcolor=SOFT_INK, bbox_to_anchor=(1 - MARGIN / WIDTH, 1 - 30 / size_of(figure)[1]), handlelength=0.8,
         columnspacing=1.4, borderaxespad=0.0,
     )  # fmt: skip
-    figure.figimage(strip, 0, size_of(figure)[1] - bottom, origin="upper")
-    for left, low, text in plates:
-        box = {"facecolor": hexadecimal(PLANE), "edgecolor": "none", "pad": 8}
-        write(figure, (left + 10, low - 11), text, TEXT, "#ebeef2", bbox=box)
     if curves:
         axes = panel(figure, (MARGIN + 40, bottom + 50, WIDTH - MARGIN, bottom + 20 + CHART_HEIGHT))
         draw_curves(axes, curves, label, marks.tolist())
-    save(figure, path, overwrite)
+    return figure
 
 
 def _curve(wearer: DrawnWearer) -> tuple[Array | None, str]:
@@ -196,52 +205,46 @@ def _subtitle(estimate: WearerEstimate | None, shown: Motion, values: Array | No
     return DOT.join(parts)
 
 
-def _strip(wearer: DrawnWearer, shown: Motion, ghost: Motion | None, frames: Array) -> np.ndarray:
-    """Poses beside each other ``(H, W, 3)``, red green blue."""
+def _draw_row(axes: Axes, wearer: DrawnWearer, shown: Motion, ghost: Motion | None, frames: Array) -> None:
+    """Draw poses beside each other over the axes."""
     cell = (WIDTH - 2 * MARGIN) / len(frames)
     # Without the truth the height of an inertial reconstruction drifts: then every pose stands on its own lower foot.
     floors = [floor_height(ghost if ghost is not None else shown.frames(slice(f, f + 1))) for f in frames]
-    highest = float((shown.state.p_world_joint[frames, :, 2].max(axis=1) - floors).max())
-    scale = (STRIP_HEIGHT - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
-    body, behind = figure_of(wearer, ESTIMATE_COLOURS), None
-    assert body is not None
-    if ghost is not None:
-        behind = Figure(body_mesh(ghost.skeleton), ghost, dict.fromkeys(Side, TRUTH_COLOUR))
-    width = round(CELL_SHARE * cell)
-    strip = np.ones((STRIP_HEIGHT, WIDTH + 2 * width, 3), np.float32)  # with room for what is cut off at its ends
-    for index, (frame, floor) in enumerate(zip(frames, floors, strict=True)):
-        left = width + round(MARGIN + cell * (index + 0.5) - width / 2)
-        seen = ghost if ghost is not None else shown
-        picture = _drawn_pose((width, STRIP_HEIGHT), scale, seen, int(frame), floor, body, behind)
-        strip[:, left : left + width] = np.minimum(strip[:, left : left + width], picture)
-    return as_bytes(np.ascontiguousarray(strip[:, width:-width]))
+    scale = _scale(shown, frames, floors, STRIP_HEIGHT)
+    sites = wearer.recording.placement.sites if wearer.recording is not None else ()
+    for index, (frame, floor) in enumerate(zip(frames.tolist(), floors, strict=True)):
+        x = MARGIN + cell * (index + 0.5)
+        view = _view(ghost if ghost is not None else shown, frame, floor, x, STRIP_HEIGHT, scale)
+        _draw_floor(axes, view)
+        if ghost is not None:
+            draw_body(axes, ghost, frame, view, dict.fromkeys(Side, GHOST))
+        draw_body(axes, shown, frame, view, ESTIMATE_COLOURS)
+        draw_sensors(axes, shown, frame, view, sites)
 
 
-def _drawn_pose(
-    size: tuple[int, int], scale: float, seen: Motion, frame: int, floor: float, body: Figure,
-    behind: Figure | None = None,
-) -> np.ndarray:  # fmt: skip
-    """``(H, W, 3)`` float32 on white: a figure, and one behind it, at a frame of the motion looked at."""
-    eye, time = _eye(seen, frame, floor, size, scale), float(seen.time[frame])
-    posed = body.posed(time)
-    light, room = lit_from(eye), Room(floor, eye.p_world_camera[:2], lit_from(eye, STEEP))
-    picture = np.repeat(floor_light(room, eye, [posed.p])[..., None], 3, axis=2)
-    if behind is not None:
-        blend(picture, eye, [behind.posed(time)], light, GHOST_OPACITY)
-    blend(picture, eye, [posed], light)
-    return picture
+def _scale(motion: Motion, frames: Sequence[int] | Array, floors: Sequence[float], height: float) -> float:
+    """Pixels per metre at which the highest of some poses fits."""
+    highest = float((motion.state.p_world_joint[frames, :, 2].max(axis=1) - floors).max())
+    return (height - FOOT_ROOM_PX) / float(np.clip(highest + HEADROOM_M, *BODY_HEIGHTS))
 
 
-def _eye(motion: Motion, frame: int, floor: float, size: tuple[int, int], scale: float) -> Eye:
-    """Of one pose's picture; ``scale`` pixels a metre at the feet, which stand in the middle near its lower edge."""
+def _view(motion: Motion, frame: int, floor: float, x: float, height: float, scale: float) -> View:
+    """View of a pose whose feet stand at x near the lower edge."""
     state = motion.state
     facing = float(yaw_of(state.R_world_bone[frame, 0] @ R_WORLD_STANDING.T))
     foot = np.append(state.p_world_joint[frame, 0, :2], floor)
-    return distant_eye(size, facing + VIEW_YAW, VIEW_PITCH, ((size[0] - 1) / 2, size[1] - FOOT_ROOM_PX), scale, foot)
+    return view_from(facing + VIEW_YAW, VIEW_PITCH, (x, height - FOOT_ROOM_PX), scale, foot)
+
+
+def _draw_floor(axes: Axes, view: View) -> None:
+    """Draw a soft spot below the feet, so that they stand on something."""
+    for metres in np.linspace(0.26, 0.66, 9):
+        size = metres * view.scale, metres * view.scale * 2 * np.sin(VIEW_PITCH)
+        axes.add_patch(Ellipse(view.pixel, *size, color=INK, alpha=0.02, lw=0, zorder=0))
 
 
 def frame_picture(drawn: DrawnScene, frame: int, size: tuple[int, int]) -> np.ndarray:
-    """A frame of the video, near the people in it, with the bodies over it, or what was detected.
+    """A frame of the video, near the people in it, with skeletons and detections over it.
 
     Args:
         drawn: with a camera's model and detections.
@@ -272,16 +275,13 @@ def _scene_curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
 
 def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
     """The part of each frame where people are, ``(H, W, 3)`` red green blue, as in a film."""
-    assert drawn.detections is not None
     assert drawn.model is not None
     corner, share = _window(drawn, chosen)
-    whole = (round(size[0] / share), round(size[1] / share))
-    figures = [figure for figure in map(figure_of, drawn.wearers) if figure is not None]
-    left, top = (round(at * whole[0] / drawn.model.width) for at in corner)
-    left, top = min(left, whole[0] - size[0]), min(top, whole[1] - size[1])
-    pane = CameraPane(drawn, figures, drawn.detections.time[chosen], chosen, whole, OPACITY)
-    for number in range(len(chosen)):
-        yield pane.draw(number)[top : top + size[1], left : left + size[0]]
+    width, height = round(size[0] / share), round(size[1] / share)
+    left = min(round(corner[0] * width / drawn.model.width), width - size[0])
+    top = min(round(corner[1] * height / drawn.model.height), height - size[1])
+    for picture in overlaid_frames(drawn, chosen, (width, height)):
+        yield picture[top : top + size[1], left : left + size[0]]
 
 
 def _window(drawn: DrawnScene, chosen: np.ndarray) -> tuple[tuple[float, float], float]:

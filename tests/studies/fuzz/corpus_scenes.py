@@ -29,7 +29,7 @@ from vip_factors.io.live.growing import GrowingFileSource
 from vip_factors.io.live.session import Client, ClientError, Session
 from vip_factors.io.live.streams import listen
 from vip_factors.io.live.websocket import take_message
-from vip_factors.io.mcap_estimate import read_calibration_history, read_estimate
+from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_source import open_source
@@ -56,7 +56,7 @@ FRAMES = 3  # with people; the film has more
 SEEN = "--detections {}/poses.json --camera {}/camera.toml --video-rate 10"
 CONVERT = "convert {}/plain.mcap {}/out.mcap --overwrite"
 PAIR = "{}/NAME.mcap {}/NAME.estimate.mcap"
-FILM = "--video-height 64 --video-rate 5 --overwrite"
+FILM = "--video --video-height 64 --moments 0 --overwrite"
 BOARD = f"--checkerboard {COLUMNS}x{ROWS} --overwrite"
 NEEDS = {"glb": "pygltflib", "c3d": "ezc3d"}
 # Whole commands, by format: names of the files (see _content), those that are not damaged, how seldom, and lines.
@@ -112,7 +112,7 @@ COMMANDS: tuple[tuple[str, str, str, int, tuple[str, ...]], ...] = (
      (f"{CONVERT} {SEEN} --video {{}}/film.mp4 --embed-video", f"{CONVERT} {SEEN} --video {{}}/film.mp4",
       "view {}/out.mcap --save {}/out.rrd --overwrite")),
     ("film", "scene.mcap scene.estimate.mcap", "", 100,
-     (f"view {PAIR} --video {{}}/out.gif {FILM}".replace("NAME", "scene"),)),
+     (f"report {{}}/scene.estimate.mcap --recording {{}}/scene.mcap --out {{}}/out.html {FILM}",)),
     # Those that solve: seldom, as each takes a second or so.
     ("smooth-plain", "whole_plain.mcap", "", 400, ("smooth {}/whole_plain.mcap --out {}/out.mcap --overwrite",)),
     ("smooth-scene", "whole_scene.mcap", "", 400, ("smooth {}/whole_scene.mcap --out {}/out.mcap --overwrite",)),
@@ -121,7 +121,7 @@ COMMANDS: tuple[tuple[str, str, str, int, tuple[str, ...]], ...] = (
     ("graph-scene", "whole_scene.mcap", "", 250, ("graph {}/whole_scene.mcap --picture {}/out.svg --overwrite",)),
 )  # fmt: skip
 APART = frozenset({"video", "board-video", "board-floor"})  # native libraries may crash
-LIBRARIES = {"video": "av", "film": "PIL"}
+LIBRARIES = {"video": "av", "film": "av"}
 
 
 def scene_cases() -> list[Case]:
@@ -308,7 +308,6 @@ def _estimate(folder: Path, name: str) -> None:
     path = folder / f"{name}.estimate.mcap"
     terminal_text(file_tables(path))
     estimate, scene = read_estimate(path), read_scene(folder / f"{name}.mcap")
-    read_calibration_history(path)
     wearer = scene.wearers[0]
     if name == "plain" and len(estimate.wearers) == 1 and wearer.truth is not None:
         str(evaluate(estimate.wearers[0], wearer.truth, wearer.placement))

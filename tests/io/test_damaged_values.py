@@ -8,6 +8,9 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Chunk
 
 from tests.studies.fuzz.outcome import limited_memory, out_of_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
@@ -20,8 +23,8 @@ from vip_factors.io.codec import set_timestamp
 from vip_factors.io.detections.formats import load_json
 from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx_document import read_document
+from vip_factors.io.mcap_chunks import RECORD_HEAD
 from vip_factors.io.mcap_reader import McapWarning, read_contents
-from vip_factors.io.mcap_records import CHANNEL, RECORD_HEAD
 from vip_factors.io.motions.amass import read_amass, read_smpl_pickle
 from vip_factors.io.motions.asf_amc import read_asf
 from vip_factors.io.motions.bvh import read_bvh
@@ -115,7 +118,9 @@ def test_a_time_that_no_clock_shows() -> None:
 
 def test_a_channel_whose_description_ends_early(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    path.write_bytes(b"\x89MCAP0\r\n" + RECORD_HEAD.pack(CHANNEL, 3) + b"\x01\x00\x00")
+    record, chunk = RECORD_HEAD.pack(Opcode.CHANNEL, 3) + b"\x01\x00\x00", RecordBuilder()
+    Chunk("", record, 0, 0, 0, len(record)).write(chunk)
+    path.write_bytes(b"\x89MCAP0\r\n" + chunk.end())
     with pytest.warns(McapWarning, match="malformed|cut off"):
         contents = read_contents(path)
     assert "malformed" in " ".join(contents.damage)

@@ -189,12 +189,12 @@ def _run(
 def _lasts_s(options: StreamOptions) -> float | None:
     """Of a file that is played back, as its index says."""
     from vip_factors.io.codec import NS_PER_S
-    from vip_factors.io.mcap_records import logged_interval
+    from vip_factors.io.mcap_index import logged_interval, read_summary
 
     path, interval = Path(options.source), None
     if path.is_file() and not options.follow:
         with suppress(VipFactorsError):  # a damaged index: the samples may be read all the same
-            interval = logged_interval(path)
+            interval = logged_interval(read_summary(path))
     return None if interval is None else (interval[1] - interval[0]) / NS_PER_S
 
 

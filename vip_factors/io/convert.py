@@ -23,7 +23,7 @@ from vip_factors.io.log_streams import (
     pose_source,
     without_sample,
 )
-from vip_factors.io.mcap_records import MAGIC
+from vip_factors.io.mcap_reader import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, place_sensors, placement_from_file
 from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
@@ -136,10 +136,10 @@ def _check_exists(path: Path) -> None:
 
 
 def _mcap_format(path: Path) -> str:
-    from vip_factors.io.mcap_reader import read_contents
+    from vip_factors.io.mcap_index import read_few
     from vip_factors.io.ros2 import is_imu
 
-    channels = [one.channel for one in read_contents(path, lambda channel: False).messages.values()]
+    channels = [one.channel for one in read_few(path, lambda channel: False).messages.values()]
     return "ros2" if any(is_imu(channel) for channel in channels) else "recording"
 
 

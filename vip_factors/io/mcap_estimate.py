@@ -22,9 +22,9 @@ from vip_factors.io.mcap_frames import (
     motion_of,
     residuals_of,
 )
+from vip_factors.io.mcap_index import read_few
 from vip_factors.io.mcap_messages import Topics, is_ours, naming, warn
-from vip_factors.io.mcap_reader import McapContents, read_contents
-from vip_factors.io.mcap_records import McapChannel
+from vip_factors.io.mcap_reader import McapChannel, McapContents, read_contents
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
@@ -127,7 +127,7 @@ def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
         InputError, FileFormatError: as :func:`read_estimate`.
     """
     many = (POSE, RESIDUALS, CAMERA_POSE, CAMERA_INFO)
-    contents = read_contents(path, lambda channel: is_read(channel) and not channel.topic.endswith(many))
+    contents = read_few(path, lambda channel: is_read(channel) and not channel.topic.endswith(many))
     with warnings.catch_warnings():  # that frames are missing
         warnings.simplefilter("ignore")
         head = read_estimate(contents)
@@ -138,7 +138,7 @@ def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
 
 def read_start(path: str | os.PathLike[str]) -> int:
     """Absolute time in nanoseconds of an estimate's t = 0; 0 if it is not known."""
-    contents = read_contents(path, lambda one: one.topic.startswith(ESTIMATE) and is_ours(one, EstimateInfo))
+    contents = read_few(path, lambda one: one.topic.startswith(ESTIMATE) and is_ours(one, EstimateInfo))
     topics = Topics(contents)
     infos = [one for topic in contents.topics if topic.endswith(INFO) for one in topics.all(topic, EstimateInfo)]
     return time_ns_of(infos[0].start) if infos else 0

@@ -15,8 +15,7 @@ from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import BodyEstimate, DetectorEstimate, Iteration, SensorPlaceEstimate, SolveReport
 from vip_factors.io.codec import Codec, DataclassCodec, vector, vector_message
-from vip_factors.io.mcap_reader import McapContents, McapMessages, McapWarning
-from vip_factors.io.mcap_records import McapChannel
+from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, McapWarning
 from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
 from vip_factors.io.schemas.body_pose_pb2 import MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate

@@ -13,8 +13,7 @@ from vip_factors.io.codec import DataclassCodec
 from vip_factors.io.mcap_camera import CameraTopics, camera_messages, camera_of, camera_truth_of
 from vip_factors.io.mcap_frames import motion_of, pose_messages
 from vip_factors.io.mcap_messages import PACKAGE, PROTOBUF, Topics, is_ours, naming, warn
-from vip_factors.io.mcap_reader import McapContents, McapMessages, read_contents
-from vip_factors.io.mcap_records import McapChannel
+from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, read_contents
 from vip_factors.io.mcap_samples import read_streams, sample_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage
 from vip_factors.io.ros2 import is_imu

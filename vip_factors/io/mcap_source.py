@@ -12,10 +12,10 @@ from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.mcap_camera import CameraTopics, camera_of
+from vip_factors.io.mcap_index import McapByTime, logged_interval, read_summary
 from vip_factors.io.mcap_messages import Topics, is_ours, naming, parsed
-from vip_factors.io.mcap_reader import McapByTime, McapContents, McapMessages, read_by_index
+from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, TRUTH_POSE, recording_of, wearer_prefixes
-from vip_factors.io.mcap_records import McapChannel, logged_interval
 from vip_factors.io.mcap_samples import detections_of, read_streams
 from vip_factors.io.scene_building import read_scenes
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
@@ -65,7 +65,7 @@ class WearerFile(RecordingInMemory):
     def is_found_by_time(self) -> bool:
         """Whether the ends are whole, and were logged at their samples' own times."""
         for messages in self.channels(self.file.contents):
-            for stream in read_streams(self.file.path, [messages], self.head.start_ns).values():
+            for stream in read_streams(self.file.contents.path, [messages], self.head.start_ns).values():
                 if len(stream) < len(messages.data):
                     return False
                 logged = np.array([self._seconds(one) for one in messages.log_times])
@@ -90,8 +90,9 @@ class WearerFile(RecordingInMemory):
         Raises:
             RecordingError, FileFormatError: if the samples are unusable.
         """
-        with naming(self.file.path):
-            streams = read_streams(self.file.path, self.channels(contents), self.head.start_ns)
+        path = self.file.contents.path
+        with naming(path):
+            streams = read_streams(path, self.channels(contents), self.head.start_ns)
         return streams_between(streams, self.sensors, start, end)
 
 
@@ -119,7 +120,7 @@ class SceneFile(UnfilmedSource):
         reach = start - MARGIN_S, end + MARGIN_S
         contents = self._contents(*reach)
         wearers = tuple(replace(one.head, imus=one.among(contents, *reach)) for one in self.sources)
-        with naming(self.file.path):
+        with naming(contents.path):
             cameras = tuple(
                 self._camera(camera, own, Topics(contents), start, end)
                 for camera, own in zip(self.scene.cameras, self.topics, strict=True)
@@ -146,7 +147,7 @@ class SceneFile(UnfilmedSource):
         topics = Topics(self.file.contents)
         for camera, topic in zip(self.scene.cameras, self.topics, strict=True):
             for logged in topics.channels(topic("detections"), Detections2D):
-                seen = parsed(self.file.path, logged, Detections2D)
+                seen = parsed(topics.path, logged, Detections2D)
                 own = camera.clock.at(np.array([one.seconds for one in seen]))
                 there = np.array([(one - self._start_ns) / NS_PER_S for one in logged.log_times])
                 if len(own) and np.max(np.abs(own - there)) > CLOCK_SLACK_S:
@@ -185,8 +186,8 @@ def _logged(start_ns: int, start: float, end: float) -> tuple[int, int]:
 def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -> SceneSource:
     """What files hold that are parts of one recording: read by time if it is longer than so many seconds and can be so.
 
-    What cannot is read at once: a file whose messages stand outside of chunks, or were logged at other times than the
-    samples', or whose first samples are not whole; parts of which one has a camera.
+    What cannot is read at once: a file without an index (``mcap recover`` makes one), or whose messages were logged at
+    other times than the samples', or whose first samples are not whole; parts of which one has a camera.
 
     Raises:
         InputError: if there is no such file.
@@ -206,7 +207,7 @@ def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -
 
 def _logged_s(paths: Sequence[str | os.PathLike[str]]) -> float:
     """Seconds from the first to the last message of files; infinite where one of them does not say."""
-    intervals = [logged_interval(Path(path)) for path in paths]
+    intervals = [logged_interval(read_summary(path)) for path in paths]
     known = [one for one in intervals if one is not None]
     if len(known) < len(intervals):
         return np.inf
@@ -225,16 +226,18 @@ def _together(parts: Sequence[UnfilmedSource], paths: Sequence[str | os.PathLike
 
 def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
     """The scene in an MCAP file, to be read by time; None if it cannot be read so."""
-    file = McapByTime(path, _comes_once, _comes_in_time)
+    file = McapByTime.open(path, read_summary(path), _comes_once, _comes_in_time)
+    if file is None or not file.is_complete:
+        return None
     of_file = Topics(file.contents)
     info = of_file.last(SCENE_INFO, SceneInfo)
     try:
-        with naming(file.path):
+        with naming(of_file.path):
             wearers = tuple(
                 WearerFile(recording_of(file.contents, prefix), file, prefix)
                 for prefix in wearer_prefixes(file.contents, info)
             )
-            if not (wearers and file.chunked and all(one.is_found_by_time for one in wearers)):
+            if not (wearers and all(one.is_found_by_time for one in wearers)):
                 return None
     except RecordingError:  # what the ends lack the rest may have
         return None
@@ -243,7 +246,7 @@ def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
     if not any(topic.startswith(CAMERA) for topic in file.contents.topics):
         return UnfilmedSource(Scene(name, heads), wearers)
     topics = [FIRST_CAMERA, *(CameraTopics(one) for one in (() if info is None else info.further_camera_topics))]
-    with warnings.catch_warnings(), naming(file.path):
+    with warnings.catch_warnings(), naming(of_file.path):
         warnings.simplefilter("ignore")  # of video frames there are two; whoever reads all of it says what is lost
         cameras = [camera_of(of_file, one, heads[0].start_ns)[0] for one in topics]
     known = tuple(one for one in cameras if one is not None)
@@ -276,14 +279,15 @@ def indexed_recording(path: str | os.PathLike[str], longer_than_s: float) -> Rec
     Raises:
         InputError: if there is no such file.
     """
-    logged = logged_interval(Path(path))
+    summary = read_summary(path)
+    logged = logged_interval(summary)
     if logged is None or (logged[1] - logged[0]) / NS_PER_S <= longer_than_s:
         return None
-    found = read_by_index(path, _is_told, lambda channel: is_ours(channel, ImuSample))
-    if found is None:
+    file = McapByTime.open(path, summary, _is_told, lambda channel: is_ours(channel, ImuSample))
+    if file is None:
         return None
-    contents, log_times = found
-    if any(one.startswith((ESTIMATE, CAMERA)) for one in contents.topics):
+    contents, log_times = file.contents, file.log_times()
+    if log_times is None or any(one.startswith((ESTIMATE, CAMERA)) for one in contents.topics):
         return None
     prefixes = wearer_prefixes(contents, Topics(contents).last(SCENE_INFO, SceneInfo))
     if len(prefixes) != 1:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Iterator
 from heapq import merge
-from io import BytesIO
 from itertools import count
 from typing import IO, TYPE_CHECKING, Any
 
@@ -93,15 +92,10 @@ class MessageWriter:
 
     def copy(self, contents: McapContents, without: tuple[str, ...] = ()) -> None:
         """Everything in another file, except for topics that begin with one of ``without``."""
-        from mcap.data_stream import ReadDataStream
-        from mcap.records import Attachment, Metadata
-
-        for raw in contents.metadata:
-            metadata = Metadata.read(ReadDataStream(BytesIO(raw)))
+        for metadata in contents.metadata:
             self._writer.add_metadata(metadata.name, metadata.metadata)
-        for raw in contents.attachments:
-            read = Attachment.read(ReadDataStream(BytesIO(raw)))
-            self._writer.add_attachment(read.create_time, read.log_time, read.name, read.media_type, read.data)
+        for one in contents.attachments:
+            self._writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
         kept = [one for one in contents.messages.values() if not one.channel.topic.startswith(without or ("\0",))]
         for log_time, publish_time, channel, data, sequence in merge(
             *(self._copied(messages) for messages in kept), key=lambda message: message[0]
@@ -111,7 +105,7 @@ class MessageWriter:
     def _copied(self, messages: McapMessages) -> Iterator[tuple[int, int, int, bytes, int]]:
         original = messages.channel
         schema_id = self._schema(original.schema_name, original.schema_encoding, original.schema_data)
-        channel = self._writer.register_channel(original.topic, original.encoding, schema_id, original.metadata)
+        channel = self._writer.register_channel(original.topic, original.encoding, schema_id, dict(original.metadata))
         self._channels.setdefault(original.topic, channel)
         return zip(
             messages.log_times, messages.publish_times, [channel] * len(messages.data), messages.data,

@@ -15,8 +15,7 @@ from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.importers.shared import ImportedLog, default_sites
 from vip_factors.io.mcap_messages import naming, warn
-from vip_factors.io.mcap_reader import McapMessages, read_contents
-from vip_factors.io.mcap_records import McapChannel
+from vip_factors.io.mcap_reader import McapChannel, McapMessages, read_contents
 from vip_factors.io.mcap_samples import rotations_where_finite
 from vip_factors.sensors.imu_stream import ImuStream
 

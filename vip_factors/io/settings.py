@@ -28,7 +28,6 @@ class LiveSourceSettings:
         largest_rate: messages a second that are read of a sender over the network, after the first second's; whoever
             sends more has to wait, and the tracker keeps its processor.
         largest_message: bytes.
-        largest_chunk: bytes of one chunk of an MCAP file, packed or not.
         queue_limit: samples that wait for the tracker before some are dropped.
         growth_wait: seconds without growth after which a file counts as finished.
         next_client_wait: seconds that a server waits for another client after one that had sent its header has gone,
@@ -40,7 +39,6 @@ class LiveSourceSettings:
     largest_rate: float = 10_000.0  # three wearers of 17 sensors at 100 Hz send 5,100
     # A header with the skeletons of ten wearers has 30 kB, a frame of fifty people 30 kB: more is a stray length.
     largest_message: int = 16 * MIB
-    largest_chunk: int = 64 * MIB  # recorders close chunks at 1 to 4 MB, those with images in them at a few more
     # Two wearers of 13 sensors at 100 Hz send 2,600 a second: a start-up of a second and a half loses nothing.
     queue_limit: int = 4096
     # Recorders flush several times a second; a minute of slack for the operating system would only delay the end.

@@ -16,9 +16,13 @@ from random import Random
 from typing import Any
 
 import numpy as np
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Chunk
 
 from tests.live_sender import delimited
-from vip_factors.io.mcap_records import CHUNK, FOOTER, MAGIC, MESSAGE, RECORD_HEAD, read_chunk
+from vip_factors.io.mcap_chunks import RECORD_HEAD, chunk_data, largest_chunk
+from vip_factors.io.mcap_reader import MAGIC
 from vip_factors.io.motions.amass import RestrictedUnpickler
 
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
@@ -275,11 +279,11 @@ def records_of(data: bytes) -> list[tuple[int, bytes]]:
         opcode, size = RECORD_HEAD.unpack_from(data, at)
         at += RECORD_HEAD.size + size
         content = data[at - size : at]
-        if opcode == CHUNK:
-            records += records_of(MAGIC + read_chunk(content))
+        if opcode == Opcode.CHUNK:
+            records += records_of(MAGIC + chunk_data(Chunk.read(ReadDataStream(BytesIO(content))), largest_chunk()))
         elif opcode != INDEX:
             records.append((opcode, content))
-        if opcode == FOOTER:
+        if opcode == Opcode.FOOTER:
             break
     return records
 
@@ -293,14 +297,14 @@ def mutated_mcap(data: bytes, random: Random) -> bytes:
     """One record has another content, is missing, stands twice or in another place."""
     records = records_of(data)
     row, what = random.randrange(len(records)), random.randrange(12)
-    seldom = [i for i, one in enumerate(records) if one[0] != MESSAGE or records[i - 1][0] != MESSAGE]
+    seldom = [i for i, one in enumerate(records) if one[0] != Opcode.MESSAGE or records[i - 1][0] != Opcode.MESSAGE]
     row = random.choice(seldom) if random.random() < 0.5 else row
     opcode, content = records[row]
     if what == 0:
         del records[row]
     elif what == 1:
         records.insert(random.randrange(len(records)), records[row])
-    elif opcode != MESSAGE:
+    elif opcode != Opcode.MESSAGE:
         records[row] = (opcode, mutated_text(content, random))
     elif what == 2:
         records[row] = (opcode, mutated_bytes(content, random))
@@ -312,9 +316,10 @@ def mutated_mcap(data: bytes, random: Random) -> bytes:
 def _in_a_chunk(records: list[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
     """The same with all but the first and the last records in one chunk, without compression or checksum."""
     inner = mcap_of(records[1:-2])[len(MAGIC) : -len(MAGIC)]
-    times = [struct.unpack_from("<Q", one, 6)[0] for code, one in records if code == MESSAGE and len(one) > 13] or [0]
+    messages = [one for code, one in records if code == Opcode.MESSAGE and len(one) > 13]
+    times = [struct.unpack_from("<Q", one, 6)[0] for one in messages] or [0]
     head = struct.pack("<QQQIIQ", min(times), max(times), len(inner), 0, 0, len(inner))
-    return [*records[:1], (CHUNK, head + inner), *records[-2:]]
+    return [*records[:1], (Opcode.CHUNK, head + inner), *records[-2:]]
 
 
 def mutated_stream(data: bytes, random: Random) -> bytes:

@@ -7,7 +7,7 @@ from typing import Any
 
 from vip_factors.errors import FileFormatError
 from vip_factors.io.codec import time_ns_of
-from vip_factors.io.live.growing_file import CAMERA, Channels, GrowingFile, OnFinding, Route, open_when_it_comes
+from vip_factors.io.live.growing_file import CAMERA, GrowingPass, OnFinding, Route, open_when_it_comes
 from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import Throttle
 from vip_factors.io.live.source import LiveSource
@@ -53,8 +53,7 @@ class GrowingFileSource(LiveSource):
 
         head, early = _Head(on_finding), list[tuple[Route, Any]]()  # samples before the set-up is whole
         with open_when_it_comes(self._path, self._settings, self._stop) as file:
-            records = GrowingFile(self._path, file, self._settings, self._stop, on_finding).contents()
-            for route, message in Channels(on_finding).messages(records):
+            for route, message in GrowingPass(self._path, self._stop, on_finding).messages(file):
                 throttle.flush()
                 if self._stop.is_set():
                     return

@@ -1,19 +1,21 @@
-"""The messages of a scene in an MCAP file that another program is still writing (https://mcap.dev/spec)."""
+"""The messages of a scene in an MCAP file that another program is still writing."""
 
 import os
-import struct
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from io import BufferedReader, FileIO
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import IO, TYPE_CHECKING, Any
+
+from mcap.records import DataEnd
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io import mcap_records
+from vip_factors.io.mcap_chunks import largest_chunk
 from vip_factors.io.mcap_messages import PROTOBUF
+from vip_factors.io.mcap_reader import McapChannel, McapPass
 from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SCENE_INFO, SUBJECT, WEARER
-from vip_factors.io.mcap_records import McapChannel, RecordError, RecordFile
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
@@ -24,7 +26,7 @@ from vip_factors.io.schemas.subject_pb2 import Subject
 from vip_factors.io.settings import LiveSourceSettings
 
 if TYPE_CHECKING:
-    from mcap.records import Channel, Schema
+    from typing_extensions import Buffer
 
 LOOK_EVERY = 0.03  # seconds between looks at the file's size: half a frame
 CAMERA = "/camera"
@@ -34,7 +36,46 @@ OnFinding = Callable[[str, str], None]
 """Gets a kind and a sentence about what cannot be read or used."""
 
 
-def open_when_it_comes(path: Path, settings: LiveSourceSettings, stop: Event) -> BinaryIO:
+class GrowingFile(FileIO):
+    """A file at whose end reading waits for more; it ends when it has not grown for a while.
+
+    Attributes:
+        growth_wait: seconds without growth after which it ends.
+        has_ended: whether that is so, or ``stop`` was set.
+
+    Args:
+        path: of the file.
+        settings: limits.
+        stop: set when nothing more is wanted.
+
+    Raises:
+        OSError: if it cannot be opened.
+    """
+
+    def __init__(self, path: Path, settings: LiveSourceSettings, stop: Event) -> None:
+        super().__init__(path)
+        self.growth_wait, self.has_ended = settings.growth_wait, False
+        self._path, self._stop = path, stop
+
+    def readinto(self, buffer: "Buffer") -> int:
+        """Read as many bytes as there are, once there are some; none at the end.
+
+        Raises:
+            FileFormatError: if the file becomes shorter.
+        """
+        since = time.monotonic()
+        while not self.has_ended:
+            count = super().readinto(buffer)
+            if count:
+                return count
+            if os.fstat(self.fileno()).st_size < self.tell():
+                raise FileFormatError(f"{self._path} has become shorter while it was followed: start anew with it")
+            is_stopped = self._stop.wait(LOOK_EVERY)
+            self.has_ended = is_stopped or time.monotonic() - since > self.growth_wait
+        return 0
+
+
+def open_when_it_comes(path: Path, settings: LiveSourceSettings, stop: Event) -> GrowingFile:
     """The file, which may come a little later.
 
     Raises:
@@ -43,7 +84,7 @@ def open_when_it_comes(path: Path, settings: LiveSourceSettings, stop: Event) ->
     begun = time.monotonic()
     while True:
         try:
-            return open(path, "rb")
+            return GrowingFile(path, settings, stop)
         except FileNotFoundError as error:
             if time.monotonic() - begun > settings.header_wait or stop.wait(LOOK_EVERY):
                 raise InputError(
@@ -52,89 +93,6 @@ def open_when_it_comes(path: Path, settings: LiveSourceSettings, stop: Event) ->
                 ) from error
         except OSError as error:
             raise InputError(f"{path}: cannot be read: {error.strerror}") from error
-
-
-class GrowingFile(RecordFile):
-    """Waits at the end of a file for more of it.
-
-    Args:
-        path: of the file.
-        file: open.
-        settings: limits.
-        stop: set when nothing more is wanted.
-        on_finding: is told what cannot be read.
-    """
-
-    last = (0, mcap_records.DATA_END, mcap_records.FOOTER)
-
-    def __init__(
-        self, path: Path, file: BinaryIO, settings: LiveSourceSettings, stop: Event, on_finding: OnFinding
-    ) -> None:
-        super().__init__(path, file)
-        self._settings, self._stop, self._on_finding = settings, stop, on_finding
-
-    def contents(self) -> Iterator[tuple[int, bytes]]:
-        """Opcode and content of schemas, channels and messages, of chunks too, until the data or its growth ends.
-
-        Raises:
-            FileFormatError: if it is no MCAP file, or becomes shorter.
-        """
-        for opcode, start, content in self.records():
-            if opcode == mcap_records.CHUNK:
-                yield from self._chunk(content, start - mcap_records.RECORD_HEAD.size)
-            else:
-                yield opcode, content
-        if self.ended == 0:
-            self._on_finding("end", f"it is damaged at byte {self.at:,}, where no record begins: what follows is lost")
-        elif self.ended is None and not self._stop.is_set():
-            self._on_finding("end", f"it has not grown for {self._settings.growth_wait:g} s: taken as its end")
-
-    def reaches(self, end: int) -> bool:
-        """Wait until the file has this many bytes; False if it does not grow any more."""
-        known, since = -1, time.monotonic()
-        while not self._stop.is_set():
-            self.size = os.fstat(self.file.fileno()).st_size
-            if self.size < self.at:
-                raise FileFormatError(f"{self.path} has become shorter while it was followed: start anew with it")
-            if self.size >= end:
-                return True
-            if self.size != known:
-                known, since = self.size, time.monotonic()
-            elif time.monotonic() - since > self._settings.growth_wait:
-                return False
-            self._stop.wait(LOOK_EVERY)
-        return False
-
-    def skips(self, opcode: int, length: int) -> bool:
-        """Whether a record is nothing that is wanted, or larger than it may be, which is told."""
-        if opcode not in (mcap_records.SCHEMA, mcap_records.CHANNEL, mcap_records.MESSAGE, mcap_records.CHUNK):
-            return True
-        largest = self._settings.largest_chunk if opcode == mcap_records.CHUNK else self._settings.largest_message
-        if length > largest:
-            self._on_finding(
-                "size", f"a record of {length:,} bytes at byte {self.at:,} is left out: expected at most {largest:,}"
-            )
-        return length > largest
-
-    def _chunk(self, content: bytes, at: int) -> Iterator[tuple[int, bytes]]:
-        largest = self._settings.largest_chunk
-        size = mcap_records.CHUNK_HEAD.unpack_from(content)[2] if len(content) >= mcap_records.CHUNK_HEAD.size else 0
-        try:
-            if size > largest:
-                raise RecordError(f"a chunk holds {size:,} bytes: expected at most {largest:,}")
-            data = mcap_records.read_chunk(content)
-        except RecordError as error:
-            self._on_finding("chunk", f"{error} (at byte {at:,}): its messages are left out")
-            return
-        for opcode, start, end in mcap_records.records_of(data):
-            if opcode == mcap_records.MESSAGE and end - start > self._settings.largest_message:
-                self._on_finding(
-                    "size",
-                    f"a message of {end - start:,} bytes is left out: expected at most "
-                    f"{self._settings.largest_message:,}",
-                )
-            elif opcode in (mcap_records.SCHEMA, mcap_records.CHANNEL, mcap_records.MESSAGE):
-                yield opcode, data[start:end]
 
 
 @dataclass(frozen=True)
@@ -152,82 +110,83 @@ class Route:
     kind: type[Any]
 
 
-class Channels:
-    """The channels of a file as they become known.
+class GrowingPass(McapPass):
+    """A pass over a growing file that decodes the messages of a scene as they come.
 
     Args:
-        on_finding: is told what cannot be used.
+        path: of the file.
+        stop: set when nothing more is wanted.
+        on_finding: is told what cannot be read or used.
     """
 
-    def __init__(self, on_finding: OnFinding) -> None:
-        self._on_finding = on_finding
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, tuple[int, McapChannel]] = {}  # with the id of the schema
+    def __init__(self, path: Path, stop: Event, on_finding: OnFinding) -> None:
+        super().__init__(path, lambda channel: False)
+        self._stop, self._on_finding = stop, on_finding
         self._routes: dict[int, Route | None] = {}
-        self._of_topic: dict[str, McapChannel] = {}  # the first one
+        self._first_channels: dict[str, McapChannel] = {}  # by topic
+        self._received: list[tuple[Route, Any]] = []
 
-    def messages(self, records: Iterator[tuple[int, bytes]]) -> Iterator[tuple[Route, Any]]:
-        """The messages that belong to a scene, decoded."""
+    def messages(self, file: GrowingFile) -> Iterator[tuple[Route, Any]]:
+        """The messages that belong to a scene, decoded, until the file's data or its growth ends.
+
+        Raises:
+            FileFormatError: if it is no MCAP file, or becomes shorter.
+        """
+        for record in self.records(BufferedReader(file), largest_chunk()):
+            received, self._received = self._received, []
+            yield from received
+            if isinstance(record, DataEnd):
+                return
+
+    def know(self, channel: McapChannel) -> None:
+        """Take in a channel, whose schema is that of its topic's first."""
+        if channel.id in self._routes:
+            return
+        super().know(channel)
+        first = self._first_channels.setdefault(channel.topic, channel)
+        if (first.schema_name, first.schema_data) == (channel.schema_name, channel.schema_data):
+            self._routes[channel.id] = self._route(channel)
+            return
+        self._routes[channel.id] = None
+        self._on_finding(
+            f"schema of {channel.topic}",
+            f"{channel.topic}: the schema changes mid-way (to {channel.schema_name or 'none'}); the messages are left "
+            "out from here on",
+        )
+
+    def add(self, number: int, sequence: int, log_time: int, publish_time: int, data: bytes) -> None:
+        """Decode a message."""
         from google.protobuf.message import DecodeError
 
-        for opcode, content in records:
-            try:
-                if opcode != mcap_records.MESSAGE:
-                    self._describe(mcap_records.description(opcode, content))
-                    continue
-                number = mcap_records.MESSAGE_HEAD.unpack_from(content)[0]
-            except (RecordError, struct.error):
-                self._on_finding("record", "a record is malformed: it is left out")
-                continue
-            if number not in self._routes:
-                self._on_finding("nameless", f"a message belongs to no channel of the file ({number}): it is left out")
-            route = self._routes.get(number)
-            if route is None:
-                continue
-            try:
-                message = route.kind.FromString(content[mcap_records.MESSAGE_HEAD.size :])
-            except DecodeError as error:
-                self._on_finding(
-                    "message",
-                    f"a message on {route.channel.topic} is no {route.kind.DESCRIPTOR.full_name} ({error}): it is "
-                    "left out",
-                )
-                continue
-            yield route, message
-
-    def _describe(self, read: "Schema | Channel") -> None:
-        from mcap.records import Schema
-
-        if isinstance(read, Schema):
-            if self._schemas.setdefault(read.id, read) != read:
-                self._schemas[read.id] = read
-                same = [number for number, (schema_id, _) in self._channels.items() if schema_id == read.id]
-                self._leave_out(same, read.name)
+        if number not in self._routes:
+            self._on_finding("nameless", f"a message belongs to no channel of the file ({number}): it is left out")
+        route = self._routes.get(number)
+        if route is None:
             return
-        channel = mcap_records.channel_of(read, self._schemas.get(read.schema_id))
-        known = self._channels.get(read.id)
-        if known is not None:
-            if known[1] != channel:
-                self._leave_out([read.id], f"{channel.schema_name}, topic {channel.topic}")
-            return
-        self._channels[read.id] = (read.schema_id, channel)
-        first = self._of_topic.setdefault(read.topic, channel)
-        if (first.schema_name, first.schema_data) == (channel.schema_name, channel.schema_data):
-            self._routes[read.id] = self._route(channel)
-        else:
-            self._leave_out([read.id], channel.schema_name)
-
-    def _leave_out(self, numbers: list[int], schema: str) -> None:
-        """Channels that are not what they were."""
-        topics = sorted({self._channels[one][1].topic for one in numbers})
-        topics = [topic for topic in topics if _owner(topic) is not None]
-        if topics:
+        try:
+            self._received.append((route, route.kind.FromString(data)))
+        except DecodeError as error:
             self._on_finding(
-                f"schema of {topics[0]}",
-                f"{', '.join(topics)}: the schema changes mid-way (to {schema or 'none'}); the messages are left out "
-                "from here on",
+                "message",
+                f"a message on {route.channel.topic} is no {route.kind.DESCRIPTOR.full_name} ({error}): it is left out",
             )
-        self._routes.update(dict.fromkeys(numbers))
+
+    def report(self, sentence: str) -> None:
+        """Tell at once."""
+        self._on_finding("chunk", sentence)
+
+    def refuse(self, sentence: str) -> None:
+        """Leave out a chunk: the stream goes on."""
+        self._on_finding("size", f"{sentence}: its messages are left out")
+
+    def end_early(self, file: IO[bytes], at: int) -> None:
+        """Tell why what follows a byte is not read."""
+        raw = file.raw if isinstance(file, BufferedReader) else file
+        if isinstance(raw, GrowingFile) and raw.has_ended:
+            if not self._stop.is_set():
+                self._on_finding("end", f"it has not grown for {raw.growth_wait:g} s: taken as its end")
+        else:
+            self._on_finding("end", f"it is damaged at byte {at:,}: what follows is lost")
 
     def _route(self, channel: McapChannel) -> Route | None:
         found = _owner(channel.topic)

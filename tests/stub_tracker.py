@@ -34,6 +34,9 @@ def tracker_module(scene: Scene) -> types.ModuleType:
         def finish(self) -> list[LiveEstimate]:
             return [self._next] if self._next is not None else []
 
+        def give_up(self) -> None:
+            pass
+
         def note_loss(self) -> None:
             pass
 

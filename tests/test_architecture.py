@@ -22,7 +22,6 @@ ROWS = [
     {"stages", "configurations"},
     {"pipeline", "live", "report"},
     {"api"},
-    {"tune"},
     {"cli"},
     {"__main__"},
 ]
@@ -55,8 +54,6 @@ FENCED = {
     "distributed": {"cli"},
     "fsspec": {"cli"},
     "psutil": {"cli"},
-    "optuna": {"tune"},
-    "sqlalchemy": {"tune"},
 }
 
 

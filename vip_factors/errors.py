@@ -4,7 +4,7 @@ Every message is one clear sentence: what was given, where, what was expected, a
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -26,6 +26,17 @@ class RecordingError(InputError):
 
 class SolveError(VipFactorsError):
     """The optimiser could not proceed: an indeterminate system, a cost that is not finite."""
+
+
+def nearest(word: str, choices: Iterable[str]) -> str:
+    """The end of a complaint about an unknown word: the known word that is most alike, or all known ones."""
+    from difflib import get_close_matches
+
+    choices = list(choices)
+    alike = get_close_matches(word.lower(), choices, 1, 0.5) or get_close_matches(word, choices, 1, 0.5)
+    if alike:
+        return f"; did you mean '{alike[0]}'?"
+    return f": expected one of {', '.join(choices)}" if choices else ""
 
 
 @contextmanager

@@ -4,11 +4,12 @@ Text is made where it is shown, from the one table of kinds: the sentence for wh
 everybody what was found in a few words, what that means for the use of the results, and what to do.
 """
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
+
+import msgspec
 
 TEXT = "text"  # the kind of a bare sentence: from a file of an older version, or of a stream's source
 
@@ -183,8 +184,7 @@ class MergedFindings:
 
 def _kinds() -> dict[str, Kind]:
     """All kinds by name, as the file beside this one has them."""
-    content = tomllib.loads((Path(__file__).with_name("finding_kinds.toml")).read_text(encoding="utf-8"))
-    return {name: Kind(**{**one, "severity": Severity(one["severity"])}) for name, one in content.items()}
+    return msgspec.toml.decode(Path(__file__).with_name("finding_kinds.toml").read_bytes(), type=dict[str, Kind])
 
 
 KINDS = _kinds()

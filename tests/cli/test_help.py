@@ -16,7 +16,7 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.settings import Settings
 from vip_factors.shown_settings import ShownClock, ShownOfBoth, ShownSettings
 
-HEAVY = ("gtsam", "scipy", "cv2", "rerun", "mcap", "google.protobuf", "numpy", "optuna")
+HEAVY = ("gtsam", "scipy", "cv2", "rerun", "mcap", "google.protobuf", "numpy")
 MOST_LINES, COLUMNS = 20, 80  # a screen
 
 

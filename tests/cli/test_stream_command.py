@@ -2,6 +2,7 @@
 
 import json
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -15,6 +16,7 @@ import pytest
 from live_answers import answer, live_scene
 from stub_tracker import scene_file, tracker_module
 
+from tests.studies.processes import begun_by
 from vip_factors.cli import stream_session
 from vip_factors.cli.main import main
 from vip_factors.cli.stream_session import Interrupts, Session, status, summary
@@ -371,6 +373,29 @@ def test_the_status_line_of_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: 
         line.note("note: [red] is no markup")
     assert "note: [red] is no markup" in capsys.readouterr().err
     assert not StatusLine(False).shown
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="processes are looked for in /proc")
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_answer_that_never_comes_does_not_keep_the_stream_from_ending(
+    tmp_path: Path, number: signal.Signals
+) -> None:
+    recording, out = tmp_path / "walk.mcap", tmp_path / "live.mcap"
+    assert main(["simulate", "gestures", str(recording), "--seconds", "6", "--placement", "sip6"]) == 0
+    command = [sys.executable, "-m", "vip_factors", "stream", str(recording), "--json", "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    lines = 0
+    while not (below := begun_by(process.pid)):  # until the calibration is looked for in a process of its own
+        lines += bool(process.stdout.readline())
+    os.kill(below[0], signal.SIGSTOP)
+    while select.select([process.stdout], [], [], 5.0)[0] and process.stdout.readline():
+        lines += 1
+    process.send_signal(number)
+    rest, told = process.communicate(timeout=60)
+    assert process.returncode == 128 + number, told
+    assert "Traceback" not in told
+    assert lines + rest.count("\n") < 6 * 60
+    assert len(read_estimate(out).wearers[0].motion) > 60
 
 
 def test_the_real_tracker_end_to_end(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -58,7 +58,7 @@ def read_all_settings(path: Path) -> object:
         ("a.yaml", "%YAML:1.0\n---\n- 1\n", read_camera_file, "camera_matrix"),
         ("a.yaml", CAMERA_YAML, read_camera_file, "size is missing"),
         ("a.toml", f"stature_m = {TOO_MANY}\n", placement_from_file, "stature_m"),
-        ("a.json", "[]", placement_from_file, r"a\.json: expected an object"),
+        ("a.json", "[]", placement_from_file, r"a\.json: the content: expected table"),
         ("a.csv", "Format=7,,1,a,2,b\nTime,Accelerometer\n,X,Y,Z\n1,2,3,4\n", APDM.read, "lines 2 and 3"),
         ("a.csv", NO_TIME, APDM.read, "time"),
         ("a.csv", "x\nTime,Opal/Acceleration/X\ns,m/s^2,deg/s,deg/s\nx,1\n", APDM.read, "line 4"),

@@ -1,52 +1,63 @@
-"""Files of keypoint offsets: what was written comes back, and what is wrong in one is told where it stands."""
+"""Files of keypoint offsets: what is wrong in one is told where it stands, and only their own detector gets them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scene_sample import scene_sample
 
-from vip_factors.body.keypoints import SHAPE, KeypointOffsets, PooledOffsets
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, keypoint_set
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, read_keypoint_offsets, write_keypoint_offsets
+from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+from vip_factors.sensors.detections import Detections
+from vip_factors.stages.fusion_start import prior_offsets
+from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
+
+MEAN = np.round(0.02 * np.random.default_rng(0).standard_normal(SHAPE), 6)
 
 
-def written(path: Path) -> KeypointOffsetsFile:
-    random = np.random.default_rng(0)
-    offsets = KeypointOffsets(0.02 * random.standard_normal(SHAPE), random.uniform(0.003, 0.02, SHAPE))
-    content = KeypointOffsetsFile({"coco17": PooledOffsets(offsets, 3), "body25": PooledOffsets(offsets, 1)}, 'a "b"')
-    write_keypoint_offsets(path, content)
-    return content
-
-
-def test_round_trip(tmp_path: Path) -> None:
-    content = written(tmp_path / "k.toml")
-    read = read_keypoint_offsets(tmp_path / "k.toml")
-    assert (read.provenance, list(read.sets)) == (content.provenance, ["coco17", "body25"])
-    for name, pooled in content.sets.items():
-        assert read.sets[name].people == pooled.people
-        np.testing.assert_allclose(read.sets[name].offsets.mean, pooled.offsets.mean, atol=5e-7)
-        np.testing.assert_allclose(read.sets[name].offsets.sigma, pooled.offsets.sigma, atol=5e-7)
+def written(path: Path) -> Path:
+    lines = ['provenance = "walk.mcap"', "[body25]", "people = 3", "[body25.offsets]"]
+    for name, mean in zip(OFFSET_KEYPOINTS, MEAN, strict=True):
+        lines.append(f"{name} = {{ mean_m = {mean.tolist()}, sigma_m = [0.01, 0.02, 0.01] }}")
+    path.write_text("\n".join(lines) + "\n")
+    return path
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "told"),
+    ("old", "new", "words"),
     [
-        ("[coco17]", "[coco71]", "unknown key 'coco71'; did you mean 'coco17'"),
-        ("people = 3", "people = 'many'", "coco17.people is 'many': expected a number"),
-        ("knee = ", "kneee = ", "unknown key 'coco17.offsets.kneee'; did you mean 'knee'"),
-        ("mean_m = [", "mean_m = [0.0, ", "expected a list of 3 numbers"),
+        ("[body25]", "[body52]", "unknown key 'body52'; did you mean 'body25'"),
+        ("knee = ", "kneee = ", "body25.offsets.knee is missing"),
         ("sigma_m = [", "sigma_m = [-", "sigmas above zero"),
         ("mean_m = [", "mean_m = [7", "expected means up to 0.15 m"),
     ],
 )
-def test_what_is_wrong_is_told(tmp_path: Path, old: str, new: str, told: str) -> None:
-    path = tmp_path / "k.toml"
-    written(path)
+def test_what_is_wrong_is_told(tmp_path: Path, old: str, new: str, words: str) -> None:
+    path = written(tmp_path / "k.toml")
     path.write_text(path.read_text().replace(old, new, 1))
-    with pytest.raises(InputError, match=told.replace("[", r"\[")):
+    with pytest.raises(InputError, match=words.replace("[", r"\[")):
         read_keypoint_offsets(path)
 
 
 def test_no_such_file(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="expected a file of keypoint offsets"):
         read_keypoint_offsets(tmp_path / "none.toml")
+
+
+def test_what_was_learnt_of_another_detector_is_not_used(tmp_path: Path) -> None:
+    settings = KeypointOffsetSettings(learned=written(tmp_path / "k.toml"))
+    camera, body25 = scene_sample(1.0).camera, keypoint_set("body25")
+    with pytest.raises(InputError, match="has no offsets of 'coco17'"):
+        prior_offsets(camera, settings)
+    nobody = Detections(
+        body25, np.zeros(1), np.zeros(0, int), np.zeros((0, len(body25), 2)), np.zeros((0, len(body25)))
+    )
+    np.testing.assert_array_equal(prior_offsets(replace(camera, detections=nobody), settings).mean, MEAN)
+
+
+def test_without_a_file_nothing_was_learnt() -> None:
+    usual = prior_offsets(scene_sample(1.0).camera, KeypointOffsetSettings())
+    assert not np.any(usual.mean)
+    assert np.all(usual.sigma >= KeypointOffsetSettings().sigmas)

@@ -5,6 +5,7 @@ import sys
 from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
+from threading import Thread, current_thread
 from types import SimpleNamespace
 from typing import Any
 
@@ -235,6 +236,34 @@ def test_a_process_that_is_gone_is_told() -> None:
     answer = process.submit(MeasuredStretch(stream_head(filmed()), []), OFTEN)
     with pytest.raises(SolveError, match="has ended"):
         answer.result(timeout=30)
+
+
+class Unpacked:
+    """Tells in which thread it is pickled."""
+
+    def __init__(self) -> None:
+        self.threads = list[Thread]()
+
+    def __reduce__(self) -> tuple[type, tuple[()]]:
+        self.threads.append(current_thread())
+        return dict, ()
+
+
+def test_what_the_tracker_goes_on_changing_is_packed_before_it_does() -> None:
+    process, known = RecalibrationProcess(), Unpacked()
+    answer = process.submit(MeasuredStretch(stream_head(filmed()), []), OFTEN, known)  # type: ignore[arg-type]
+    assert known.threads == [current_thread()]
+    process.close()
+    with pytest.raises(SolveError):
+        answer.result(timeout=30)
+
+
+def test_whatever_fails_is_an_answer() -> None:
+    process, stretch = RecalibrationProcess(), MeasuredStretch(stream_head(filmed()), [])
+    stretch.measurements.append(lambda: "cannot be pickled")  # type: ignore[arg-type]
+    with pytest.raises(SolveError, match="pickle"):
+        process.submit(stretch, OFTEN).result(timeout=30)
+    process.close()
 
 
 def test_what_cannot_be_solved_is_told() -> None:

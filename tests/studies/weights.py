@@ -12,9 +12,9 @@ import numpy as np
 
 from tests.studies.population import COLUMNS, PopulationRow, Simulated, population
 from tests.studies.study import Tell, table
+from tests.studies.tune import changed, value_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.settings import Settings
-from vip_factors.tune.parameters import changed, value_of
 
 # What is moved together, by the same ratio.
 WEIGHTS: dict[str, tuple[str, ...]] = {

@@ -3,14 +3,12 @@
 A choice's confidence is a regression too, over what each hypothesis says on its own and what the choices around it say.
 """
 
-import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
 
+import msgspec
 import numpy as np
 
 from vip_factors.associate.assignment import AssignmentProblem
@@ -100,6 +98,11 @@ class AssociationWeights:
                 )
 
 
+class _Regression(msgspec.Struct, frozen=True):
+    weights: dict[str, float]
+    bias: float
+
+
 @cache
 def load_weights(path: Path = SHIPPED_WEIGHTS) -> AssociationWeights:
     """Trained weights; those shipped with the package if no path is given.
@@ -108,22 +111,15 @@ def load_weights(path: Path = SHIPPED_WEIGHTS) -> AssociationWeights:
         FileFormatError: if the file is not of this kind.
     """
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = msgspec.json.decode(path.read_bytes(), type=dict[str, object])
+        provenance = str(content["provenance"])
+        tables = msgspec.convert({name: content[name] for name in FEATURES}, dict[str, _Regression])
         logistic = {
-            name: Logistic(
-                np.array([_finite(content[name]["weights"][one]) for one in features]), _finite(content[name]["bias"])
-            )
-            for name, features in FEATURES.items()
+            name: Logistic(np.array([table.weights[feature] for feature in FEATURES[name]]), table.bias)
+            for name, table in tables.items()
         }
-        return AssociationWeights(logistic, str(content["provenance"]))
-    except (OSError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        return AssociationWeights(logistic, provenance)
+    except (OSError, KeyError, ValueError, RecursionError) as error:
         raise FileFormatError(
             f"{path}: not association weights ({error}); expected JSON as the shipped file has it"
         ) from error
-
-
-def _finite(value: Any) -> float:
-    number = float(value)
-    if not math.isfinite(number):
-        raise ValueError(f"{value} instead of a number")
-    return number

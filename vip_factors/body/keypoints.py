@@ -2,11 +2,9 @@
 
 A detector's "hip" or "shoulder" is not the joint centre of a kinematic model, and its nose is a point on the head:
 every keypoint is a point fixed to a bone. Offsets are ours, from the proportions of Drillis & Contini (eyes at 0.936
-of stature) and from looking at annotated pictures. A detector's own bias of a centimetre or two, the same before
-everybody, and how people scatter about it are pooled from recordings whose motion is known (:func:`pooled_offsets`).
+of stature) and from looking at annotated pictures.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -238,54 +236,3 @@ class KeypointOffsets:
             raise InputError("keypoint offsets: expected finite means and sigmas above zero")
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "sigma", sigma)
-
-
-@dataclass(frozen=True)
-class PooledOffsets:
-    """What several people taught of one detector: offsets to expect before the next person, and how many taught it; one
-    who was recorded twice counts twice.
-    """
-
-    offsets: KeypointOffsets
-    people: int
-
-
-@dataclass(frozen=True)
-class OffsetTraining:
-    """How much a few recordings are believed."""
-
-    # As so many people the usual sigmas count, when it is asked how far people scatter about a detector's habit.
-    prior_people: float = 4.0
-    # Of the usual variance the habit's share, which all people have in common; the rest is from one to the next.
-    habit_share: float = 0.5
-    least_sigma_m: float = 0.003  # truths are no better: markers on the skin, joints by regression
-
-
-def pooled_offsets(
-    persons: Sequence[KeypointOffsets], usual: Array, settings: OffsetTraining | None = None
-) -> PooledOffsets:
-    """What to expect of a detector before the next person; with nobody to learn from, zero and the usual sigmas ``(K,
-    3)``, m.
-
-    Every keypoint by itself: the spread of people, alike in all axes for few tell little, is the mean of what is usual
-    and of what was estimated, the noise of each taken off; the habit's mean is weighted by that spread, and drawn to
-    zero by its share of the usual.
-    """
-    settings = settings or OffsetTraining()
-    habit, people = settings.habit_share * usual**2, (1 - settings.habit_share) * usual**2
-    if not persons:
-        return PooledOffsets(KeypointOffsets(np.zeros(SHAPE), usual), 0)
-    mean, noise = np.stack([one.mean for one in persons]), np.stack([one.sigma**2 for one in persons])
-    # Who was seen too vaguely to say how people scatter counts less. About its own mean a sum of squares is smaller.
-    sure = (people / (people + noise)) ** 2
-    own = sure / np.sum(sure, axis=0)
-    squares = np.sum(sure * (mean - np.sum(own * mean, axis=0)) ** 2, axis=0)
-    of_noise = np.sum(sure * (1 - own) * noise, axis=0)
-    count = np.sum(sure * (1 - own), axis=0)
-    seen, count = (one.mean(axis=1, keepdims=True) for one in (squares - of_noise, count))
-    spread = (settings.prior_people * people + seen) / (settings.prior_people + count)
-    spread = np.maximum(spread, settings.least_sigma_m**2)
-    weight = 1 / (spread + noise)
-    information = np.sum(weight, axis=0) + 1 / habit
-    sigma = np.sqrt(spread + 1 / information)
-    return PooledOffsets(KeypointOffsets(np.sum(weight * mean, axis=0) / information, sigma), len(persons))

@@ -9,7 +9,7 @@ import tyro
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Output, WritingOptions, beside
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, nearest
 
 if TYPE_CHECKING:
     from vip_factors.estimate import WearerEstimate
@@ -63,7 +63,6 @@ def main(options: BodyOptions) -> None:
 
 def _wearer(options: BodyOptions) -> "WearerEstimate":
     from vip_factors.io.mcap_estimate import read_estimate
-    from vip_factors.io.toml_values import nearest
 
     wearers = {one.motion.name: one for one in read_estimate(options.estimate).wearers}
     if options.wearer is None and len(wearers) > 1:
@@ -78,7 +77,6 @@ def _true_lengths(path: Path, name: str) -> Mapping[str, float]:
     """Of the wearer of that name, or the only one."""
     from vip_factors.evaluate.body import true_lengths
     from vip_factors.io.mcap_recording import read_scene
-    from vip_factors.io.toml_values import nearest
 
     wearers = {one.subject.name: one for one in read_scene(path).wearers}
     if len(wearers) > 1 and name not in wearers:

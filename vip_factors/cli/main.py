@@ -44,11 +44,9 @@ COMMANDS = {
     "gait": "tell how somebody walked: strides, figures, joint angles",
     "repetitions": "tell squats, lunges, jumps and curls, and jump heights",
     "view": "look at recordings and estimates in Rerun",
-    "train": "learn where a detector puts its keypoints",
-    "tune": "find weights of factors on recordings with truth",
 }
 # Named by ``--help``; told, as all are, by ``--help-all``.
-FURTHER = ("calibrate-camera", "body", "simulate", "sync", "evaluate", "graph", "train", "tune")
+FURTHER = ("calibrate-camera", "body", "simulate", "sync", "evaluate", "graph")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

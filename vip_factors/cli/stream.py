@@ -162,6 +162,7 @@ def _run(
         setup = interrupts.waiting_for(lambda: source.setup)
         played = Path(options.source).is_file() and not options.real_time  # as fast as it can be tracked
         tracker = FixedLagTracker(setup, settings, real_time=not played or options.follow)
+        interrupts.on_asked = tracker.give_up
         file = _file(options, settings, setup, stack)
         viewers = _viewers(options, settings, setup, stack)
         avatars = _avatars(options, setup, stack, line)

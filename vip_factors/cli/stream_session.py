@@ -34,6 +34,10 @@ class Sink(Protocol):
         """Take in the answer to one frame."""
 
 
+def nothing() -> None:
+    """Do nothing."""
+
+
 class Interrupts:
     """Ctrl-C or SIGTERM end a stream between two samples, not within an update or half a line. A context manager.
 
@@ -42,10 +46,12 @@ class Interrupts:
     Attributes:
         asked: whether one has come.
         exit_code: what shells report for a program that the signal ended.
+        on_asked: called by the first one, wherever the program is.
     """
 
     def __init__(self) -> None:
         self.asked = False
+        self.on_asked: Callable[[], None] = nothing
         self.exit_code = 128 + signal.SIGINT
         self._waiting = False
 
@@ -92,6 +98,8 @@ class Interrupts:
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         again, self.asked, self.exit_code = self.asked, True, 128 + number
+        if not again:
+            self.on_asked()
         if self._waiting or again:
             raise KeyboardInterrupt
 

@@ -25,10 +25,11 @@
     correlations = [[1.0, …], …]        # of those, row by row
 """
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from vip_factors.atomic import atomic_open
@@ -36,28 +37,18 @@ from vip_factors.body.anthropometry import LengthPrior
 from vip_factors.body.hinges import HINGE_OF, HingeEstimate
 from vip_factors.body.lengths import LENGTHS, STRETCHED, lengths_of, stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, nearest
 from vip_factors.estimate import WearerEstimate
-from vip_factors.geometry.rotations import Array
 from vip_factors.io.placement_file import PlacementFile
-from vip_factors.io.toml_values import (
-    correlation_matrix,
-    known_keys,
-    nearest,
-    number_at,
-    numbers_at,
-    read_toml,
-    table_at,
-    text_at,
-    toml_text,
-)
+from vip_factors.io.typed_files import Number, Vector, convert_entries, correlation_matrix, read_toml, toml_text
 from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
 
 SAME_LENGTH = 0.002  # m: the table of lengths is for people, and rounded
 SYMMETRIC = 0.002  # m
-LONGEST_BONE, LONGEST_SIGMA = 1.2, 0.5  # m
+LONGEST_BONE = 1.2  # m
+LEAST_COSINE = 0.5  # between an axis and the usual one: no joint turns about another, and tilts are small
 
 
 @dataclass(frozen=True)
@@ -132,6 +123,33 @@ def write_body_file(path: str | Path, body: BodyFile, overwrite: bool = False) -
         file.write("\n".join(lines) + "\n")
 
 
+class _Point(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    bone: str
+    p_m: Vector
+
+
+class _Length(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    sigma_m: Annotated[float, msgspec.Meta(gt=0, le=0.5)]
+    found_m: Number | None = None
+
+
+class _Hinge(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    axis: Vector
+    offset_deg: tuple[Number, ...]
+    sigma_deg: tuple[Annotated[float, msgspec.Meta(gt=0, le=90)], ...]
+    correlations: tuple[tuple[Number, ...], ...]
+
+
+class _Content(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    name: str
+    skeleton: dict[str, object]
+    lengths: dict[str, object]
+    correlations: dict[str, object]
+    landmarks: dict[str, object] = {}
+    hinges: dict[str, object] = {}
+    provenance: str = ""
+
+
 def read_body_file(path: str | Path) -> BodyFile:
     """Read a body file.
 
@@ -141,30 +159,24 @@ def read_body_file(path: str | Path) -> BodyFile:
             not the skeleton's, or correlations that are none.
     """
     path = Path(path)
-    content = read_toml(path, "a body file (TOML; vip-factors body writes one)")
-    known_keys(path, "", content, [*(one.name for one in fields(BodyFile)), "landmarks", "correlations"])
-    for key in ("name", "skeleton", "lengths", "correlations"):
-        if key not in content:
-            raise InputError(f"{path}: {key} is missing: expected a body file, as vip-factors body writes it")
-    provenance = text_at(path, "provenance", content.get("provenance", ""))
-    skeleton = _skeleton(path, content, provenance)
-    hinges = table_at(path, "hinges", content.get("hinges", {}))
+    content = read_toml(path, _Content, "a body file (TOML; vip-factors body writes one)")
+    skeleton = _skeleton(path, content)
+    hinges = convert_entries(path, "hinges", content.hinges, _Hinge)
     return BodyFile(
-        text_at(path, "name", content["name"]),
+        content.name,
         skeleton,
-        _lengths(path, content, skeleton),
-        tuple(hinge_at(path, joint, one) for joint, one in hinges.items()),
-        provenance,
+        _length_prior(path, content, skeleton),
+        tuple(_hinge_estimate(path, joint, hinge) for joint, hinge in hinges.items()),
+        content.provenance,
     )
 
 
-def _skeleton(path: Path, content: Any, source: str) -> Skeleton:
-    joints = table_at(path, "skeleton", content["skeleton"])
-    known_keys(path, "skeleton", joints, JOINT_NAMES)
-    missing = [name for name in JOINT_NAMES if name not in joints]
-    if missing:
-        raise InputError(f"{path}: skeleton.{missing[0]} is missing: expected all of {', '.join(JOINT_NAMES)}")
-    offsets = np.array([numbers_at(path, f"skeleton.{name}", joints[name], 3) for name in JOINT_NAMES])
+def _skeleton(path: Path, content: _Content) -> Skeleton:
+    joints: dict[str, Vector] = convert_entries(path, "skeleton", content.skeleton, Vector)  # type: ignore[arg-type]
+    if (wrong := sorted(set(JOINT_NAMES) ^ set(joints))) != []:
+        state = "unknown" if wrong[0] in joints else "missing"
+        raise InputError(f"{path}: skeleton.{wrong[0]} is {state}: expected all of {', '.join(JOINT_NAMES)}")
+    offsets = np.array([joints[name] for name in JOINT_NAMES])
     for name, offset in zip(JOINT_NAMES, offsets, strict=True):
         if np.linalg.norm(offset) > LONGEST_BONE:
             raise InputError(
@@ -175,48 +187,32 @@ def _skeleton(path: Path, content: Any, source: str) -> Skeleton:
             raise InputError(
                 f"{path}: skeleton.{name} is not the mirror image of its right twin: expected both sides alike"
             )
-    points = table_at(path, "landmarks", content.get("landmarks", {}))
-    return Skeleton(offsets, {name: _landmark(path, f"landmarks.{name}", one) for name, one in points.items()}, source)
+    landmarks = {}
+    for name, point in convert_entries(path, "landmarks", content.landmarks, _Point).items():
+        if point.bone not in JOINT_NAMES:
+            raise InputError(f"{path}: landmarks.{name}: unknown bone '{point.bone}'{nearest(point.bone, JOINT_NAMES)}")
+        landmarks[name] = Landmark(joint_index(point.bone), np.array(point.p_m))
+    return Skeleton(offsets, landmarks, content.provenance)
 
 
-def _landmark(path: Path, where: str, value: Any) -> Landmark:
-    table = table_at(path, where, value)
-    known_keys(path, where, table, ("bone", "p_m"))
-    bone = text_at(path, f"{where}.bone", table.get("bone"))
-    if bone not in JOINT_NAMES:
-        raise InputError(f"{path}: {where}: unknown bone '{bone}'{nearest(bone, JOINT_NAMES)}")
-    return Landmark(joint_index(bone), numbers_at(path, f"{where}.p_m", table.get("p_m"), 3))
-
-
-def _lengths(path: Path, content: Any, skeleton: Skeleton) -> LengthPrior:
-    lengths, rows = (table_at(path, key, content[key]) for key in ("lengths", "correlations"))
-    names, found = tuple(lengths), dict(zip(LENGTHS, lengths_of(skeleton), strict=True))
-    if set(rows) != set(names):
+def _length_prior(path: Path, content: _Content, skeleton: Skeleton) -> LengthPrior:
+    lengths = convert_entries(path, "lengths", content.lengths, _Length)
+    rows = convert_entries(path, "correlations", content.correlations, tuple[Number, ...])
+    if set(rows) != set(lengths):
         raise InputError(f"{path}: correlations of {', '.join(rows) or 'nothing'}: expected one row for each length")
-    sigmas, correlations = list[float](), list[Array]()
-    for name in names:
-        where = f"lengths.{name}"
-        table = table_at(path, where, lengths[name])
-        known_keys(path, where, table, ("found_m", "sigma_m"))
-        sigmas.append(number_at(path, f"{where}.sigma_m", table.get("sigma_m")))
-        if not 0 < sigmas[-1] <= LONGEST_SIGMA:
+    of_skeleton = dict(zip(LENGTHS, lengths_of(skeleton), strict=True))
+    for name, length in lengths.items():
+        if length.found_m is None or name not in of_skeleton:
+            continue
+        if abs(length.found_m - of_skeleton[name]) > SAME_LENGTH:
             raise InputError(
-                f"{path}: {where}.sigma_m is {sigmas[-1]:g}: expected metres, above 0 and at most {LONGEST_SIGMA}"
+                f"{path}: lengths.{name}.found_m is {length.found_m:g}, where the skeleton has "
+                f"{of_skeleton[name]:.4f}: expected the same; change the joints in [skeleton], on both sides, and the "
+                "length with them"
             )
-        told = number_at(path, f"{where}.found_m", table["found_m"]) if "found_m" in table else None
-        if told is not None and name in found and abs(told - found[name]) > SAME_LENGTH:
-            raise InputError(
-                f"{path}: {where}.found_m is {told:g}, where the skeleton has {found[name]:.4f}: expected the same; "
-                "change the joints in [skeleton], on both sides, and the length with them"
-            )
-        correlations.append(numbers_at(path, f"correlations.{name}", rows[name], len(names)))
-    matrix = correlation_matrix(path, "correlations", correlations)
-    sigma = np.array(sigmas)
-    return LengthPrior(names, sigma[:, None] * matrix * sigma)
-
-
-LEAST_COSINE = 0.5  # between an axis and the usual one: no joint turns about another, and tilts are small
-LONGEST_SIGMA_DEG = 90.0
+    matrix = correlation_matrix(path, "correlations", [rows[name] for name in lengths])
+    sigma = np.array([length.sigma_m for length in lengths.values()])
+    return LengthPrior(tuple(lengths), sigma[:, None] * matrix * sigma)
 
 
 def hinge_lines(hinge: HingeEstimate) -> list[str]:
@@ -233,39 +229,26 @@ def hinge_lines(hinge: HingeEstimate) -> list[str]:
     ]
 
 
-def hinge_at(path: Path, joint: str, value: Any) -> HingeEstimate:
-    """The hinge of a table.
-
-    Raises:
-        InputError: for an unknown or missing key, or a value of the wrong kind.
-    """
+def _hinge_estimate(path: Path, joint: str, table: _Hinge) -> HingeEstimate:
     where = f"hinges.{joint}"
-    table = table_at(path, where, value)
-    known_keys(path, where, table, ("axis", "offset_deg", "sigma_deg", "correlations"))
     if joint not in HINGE_OF:
         raise InputError(f"{path}: {where}: unknown joint '{joint}'{nearest(joint, HINGE_OF)}")
-    hinge = HINGE_OF[joint]
-    count = len(hinge.columns)
-    axis = numbers_at(path, f"{where}.axis", table.get("axis"), 3)
+    hinge, axis = HINGE_OF[joint], np.array(table.axis)
     if not abs(np.linalg.norm(axis) - 1) < 1e-3:
         raise InputError(f"{path}: {where}.axis has length {np.linalg.norm(axis):g}: expected a unit vector")
     if hinge.axis @ axis < LEAST_COSINE:
         raise InputError(f"{path}: {where}.axis is {axis.tolist()}: expected one near {hinge.axis.tolist()}")
-    offset = np.deg2rad(numbers_at(path, f"{where}.offset_deg", table.get("offset_deg"), count - 2))
-    sigma = numbers_at(path, f"{where}.sigma_deg", table.get("sigma_deg"), count)
-    if not np.all((sigma > 0) & (sigma <= LONGEST_SIGMA_DEG)):
+    count = len(hinge.columns)
+    counts = (len(table.offset_deg) + 2, len(table.sigma_deg), len(table.correlations))
+    if counts != (count, count, count):
         raise InputError(
-            f"{path}: {where}.sigma_deg is {sigma.tolist()}: expected degrees, above 0 and at most "
-            f"{LONGEST_SIGMA_DEG:g}"
+            f"{path}: {where}: expected {count - 2} numbers of offset_deg, {count} of sigma_deg and {count} rows of "
+            "correlations"
         )
-    rows = table.get("correlations")
-    if not isinstance(rows, list) or len(rows) != count:
-        raise InputError(f"{path}: {where}.correlations is {rows!r}: expected {count} rows of numbers")
-    matrix = correlation_matrix(
-        path, f"{where}.correlations", [numbers_at(path, f"{where}.correlations", row, count) for row in rows]
-    )
-    covariance = np.deg2rad(sigma)[:, None] * matrix * np.deg2rad(sigma)
-    return HingeEstimate(joint, np.concatenate([hinge.tilt_to(axis), offset]), covariance)
+    matrix = correlation_matrix(path, f"{where}.correlations", table.correlations)
+    sigma = np.deg2rad(table.sigma_deg)
+    variables = np.concatenate([hinge.tilt_to(axis), np.deg2rad(table.offset_deg)])
+    return HingeEstimate(joint, variables, sigma[:, None] * matrix * sigma)
 
 
 def subject_with(body: BodyFile, given: PlacementFile) -> Subject:

@@ -22,32 +22,19 @@ how the numbers were found and is read by people only. OpenCV's own files (``cam
 Pose2Sim's calibration, a table for each camera of a lab, the one that is named after a colon: ``Calib.toml:cam_01``.
 """
 
-import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
+import msgspec
 import numpy as np
 
 from vip_factors.atomic import atomic_open
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import FileFormatError, InputError, nearest
 from vip_factors.geometry.rotations import Array, exp, nearest_rotation
-from vip_factors.io.toml_values import (
-    known_keys,
-    nearest,
-    number_at,
-    numbers_at,
-    read_text,
-    read_toml,
-    table_at,
-    toml_text,
-)
+from vip_factors.io.typed_files import Matrix, Number, Vector, convert, read_json, read_text, read_toml, toml_text
 from vip_factors.sensors.camera_model import CameraModel
 
-NUMBERS = ("width", "height", "fx", "fy", "cx", "cy")
-KNOWN = (*NUMBERS, "distortion", "floor", "calibration")
-FLOOR = ("R_floor_camera", "p_floor_camera")
-POSE2SIM = ("size", "matrix", "distortions", "rotation", "translation")
 ROTATION_TOLERANCE = 1e-2  # of RᵀR from the identity: numbers rounded by hand to two places still pass
 OPENCV_SUFFIXES = (".yaml", ".yml", ".xml", ".json")
 MATRIX = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "mtx", "K")
@@ -56,10 +43,50 @@ WIDTH, HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image
 SIZE = ("image_size", "img_size", "imageSize")  # width, height
 USED_COEFFICIENTS = 8  # beyond them OpenCV has thin prisms and tilted sensors
 FARTHEST_PIXEL = 1e6  # a million pixels wide is no image
+Pixels = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
+
+
+class _Floor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    R_floor_camera: Matrix
+    p_floor_camera: Vector
+
+
+class _Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Content of a camera file of ours."""
+
+    width: Pixels
+    height: Pixels
+    fx: Number
+    fy: Number
+    cx: Number
+    cy: Number
+    distortion: tuple[Number, ...] = ()
+    floor: _Floor | None = None
+    calibration: dict[str, object] = {}
+
+
+class _Pose2SimCamera(msgspec.Struct, frozen=True):
+    """Table of a camera in a calibration of Pose2Sim's.
+
+    Attributes:
+        size: width and height.
+        matrix: intrinsics.
+        distortions: as OpenCV's.
+        rotation: rotation vector from the world, whose z is up and whose floor is at 0, to the camera.
+        translation: metres, with it.
+        fisheye: whether the distortion is that of a fisheye lens.
+    """
+
+    size: tuple[Number, Number]
+    matrix: Matrix
+    distortions: tuple[Number, ...]
+    rotation: Vector
+    translation: Vector
+    fisheye: bool = False
 
 
 def read_camera_file(path: str | Path) -> CameraModel:
-    """Intrinsics from a camera file: TOML, one of OpenCV's by its suffix (.yaml, .yml, .xml, .json), or Pose2Sim's.
+    """Read intrinsics from a camera file: TOML, OpenCV's by its suffix (.yaml, .yml, .xml, .json), or Pose2Sim's.
 
     Raises:
         FileFormatError: if it cannot be read or parsed.
@@ -68,25 +95,17 @@ def read_camera_file(path: str | Path) -> CameraModel:
     path = Path(path)
     if path.suffix.lower() in OPENCV_SUFFIXES:
         return _opencv_model(path)
-    path, content, name = _toml(path)
-    if name is not None:
-        table = _pose2sim(path, content, name)
-        size, K = numbers_at(path, f"{name}.size", table["size"], 2), _matrix(path, f"{name}.matrix", table["matrix"])
-        return _model(f"{path}: {name}", size, K, numbers_at(path, f"{name}.distortions", table["distortions"]))
-    for key in NUMBERS:
-        if key not in content:
-            raise InputError(f"{path}: {key} is missing: expected {', '.join(NUMBERS)}, in pixels")
-    width, height, fx, fy, cx, cy = (number_at(path, key, content[key]) for key in NUMBERS)
-    for key, value in (("width", width), ("height", height)):
-        if value != round(value) or value <= 0:
-            raise InputError(f"{path}: {key} is {content[key]!r}: expected a whole number of pixels")
-    K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    distortion = numbers_at(path, "distortion", content.get("distortion", []))
-    return _model(str(path), np.array([width, height]), K, distortion)
+    where, camera = _toml_camera(path)
+    if isinstance(camera, _Pose2SimCamera):
+        K = np.array(camera.matrix)
+        size = (round(camera.size[0]), round(camera.size[1]))
+        return _model(where, size, (K[0, 0], K[1, 1]), (K[0, 2], K[1, 2]), camera.distortions)
+    size, focal, centre = (camera.width, camera.height), (camera.fx, camera.fy), (camera.cx, camera.cy)
+    return _model(where, size, focal, centre, camera.distortion)
 
 
 def read_floor(path: str | Path) -> tuple[Array, Array] | None:
-    """The camera's pose over the floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` metres, None if unknown.
+    """Read a camera's pose over the floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` m, None if unknown.
 
     Raises:
         FileFormatError: if the file cannot be read or parsed.
@@ -95,22 +114,16 @@ def read_floor(path: str | Path) -> tuple[Array, Array] | None:
     path = Path(path)
     if path.suffix.lower() in OPENCV_SUFFIXES:
         return None
-    path, content, name = _toml(path)
-    if name is not None:
-        table = _pose2sim(path, content, name)
-        R_camera_floor = exp(numbers_at(path, f"{name}.rotation", table["rotation"], 3))
-        t = numbers_at(path, f"{name}.translation", table["translation"], 3)
-        return R_camera_floor.T, -R_camera_floor.T @ t
-    floor = content.get("floor")
-    if floor is None:
+    where, camera = _toml_camera(path)
+    if isinstance(camera, _Pose2SimCamera):
+        R_camera_floor = exp(np.array(camera.rotation))
+        return R_camera_floor.T, -R_camera_floor.T @ np.array(camera.translation)
+    if camera.floor is None:
         return None
-    if not isinstance(floor, Mapping) or any(key not in floor for key in FLOOR):
-        raise InputError(f"{path}: [floor] is incomplete: expected a table with {' and '.join(FLOOR)}")
-    known_keys(path, "floor", floor, FLOOR)
-    R = _matrix(path, "floor.R_floor_camera", floor["R_floor_camera"])
+    R = np.array(camera.floor.R_floor_camera)
     if np.abs(R.T @ R - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
-        raise InputError(f"{path}: floor.R_floor_camera is not a rotation matrix")
-    return nearest_rotation(R), numbers_at(path, "floor.p_floor_camera", floor["p_floor_camera"], 3)
+        raise InputError(f"{where}: floor.R_floor_camera is not a rotation matrix")
+    return nearest_rotation(R), np.array(camera.floor.p_floor_camera)
 
 
 def write_camera_file(
@@ -134,72 +147,62 @@ def write_camera_file(
     """
     if Path(path).suffix.lower() in OPENCV_SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in .toml; OpenCV's files are only read")
-    numbers = (model.width, model.height, *model.focal, *model.centre)
-    lines = [f"{name} = {value}" for name, value in zip(NUMBERS, map(toml_text, numbers), strict=True)]
+    (fx, fy), (cx, cy) = model.focal, model.centre
+    table = {"width": model.width, "height": model.height, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
+    lines = [f"{name} = {toml_text(value)}" for name, value in table.items()]
     lines.append(f"distortion = {toml_text(model.distortion)}")
     if floor is not None:
-        lines += ["", "[floor]", *(f"{name} = {toml_text(value)}" for name, value in zip(FLOOR, floor, strict=True))]
+        R, p = map(toml_text, floor)
+        lines += ["", "[floor]", f"R_floor_camera = {R}", f"p_floor_camera = {p}"]
     if calibration:
         lines += ["", "[calibration]", *(f"{name} = {toml_text(value)}" for name, value in calibration.items())]
     with atomic_open(path, "w", overwrite) as file:
         file.write("\n".join(lines) + "\n")
 
 
-def _toml(path: Path) -> tuple[Path, Mapping[str, Any], str | None]:
-    """The file, its content, and the name of the camera in it if it is one of Pose2Sim's."""
-    name: str | None = None
+def _toml_camera(path: Path) -> tuple[str, _Camera | _Pose2SimCamera]:
+    """Read the camera of a TOML file, and what to call it in complaints."""
+    name = ""
     if not path.is_file() and ":" in path.name:
         stem, _, name = path.name.rpartition(":")
         path = path.with_name(stem)
-    content = read_toml(path, "a camera file (TOML with fx, fy, cx, cy …)")
+    content = read_toml(path, dict[str, object], "a camera file (TOML with fx, fy, cx, cy …)")
     cameras = [key for key, table in content.items() if isinstance(table, Mapping) and "matrix" in table]
     if not cameras:
-        if name is not None:
+        if name:
             raise InputError(f"{path} holds a single camera: leave out ':{name}'")
-        known_keys(path, "", content, KNOWN)
-        return path, content, None
-    if name is None and len(cameras) > 1:
+        return str(path), convert(path, "", content, _Camera)
+    if not name and len(cameras) > 1:
         raise InputError(
             f"{path}: holds the cameras {', '.join(cameras)}: name the one you mean, such as {path}:{cameras[0]}"
         )
-    if name is not None and name not in cameras:
+    name = name or cameras[0]
+    if name not in cameras:
         raise InputError(f"{path}: no camera '{name}'{nearest(name, cameras)}")
-    return path, content, name or cameras[0]
-
-
-def _pose2sim(path: Path, content: Mapping[str, Any], name: str) -> Mapping[str, Any]:
-    """The table of a camera of Pose2Sim's, which holds all that it needs.
-
-    That is ``size``, ``matrix``, ``distortions`` (OpenCV's), and ``rotation`` (a rotation vector) and ``translation``
-    (metres), which take points from the world, whose z is up and whose floor is at 0, to the camera.
-    """
-    table = table_at(path, name, content[name])
-    for key in POSE2SIM:
-        if key not in table:
-            raise InputError(f"{path}: {name}.{key} is missing: expected {', '.join(POSE2SIM)}")
-    if table.get("fisheye"):
+    camera = convert(path, name, content[name], _Pose2SimCamera)
+    if camera.fisheye:
         raise InputError(f"{path}: {name} is a fisheye camera: expected one whose distortion is OpenCV's usual")
-    return table
+    return f"{path}: {name}", camera
 
 
-def _matrix(path: Path, where: str, rows: Any) -> Array:
-    if not isinstance(rows, list) or len(rows) != 3:
-        raise InputError(f"{path}: {where} is {rows!r}: expected three rows of three numbers")
-    return np.stack([numbers_at(path, where, row, 3) for row in rows])
-
-
-def _model(where: str, size: Array, K: Array, distortion: Array) -> CameraModel:
-    focal, centre = (float(K[0, 0]), float(K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
+def _model(
+    where: str,
+    size: tuple[float, float],
+    focal: tuple[float, float],
+    centre: tuple[float, float],
+    distortion: tuple[float, ...],
+) -> CameraModel:
+    if not all(0 < pixels < FARTHEST_PIXEL for pixels in size):
+        raise InputError(f"{where}: the image is {size[0]:g} by {size[1]:g} pixels: expected numbers above zero")
     try:
-        return CameraModel(round(size[0]), round(size[1]), focal, centre, tuple(distortion.tolist()))
+        return CameraModel(int(size[0]), int(size[1]), focal, centre, distortion)
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
 
 
 def _opencv_model(path: Path) -> CameraModel:
     """Intrinsics as OpenCV's and ROS's programs write them: a ``camera_matrix`` and, if there, ``dist_coeffs``."""
-    text = read_text(path, "a camera file (TOML, or OpenCV's YAML)", strict=True)
-    numbers = _json_numbers(path, text) if path.suffix.lower() == ".json" else _storage_numbers(path, text)
+    numbers = _json_numbers(path) if path.suffix.lower() == ".json" else _storage_numbers(path)
     K, distortion, size, width, height = (numbers(names) for names in (MATRIX, DISTORTION, SIZE, WIDTH, HEIGHT))
     if K is None or K.size != 9:
         raise InputError(
@@ -209,43 +212,39 @@ def _opencv_model(path: Path) -> CameraModel:
         size = np.array([width.ravel()[0], height.ravel()[0]])
     if size is None or size.size != 2:
         raise InputError(f"{path}: the image's size is missing: expected image_width and image_height, in pixels")
-    size = size.ravel()
-    if not np.all((size > 0) & (size < FARTHEST_PIXEL)):
-        raise InputError(f"{path}: the image is {size[0]:g} by {size[1]:g} pixels: expected numbers above zero")
+    width_px, height_px = size.ravel().tolist()
     bent = np.zeros(0) if distortion is None else distortion.ravel()
     if np.any(bent[USED_COEFFICIENTS:]):
         raise InputError(f"{path}: {len(bent)} distortion coefficients: expected at most eight that are not zero")
-    return _model(str(path), np.floor(size), K.reshape(3, 3), bent[:USED_COEFFICIENTS])
+    fx, _, cx, _, fy, cy, *_ = K.ravel().tolist()
+    distortion_used = tuple(bent[:USED_COEFFICIENTS].tolist())
+    return _model(str(path), (width_px, height_px), (fx, fy), (cx, cy), distortion_used)
 
 
 Numbers = Callable[[tuple[str, ...]], Array | None]
 """The numbers under the first of some names that is there."""
 
 
-def _json_numbers(path: Path, text: str) -> Numbers:
-    try:
-        content = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: {error}: expected JSON syntax") from error
-    if not isinstance(content, Mapping):
-        raise FileFormatError(f"{path}: expected a JSON object with camera_matrix")
+def _json_numbers(path: Path) -> Numbers:
+    content = read_json(path, dict[str, object], "a JSON object with camera_matrix")
     inner = content.get("opencv_storage", content)
-    content = inner if isinstance(inner, Mapping) else content
+    table = inner if isinstance(inner, Mapping) else content
 
     def numbers(names: tuple[str, ...]) -> Array | None:
-        value: Any = next((content[name] for name in names if name in content), None)
+        value = next((table[name] for name in names if name in table), None)
         value = value.get("data") if isinstance(value, Mapping) else value
         try:
             return None if value is None else np.array(value, dtype=float)
         except (TypeError, ValueError, OverflowError) as error:
-            raise InputError(f"{path}: {names[0]} is {value!r}: expected numbers") from error
+            raise InputError(f"{path}: {names[0]}: expected numbers") from error
 
     return numbers
 
 
-def _storage_numbers(path: Path, text: str) -> Numbers:
+def _storage_numbers(path: Path) -> Numbers:
     import cv2
 
+    text = read_text(path, "a camera file (TOML, or OpenCV's YAML)", strict=True)
     if path.suffix.lower() != ".xml" and not text.lstrip().startswith("%YAML"):
         text = "%YAML:1.0\n---\n" + text.replace("---\n", "", 1)  # ROS writes no header, and OpenCV insists on one
     try:

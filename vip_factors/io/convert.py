@@ -9,7 +9,7 @@ from typing import Any, TypeGuard
 import numpy as np
 
 from vip_factors.body.skeleton import POSES
-from vip_factors.errors import FileFormatError, InputError, RecordingError
+from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, subject_with
 from vip_factors.io.importers.shared import ImportedLog
@@ -25,7 +25,6 @@ from vip_factors.io.log_streams import (
 )
 from vip_factors.io.mcap_reader import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, place_sensors, placement_from_file
-from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording, Subject, Truth
 

@@ -2,9 +2,10 @@
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
+
+from msgspec import structs
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.errors import FileFormatError, InputError
@@ -14,7 +15,7 @@ from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, 
 from vip_factors.io.importers.maker_tables import column_map
 from vip_factors.io.importers.shared import candidates, likely_sites
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, number, read_text_table, split
-from vip_factors.io.toml_values import toml_text
+from vip_factors.io.typed_files import toml_text
 from vip_factors.sensors.calibration import SITES, site_axes
 
 MOST_SENSORS = 64  # of different words in a column that is to name sensors
@@ -106,7 +107,7 @@ def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
             own = file.name if len(files) > 1 or not path.is_file() else None
             several = "_".join(part for part in (file.stem[shared:], sensor) if part)
             name = sensor if sensor and len(guessed) == 1 else several
-            sensors[name], reasons[name] = replace(entry, file=own), why
+            sensors[name], reasons[name] = structs.replace(entry, file=own), why
     return ColumnMap(str(path), sensors=sensors), reasons
 
 

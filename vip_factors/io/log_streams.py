@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.rotations import Array, mean_rotation
 from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog
-from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
 from vip_factors.sensors.parts import joined_in_memory

@@ -18,23 +18,22 @@ OpenSense's mapping files (``myIMUMappings.xml``) say where sensors sit, too; wh
 the sensors' names tell.
 """
 
-import json
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 from xml.etree import ElementTree
 
+import msgspec
 import numpy as np
 
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import BONE_ALIASES, JOINT_NAMES, Skeleton
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import FileFormatError, InputError, nearest
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.importers.shared import ImportedLog, site_of_name
-from vip_factors.io.toml_values import known_keys, nearest, number_at, numbers_at, read_text, table_at, text_at
+from vip_factors.io.typed_files import Number, Vector, convert, convert_entries, read_json, read_text, read_toml
 from vip_factors.sensors.calibration import (
     CARELESS_MOUNTING_SIGMA,
     PRESETS,
@@ -47,6 +46,7 @@ from vip_factors.sensors.calibration import (
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 
 INITIAL_POSES = ("t-pose", "n-pose", "none")
+MOST_SENSORS = 1000
 
 
 @dataclass(frozen=True)
@@ -99,6 +99,28 @@ class PlacementFile:
     sensors: Mapping[str, SensorEntry] = field(default_factory=dict)
 
 
+class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Entry of a sensor; the fields are those of :class:`SensorEntry`."""
+
+    site: str | None = None
+    bone: str | None = None
+    position_m: Vector | None = None
+    mounting_wxyz: tuple[Number, Number, Number, Number] | None = None
+    sigma_deg: Annotated[float, msgspec.Meta(gt=0, le=180)] | None = None
+
+
+class _Content(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Content of the file; the fields are those of :class:`PlacementFile`."""
+
+    subject: str | None = None
+    stature_m: Number | None = None
+    mass_kg: Number | None = None
+    sex: str | None = None
+    initial_pose: str | None = None
+    segment_lengths_m: dict[str, object] = {}
+    sensors: dict[str, object] = {}
+
+
 def placement_from_file(path: str | Path) -> PlacementFile:
     """Read a placement file, TOML or (by its suffix) JSON, or OpenSense's mapping of sensors to a model's frames (XML).
 
@@ -109,63 +131,41 @@ def placement_from_file(path: str | Path) -> PlacementFile:
     path = Path(path)
     if path.suffix.lower() == ".xml":
         return PlacementFile(sensors={name: SensorEntry(site) for name, site in sites_of_mappings(path).items()})
-    text = read_text(path, "a TOML or JSON file", strict=True)
-    try:
-        content = json.loads(text) if path.suffix.lower() == ".json" else tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise FileFormatError(f"{path}: {error}: expected {path.suffix or 'TOML'} syntax") from error
-    if not isinstance(content, Mapping):
-        raise FileFormatError(f"{path}: expected an object with what is known of wearer and sensors")
-    known = [one.name for one in fields(PlacementFile)]
-    known_keys(path, "", content, known)
-    values: dict[str, Any] = {}
-    for key in ("subject", "sex", "initial_pose"):
-        if key in content:
-            values[key] = text_at(path, key, content[key])
-    for key in ("stature_m", "mass_kg"):
-        if key in content:
-            values[key] = number_at(path, key, content[key])
-    pose = values.get("initial_pose")
+    read = read_json if path.suffix.lower() == ".json" else read_toml
+    content = read(path, _Content, "a placement file (TOML or JSON with [sensors] …)")
+    pose = content.initial_pose
     if pose is not None and pose not in INITIAL_POSES:
         raise InputError(f"{path}: initial_pose '{pose}'{nearest(pose, INITIAL_POSES)}")
-    lengths = table_at(path, "segment_lengths_m", content.get("segment_lengths_m", {}))
-    values["segment_lengths_m"] = {
-        key: number_at(path, f"segment_lengths_m.{key}", one) for key, one in lengths.items()
-    }
-    sensors = table_at(path, "sensors", content.get("sensors", {}))
-    values["sensors"] = {name: _entry(path, name, entry) for name, entry in sensors.items()}
-    return PlacementFile(**values)
+    if len(content.sensors) > MOST_SENSORS:
+        raise InputError(f"{path}: {len(content.sensors)} sensors: expected at most {MOST_SENSORS} on a body")
+    return PlacementFile(
+        content.subject,
+        content.stature_m,
+        content.mass_kg,
+        content.sex,
+        content.initial_pose,
+        convert_entries(path, "segment_lengths_m", content.segment_lengths_m, Number),
+        {name: _sensor_entry(path, f"sensors.{name}", entry) for name, entry in content.sensors.items()},
+    )
 
 
-def _entry(path: Path, name: str, entry: Any) -> SensorEntry:
-    where = f"sensors.{name}"
-    if isinstance(entry, str):
-        entry = {"site": entry}
-    table = table_at(path, where, entry)
-    known_keys(path, where, table, ("site", "bone", "position_m", "mounting_wxyz", "sigma_deg"))
-    if ("site" in table) == ("bone" in table):
+def _sensor_entry(path: Path, where: str, value: object) -> SensorEntry:
+    entry = convert(path, where, {"site": value} if isinstance(value, str) else value, _Entry)
+    if (entry.site is None) == (entry.bone is None):
         raise InputError(f"{path}: {where}: expected either a site, such as 'left_thigh', or a bone")
-    site = text_at(path, f"{where}.site", table["site"]) if "site" in table else None
-    if site is not None and site not in SITES:
-        raise InputError(f"{path}: {where}: unknown site '{site}'{nearest(site, SITES)}")
-    bone = text_at(path, f"{where}.bone", table["bone"]) if "bone" in table else None
+    if entry.site is not None and entry.site not in SITES:
+        raise InputError(f"{path}: {where}: unknown site '{entry.site}'{nearest(entry.site, SITES)}")
     bones = [*JOINT_NAMES, *BONE_ALIASES]
-    if bone is not None and bone not in bones:
-        raise InputError(f"{path}: {where}: unknown bone '{bone}'{nearest(bone, bones)}")
-    if bone is not None and "mounting_wxyz" not in table:
+    if entry.bone is not None and entry.bone not in bones:
+        raise InputError(f"{path}: {where}: unknown bone '{entry.bone}'{nearest(entry.bone, bones)}")
+    if entry.bone is not None and entry.mounting_wxyz is None:
         raise InputError(f"{path}: {where}: a bone needs mounting_wxyz too, R_bone_sensor as a quaternion w, x, y, z")
-    position = numbers_at(path, f"{where}.position_m", table["position_m"], 3) if "position_m" in table else None
-    R = None
-    if "mounting_wxyz" in table:
-        quaternion = numbers_at(path, f"{where}.mounting_wxyz", table["mounting_wxyz"], 4)
-        try:
-            R = matrix_from_quaternion(quaternion, Order.WXYZ)
-        except InputError as error:
-            raise InputError(f"{path}: {where}.mounting_wxyz: {error}") from error
-    sigma = number_at(path, f"{where}.sigma_deg", table["sigma_deg"]) if "sigma_deg" in table else None
-    if sigma is not None and not 0 < sigma <= 180:
-        raise InputError(f"{path}: {where}.sigma_deg is {sigma:g}: expected degrees between 0 and 180")
-    return SensorEntry(site, bone, position, R, sigma)
+    try:
+        R = None if entry.mounting_wxyz is None else matrix_from_quaternion(np.array(entry.mounting_wxyz), Order.WXYZ)
+    except InputError as error:
+        raise InputError(f"{path}: {where}.mounting_wxyz: {error}") from error
+    position = None if entry.position_m is None else np.array(entry.position_m)
+    return SensorEntry(entry.site, entry.bone, position, R, entry.sigma_deg)
 
 
 def sites_of_mappings(path: Path) -> dict[str, str]:
@@ -176,12 +176,9 @@ def sites_of_mappings(path: Path) -> dict[str, str]:
     Raises:
         FileFormatError: if the file cannot be read, is no such mapping, or a frame's name tells no site.
     """
+    text = read_text(path, "OpenSense's IMU mappings (XML)")
     try:
-        root = ElementTree.fromstring(path.read_bytes())
-    except OSError as error:
-        raise FileFormatError(
-            f"{path}: cannot be read ({error.strerror}): expected OpenSense's IMU mappings"
-        ) from error
+        root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise FileFormatError(f"{path}: {error}: expected OpenSense's IMU mappings (XML)") from error
     found: dict[str, str] = {}

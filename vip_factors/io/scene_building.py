@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, scene_with_body
 from vip_factors.io.camera_file import read_camera_file, read_floor
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections.read import read_detections
 from vip_factors.io.mcap_recording import read_scene
-from vip_factors.io.toml_values import nearest
 from vip_factors.io.video import check_video, embed_video, video_facts, with_torso_colours
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath

@@ -181,8 +181,10 @@ class RecalibrationProcess:
     ) -> "Future[TrackingStart]":  # fmt: skip
         """Have a stretch solved; one at a time. The answer raises :class:`SolveError` where there is none."""
         answer: Future[TrackingStart] = Future()
-        work = (self._process, stretch, (settings, earlier, before), answer)
-        threading.Thread(target=_exchange, args=work, daemon=True).start()
+        frames = stretch.measurements
+        # Packed here: the tracker goes on using these objects, and what they cache would change under the thread.
+        known = pickle.dumps((stretch.head, len(frames), (settings, earlier, before)), pickle.HIGHEST_PROTOCOL)
+        threading.Thread(target=_exchange, args=(self._process, known, frames, answer), daemon=True).start()
         return answer
 
     def close(self) -> None:
@@ -191,25 +193,26 @@ class RecalibrationProcess:
 
 
 def _exchange(
-    process: "subprocess.Popen[bytes]", stretch: MeasuredStretch, known: tuple[object, ...],
+    process: "subprocess.Popen[bytes]", known: bytes, frames: Sequence[FrameMeasurement],
     answer: "Future[TrackingStart]",
 ) -> None:  # fmt: skip
-    """Hand work over, piece by piece, and wait for what comes back."""
+    """Hand work over, piece by piece, and wait for what comes back; the answer is set whatever happens."""
     assert process.stdin is not None
     assert process.stdout is not None
     try:
-        frames = stretch.measurements
-        pickle.dump((stretch.head, len(frames), known), process.stdin, pickle.HIGHEST_PROTOCOL)
+        process.stdin.write(known)
         for first in range(0, len(frames), PIECE):
             pickle.dump(frames[first : first + PIECE], process.stdin, pickle.HIGHEST_PROTOCOL)
         process.stdin.flush()
-        found = pickle.load(process.stdout)
+        result = pickle.load(process.stdout)
     except (OSError, ValueError, EOFError, pickle.UnpicklingError):
-        found = "the process that should find it has ended"
-    if isinstance(found, TrackingStart):
-        answer.set_result(found)
+        result = "the process that should find it has ended"
+    except Exception as error:  # nobody sees what a thread raises, and the tracker waits for an answer
+        result = f"{type(error).__name__}: {error}"
+    if isinstance(result, TrackingStart):
+        answer.set_result(result)
     else:
-        answer.set_exception(SolveError(str(found)))
+        answer.set_exception(SolveError(str(result)))
 
 
 def _ended(process: "subprocess.Popen[bytes]") -> None:
@@ -261,6 +264,7 @@ if __name__ == "__main__":
 
 MOVING_SHARE = 0.25  # of a wearer's sensors: both arms
 MOVING_S = 0.2  # of motion, before anything is found from it
+ANSWER_S = 300.0  # that an answer is waited for: it takes 3 s of a core, and a machine may be busy
 READY = 0.6  # of the data when the process is begun: it takes a second or two before it can do anything
 
 
@@ -423,9 +427,12 @@ class Recalibrator:
         self._job = None
         begin = time.perf_counter()
         try:
-            start = job.answer.result()
-        except SolveError as error:
-            finding = Finding("calibration not renewed", words={"reason": str(error)})
+            start = job.answer.result(ANSWER_S)
+        except (SolveError, TimeoutError) as error:
+            if isinstance(error, TimeoutError) and self._process is not None:
+                self._process.close()
+                self._process = None
+            finding = Finding("calibration not renewed", words={"reason": str(error) or f"none in {ANSWER_S:g} s"})
             return None if self._is_stale else finding
         finally:
             self.waited_s += time.perf_counter() - begin
@@ -435,6 +442,12 @@ class Recalibrator:
             self._before = replace(start, frames=[], states=[], associated=(), information=None)
         video = job.stretch.tail(own.frames).video
         return Recalibration(start, job.at_find, job.stretch.seconds, video, tuple(self._moved))
+
+    def give_up(self) -> None:
+        """Solve nothing more, and wait for nothing that is being solved; a signal handler may call it."""
+        self._over = True
+        if self._process is not None:
+            self._process.close()
 
     def close(self) -> None:
         """Nothing is collected or solved from here on."""

@@ -96,6 +96,10 @@ class FixedLagTracker:
         """The next sample has waited so long to be pushed; of those that wait for too long fewer frames are solved."""
         self._behind_s = seconds if self._real_time else 0.0
 
+    def give_up(self) -> None:
+        """Wait for no calibration any more, as the end was asked for; a signal handler may call it."""
+        self._recalibrator.give_up()
+
     def finish(self) -> list[LiveEstimate]:
         """The end of the stream: answers to the last frames."""
         answers = self._answer(self._assembler.flush())

@@ -216,10 +216,10 @@ def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointO
     if settings.learned is None:
         sigmas = settings.sigmas * camera.detections.keypoints.offset_spread
         return KeypointOffsets(np.zeros_like(sigmas), sigmas)
-    known, name = read_keypoint_offsets(settings.learned).sets, camera.detections.keypoints.name
-    if name not in known:
+    learned, name = read_keypoint_offsets(settings.learned), camera.detections.keypoints.name
+    if name not in learned:
         raise InputError(
             f"{settings.learned}: has no offsets of '{name}', the keypoints of camera '{camera.name}': it has "
-            f"{', '.join(known) or 'none'}; vip-factors train keypoints learns them"
+            f"{', '.join(learned) or 'none'}"
         )
-    return known[name].offsets
+    return learned[name]

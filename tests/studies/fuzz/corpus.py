@@ -38,9 +38,10 @@ from tests.io.table_samples import (
     write_quaternions,
 )
 from tests.studies.fuzz.run import Case, Files
+from tests.studies.train_keypoints import keypoint_offsets_text
 from vip_factors.associate.weights import SHIPPED_WEIGHTS, load_weights
 from vip_factors.body.anthropometry import SHIPPED_BODY_PRIOR, LengthPrior, likely_body, load_body_prior
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import SHIPPED_PRIOR, load_pose_prior
@@ -57,7 +58,7 @@ from vip_factors.io.detections.read import read_detections
 from vip_factors.io.export.animation import write_bvh
 from vip_factors.io.export.files import ExportSettings
 from vip_factors.io.export.smpl import write_amass
-from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, read_keypoint_offsets, write_keypoint_offsets
+from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.io.live.open import read_token
 from vip_factors.io.motions import read_motion
 from vip_factors.io.motions.amass import smpl_body
@@ -271,8 +272,8 @@ def _write_cameras(folder: Path) -> None:
 def _write_bodies(folder: Path) -> None:
     lengths, shape = LengthPrior(LENGTHS, 1e-4 * np.eye(len(LENGTHS))), (len(OFFSET_KEYPOINTS), 3)
     write_body_file(folder / "body.toml", BodyFile("Ada", likely_body(1.7).skeleton, lengths, (), "made"))
-    offsets = PooledOffsets(KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02)), 2)
-    write_keypoint_offsets(folder / "offsets.toml", KeypointOffsetsFile({"body25": offsets}, "made"))
+    offsets = KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02))
+    (folder / "offsets.toml").write_text(keypoint_offsets_text({"body25": (offsets, 2)}, "made"))
 
 
 def _smpl() -> dict[str, bytes]:
@@ -300,7 +301,7 @@ def _afresh(path: Path, read: Callable[[Path], object]) -> None:
         read(Path(copyfile(path, Path(inner, path.name))))
 
 
-# Models of detectors, studies of weights, records of steps: what optional packages read
+# Models of detectors, records of steps: what optional packages read
 
 
 def _model_cases() -> list[Case]:
@@ -308,14 +309,6 @@ def _model_cases() -> list[Case]:
     if find_spec("onnxruntime") and find_spec("onnx"):
         command = "vip-factors detect VIDEO.mp4 --model {}/pose.onnx"
         cases.append(Case("onnx", lambda: {"pose.onnx": simcc_model()}, _onnx, command, seldom=3, apart=True))
-    if find_spec("optuna"):
-        for suffix, seldom in ((".log", 5), (".db", 40)):
-            name = f"study{suffix}"
-            command = f"vip-factors tune RECORDING.mcap --study {{}}/{name} --trials 2"
-            cases.append(Case(
-                f"study-{suffix[1:]}", partial(_study_file, name),
-                partial(_take_study, name=name), command, seldom=seldom,
-            ))  # fmt: skip
     return cases
 
 
@@ -357,25 +350,3 @@ def _onnx(folder: Path) -> None:
     from vip_factors.detect.onnx_pose import Box, OnnxPose
 
     OnnxPose(folder / "pose.onnx", threads=1).look(np.zeros((48, 64, 3), np.uint8), Box(10, 5, 40, 45))
-
-
-def _study_file(name: str) -> Files:
-    made = written(lambda folder: _go_on(folder / name))
-    return {one: data for one, data in made.items() if one == name}
-
-
-def _take_study(folder: Path, name: str) -> None:
-    _afresh(folder / name, _go_on)
-
-
-def _go_on(path: Path) -> None:
-    """Two trials of one number."""
-    from vip_factors.tune.parameters import DEFAULT_PARAMETERS
-    from vip_factors.tune.study import Study, Task, best, report_lines
-
-    one = DEFAULT_PARAMETERS[0]
-    study = Study(path, Task(("a.mcap",), (one,), {one.name: one.low}, "mpjpe"))
-    study.run(2, lambda name, values: values[one.name])
-    assert study.before is not None
-    report_lines(study.trials, (one,), study.before, "mm")
-    best(study.trials, study.before)

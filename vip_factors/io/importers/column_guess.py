@@ -12,6 +12,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from msgspec import structs
 
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array
@@ -75,7 +76,7 @@ def _agreeing(sensors: Mapping[str, SensorColumns]) -> dict[str, SensorColumns]:
         having = [one for one in sensors.values() if getattr(one, quantity) is not None]
         votes = Counter(tuple(getattr(one, key) for key in keys) for one in having)
         agreed |= dict(zip(keys, votes.most_common(1)[0][0], strict=True)) if votes else {}
-    return {name: replace(one, **agreed) for name, one in sensors.items()}
+    return {name: structs.replace(one, **agreed) for name, one in sensors.items()}
 
 
 def meaning(name: str) -> tuple[str, str, str] | None:
@@ -165,17 +166,17 @@ def with_units(table: TextTable, entry: SensorColumns) -> tuple[SensorColumns, l
         )
         told = f"acceleration: {usual:.4g} long on the median"
         reasons.append(f"{told}, so {unit}" if unit else f"{told}: NEITHER m/s2, g NOR mg WITH GRAVITY, please look")
-        entry = replace(entry, acceleration_unit=unit or "m/s2")
+        entry = structs.replace(entry, acceleration_unit=unit or "m/s2")
     if rate is not None and entry.angular_rate is not None:
         unit, reason = _rate_unit(table, entry, force, rate)
         reasons.append(f"angular rate: {reason}, so {unit}")
-        entry = replace(entry, angular_rate_unit=unit)
+        entry = structs.replace(entry, angular_rate_unit=unit)
     if quaternion is not None:
         reasons.append(f"quaternion: {_usual_length(quaternion):.3g} long on the median")
         if force is not None:
             (order, sense, up), off = best_reading(quaternion, force)
             reasons.append(f"as {order}, {sense}, {up} up the acceleration stands {off:.0f}° off the vertical")
-            entry = replace(entry, quaternion_order=order, quaternion_sense=sense, world_up=up)
+            entry = structs.replace(entry, quaternion_order=order, quaternion_sense=sense, world_up=up)
     return entry, reasons
 
 

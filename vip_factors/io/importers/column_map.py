@@ -26,15 +26,16 @@ names the sensor. ``separator``, ``comment`` and ``header`` (line numbers) are f
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
-from vip_factors.errors import InputError
+import msgspec
+
+from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.quaternions import Order
 from vip_factors.io.importers.shared import GRAVITY
 from vip_factors.io.importers.text_table import SEPARATORS, Dialect
-from vip_factors.io.toml_values import known_keys, nearest, number_at, read_toml, table_at, text_at
+from vip_factors.io.typed_files import convert, read_toml
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 ACCELERATION_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000}
@@ -43,7 +44,7 @@ SENSES = ("sensor_to_world", "world_to_sensor")
 UPS = ("z", "y", "-z")
 UP_OR_DOWN = "z or -z"  # as gravity tells: of makers whose exports differ; no column map says it
 QUANTITIES = {"acceleration": 3, "angular_rate": 3, "quaternion": 4}
-_CHOICES: dict[str, tuple[str, ...]] = {
+CHOICES: dict[str, tuple[str, ...]] = {
     "time_unit": tuple(TIME_UNITS),
     "acceleration_unit": tuple(ACCELERATION_UNITS),
     "angular_rate_unit": tuple(ANGULAR_RATE_UNITS),
@@ -54,16 +55,14 @@ _CHOICES: dict[str, tuple[str, ...]] = {
 PLAUSIBLE_RATES_HZ = (1.0, 20000.0)
 
 
-@dataclass(frozen=True)
-class Columns:
+class Columns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where a quantity stands: names, or numbers from 1 on, and the file if it is not the sensor's."""
 
     columns: tuple[str | int, ...]
     file: str | None = None
 
 
-@dataclass(frozen=True)
-class SensorColumns:
+class SensorColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of one sensor, or of all of them; the fields are the keys of the file."""
 
     file: str | None = None
@@ -80,6 +79,16 @@ class SensorColumns:
     world_up: str = "z"
 
 
+class _Layout(msgspec.Struct, frozen=True):
+    """What a column map says beside the keys of a sensor."""
+
+    sensors: dict[str, dict[str, object]] = {}
+    sensor_column: str | int | None = None
+    separator: str | None = None
+    comment: str | None = None
+    header: int | tuple[int, ...] | None = None
+
+
 @dataclass(frozen=True)
 class ColumnMap:
     """Content of a column map.
@@ -93,7 +102,7 @@ class ColumnMap:
     """
 
     source: str
-    common: SensorColumns = SensorColumns()
+    common: SensorColumns = field(default_factory=SensorColumns)
     sensors: Mapping[str, SensorColumns] = field(default_factory=dict)
     sensor_column: str | int | None = None
     dialect: Dialect = field(default_factory=Dialect)
@@ -108,87 +117,53 @@ def read_column_map(path: str | Path) -> ColumnMap:
             time or without any quantity.
     """
     path = Path(path)
-    content = dict(read_toml(path, "a column map (TOML with time, [sensors] …)"))
-    keys = [one.name for one in fields(SensorColumns)]
-    known_keys(path, "", content, [*keys, "sensors", "sensor_column", "separator", "comment", "header"])
-    dialect = _dialect(path, content)
-    sensor_column = _column(path, "sensor_column", content["sensor_column"]) if "sensor_column" in content else None
-    common = {key: content[key] for key in keys if key in content}
-    tables = table_at(path, "sensors", content.get("sensors", {}))
-    sensors = {}
-    for name, entry in tables.items():
-        table = table_at(path, f"sensors.{name}", entry)
-        known_keys(path, f"sensors.{name}", table, keys)
-        sensors[name] = _sensor(path, f"sensors.{name}.", {**common, **table}, set(table))
-    columns = _sensor(path, "", common, set(common), complete=not sensors)
-    return ColumnMap(str(path), columns, sensors, sensor_column, dialect)
+    content = read_toml(path, dict[str, object], "a column map (TOML with time, [sensors] …)")
+    layout = convert(path, "", content, _Layout)
+    common = {key: value for key, value in content.items() if key not in _Layout.__struct_fields__}
+    columns = _sensor_columns(path, "", common)
+    sensors = {
+        name: _sensor_columns(path, f"sensors.{name}", {**common, **table}) for name, table in layout.sensors.items()
+    }
+    for name, entry in (sensors or {"": columns}).items():
+        _check_complete(f"{path}: sensor '{name}'" if name else f"{path}: the sensors", entry)
+    return ColumnMap(str(path), columns, sensors, layout.sensor_column, _dialect(path, layout))
 
 
-def _dialect(path: Path, content: Mapping[str, Any]) -> Dialect:
-    separator = text_at(path, "separator", content["separator"]) if "separator" in content else None
+def _dialect(path: Path, layout: _Layout) -> Dialect:
     by_character = {character or " ": name for name, character in SEPARATORS.items()}
-    separator = by_character.get(separator or "", separator)
+    separator = by_character.get(layout.separator or "", layout.separator)
     if separator is not None and separator not in SEPARATORS:
         raise InputError(f"{path}: separator '{separator}'{nearest(separator, SEPARATORS)}")
-    comment = text_at(path, "comment", content["comment"]) if "comment" in content else None
-    header = content.get("header")
-    if header is not None:
-        header = header if isinstance(header, list) else [header]
-        if not header or any(isinstance(one, bool) or not isinstance(one, int) or one < 1 for one in header):
-            raise InputError(f"{path}: header is {content['header']!r}: expected a line's number from 1 on, or a list")
-    return Dialect(separator, comment or None, tuple(header) if header else None)
+    header = (layout.header,) if isinstance(layout.header, int) else layout.header
+    if header is not None and (not header or min(header) < 1):
+        raise InputError(f"{path}: header is {layout.header}: expected a line's number from 1 on, or a list")
+    return Dialect(separator, layout.comment or None, header)
 
 
-def _sensor(path: Path, where: str, table: Mapping[str, Any], own: set[str], complete: bool = True) -> SensorColumns:
-    """One sensor's entry; ``where`` its keys stand, ``own`` those that it says itself."""
-    values: dict[str, Any] = {}
-    for key, value in table.items():
-        place = f"{where}{key}" if key in own else key
-        if key in QUANTITIES:
-            values[key] = _columns(path, place, value, QUANTITIES[key])
-        elif key in _CHOICES:
-            values[key] = _choice(path, place, value)
-        elif key == "time":
-            values[key] = _column(path, place, value)
-        elif key == "rate_hz":
-            values[key] = number_at(path, place, value)
-            low, high = PLAUSIBLE_RATES_HZ
-            if not low <= values[key] <= high:
-                raise InputError(f"{path}: {place} is {values[key]:g}: expected {low:g} to {high:g} samples a second")
-        else:
-            values[key] = text_at(path, place, value)
-    sensor = where.removeprefix("sensors.").rstrip(".")
-    of = f"sensor '{sensor}'" if sensor else "the sensors"
-    if complete and not any(key in values for key in QUANTITIES):
-        raise InputError(f"{path}: {of}: no columns named: expected at least one of {', '.join(QUANTITIES)}")
-    if complete and ("time" in values) == ("rate_hz" in values):
-        found = "both time and rate_hz are" if "time" in values else "neither time nor rate_hz is"
-        raise InputError(f"{path}: {of}: {found} given: expected the column of the times, or the samples a second")
-    return SensorColumns(**values)
+def _sensor_columns(path: Path, where: str, table: Mapping[str, object]) -> SensorColumns:
+    located = {  # the columns alone stand for a table without a file
+        key: {"columns": value} if key in QUANTITIES and isinstance(value, list) else value
+        for key, value in table.items()
+    }
+    entry = convert(path, where, located, SensorColumns)
+    prefix = f"{path}: {where}." if where else f"{path}: "
+    for quantity, count in QUANTITIES.items():
+        columns: Columns | None = getattr(entry, quantity)
+        if columns is not None and not len(columns.columns) == len(set(columns.columns)) == count:
+            raise InputError(f"{prefix}{quantity}: expected a list of {count} columns, each named once")
+    for key, choices in CHOICES.items():
+        word: str = getattr(entry, key)
+        if word not in choices:
+            raise InputError(f"{prefix}{key} '{word}'{nearest(word, choices)}")
+    low, high = PLAUSIBLE_RATES_HZ
+    if entry.rate_hz is not None and not low <= entry.rate_hz <= high:
+        raise InputError(f"{prefix}rate_hz is {entry.rate_hz:g}: expected {low:g} to {high:g} samples a second")
+    return entry
 
 
-def _choice(path: Path, where: str, value: Any) -> str:
-    word, choices = text_at(path, where, value), _CHOICES[where.rpartition(".")[2]]
-    if word not in choices:
-        raise InputError(f"{path}: {where} '{word}'{nearest(word, choices)}")
-    return word
-
-
-def _column(path: Path, where: str, value: Any) -> str | int:
-    if isinstance(value, str) or (isinstance(value, int) and not isinstance(value, bool)):
-        return value
-    raise InputError(f"{path}: {where} is {value!r}: expected the name of a column, or its number from 1 on")
-
-
-def _columns(path: Path, where: str, value: Any, count: int) -> Columns:
-    file = None
-    if isinstance(value, Mapping):
-        known_keys(path, where, value, ("file", "columns"))
-        file = text_at(path, f"{where}.file", value["file"]) if "file" in value else None
-        value = value.get("columns")
-    if not isinstance(value, list) or len(value) != count:
-        raise InputError(f"{path}: {where} is {value!r}: expected a list of {count} columns, by name or number")
-    columns = tuple(_column(path, where, one) for one in value)
-    if len(set(columns)) < count:
-        raise InputError(f"{path}: {where} is {value!r}: expected {count} columns, each named once")
-    return Columns(columns, file)
+def _check_complete(where: str, entry: SensorColumns) -> None:
+    if all(getattr(entry, quantity) is None for quantity in QUANTITIES):
+        raise InputError(f"{where}: no columns named: expected at least one of {', '.join(QUANTITIES)}")
+    if (entry.time is None) == (entry.rate_hz is None):
+        state = "neither time nor rate_hz is" if entry.time is None else "both time and rate_hz are"
+        raise InputError(f"{where}: {state} given: expected the column of the times, or the samples a second")

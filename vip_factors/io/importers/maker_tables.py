@@ -16,6 +16,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 
 from vip_factors.errors import FileFormatError
 from vip_factors.io.importers import table
@@ -25,6 +26,7 @@ from vip_factors.io.importers.text_table import (
     COMPONENTS,
     SEPARATORS,
     TextTable,
+    checked_lines,
     peek,
     read_text,
     read_text_table,
@@ -210,7 +212,7 @@ def _read_apdm(path: Path) -> ImportedLog:
         found = ", ".join(file.name for file in files) or "none"
         raise FileFormatError(f"{path}: expected one APDM csv file with all sensors, found {found}")
     path, comma = files[0], SEPARATORS["comma"]
-    kept = [(i + 1, line) for i, line in enumerate(read_text(path).splitlines()) if line.strip(", ")]
+    kept = [(i + 1, line) for i, line in enumerate(checked_lines(path, read_text(path))) if line.strip(", ")]
     head = [[cell.strip() for cell in split(line, comma)] for _, line in kept[:PEEKED_LINES]]
     first, width, layout, units = _format7(head, path) if head[0][0].startswith("Format=") else _slash_names(head, path)
     if len(kept) <= first:
@@ -241,7 +243,7 @@ def _apdm_sensor(
         columns = tuple(axes[axis] for axis in APDM_AXES[quantity] if axis in axes)
         if len(columns) == len(APDM_AXES[quantity]) and np.any(np.isfinite(one.numbers([at - 1 for at in columns]))):
             stated = APDM_UNITS.get(units[columns[0] - 1] if units else "", {})  # others are SI already
-            entry = replace(entry, **{quantity: Columns(columns)}, **stated)  # type: ignore[arg-type]
+            entry = structs.replace(entry, **{quantity: Columns(columns)}, **stated)
     return entry
 
 

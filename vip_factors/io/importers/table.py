@@ -6,8 +6,9 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
+from msgspec import structs
 
-from vip_factors.errors import FileFormatError, InputError, RecordingError
+from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.io.importers.column_map import (
@@ -34,7 +35,6 @@ from vip_factors.io.importers.shared import (
     z_up,
 )
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
-from vip_factors.io.toml_values import nearest
 from vip_factors.sensors.imu_stream import RATE_LIMIT, ImuStream, with_orientation
 
 FORMAT = "table"
@@ -109,7 +109,7 @@ def _entries(
         if not files:
             raise FileFormatError(f"{path}: holds no table: expected files that end in {', '.join(SUFFIXES)}")
         for file in files:
-            yield file.stem, replace(columns.common, file=file.name), None
+            yield file.stem, structs.replace(columns.common, file=file.name), None
 
 
 def _file(path: Path, name: str | None, source: str, key: str) -> Path:

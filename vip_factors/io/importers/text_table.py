@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import FileFormatError, InputError, nearest
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.toml_values import nearest
 
 SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".trc", ".sto", ".mot", ".raw", ".log")
 SEPARATORS = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "space": ""}  # the last: any number of spaces
@@ -24,6 +23,7 @@ LOOKED_AT = 200  # lines, to tell the dialect: preambles of loggers are shorter
 RUN = 3  # rows of numbers in a row: a line of settings may look like one
 HEADER_LINES = 3  # names, axes and units in lines of their own; more have not been seen
 COMPONENTS = {3: "xyz", 4: "wxyz"}
+LONGEST_LINE = 200_000  # characters: of some 10,000 columns
 PEEK_BYTES = 16384  # the longest preamble seen is 1.5 kB; this holds it and the first rows
 
 
@@ -163,7 +163,7 @@ def read_text_table(path: Path, dialect: Dialect | None = None) -> TextTable:
     """
     dialect = dialect or Dialect()
     text = read_text(path)
-    lines = text.splitlines()
+    lines = checked_lines(path, text)
     if text.startswith("PathFileType") or path.suffix.lower() in (".sto", ".mot"):
         return _read_opensim(path, lines)
     comments = (dialect.comment,) if dialect.comment else COMMENTS
@@ -195,6 +195,21 @@ def read_text(path: Path) -> str:
     if encoding != "utf-16" and b"\0" in content[:4096]:
         raise FileFormatError(f"{path}: is not text: expected a table of numbers")
     return content.decode(encoding, errors="replace")
+
+
+def checked_lines(path: Path, text: str) -> list[str]:
+    """Split a text into lines.
+
+    Raises:
+        FileFormatError: if a line is longer than a table's ever is; the cells of a few such lines fill the memory.
+    """
+    lines = text.splitlines()
+    for line, row in enumerate(lines, start=1):
+        if len(row) > LONGEST_LINE:
+            raise FileFormatError(
+                f"{path}, line {line} has {len(row)} characters: expected at most {LONGEST_LINE} in a table of sensors"
+            )
+    return lines
 
 
 def _read_plain(

@@ -10,7 +10,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.io.motions.retarget import retarget
 from vip_factors.io.motions.skeleton_maps import SourceClip, rest_positions, source_kinematics
-from vip_factors.io.toml_values import read_text
+from vip_factors.io.typed_files import MOST_MOTION_BYTES, read_text
 
 TURNS = {"x": rotation_x, "y": rotation_y, "z": rotation_z}
 ROOT_CHANNELS = ("tx", "ty", "tz", "rx", "ry", "rz")
@@ -59,7 +59,7 @@ def read_asf(path: str | Path) -> AsfSkeleton:
         FileFormatError: for a malformed file, naming the line.
     """
     path = Path(path)
-    lines = read_text(path, "an ASF skeleton").splitlines()
+    lines = read_text(path, "an ASF skeleton", most_bytes=MOST_MOTION_BYTES).splitlines()
     skeleton = AsfSkeleton({"root": AsfBone("root", dof=ROOT_CHANNELS)}, {}, True, 1.0)
     section, bone = "", AsfBone("")
     for number, line in enumerate(lines, start=1):
@@ -168,7 +168,7 @@ def _find_asf(path: Path) -> Path:
 
 def _read_frames(path: Path, skeleton: AsfSkeleton) -> dict[str, Array]:
     """Channel values ``(T, channels)`` of each bone, in the file's unit; the frames that are whole."""
-    lines = read_text(path, "an AMC motion").splitlines()
+    lines = read_text(path, "an AMC motion", most_bytes=MOST_MOTION_BYTES).splitlines()
     moving = {name: bone.dof for name, bone in skeleton.bones.items() if bone.dof}
     rows: dict[str, list[list[float]]] = {name: [] for name in moving}
     frames = 0

@@ -11,7 +11,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.io.motions.retarget import retarget, without_rest_frames
 from vip_factors.io.motions.skeleton_maps import SourceClip, rest_positions, source_kinematics
-from vip_factors.io.toml_values import read_text
+from vip_factors.io.typed_files import MOST_MOTION_BYTES, read_text
 
 TURNS = {"xrotation": rotation_x, "yrotation": rotation_y, "zrotation": rotation_z}
 SHIFTS = {"xposition": 0, "yposition": 1, "zposition": 2}
@@ -50,7 +50,7 @@ def read_bvh(path: str | Path, keep_rest_frames: bool = False) -> Motion:
 def read_bvh_clip(path: str | Path) -> SourceClip:
     """A BVH file as it is: its own skeleton, axes and unit."""
     path = Path(path)
-    lines = read_text(path, "a BVH file").splitlines()
+    lines = read_text(path, "a BVH file", most_bytes=MOST_MOTION_BYTES).splitlines()
     numbered = iter(enumerate(lines, start=1))
     hierarchy = _parse_hierarchy(numbered, path)
     frame_time, values = _parse_motion(lines, numbered, hierarchy.width, path)

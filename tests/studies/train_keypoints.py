@@ -1,15 +1,24 @@
-"""Where a detector puts its keypoints, out of a recording whose wearers' motion is known."""
+"""Where a 2D pose detector puts its keypoints, learnt from recordings whose wearers' motion is known."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import tyro
 
+from tests.studies.study import Study, Tell, group, table
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.body.keypoints import SHAPE, KeypointOffsets
+from vip_factors.atomic import atomic_open, check_target
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, KeypointOffsets
+from vip_factors.cli.options import Output
 from vip_factors.errors import InputError, SolveError
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.io.mcap_recording import read_scene
+from vip_factors.io.typed_files import toml_text
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.variables import DETECTOR
@@ -42,22 +51,106 @@ LEAST_FRAMES = 30  # of 15 Hz
 WIDEST_SCATTER = 3.0
 
 
-@dataclass(frozen=True)
-class FoundOffsets:
-    """What one filmed person taught.
+# Of the usual sigmas, as a prior over how people scatter: their worth in people, and the share of the variance that is
+# the detector's habit, which all people have in common.
+PRIOR_PEOPLE, HABIT_SHARE = 4.0, 0.5
+LEAST_SIGMA_M = 0.003  # truths are no better: markers on the skin, joints by regression
 
-    Attributes:
-        keypoints: name of the detector's keypoint set.
-        wearer: who.
-        offsets: with the sigmas of what was found.
-    """
+
+@dataclass(frozen=True)
+class PersonOffsets:
+    """Offsets before one filmed person, with their sigmas, of a named keypoint set."""
 
     keypoints: str
     wearer: str
     offsets: KeypointOffsets
 
 
-def offsets_in_recording(scene: Scene, settings: Settings, on_progress: Callable[[float], None]) -> list[FoundOffsets]:
+@dataclass(frozen=True)
+class PooledOffsets:
+    """Offsets to expect before the next person, and the number of people that they were learnt from."""
+
+    keypoints: str
+    people: int
+    offsets: KeypointOffsets
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainKeypoints(Study):
+    """Learn how far from the joints a 2D pose detector puts hips, knees, shoulders …, from recordings with truth.
+
+    Each recording has a camera's 2D poses and the motion of an optical system that had no part in them. For every
+    keypoint set in them the file gets the mean offsets and how far people scatter about them.
+    """
+
+    recordings: tyro.conf.Positional[tuple[Path, ...]]
+    """Recordings (.mcap) with cameras and truth; two of one person count as two people."""
+    out: Annotated[Path, Output(".toml")]
+    """File (.toml) to write, for smooth --camera.keypoint-offset.learned; --overwrite replaces it."""
+
+    def rows(self, tell: Tell) -> Iterator[PooledOffsets]:
+        check_target(self.out, self.overwrite)
+        persons = list[PersonOffsets]()
+        for path in self.recordings:
+            persons += offsets_in_recording(read_scene(path), Settings(), partial(tell, path.name))
+        if not persons:
+            raise InputError("no recording named: expected one or more (.mcap) with cameras and truth")
+        usual, sets = KeypointOffsetSettings().sigmas, {}
+        for name, several in group(persons, lambda person: person.keypoints).items():
+            sets[name] = (pooled_offsets([person.offsets for person in several], usual), len(several))
+        with atomic_open(self.out, "w", self.overwrite) as file:
+            file.write(keypoint_offsets_text(sets, " ".join(path.name for path in self.recordings)))
+        yield from (PooledOffsets(name, people, offsets) for name, (offsets, people) in sets.items())
+
+    def tables(self, rows: Sequence[PooledOffsets]) -> Iterator[str]:
+        """Offsets in mm, and how far people scatter."""
+        for row in rows:
+            values = zip(OFFSET_KEYPOINTS, 1e3 * row.offsets.mean, 1e3 * row.offsets.sigma, strict=True)
+            lines = [
+                [name, *(f"{m:.0f} ± {s:.0f}" for m, s in zip(*gaussian, strict=True))] for name, *gaussian in values
+            ]
+            yield f"{row.keypoints}: {row.people} {'person' if row.people == 1 else 'people'}"
+            yield table(["mm", "left", "up", "forward"], lines)
+
+
+def keypoint_offsets_text(sets: Mapping[str, tuple[KeypointOffsets, int]], provenance: str) -> str:
+    """A file of keypoint offsets (TOML), of offsets and numbers of people by keypoint set; micrometres."""
+    lines = [f"provenance = {toml_text(provenance)}"]
+    for name, (offsets, people) in sets.items():
+        mean, sigma = np.round(offsets.mean, 6) + 0.0, np.round(offsets.sigma, 6)
+        lines += ["", f"[{name}]", f"people = {people}", "", f"[{name}.offsets]"]
+        lines += [
+            f"{keypoint} = {{ mean_m = {toml_text(mean[k])}, sigma_m = {toml_text(sigma[k])} }}"
+            for k, keypoint in enumerate(OFFSET_KEYPOINTS)
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def pooled_offsets(persons: Sequence[KeypointOffsets], usual: Array) -> KeypointOffsets:
+    """Offsets to expect of a detector before the next person; ``usual`` sigmas are ``(K, 3)``, m.
+
+    Every keypoint by itself: the spread of people, alike in all axes for few tell little, is the mean of what is usual
+    and of what was estimated, the noise of each taken off; the habit's mean is weighted by that spread, and drawn to
+    zero by its share of the usual.
+    """
+    habit, people = HABIT_SHARE * usual**2, (1 - HABIT_SHARE) * usual**2
+    mean, noise = np.stack([one.mean for one in persons]), np.stack([one.sigma**2 for one in persons])
+    # Who was seen too vaguely to say how people scatter counts less. About its own mean a sum of squares is smaller.
+    sure = (people / (people + noise)) ** 2
+    own = sure / np.sum(sure, axis=0)
+    squares = np.sum(sure * (mean - np.sum(own * mean, axis=0)) ** 2, axis=0)
+    of_noise = np.sum(sure * (1 - own) * noise, axis=0)
+    count = np.sum(sure * (1 - own), axis=0)
+    seen, count = (one.mean(axis=1, keepdims=True) for one in (squares - of_noise, count))
+    spread = (PRIOR_PEOPLE * people + seen) / (PRIOR_PEOPLE + count)
+    spread = np.maximum(spread, LEAST_SIGMA_M**2)
+    weight = 1 / (spread + noise)
+    information = np.sum(weight, axis=0) + 1 / habit
+    sigma = np.sqrt(spread + 1 / information)
+    return KeypointOffsets(np.sum(weight * mean, axis=0) / information, sigma)
+
+
+def offsets_in_recording(scene: Scene, settings: Settings, on_progress: Callable[[float], None]) -> list[PersonOffsets]:
     """The offsets of a scene's detector, from each wearer whose motion is known, by itself.
 
     The body and its motion are the truth's. Cameras whose path the truth has or whose pose is known are believed, and
@@ -84,7 +177,7 @@ def offsets_in_recording(scene: Scene, settings: Settings, on_progress: Callable
 
         offsets = _offsets_before(alone, _for_training(settings), on_wearer_progress)
         if offsets is not None:
-            found.append(FoundOffsets(cameras[0].detections.keypoints.name, one.subject.name, offsets))
+            found.append(PersonOffsets(cameras[0].detections.keypoints.name, one.subject.name, offsets))
     if not found:
         raise InputError(
             f"scene '{scene.name}': nobody was found in the video: expected the 2D poses of a wearer whose true motion "

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 from scene_sample import MODEL, scene_sample
 
-from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, PooledOffsets, keypoint_set, offset_of
+from tests.studies.__main__ import main
+from tests.studies.train_keypoints import offsets_in_recording, pooled_offsets
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, KeypointOffsets, offset_of
+from vip_factors.cli.main import main as vip_factors
 from vip_factors.errors import InputError
-from vip_factors.io.keypoint_offsets_file import KeypointOffsetsFile, write_keypoint_offsets
-from vip_factors.sensors.detections import Detections
+from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.stages.fusion_start import prior_offsets
-from vip_factors.stages.keypoint_offsets import offsets_in_recording
-from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 HABIT = 0.015 * np.random.default_rng(3).standard_normal((len(OFFSET_KEYPOINTS), 3))
 SETTINGS = replace(Settings(), frame_rate=15.0)
@@ -78,22 +77,58 @@ def test_what_teaches_nothing_is_refused() -> None:
         offsets_in_recording(replace(scene, camera=None, truth=None), SETTINGS, lambda done: None)
 
 
-def test_what_was_learnt_of_another_detector_is_not_used(tmp_path: Path) -> None:
-    usual = KeypointOffsetSettings()
-    learned, path = KeypointOffsets(HABIT, usual.sigmas), tmp_path / "offsets.toml"
-    write_keypoint_offsets(path, KeypointOffsetsFile({"body25": PooledOffsets(learned, 3)}))
-    camera, named = scene_sample(1.0).camera, replace(usual, learned=path)
-    with pytest.raises(InputError, match="has no offsets of 'coco17'"):
-        prior_offsets(camera, named)
-    body25 = keypoint_set("body25")
-    nobody = Detections(
-        body25, np.zeros(1), np.zeros(0, int), np.zeros((0, len(body25), 2)), np.zeros((0, len(body25)))
-    )
-    other = replace(camera, detections=nobody)
-    np.testing.assert_allclose(prior_offsets(other, named).mean, HABIT, atol=1e-6)
+def test_from_recordings_to_the_next_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene, offsets, estimate = (str(tmp_path / name) for name in ("scene.mcap", "offsets.toml", "e.mcap"))
+    simulate = ["simulate", "gestures", scene, "--camera", "fixed", "--seconds", "3", "--placement", "sip6"]
+    assert vip_factors(simulate) == 0
+    assert main(["train-keypoints", scene, "--out", offsets]) == 0
+    printed = capsys.readouterr().out
+    assert "1 person" in printed
+    assert all(name in printed for name in OFFSET_KEYPOINTS)
+    assert len(read_keypoint_offsets(Path(offsets))) == 1
+    quick = ["--frame-rate", "5", "--fusion.rounds", "1", "--fusion.refits", "0"]
+    assert vip_factors(["smooth", scene, "--out", estimate, "--camera.keypoint-offset.learned", offsets, *quick]) == 0
 
 
-def test_without_a_file_nothing_was_learnt() -> None:
-    usual = prior_offsets(scene_sample(1.0).camera, KeypointOffsetSettings())
-    assert not np.any(usual.mean)
-    assert np.all(usual.sigma >= KeypointOffsetSettings().sigmas)
+USUAL = np.full(SHAPE, 0.010)
+DETECTOR_HABIT = 0.012 * np.random.default_rng(1).standard_normal(SHAPE)
+
+
+def people(count: int, spread: float, noise: float, seed: int = 2) -> list[KeypointOffsets]:
+    random = np.random.default_rng(seed)
+    scattered = DETECTOR_HABIT + np.hypot(spread, noise) * random.standard_normal((count, *SHAPE))
+    return [KeypointOffsets(one, np.full(SHAPE, noise)) for one in scattered]
+
+
+def test_many_people_teach_habit_and_spread() -> None:
+    pooled = pooled_offsets(people(400, 0.005, 0.003), USUAL)
+    np.testing.assert_allclose(pooled.mean, DETECTOR_HABIT, atol=0.0015)
+    np.testing.assert_allclose(pooled.sigma, 0.005, rtol=0.2)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_few_people_are_believed_little(count: int) -> None:
+    few = pooled_offsets(people(count, 0.0, 0.001), USUAL)
+    assert np.all(few.sigma < USUAL)
+    assert np.all(few.sigma > 0.004)  # how people scatter, so few do not tell
+    assert np.abs(few.mean).mean() < np.abs(DETECTOR_HABIT).mean()
+
+
+def test_offsets_to_expect_are_as_sure_as_they_say() -> None:
+    """Over many detectors with a habit and a spread as usual: the next person is where the sigmas expect them."""
+    random, missed = np.random.default_rng(5), []
+    for _ in range(200):
+        habit = np.sqrt(0.5) * USUAL * random.standard_normal(SHAPE)
+        each = habit + np.sqrt(0.5) * USUAL * random.standard_normal((4, *SHAPE))
+        noise = np.full(SHAPE, 0.004)
+        found = [KeypointOffsets(one + noise * random.standard_normal(SHAPE), noise) for one in each[:3]]
+        pooled = pooled_offsets(found, USUAL)
+        missed.append(((each[3] - pooled.mean) / pooled.sigma) ** 2)
+    assert 0.85 < np.mean(missed) < 1.15
+
+
+def test_noisy_ones_count_less() -> None:
+    sure = KeypointOffsets(np.full(SHAPE, 0.01), np.full(SHAPE, 0.001))
+    vague = KeypointOffsets(np.full(SHAPE, -0.05), np.full(SHAPE, 0.1))
+    alone, both = pooled_offsets([sure], USUAL), pooled_offsets([sure, vague], USUAL)
+    np.testing.assert_allclose(both.mean, alone.mean, atol=1e-3)

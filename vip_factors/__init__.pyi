@@ -1,0 +1,46 @@
+__version__: str
+
+from .api import (
+    convert as convert,
+    detect as detect,
+    evaluate as evaluate,
+    export as export,
+    factor_graph as factor_graph,
+    gait as gait,
+    picture as picture,
+    read as read,
+    read_estimate as read_estimate,
+    repetitions as repetitions,
+    report as report,
+    serve as serve,
+    simulate as simulate,
+    smooth as smooth,
+    sync as sync,
+    write as write,
+)
+from .body.joint_angles import joint_angles as joint_angles
+from .body.kinematics import Motion as Motion
+from .body.skeleton import JOINT_NAMES as JOINT_NAMES
+from .cli.run import RunOptions as RunOptions, run as run
+from .detect.settings import DetectSettings as DetectSettings
+from .errors import VipFactorsError as VipFactorsError
+from .estimate import Estimate as Estimate
+from .factor_graph import keys as keys
+from .io.convert import ImportOptions as ImportOptions
+from .io.live.open import open_source as open_source
+from .io.motions import read_motion as read_motion
+from .io.scene_building import CameraOptions as CameraOptions
+from .io.settings import ExportSettings as ExportSettings
+from .live.settings import LiveSettings as LiveSettings
+from .live.stream import Stream as Stream, stream as stream
+from .live.tracker import FixedLagTracker as FixedLagTracker
+from .live_estimate import LiveEstimate as LiveEstimate
+from .report.settings import ReportSettings as ReportSettings
+from .sensors.camera_model import CameraModel as CameraModel
+from .sensors.detections import Detections as Detections
+from .sensors.live import ImuSample as ImuSample, VideoFrame as VideoFrame, live_samples as live_samples
+from .sensors.recording import Recording as Recording, Subject as Subject
+from .sensors.scene import Camera as Camera, Scene as Scene
+from .settings import Settings as Settings
+from .simulate.scene_settings import SceneSettings as SceneSettings
+from .simulate.settings import SimulateSettings as SimulateSettings

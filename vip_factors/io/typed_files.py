@@ -1,0 +1,142 @@
+"""TOML and JSON files that people write, read into the types that declare them.
+
+A wrong value is an InputError that names the file, the place in it and what was expected. Files that are too large or
+too deep are refused before they are parsed.
+"""
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import msgspec
+import numpy as np
+
+from vip_factors.errors import FileFormatError, InputError, nearest
+from vip_factors.geometry.rotations import Array
+
+Number = Annotated[float, msgspec.Meta(ge=-1e100, le=1e100)]  # finite, and so is its square
+Vector = tuple[Number, Number, Number]
+Matrix = tuple[Vector, Vector, Vector]
+Declared = TypeVar("Declared")
+
+MOST_BYTES = 1_000_000  # of a file that people write
+MOST_MOTION_BYTES = 1_000_000_000  # of a motion as text
+PLAIN_WORDS = {
+    "float": "number", "int": "whole number", "str": "text in quotes", "bool": "true or false", "object": "table",
+    "array": "list",
+}  # fmt: skip
+# A parser's work grows with the square of a key's parts, or worse.
+LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')\s*+\.\s*+){16}""")
+
+
+def read_toml(path: Path, kind: type[Declared], what: str) -> Declared:
+    """Read a TOML file into a declared type; ``what`` names the file that is expected.
+
+    Raises:
+        FileFormatError: if the file cannot be read or parsed.
+        InputError: if a value is not what the type declares.
+    """
+    text = read_text(path, what, strict=True)
+    if (long := LONG_KEY.search(text)) is not None:
+        line = text.count("\n", 0, long.start()) + 1
+        raise FileFormatError(f"{path}, line {line}: a key of more than 16 parts: expected {what}")
+    return _converted(path, msgspec.toml.decode, text, kind, what)
+
+
+def read_json(path: Path, kind: type[Declared], what: str) -> Declared:
+    """Read a JSON file into a declared type, as :func:`read_toml`; NaN is parsed, as Python's programs write it."""
+    return _converted(path, json.loads, read_text(path, what, strict=True), kind, what)
+
+
+def _converted(path: Path, decode: Any, text: str, kind: type[Declared], what: str) -> Declared:
+    try:
+        content = decode(text)
+    except (ValueError, RecursionError) as error:  # the latter: brackets in brackets without end
+        raise FileFormatError(f"{path}: {error}: expected {what}") from error
+    return convert(path, "", content, kind)
+
+
+def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Declared:
+    """Convert a parsed value, which stands at ``where`` in the file, to a declared type.
+
+    Raises:
+        InputError: for a missing or unknown key (the nearest known one is named), or a value of another type.
+    """
+    try:
+        return msgspec.convert(value, kind)
+    except msgspec.ValidationError as error:
+        message, _, place = str(error).partition(" - at `$")
+        place = (where + place.rstrip("`")).lstrip(".")
+        unknown = re.fullmatch(r"Object contains unknown field `(.*)`", message, re.DOTALL)
+        missing = re.fullmatch(r"Object missing required field `(.*)`", message)
+        if unknown is not None:
+            known = kind.__struct_fields__ if issubclass(kind, msgspec.Struct) and place == where else ()
+            raise InputError(f"{path}: unknown key '{_key(place, unknown[1])}'{nearest(unknown[1], known)}") from error
+        if missing is not None:
+            raise InputError(f"{path}: {_key(place, missing[1])} is missing") from error
+        message = re.sub(r"`([a-z |]*)`", lambda word: _plain(word[1]), message)
+        raise InputError(f"{path}: {place or 'the content'}: {message[0].lower()}{message[1:]}") from error
+
+
+def convert_entries(path: Path, where: str, table: Mapping[str, object], kind: type[Declared]) -> dict[str, Declared]:
+    """Convert each value of a table whose keys are free, as :func:`convert` does."""
+    return {name: convert(path, _key(where, name), value, kind) for name, value in table.items()}
+
+
+def _key(where: str, name: str) -> str:
+    return f"{where}.{name}".lstrip(".")
+
+
+def _plain(kinds: str) -> str:
+    return " or ".join(PLAIN_WORDS.get(word, word) for word in kinds.split(" | ") if word != "null")
+
+
+def read_text(path: Path, what: str, strict: bool = False, most_bytes: int = MOST_BYTES) -> str:
+    """Read a file in UTF-8; other bytes are replaced, or refused if ``strict``. ``what`` names the expected file.
+
+    Raises:
+        FileFormatError: if the file cannot be read, or is larger than ``most_bytes``.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", errors="strict" if strict else "replace") as file:
+            text = file.read(most_bytes + 1)
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected {what}") from error
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {error}: expected {what}") from error
+    if len(text) > most_bytes:
+        raise FileFormatError(f"{path}: more than {most_bytes / 1e6:g} MB: expected {what}")
+    return text
+
+
+def correlation_matrix(path: Path, where: str, rows: Sequence[Sequence[float]]) -> Array:
+    """Symmetric matrix ``(n, n)`` of the ``n`` rows of a table of correlations.
+
+    Raises:
+        InputError: if the rows are not such a matrix.
+    """
+    if any(len(row) != len(rows) for row in rows):
+        raise InputError(f"{path}: {where}: expected {len(rows)} rows of {len(rows)} numbers")
+    matrix = np.array(rows, float).reshape(len(rows), len(rows))
+    if not (
+        np.allclose(matrix, matrix.T, atol=1e-4)
+        and np.allclose(np.diag(matrix), 1)
+        and np.abs(matrix).max(initial=0) <= 1
+    ):
+        raise InputError(f"{path}: {where}: expected a symmetric table of numbers from -1 to 1, with 1 on its diagonal")
+    return np.asarray((matrix + matrix.T) / 2)
+
+
+def toml_text(value: str | float | np.number | Iterable[Any]) -> str:
+    """Text, a number, or a nested list of numbers as TOML."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")  # as TOML, but for that character
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, int | np.integer):
+        return str(int(value))
+    if isinstance(value, float | np.floating):
+        return repr(float(value))
+    return "[" + ", ".join(toml_text(part) for part in value) + "]"  # type: ignore[union-attr]

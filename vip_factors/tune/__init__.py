@@ -1,1 +1,0 @@
-"""Weights of factors found by trying: Bayesian optimisation on recordings whose truth is known."""

@@ -19,7 +19,7 @@ ROWS = [
     {"assembly"},
     {"factor_graph"},
     {"settings"},
-    {"stages", "configurations"},
+    {"stages"},
     {"pipeline", "live", "report"},
     {"api"},
     {"cli"},

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, tracked_by_placed_camera
 
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.configurations import configured
+from vip_factors.cli.settings_file import read_settings
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver
@@ -26,6 +27,8 @@ from vip_factors.simulate.scene_settings import SceneSettings
 from vip_factors.simulate.staging import placed
 from vip_factors.terms.ground_contact import ContactFrom
 from vip_factors.terms.reprojection import AdaptiveBiweightSettings
+
+KAICHI = Path(__file__).parents[2] / "docs" / "kaichi.toml"
 
 
 def with_ground(settings: LiveSettings, **changes: Any) -> LiveSettings:
@@ -162,7 +165,7 @@ def test_two_cameras_tell_more_than_one() -> None:
 
 def test_kaichis_estimator_on_a_stream() -> None:
     """Frames each by itself, nothing that all share, their weights."""
-    settings = configured(SETTINGS, "kaichi-full")
+    settings = read_settings(KAICHI, SETTINGS)
     assert settings.lag_s == SETTINGS.lag_s
     one = track(placed_camera(), settings=settings)
     assert all("does not settle how right_forearm" in sentence for sentence in one.findings.splitlines())
@@ -176,7 +179,9 @@ def test_kaichis_estimator_on_a_stream() -> None:
 
 def test_their_imus_alone_walk_on_standing_feet() -> None:
     """Where the camera is not used the root follows the feet, and goes neither up nor down."""
-    one = track(placed_camera(), settings=configured(SETTINGS, "kaichi-imu"))
+    settings = read_settings(KAICHI, SETTINGS)
+    settings = replace(settings, fusion=replace(settings.fusion, use_camera=False))
+    one = track(placed_camera(), settings=settings)
     assert all(answer.camera is None for answer in one.answers)
     assert one.error_mm("newest") < 60
     motion, truth = one.motion("newest"), filmed().wearers[0].truth
@@ -193,13 +198,7 @@ def test_a_stretch_without_the_wearer_does_not_lose_their_estimator() -> None:
             return replace(sample, pixels=sample.pixels[:0], confidence=sample.confidence[:0])
         return sample
 
-    settings = configured(SETTINGS, "kaichi-full")
+    settings = read_settings(KAICHI, SETTINGS)
     one = track(placed_camera(), map(blind, live_samples(placed_camera())), settings)
     assert "lost" not in one.findings
     assert placed_cm(one, "newest") < 25
-
-
-def test_the_defaults_of_a_configuration_are_those_given() -> None:
-    own = replace(SETTINGS, lag_s=0.4)
-    assert configured(own, "own") is own
-    assert configured(own, "kaichi-full").lag_s == 0.4

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -29,7 +30,7 @@ from tests.studies.scenes import (
 )
 from tests.studies.study import NAN, Fixed, Tell, bullets, group, mean, table
 from vip_factors.body.kinematics import Motion
-from vip_factors.configurations import Configuration, named_settings
+from vip_factors.cli.settings_file import read_settings
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.evaluate.metrics import GLOBAL_JOINTS, common_frames, global_position_error, indices, orientation_error
 from vip_factors.findings import sentences
@@ -72,12 +73,7 @@ class Way(StrEnum):
     SMOOTHED = "ours, full lag"
 
 
-THEIRS = {
-    Form.IMU: Configuration.KAICHI_IMU,
-    Form.NO_CONTACT: Configuration.KAICHI_NO_CONTACT,
-    Form.UNWEIGHTED: Configuration.KAICHI_UNWEIGHTED,
-    Form.FULL: Configuration.KAICHI_FULL,
-}
+THEIR_SETTINGS = Path(__file__).parents[2] / "docs" / "kaichi.toml"
 PUBLISHED_CM = {Form.IMU: 70.6, Form.NO_CONTACT: 70.0, Form.UNWEIGHTED: 15.8, Form.FULL: 13.5}  # table 1, mean
 
 
@@ -240,8 +236,20 @@ def our_settings(form: Form, settings: LiveSettings) -> LiveSettings:
     return replace(settings, factors=factors, fusion=fusion, camera=camera)
 
 
+def their_settings(form: Form) -> Settings:
+    """Theirs in a form of the paper's."""
+    settings = read_settings(THEIR_SETTINGS, Settings())
+    reprojection, contact = settings.camera.reprojection, settings.camera.ground_contact
+    if form is Form.UNWEIGHTED:
+        reprojection = replace(reprojection, biweight=replace(reprojection.biweight, use=False))
+    if form is Form.NO_CONTACT:
+        contact = replace(contact, use=False)
+    camera = replace(settings.camera, reprojection=reprojection, ground_contact=contact)
+    return replace(settings, camera=camera, fusion=replace(settings.fusion, use_camera=form is not Form.IMU))
+
+
 def _theirs(scene: Scene, form: Form) -> Estimates:
-    settings = named_settings(THEIRS[form])
+    settings = their_settings(form)
     settings = replace(settings, calibration=replace(settings.calibration, from_truth=True))
     told = told_headings(scene, settings)
     estimate = smooth(without_camera(told) if form is Form.IMU else told, settings)

@@ -22,7 +22,6 @@ from threadpoolctl import threadpool_limits
 
 from tests.studies.study import Study, Tell, group, table
 from vip_factors.cli.settings_file import read_settings
-from vip_factors.configurations import named_settings
 from vip_factors.errors import VipFactorsError
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.findings import sentences
@@ -234,7 +233,7 @@ class Population(Simulated):
 
     def rows(self, tell: Tell) -> Iterator[PopulationRow]:
         own = Settings()
-        own = own if self.settings is None else read_settings(self.settings, own, named_settings)
+        own = own if self.settings is None else read_settings(self.settings, own)
         yield from self.solved(self.scenes(), own, tell)
 
     def scenes(self) -> tuple[PopulationScene, ...]:

@@ -10,7 +10,6 @@ import tyro
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Output, WritingOptions, beside
 from vip_factors.cli.terminal import note, progress_bar
-from vip_factors.configurations import Configuration
 from vip_factors.ranges import Range
 from vip_factors.shown_settings import ShownSettings
 
@@ -37,8 +36,6 @@ class GraphOptions(WritingOptions):
     """Picture (.svg) to write; RECORDING.graph.svg if absent."""
     frame: Annotated[int | None, Range(least=0)] = None
     """First of the three frames to draw, from 0; the middle of the recording if absent."""
-    configuration: Configuration = Configuration.OWN
-    """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020."""
     settings: Path | None = None
     """TOML file with settings; a table for each group, such as [solve]."""
 

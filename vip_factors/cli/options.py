@@ -142,8 +142,7 @@ def parse_with_settings(options: type[Options], prog: str, arguments: Sequence[s
     Args:
         options: the command's own options, whose ``settings_tree`` has a dataclass of the settings to tell by
             ``--help``, which those of the tree inherit, and ``module:class`` of all settings, not imported for the
-            short help. What a configuration or a settings file makes of them holds where nothing else is given, if
-            the command has these options.
+            short help. A settings file holds where nothing else is given, if the command has --settings.
         prog, arguments: as for :func:`parse`.
 
     Returns:
@@ -153,10 +152,11 @@ def parse_with_settings(options: type[Options], prog: str, arguments: Sequence[s
     _tell_short_help(arguments, prog, options, shown)
     module, name = tree.split(":")
     settings = getattr(import_module(module), name)()
-    if any(one.name == "configuration" for one in fields(cast(Any, options))):
-        from vip_factors.cli.settings_file import named_tree
+    if any(field.name == "settings" for field in fields(cast(Any, options))):
+        from vip_factors.cli.settings_file import given, read_settings
 
-        settings = named_tree(arguments, settings)
+        if (path := given(arguments, "--settings")) is not None:
+            settings = read_settings(Path(path), settings)
     filled: Any = _with_tree(options, type(settings))
     required = [one.name for one in fields(filled) if one.default is MISSING and one.default_factory is MISSING]
     default = filled(**dict.fromkeys(required, tyro.MISSING), tree=settings)

@@ -1,31 +1,25 @@
 """Settings from a TOML file over the tree of settings dataclasses; a misspelt key is refused, the nearest one named."""
 
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import is_dataclass, replace
 from difflib import get_close_matches
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_type_hints
+from typing import Any, TypeVar, get_args, get_type_hints
 
-from vip_factors.configurations import Configuration, configured
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.ranges import RangeError
 
-if TYPE_CHECKING:
-    from vip_factors.settings import CommonSettings
-
 Tree = TypeVar("Tree")
-PipelineTree = TypeVar("PipelineTree", bound="CommonSettings")
 
 
-def read_settings(path: Path, defaults: Tree, named: Callable[[str], Tree] | None = None) -> Tree:
+def read_settings(path: Path, defaults: Tree) -> Tree:
     """The settings of a file over ``defaults``: tables are nested dataclasses, keys their fields.
 
     Args:
         path: of the file.
         defaults: what it changes.
-        named: given, a key ``configuration`` in the file replaces the defaults by what this makes of its value.
 
     Raises:
         InputError: for an unknown key (naming the nearest), or a value of another kind than the default's.
@@ -39,12 +33,6 @@ def read_settings(path: Path, defaults: Tree, named: Callable[[str], Tree] | Non
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (ValueError, RecursionError) as wrong:  # also numbers of too many digits, and tables in tables without end
         raise FileFormatError(f"{path}: not TOML: {wrong}") from wrong
-    if named is not None and "configuration" in content:
-        name = content.pop("configuration")
-        try:
-            defaults = named(name)
-        except ValueError as wrong:
-            raise InputError(f"{path}: setting 'configuration': {wrong}") from wrong
     try:
         return _overlaid(defaults, content, str(path), ())
     except RangeError as wrong:
@@ -103,20 +91,6 @@ def _value(value: Any, hint: Any, current: Any, where: str) -> Any:
         if kind is str and isinstance(value, str):
             return value
     raise InputError(f"{where} is {value!r}: expected something like {current!r}")
-
-
-def named_tree(arguments: Sequence[str], own: PipelineTree) -> PipelineTree:
-    """What ``--configuration`` and ``--settings`` make of a command's own settings.
-
-    A configuration on the command line wins over that of the file, whose other settings stay.
-    """
-    name, path = given(arguments, "--configuration"), given(arguments, "--settings")
-    if (path is None and name is None) or (name is not None and name not in list(Configuration)):
-        return own  # of an unknown name the parser tells
-    tree = configured(own, name or Configuration.OWN)
-    if path is None:
-        return tree
-    return read_settings(Path(path), tree, lambda other: configured(own, other) if name is None else tree)
 
 
 def given(arguments: Sequence[str], option: str) -> str | None:

@@ -12,7 +12,6 @@ import tyro
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import FailOn, ManyOptions, Output, beside, fail_on
 from vip_factors.cli.terminal import printable, progress_bar
-from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError
 from vip_factors.shown_settings import ShownSettings
 
@@ -39,9 +38,6 @@ class SmoothOptions(ManyOptions):
     recording that follow one another in time."""
     out: Annotated[Path | None, Output(".mcap")] = None
     """Estimate (.mcap) to write; RECORDING.estimate.mcap if absent."""
-    configuration: Configuration = Configuration.OWN
-    """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020, which
-    want a camera of known pose. A settings file may name one too (configuration = "kaichi-full")."""
     settings: Path | None = None
     """TOML file with settings; a table for each group, such as [solve]."""
     fail_on: FailOn = "never"

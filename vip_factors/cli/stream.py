@@ -13,7 +13,6 @@ import tyro
 from vip_factors.atomic import check_partial, check_target, partial_path
 from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, ManyOptions, Output, fail_on
 from vip_factors.cli.terminal import StatusLine
-from vip_factors.configurations import Configuration
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
 from vip_factors.io.settings import LiveSourceSettings, SentPose
@@ -80,9 +79,6 @@ class StreamOptions(ManyOptions):
     """Wait for more at the end of the file: another program still writes it."""
     lag: float | None = None
     """Seconds between the newest pose and the smoothed one; the same as --lag-s."""
-    configuration: Configuration = Configuration.OWN
-    """Settings to start from: this package's own, or those that stand for the estimators of Kaichi et al. 2020, which
-    want a camera of known pose. A settings file may name one too (configuration = "kaichi-full")."""
     settings: Path | None = None
     """TOML file with settings; a table for each group, such as [walk]."""
     fail_on: FailOn = "never"

@@ -47,7 +47,6 @@ from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import SHIPPED_PRIOR, load_pose_prior
 from vip_factors.cli.settings_file import read_settings
 from vip_factors.cli.tables import terminal_text
-from vip_factors.configurations import configured
 from vip_factors.describe.recordings import motion_facts, recording_tables
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
@@ -233,7 +232,7 @@ def _file_cases() -> list[Case]:
         case("offsets", some(prepared, "offsets.toml"), read_keypoint_offsets,
              "vip-factors smooth SCENE.mcap --initialise.keypoint-offsets.learned ", 3),
         case("settings", {"settings.toml": "\n".join([*numbers, ""]).encode()},
-             lambda path: read_settings(path, Settings(), lambda name: configured(Settings(), name)),
+             lambda path: read_settings(path, Settings()),
              "vip-factors smooth RECORDING.mcap --settings ", 4),
         case("token", {"token.txt": b"c2VjcmV0\n"}, read_token,
              "vip-factors stream tcp://0.0.0.0:5555 --token-file ", 3),

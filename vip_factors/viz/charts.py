@@ -113,8 +113,8 @@ def png(figure: Figure) -> bytes:
 
 def svg(drawing: Figure | Axes) -> str:
     """The picture, or that which some axes are of, as SVG."""
-    figure = drawing.get_figure(root=True) if isinstance(drawing, Axes) else drawing
-    assert figure is not None
+    figure = drawing if isinstance(drawing, Figure) else drawing.figure
+    assert isinstance(figure, Figure), "axes of a part of a figure"
     file = BytesIO()
     with mpl.rc_context(
         {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}

@@ -101,18 +101,10 @@ def test_viewers_get_transforms_that_chain_to_every_joint(tmp_path: Path) -> Non
     with open(tmp_path / "e.mcap", "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         frames = [m for *_, m in reader.iter_decoded_messages("/estimate/tf")]
-        points = [m for *_, m in reader.iter_decoded_messages("/estimate/points")]
-        [scene] = [m for *_, m in reader.iter_decoded_messages("/estimate/skeleton")]
     assert len(frames) == 4  # thinned to 30 Hz
     for shown, expected in zip(frames, estimate.motion.state.p_world_joint[::2], strict=True):
         for joint, name in enumerate(JOINT_NAMES):
             np.testing.assert_allclose(position(shown, f"me/{name}"), expected[joint], atol=1e-9)
-    for shown, expected in zip(points, estimate.motion.state.p_world_joint[::2], strict=True):
-        cloud = np.frombuffer(shown.data, "<f4").reshape(-1, 3)
-        distance = np.linalg.norm(cloud[:, None] - expected, axis=-1).min(axis=0)
-        assert distance[1:].max() < 1e-5  # all joints but the root end a bone
-    known = {transform.child_frame_id for transform in frames[0].transforms}
-    assert {entity.frame_id for entity in scene.entities} <= known
 
 
 def position(message, frame: str) -> np.ndarray:

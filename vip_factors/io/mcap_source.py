@@ -22,7 +22,7 @@ from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
+from vip_factors.io.schemas.recording_info_pb2 import SceneInfo
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.parts import wearers_in_parts
 from vip_factors.sensors.recording import Recording

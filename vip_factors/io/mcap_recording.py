@@ -60,8 +60,13 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
     return streams
 
 
-def recording_of(contents: McapContents, prefix: str = "") -> Recording:
+def recording_of(contents: McapContents, prefix: str = "", has_truth: bool = True) -> Recording:
     """One wearer's recording, of the messages below the topic ``prefix``; the rest of a scene is passed over.
+
+    Args:
+        contents: of a file.
+        prefix: what the wearer's topics begin with.
+        has_truth: whether the frames of a truth were read; without them it is left out.
 
     Raises:
         FileFormatError: if there is nothing of a recording.
@@ -81,10 +86,10 @@ def recording_of(contents: McapContents, prefix: str = "") -> Recording:
     if not ours:
         raise FileFormatError(_nothing_here(contents))
     samples = [one for one in ours if is_ours(one.channel, ImuSample)]
-    return _recording(Topics(contents, prefix), samples)
+    return _recording(Topics(contents, prefix), samples, has_truth)
 
 
-def _recording(topics: Topics, samples: Sequence[McapMessages]) -> Recording:
+def _recording(topics: Topics, samples: Sequence[McapMessages], has_truth: bool) -> Recording:
     path = topics.path
     info = topics.last(INFO, RecordingInfo)
     if info is None:
@@ -103,7 +108,7 @@ def _recording(topics: Topics, samples: Sequence[McapMessages]) -> Recording:
     }
     return Recording(
         imus=read_streams(path, samples, head["start_ns"]),
-        truth=_truth(topics, info),
+        truth=_truth(topics, info) if has_truth else None,
         **head,
     )
 

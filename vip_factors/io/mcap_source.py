@@ -234,7 +234,7 @@ def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
     try:
         with naming(of_file.path):
             wearers = tuple(
-                WearerFile(recording_of(file.contents, prefix), file, prefix)
+                WearerFile(recording_of(file.contents, prefix, has_truth=False), file, prefix)
                 for prefix in wearer_prefixes(file.contents, info)
             )
             if not (wearers and all(one.is_found_by_time for one in wearers)):

@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
     {"errors", "ranges", "geometry", "atomic", "findings", "compiled", "summarised"},
-    {"shown_settings", "body"},
+    {"body"},
     {"sensors"},
     {"estimate", "live_estimate"},
     {"estimate_chunks", "describe"},

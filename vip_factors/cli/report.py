@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class ReportOptions(ManyOptions):
     """Write an estimate as one HTML page: what was found, how sure it is, what it means, and the motion to turn around.
 
-    The page needs no network. With the recording it also tells of sensors and video, and shows frames of it.
+    The page needs no network. With the recording it also tells of sensors, gaps and video.
     """
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]

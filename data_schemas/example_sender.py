@@ -1,9 +1,13 @@
-"""A sender of live messages: a simulated wearer of six sensors, over TCP to ``python example_sender.py HOST PORT``."""
+"""A sender of live messages: a simulated wearer of six sensors, over WebSocket.
+
+Run as ``python example_sender.py ws://127.0.0.1:5005``, with the receiver's token, if it has one, in VIP_FACTORS_TOKEN.
+"""
 
 import os
-import socket
 import sys
 import time
+
+from websockets.sync.client import connect
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
@@ -15,28 +19,18 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 
 
-def send(connection: socket.socket, message: LiveMessage) -> None:
-    """One message after its length as a varint: seven bits a byte, the lowest first, the top bit for "more follow"."""
-    data = message.SerializeToString()
-    length, head = len(data), []
-    while length > 127:
-        head.append(length % 128 + 128)
-        length //= 128
-    connection.sendall(bytes([*head, length]) + data)
-
-
-def main(host: str, port: int, seconds: float = 5.0) -> None:
+def main(address: str, seconds: float = 5.0) -> None:
     """Send the header, then every sample when it is due."""
     body = skeleton_from_stature(1.75)
     recording = simulate_recording(gestures(seconds, 60.0, body), preset("sip6", body))  # your sensors' driver
-    with socket.create_connection((host, port)) as connection:
+    token = {"Authorization": f"Bearer {os.environ.get('VIP_FACTORS_TOKEN', '')}"}
+    with connect(address, additional_headers=token, compression=None) as connection:
         header = LiveMessage()
         header.header.name = "simulated"
-        header.header.token = os.environ.get("VIP_FACTORS_TOKEN", "")
         wearer = header.header.wearers.add(initial_pose="none")
         wearer.subject.name, wearer.subject.stature_m = "Ada", 1.75
         wearer.placement.preset = "sip6"  # sensors: head, pelvis, left_forearm, right_forearm, left_shank, right_shank
-        send(connection, header)
+        connection.send(header.SerializeToString())
         begun = time.monotonic()
         for sample in live_samples(Scene("simulated", (recording,))):
             message = LiveMessage(carrier="Ada")
@@ -45,8 +39,8 @@ def main(host: str, port: int, seconds: float = 5.0) -> None:
             turn.w, turn.x, turn.y, turn.z = quaternion_from_matrix(sample.R_inertial_sensor, Order.WXYZ)
             force.x, force.y, force.z = sample.specific_force
             time.sleep(max(0.0, begun + sample.time - time.monotonic()))
-            send(connection, message)
+            connection.send(message.SerializeToString())
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]), *map(float, sys.argv[3:]))
+    main(sys.argv[1], *map(float, sys.argv[2:]))

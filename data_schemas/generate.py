@@ -10,11 +10,10 @@ pyproject.toml allows is the one to commit from: ``pip install grpcio-tools==1.6
 import json
 import re
 import sys
-import types
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any, NotRequired, Required, Union, get_args, get_origin, get_type_hints, is_typeddict
 
+import msgspec
 from grpc_tools import protoc
 
 from vip_factors.io.live_json import Answer
@@ -48,63 +47,15 @@ def generate(target: Path) -> None:
 
 
 ANSWER_SCHEMA = SCHEMAS / "live_answer.schema.json"
-JSON_TYPES = {float: "number", int: "integer", str: "string", bool: "boolean", type(None): "null"}
 
 
 def answer_schema() -> str:
     """The JSON Schema of an answer of ``vip-factors stream``, as text."""
-    classes: dict[str, Any] = {}
-    schema = {
+    head = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "vip-factors stream: the answer to a frame",
     }
-    schema |= schema_of(Answer, classes)
-    return json.dumps(schema | {"$defs": classes}, indent=1, ensure_ascii=False) + "\n"
-
-
-def schema_of(hint: Any, classes: dict[str, Any]) -> dict[str, Any]:
-    """The schema of a type; those of the classes in it go into ``classes``, by name."""
-    if get_origin(hint) is Annotated:
-        inner, *notes = get_args(hint)
-        schema = schema_of(inner, classes)
-        for note in notes:
-            schema |= noted(note, schema)
-        return schema
-    if get_origin(hint) in (NotRequired, Required):
-        return schema_of(get_args(hint)[0], classes)
-    if get_origin(hint) in (Union, types.UnionType):
-        options = [schema_of(one, classes) for one in get_args(hint)]
-        plain = all(set(one) == {"type"} for one in options)
-        return {"type": [one["type"] for one in options]} if plain else {"anyOf": options}
-    if get_origin(hint) is list:
-        return {"type": "array", "items": schema_of(get_args(hint)[0], classes)}
-    if get_origin(hint) is dict:
-        return {"type": "object", "additionalProperties": schema_of(get_args(hint)[1], classes)}
-    if is_typeddict(hint):
-        if hint.__name__ not in classes:
-            keys = get_type_hints(hint, include_extras=True)
-            classes[hint.__name__] = {
-                "type": "object",
-                "description": hint.__doc__,
-                "required": [name for name in keys if name in hint.__required_keys__],
-                "properties": {name: schema_of(one, classes) for name, one in keys.items()},
-            }
-        return {"$ref": f"#/$defs/{hint.__name__}"}
-    return {"type": JSON_TYPES[hint]}
-
-
-def noted(note: Any, schema: dict[str, Any]) -> dict[str, Any]:
-    """What a note in an annotation adds: words, a list's length, the values allowed, or an object's keys with words."""
-    if isinstance(note, str):
-        before = schema.get("description")
-        return {"description": f"{note}: {before}" if before else note}
-    if isinstance(note, int):
-        return {"minItems": note, "maxItems": note}
-    if isinstance(note, tuple):
-        return {"enum": list(note)}
-    value = schema["additionalProperties"]
-    named = {name: value | {"description": words} for name, words in note.items()}
-    return {"properties": named, "required": list(note), "additionalProperties": False}
+    return json.dumps(head | msgspec.json.schema(Answer), indent=1, ensure_ascii=False) + "\n"
 
 
 if __name__ == "__main__":

@@ -57,16 +57,15 @@ class ByteSink(Protocol):
         """Send what was written."""
 
 
-def live_messages(scene: Scene, speed: float | None = None, token: str = "") -> Iterator[bytes]:
+def live_messages(scene: Scene, speed: float | None = None) -> Iterator[bytes]:
     """The header and then every sample, serialised.
 
     Args:
         scene: with the samples.
         speed: each sample comes when it is due, at this multiple of its own time; None: as fast as it goes.
-        token: for the header.
     """
     setup = stream_head(scene)
-    yield header_message(setup, token).SerializeToString()
+    yield header_message(setup).SerializeToString()
     frames: Counter[str] = Counter()
     for sample in when_due(live_samples(scene), speed, time.sleep):
         number = 0
@@ -76,16 +75,16 @@ def live_messages(scene: Scene, speed: float | None = None, token: str = "") -> 
         yield sample_message(sample, setup.start_ns, number).SerializeToString()
 
 
-def write_messages(scene: Scene, stream: ByteSink, speed: float | None = None, token: str = "") -> int:
+def write_messages(scene: Scene, stream: ByteSink, speed: float | None = None) -> int:
     """Send a scene as a delimited stream; how many messages that were.
 
     Args:
         scene: to be sent.
         stream: that a live source reads at its other end.
-        speed, token: as in :func:`live_messages`.
+        speed: as in :func:`live_messages`.
     """
     count = 0
-    for message in live_messages(scene, speed, token):
+    for message in live_messages(scene, speed):
         count += 1
         stream.write(delimited(message))
         if speed is not None:

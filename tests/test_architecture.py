@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
     {"errors", "ranges", "geometry", "atomic", "findings", "compiled", "summarised"},
-    {"body"},
+    {"shown_settings", "body"},
     {"sensors"},
     {"estimate", "live_estimate"},
     {"estimate_chunks", "describe"},
@@ -34,8 +34,7 @@ FENCED = {
     "ezc3d": {"io"},
     "mcap": {"io"},
     "mcap_protobuf": {"io"},
-    "lz4": {"io"},
-    "zstandard": {"io"},
+    "mcap_ros2": {"io"},
     "google": {"io"},
     "rerun": {"viz"},
     "matplotlib": {"viz"},

@@ -9,7 +9,7 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
-from live_sender import write_messages
+from live_sender import live_messages
 
 import vip_factors as vip
 from vip_factors.io.settings import LiveSourceSettings
@@ -77,16 +77,16 @@ def test_python_of_the_documentation_runs(page: str) -> None:
 
 
 def test_the_live_program_and_its_reader_run(capsys: pytest.CaptureFixture) -> None:
-    pytest.importorskip("websockets", reason="needs the extra live")
+    connect = pytest.importorskip("websockets.sync.client", reason="needs the extra live").connect
     blocks = re.findall(
         r"^```python\n(.*?)^```$", (ROOT / "docs" / "live.md").read_text("utf-8"), re.MULTILINE | re.DOTALL
     )
     (program,), (reader,) = (
-        [one for one in blocks if word in one] for word in ('"tcp://:5005"', '"ws://127.0.0.1:8080')
+        [one for one in blocks if word in one] for word in ('"ws://:5005"', '"ws://127.0.0.1:8080')
     )
     with socket.create_server(("127.0.0.1", 0)) as one, socket.create_server(("127.0.0.1", 0)) as other:
         ports = [str(probe.getsockname()[1]) for probe in (one, other)]
-    program = program.replace('"tcp://:5005"', f'"tcp://:{ports[0]}", settings=ONCE').replace("8080", ports[1])
+    program = program.replace('"ws://:5005"', f'"ws://:{ports[0]}", settings=ONCE').replace("8080", ports[1])
     once = LiveSourceSettings(next_client_wait=0.0)
 
     def run(source: str) -> None:
@@ -101,8 +101,9 @@ def test_the_live_program_and_its_reader_run(capsys: pytest.CaptureFixture) -> N
         scene = Scene("short", (simulate_recording(gestures(1.3), preset("sip6", gestures(0.1).skeleton)),))
         while True:
             try:
-                with socket.create_connection(("127.0.0.1", int(ports[0]))) as connection:
-                    write_messages(scene, connection.makefile("wb"))
+                with connect(f"ws://127.0.0.1:{ports[0]}") as connection:
+                    for message in live_messages(scene):
+                        connection.send(message)
                 return
             except ConnectionRefusedError:
                 time.sleep(0.05)

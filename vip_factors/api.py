@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # these take a while, and not every command that calls a func
     from vip_factors.initialise.clock import ClockSettings
     from vip_factors.io.live_server import LiveServer
     from vip_factors.settings import Settings
-    from vip_factors.stages.solver import ProgressCallback
+    from vip_factors.stages.solver import Progress
 
 StrPath = str | PathLike[str]
 Moved = Motion | WearerEstimate | Estimate
@@ -153,7 +153,7 @@ def detect(
     model: StrPath | None = None,
     keypoints: str | None = None,
     overwrite: bool = False,
-    progress: "ProgressCallback | None" = None,
+    progress: "Progress | None" = None,
 ) -> Detections:
     """The 2D poses of everybody in a video, followed from frame to frame: what a :class:`Camera` holds.
 
@@ -275,7 +275,7 @@ def _played(source: Played, seconds: float | None, number: int) -> Motion:
 def smooth(
     recording: Recording | Scene,
     settings: "Settings | None" = None,
-    progress: "ProgressCallback | None" = None,
+    progress: "Progress | None" = None,
     *,
     extra_factors: "ExtraFactors | None" = None,
 ) -> Estimate:
@@ -434,7 +434,7 @@ def serve(worn: Recording | Scene, port: int = 8080, host: str = "127.0.0.1", to
         worn: who wears what, as the stream has it.
         port: of this machine, where the page is.
         host: address that is listened to: this machine alone, or 0.0.0.0 for those in all its networks.
-        token: that readers from other machines need; one is made if it is empty.
+        token: that readers need; without one this machine's need none, and one is made for those of other machines.
 
     Raises:
         InputError: if a package is missing, or the port is taken.

@@ -108,7 +108,7 @@ def test_globs_and_lists_name_recordings_and_no_estimates(folder: Path, files) -
         ("smooth s3://bucket/a.mcap", True),
         ("smooth a.mcap --out s3://bucket/estimates", True),
         ("report a.estimate.mcap --jobs 2", True),
-        ("stream tcp://:5555", False),
+        ("stream ws://:5555", False),
         ("export a.estimate.mcap a.bvh", False),
         ("info *.mcap", False),
         ("smooth * --help", False),

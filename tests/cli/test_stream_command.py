@@ -125,7 +125,7 @@ def test_bad_input_is_one_sentence(run: Callable, scene: Path, tmp_path: Path) -
         ((scene, "--lag", "-1"), "lag_s is -1.0: expected a finite number, more than 0"),
         ((tmp_path / "none.mcap",), "no such file"),
         (("carrier-pigeon://host:1",), "carrier-pigeon"),
-        (("tcp://127.0.0.1:9", "--follow"), "MCAP files only"),
+        (("ws://127.0.0.1:9", "--follow"), "MCAP files only"),
     ):
         done = run("stream", *arguments)
         assert done.code == 2, arguments
@@ -217,7 +217,7 @@ def test_a_killed_stream_leaves_what_it_had(tmp_path: Path) -> None:
 
 def test_sigterm_ends_a_server_that_waits(tmp_path: Path) -> None:
     scene = scene_file(tmp_path)
-    command = [sys.executable, str(STUB), str(scene), "stream", "tcp://127.0.0.1:0"]
+    command = [sys.executable, str(STUB), str(scene), "stream", "ws://127.0.0.1:0"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert "127.0.0.1" in process.stderr.readline()
     process.terminate()
@@ -385,13 +385,16 @@ def test_an_answer_that_never_comes_does_not_keep_the_stream_from_ending(
     command = [sys.executable, "-m", "vip_factors", "stream", str(recording), "--json", "--out", str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     lines = 0
-    while not (below := begun_by(process.pid)):  # until the calibration is looked for in a process of its own
-        lines += bool(process.stdout.readline())
-    os.kill(below[0], signal.SIGSTOP)
-    while select.select([process.stdout], [], [], 5.0)[0] and process.stdout.readline():
-        lines += 1
-    process.send_signal(number)
-    rest, told = process.communicate(timeout=60)
+    try:
+        while not (below := begun_by(process.pid)):  # until the calibration is looked for in a process of its own
+            lines += bool(process.stdout.readline())
+        os.kill(below[0], signal.SIGSTOP)
+        while select.select([process.stdout], [], [], 5.0)[0] and process.stdout.readline():
+            lines += 1
+        process.send_signal(number)
+        rest, told = process.communicate(timeout=60)
+    finally:
+        process.kill()
     assert process.returncode == 128 + number, told
     assert "Traceback" not in told
     assert lines + rest.count("\n") < 6 * 60

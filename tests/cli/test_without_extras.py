@@ -21,12 +21,17 @@ EXTRAS = (
     "websockets",
 )
 
+# Modules that are imported only with an extra, and import it at once.
+NEEDING = tuple(f"vip_factors.io.{name}" for name in ("live.network", "live.websocket", "live_server", "live_lsl"))
+
 
 @pytest.fixture
 def bare(monkeypatch: pytest.MonkeyPatch) -> None:
     """As after ``pip install .``: none of the extras' packages can be imported."""
     for name in [*EXTRAS, *(name for name in sys.modules if name.partition(".")[0] in EXTRAS)]:
         monkeypatch.setitem(sys.modules, name, None)
+    for name in NEEDING:
+        monkeypatch.delitem(sys.modules, name, raising=False)
 
 
 def unasked(source: Path | None, tell: Callable[[str], None]) -> None:

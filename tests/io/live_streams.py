@@ -1,18 +1,18 @@
 """A small scene for the tests of live sources, and what arrives of it."""
 
-import socket
 from collections.abc import Iterable
 from dataclasses import replace
 from threading import Thread
 from typing import Any
 
-from live_sender import write_messages
+from live_sender import live_messages
 from mcap_samples import assert_same
 from scene_samples import filmed_walk
+from websockets.sync.client import connect
 
 from vip_factors.io.live.open import open_source
 from vip_factors.io.live.source import LiveSource
-from vip_factors.io.live.streams import NetworkSource
+from vip_factors.io.live.websocket import WebSocketSource
 from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
@@ -23,12 +23,12 @@ PATIENT = replace(QUICK, next_client_wait=20.0)
 
 
 def short_walk() -> Scene:
-    """One wearer of six sensors for half a second, and a camera; as a plain sender has no truth to send."""
+    """One wearer of six sensors for 1.2 s, and a camera; as a plain sender has no truth to send."""
     scene = filmed_walk(5)
     wearer = replace(scene.wearers[0], truth=None)
     return replace(
         scene,
-        wearers=(replace(wearer, imus={name: one.cut(0.0, 0.5) for name, one in wearer.imus.items()}),),
+        wearers=(replace(wearer, imus={name: stream.cut(0.0, 1.2) for name, stream in wearer.imus.items()}),),
         truth=None,
     )
 
@@ -56,15 +56,16 @@ def assert_arrived(scene: Scene, setup: Scene, samples: list[LiveSample]) -> Non
     assert_same(tuple(live_samples(scene)), tuple(samples))
 
 
-def listening(text: str = "tcp://127.0.0.1:0", settings: LiveSourceSettings = QUICK, **options: Any) -> NetworkSource:
+def listening(text: str = "ws://127.0.0.1:0", settings: LiveSourceSettings = QUICK, **options: Any) -> WebSocketSource:
     source = open_source(text, settings=settings, **options)
-    assert isinstance(source, NetworkSource)
+    assert isinstance(source, WebSocketSource)
     return source
 
 
-def send_scene(address: tuple[str, int], scene: Scene, token: str = "") -> None:
-    with socket.create_connection(address) as connection, connection.makefile("wb") as stream:
-        write_messages(scene, stream, token=token)
+def send_scene(url: str, scene: Scene) -> None:
+    with connect(url) as client:
+        for message in live_messages(scene):
+            client.send(message)
 
 
 class Background:

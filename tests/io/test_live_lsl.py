@@ -8,7 +8,6 @@ from live_answers import LAG, answer, live_scene
 
 from vip_factors.body.joint_angles import ANGLE_DEFINITIONS, joint_angles
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.io.live_outputs import LiveLslSink
 from vip_factors.io.settings import SentPose
 from vip_factors.sensors.live import stream_head
 
@@ -16,6 +15,8 @@ try:
     import pylsl
 except (ImportError, RuntimeError):
     pytest.skip("needs the extra lsl", allow_module_level=True)
+
+from vip_factors.io.live_lsl import LiveLslSink
 
 
 def test_samples_arrive_by_the_names_of_their_channels() -> None:

@@ -1,139 +1,200 @@
-"""Who may send over the network, how much, and how slowly; a flood that fills no memory."""
+"""Who may use a port of the live page and of a source, and that others keep nobody out."""
 
-import resource
+import http.client
 import socket
-import threading
+import sys
 import time
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from live_sender import delimited, live_messages
-from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, send_scene, short_walk
+from live_answers import live_scene
+from live_streams import listening
+from websockets.exceptions import InvalidStatus
+from websockets.sync.client import connect
 
 from vip_factors.errors import InputError
-from vip_factors.io.live.open import VARIABLE, open_source, read_token
-from vip_factors.io.live.session import Pace
-from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
-from vip_factors.sensors.live import LiveFinding, VideoFrame
+from vip_factors.io.live import network
+from vip_factors.io.live_server import MOST_READERS, LiveServer
+from vip_factors.sensors.live import stream_head
 
-TOKEN = "correct horse battery staple"
-
-
-@pytest.mark.parametrize("text", ["tcp://:0", "tcp://0", "tcp://127.0.0.1:0", "tcp://localhost:0"])
-def test_without_a_host_it_listens_on_this_machine_alone(text: str) -> None:
-    with listening(text) as source:
-        assert source.address[0] == "127.0.0.1"
-        assert f"listening at tcp://127.0.0.1:{source.address[1]}, to senders on this machine alone" == source.listens
+TOKEN = "correct horse"
+SETUP = stream_head(live_scene(0.2, 1))
 
 
-def test_everybody_is_listened_to_only_if_that_is_said() -> None:
-    with listening("tcp://0.0.0.0:0") as source:
-        assert "all networks of this machine, that is everybody: no token is asked for" in source.listens
-    with listening("tcp://0.0.0.0:0", token=TOKEN) as source:
-        assert "whoever has the token; nothing is encrypted" in source.listens
-    for text in ("tcp-connect://:5005", "tcp://host", "tcp://99999"):
-        with pytest.raises(InputError, match="it names no"):
-            open_source(text)
+@dataclass(frozen=True)
+class Door:
+    """A port that listens, its words about itself, and the path of its WebSocket."""
+
+    port: int
+    words: str
+    path: str
 
 
-def test_a_sender_needs_the_token() -> None:
-    with listening(token=TOKEN) as source:
-        for wrong in ("", "correct horse", TOKEN + "s"):
-            with socket.create_connection(source.address, timeout=20) as connection:
-                connection.sendall(delimited(next(live_messages(short_walk(), token=wrong))))
-                assert connection.recv(1) == b""
-        with Background(send_scene, source.address, short_walk(), TOKEN):
-            setup, samples, sentences = received(source)
-    assert_arrived(short_walk(), setup, samples)
-    assert len(sentences) == 3
-    for sentence in sentences:
-        assert "its header has not the token" in sentence
-        assert "horse" not in sentence
+Opened = Callable[..., AbstractContextManager[Door]]
 
 
-def test_over_websocket_too() -> None:
-    connect = pytest.importorskip("websockets.sync.client", reason="needs the extra live").connect
-    from websockets.exceptions import ConnectionClosed
-
-    with open_source("ws://:0", settings=QUICK, token=TOKEN) as source:
-        assert "ws://127.0.0.1:" in source.listens
-        where = source.listens.split()[2].rstrip(",")
-        with connect(where) as client:
-            client.send(next(live_messages(short_walk())))
-            with pytest.raises(ConnectionClosed):
-                client.recv(20)
-        with connect(where) as client:
-            list(map(client.send, live_messages(short_walk(), token=TOKEN)))
-        setup, samples, sentences = received(source)
-    assert_arrived(short_walk(), setup, samples)
-    assert len(sentences) == 1
+@contextmanager
+def page_door(host: str = "127.0.0.1", token: str = "") -> Iterator[Door]:
+    with LiveServer(SETUP, "<p>page</p>", 0, host, token) as server:
+        yield Door(server.port, server.listens, "/stream")
 
 
-def test_a_token_comes_from_a_file_or_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
-    assert read_token() == ""
-    monkeypatch.setenv(VARIABLE, "one")
-    assert read_token() == "one"
-    (tmp_path / "token").write_text(f"{TOKEN}\n")
-    assert read_token(tmp_path / "token") == TOKEN
-    (tmp_path / "token").write_text("\n")
-    with pytest.raises(InputError, match="it is empty"):
-        read_token(tmp_path / "token")
+@contextmanager
+def source_door(host: str = "127.0.0.1", token: str = "") -> Iterator[Door]:
+    with listening(f"ws://{host}:0", token=token) as source:
+        yield Door(source._listener.port, source.listens, "/")
 
 
-def test_a_client_that_dribbles_is_sent_away() -> None:
-    header, first, *_ = live_messages(short_walk())
-    with listening(settings=replace(PATIENT, message_wait=0.3)) as source:
-        with socket.create_connection(source.address, timeout=20) as connection:
-            connection.sendall(delimited(header))
-            for byte in delimited(first)[:20]:
-                try:
-                    connection.sendall(bytes([byte]))
-                except OSError:
-                    break
-                time.sleep(0.05)
-        with Background(send_scene, source.address, short_walk()):
-            items = iter(source)
-            sentence = next(one.sentence for one in items if isinstance(one, LiveFinding))
-            assert "a message was not whole 0.3 s after its first byte" in sentence
-            assert next(items) is not None  # the next client's
+@pytest.fixture(params=[page_door, source_door])
+def opened(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Opened:
+    monkeypatch.setattr(network, "WRONG_TOKEN_S", 0.0)
+    return request.param
 
 
-def test_pace() -> None:
-    now = [100.0]
-    pace = Pace(10.0, lambda: now[0])
-    assert [pace.take(5) for _ in range(3)] == pytest.approx([0.0, 0.0, 0.5])
-    now[0] = 102.0
-    assert pace.take(1) == 0.0
-    assert Pace(float("inf")).take(10**9) == 0.0
+def status(door: Door, path: str, **headers: str) -> int:
+    """Status of a request for a WebSocket; 101 if it is opened."""
+    host = headers.pop("Host", f"127.0.0.1:{door.port}")
+    named = {name.replace("_", "-"): value for name, value in headers.items()}
+    try:
+        with (
+            socket.create_connection(("127.0.0.1", door.port)) as connection,
+            connect(f"ws://{host}{path}", sock=connection, additional_headers=named, proxy=None),
+        ):
+            return 101
+    except InvalidStatus as error:
+        return error.response.status_code
 
 
-def test_a_flood_waits_and_fills_no_memory() -> None:
-    header, *messages = live_messages(short_walk())
-    flood = b"".join(map(delimited, messages)) * (20_000 // len(messages) + 1)
-    settings = replace(PATIENT, largest_rate=20_000.0, queue_limit=500)
-    with listening(settings=settings) as source:
-        over = threading.Event()
-
-        def pour() -> None:
-            with socket.create_connection(source.address) as connection:
-                connection.sendall(delimited(header))
-                for _ in range(2):
-                    connection.sendall(flood)
-            over.set()
-
-        with Background(pour):
-            assert source.setup.wearers
-            assert over.wait(20)  # nobody takes anything out of the queue
-            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        assert len(source._queue) <= 500 + MOST_FINDINGS
-    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000  # KiB
+def test_pages_of_other_sites_are_refused(opened: Opened) -> None:
+    with opened() as door:
+        here = f"127.0.0.1:{door.port}"
+        for headers, expected in (
+            ({}, 101), ({"Origin": f"http://{here}"}, 101), ({"Origin": "http://elsewhere.org"}, 403),
+            ({"Origin": "null"}, 403), ({"Origin": "http://127.0.0.1:1"}, 403),
+            ({"Host": f"elsewhere.org:{door.port}"}, 403), ({"Host": f"elsewhere.org:{door.port}",
+            "Origin": f"http://elsewhere.org:{door.port}"}, 403), ({"Sec_Fetch_Site": "cross-site"}, 403),
+            ({"Sec_Fetch_Site": "same-site"}, 403), ({"Sec_Fetch_Site": "same-origin"}, 101),
+        ):  # fmt: skip
+            assert status(door, door.path, **headers) == expected, headers
 
 
-def test_findings_that_nobody_takes_are_bounded() -> None:
-    queue = LiveQueue(10)
-    for number in range(3 * MOST_FINDINGS):
-        queue.put(LiveFinding(str(number)))
-        queue.put(VideoFrame("camera", float(number), None, None))
-    assert len(queue) <= MOST_FINDINGS + 10
+def test_with_a_token_everybody_needs_it(opened: Opened) -> None:
+    with opened(token=TOKEN) as door:
+        assert "?token=…" in door.words
+        assert "horse" not in door.words
+        path = f"{door.path}?token="
+        assert status(door, door.path) == status(door, f"{path}correct") == status(door, f"{path}wrong%20horse") == 403
+        assert status(door, door.path, Authorization=f"Bearer {TOKEN}x") == 403
+        assert status(door, door.path, Authorization=f"Bearer {TOKEN}") == 101
+        assert status(door, f"{path}correct%20horse", Origin="http://elsewhere.org") == 101
+
+
+def test_beyond_this_machine_a_token_is_made_up(opened: Opened) -> None:
+    with opened("0.0.0.0") as door:
+        assert "whoever has the token; nothing is encrypted" in door.words
+        token = door.words.partition("?token=")[2].partition(",")[0]
+        assert len(token) >= 16
+        assert status(door, door.path) == 403
+        assert status(door, f"{door.path}?token={token}") == 101
+
+
+def test_a_wrong_token_waits_and_the_time_does_not_tell_how_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+    waits, compared = list[float](), list[bytes]()
+    monkeypatch.setattr(network.time, "sleep", waits.append)
+    compare = network.compare_digest
+    monkeypatch.setattr(network, "compare_digest", lambda given, own: compared.append(own) or compare(given, own))
+    with page_door(token=TOKEN) as door:
+        assert status(door, "/stream?token=x") == 403
+    assert network.WRONG_TOKEN_S in waits
+    assert compared == [TOKEN.encode()]
+
+
+@pytest.mark.parametrize("request_line", [b"hello", b"GET", b"\x00\xff\x00", b"GET / HTTP/9.9\r\nHost"])
+def test_what_is_no_request_gets_a_400(opened: Opened, request_line: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+    with opened() as door, socket.create_connection(("127.0.0.1", door.port), timeout=20) as client:
+        client.sendall(request_line + b"\r\n\r\n")
+        answer = client.makefile("rb").readline()
+        assert status(door, door.path) == 101
+    assert answer.startswith(b"HTTP/1.1 400 ")
+    assert capfd.readouterr().err == ""
+
+
+def test_clients_without_a_request_keep_nobody_out(opened: Opened) -> None:
+    with opened(token=TOKEN) as door, ExitStack() as stack:
+        for number in range(network.MOST_OPENING + 40):
+            client = stack.enter_context(socket.create_connection(("127.0.0.1", door.port)))
+            client.sendall(b"GET /stream HTTP/1.1\r\n"[: number % 20])
+        assert status(door, door.path, Authorization=f"Bearer {TOKEN}") == 101
+        # Those that were first had to make room for those that came later.
+        first = socket.create_connection(("127.0.0.1", door.port))
+        with first:
+            for _ in range(2 * network.MOST_OPENING):
+                stack.enter_context(socket.create_connection(("127.0.0.1", door.port)))
+            first.settimeout(20)
+            assert first.recv(1) in (b"", b"H")
+
+
+def test_readers_are_limited_and_one_that_goes_makes_room() -> None:
+    with page_door() as door, ExitStack() as stack:
+        for _ in range(MOST_READERS):
+            reader = stack.enter_context(connect(f"ws://127.0.0.1:{door.port}/stream"))
+        assert status(door, "/stream") == 503
+        reader.close()
+        until = time.monotonic() + 20
+        while status(door, "/stream") != 101:
+            assert time.monotonic() < until
+
+
+def test_an_answer_says_how_a_browser_is_to_take_it() -> None:
+    with page_door() as door:
+        for path, expected in (("/", 200), ("/nowhere", 404)):
+            client = http.client.HTTPConnection("127.0.0.1", door.port)
+            client.request("GET", path)
+            answer = client.getresponse()
+            assert (answer.status, answer.getheader("X-Content-Type-Options")) == (expected, "nosniff")
+            policy = answer.getheader("Content-Security-Policy") or ""
+            assert "default-src 'none'" in policy
+            assert "frame-ancestors 'none'" in policy
+            assert "unsafe" not in policy
+            assert answer.getheader("Referrer-Policy") == "no-referrer"
+            client.close()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="timers are looked for in /proc")
+def test_the_system_asks_whether_a_peer_is_still_there(opened: Opened) -> None:
+    """Half-open connections: the network is gone, and no goodbye comes."""
+    with opened() as door, socket.create_connection(("127.0.0.1", door.port)) as client:
+        local, remote = (f"0100007F:{port:04X}" for port in (door.port, client.getsockname()[1]))
+        until = time.monotonic() + 20
+        while not (timers := timers_of(local, remote)):  # accepted by another thread
+            assert time.monotonic() < until
+    assert timers == ["02"]  # keepalive
+
+
+def timers_of(local: str, remote: str) -> list[str]:
+    """Timers that run for the connection between two addresses, as the system numbers them."""
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    timers = [row[5].partition(":")[0] for row in rows if row[1:3] == [local, remote]]
+    return [timer for timer in timers if timer != "00"]
+
+
+def test_a_port_goes_on_listening_after_an_error(monkeypatch: pytest.MonkeyPatch, opened: Opened) -> None:
+    accept, errors = socket.socket.accept, [OSError(24, "Too many open files"), ConnectionAbortedError()]
+
+    def failing(listening: socket.socket) -> object:
+        if errors:
+            raise errors.pop()
+        return accept(listening)
+
+    monkeypatch.setattr(socket.socket, "accept", failing)
+    with opened() as door:
+        assert status(door, door.path) == 101
+    assert errors == []
+
+
+def test_a_port_in_use_is_an_input_error(opened: Opened) -> None:
+    with opened() as door, pytest.raises(InputError, match="cannot listen there"):
+        LiveServer(SETUP, "page", door.port)

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vip_factors.io.live.session import Throttle
 from vip_factors.io.live.source import LiveQueue
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 
@@ -166,19 +165,3 @@ def test_closing_wakes_whoever_waits(drops: bool) -> None:
     empty.close()
     reader.join(10)
     assert not reader.is_alive()
-
-
-def test_a_repeated_complaint_is_told_once_a_second_with_its_number() -> None:
-    clock, told = Clock(), []
-    throttle = Throttle(lambda finding: told.append(finding.sentence), clock)
-    for number in range(4):
-        throttle.report("quaternion", f"bad {number}")
-    throttle.report("header", "again")
-    assert told == ["bad 0", "again"]
-    clock.now = 1.5
-    throttle.flush()
-    assert told[2:] == ["bad 3 (and 2 more of this kind)"]
-    throttle.report("quaternion", "bad 4")
-    assert len(told) == 3
-    throttle.flush(every=True)
-    assert told[3:] == ["bad 4"]

@@ -13,7 +13,7 @@ from live_streams import QUICK, Background, assert_arrived, received, short_walk
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.open import RecordingSource, open_source
-from vip_factors.io.live.streams import StandardInputSource
+from vip_factors.io.live.standard_input import StandardInputSource
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding
@@ -138,8 +138,8 @@ def test_closed_standard_input_is_an_input_error(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.parametrize(
     "text",
     [
-        "http://here:80", "tcp://here", "tcp://here:5000/path", "tcp://here:99999", "ws://", "tcp://[::1:5",
-        "udp://here:1", "tcp://me@here:5000",
+        "http://here:80", "ws://here", "ws://here:5000/path", "ws://here:99999", "ws://", "ws://[::1:5",
+        "tcp://here:1", "ws://me@here:5000",
     ],
 )  # fmt: skip
 def test_what_names_no_source_is_an_input_error(text: str) -> None:
@@ -151,7 +151,7 @@ def test_options_that_do_not_belong_to_a_source_are_input_errors(tmp_path: Path)
     write_recording(short_walk(), tmp_path / "walk.mcap")
     walk = tmp_path / "walk.mcap"
     with pytest.raises(InputError, match="MCAP files only"):
-        open_source("tcp://127.0.0.1:0", real_time=True)
+        open_source("ws://127.0.0.1:0", real_time=True)
     with pytest.raises(InputError, match="MCAP files only"):
         open_source("-", follow=True)
     with pytest.raises(InputError, match="choose following or real time"):

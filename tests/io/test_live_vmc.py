@@ -21,7 +21,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live_outputs import DATAGRAM, LiveVmcSink, check_vmc
+from vip_factors.io.live_vmc import DATAGRAM, LiveVmcSink, check_vmc
 from vip_factors.io.motions.skeleton_maps import UNITY_BONES
 from vip_factors.io.settings import SentPose
 from vip_factors.live_estimate import LivePose

@@ -1,195 +1,254 @@
-"""The source over WebSocket on this machine: what arrives, and clients that err."""
+"""The source over WebSocket on this machine: what arrives, whose turn it is, and clients that err."""
 
-import socket
+import os
+import resource
+import signal
+import subprocess
+import sys
 import time
+from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 from threading import Event
 
 import pytest
 from live_sender import live_messages
-from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, short_walk
+from live_streams import PATIENT, QUICK, Background, assert_arrived, listening, received, send_scene, short_walk
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection, connect
 
 from vip_factors.errors import InputError
-from vip_factors.io.live import websocket
-from vip_factors.io.live.open import open_source
-from vip_factors.io.live.session import Client, Session
-from vip_factors.io.live.streams import NetworkSource, listen
+from vip_factors.io.live.open import VARIABLE, open_source, read_token
+from vip_factors.io.live.session import Pace
+from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
+from vip_factors.io.live.websocket import MOST_SENDERS
+from vip_factors.sensors.live import LiveFinding, VideoFrame
 from vip_factors.sensors.scene import Scene
 
-connect = pytest.importorskip("websockets.sync.client", reason="needs the extra live").connect
-ConnectionClosed = pytest.importorskip("websockets.exceptions").ConnectionClosed
+ROOT = Path(__file__).parents[2]
+SCENE = short_walk()
+HEADER, *SAMPLES = live_messages(SCENE)
+ONCE_MORE = replace(PATIENT, next_client_wait=1.0)
 
 
-WS = "ws://127.0.0.1:0"
+def of_another_wearer() -> Scene:
+    wearer = SCENE.wearers[0]
+    return replace(SCENE, wearers=(replace(wearer, subject=replace(wearer.subject, name="Mallory")),))
 
 
-def url(source: NetworkSource) -> str:
-    host, port = source.address
-    return f"ws://{host}:{port}"
-
-
-def send_scene(where: str, scene: Scene) -> None:
-    with connect(where) as client:
-        for message in live_messages(scene):
-            client.send(message)
-
-
-def sent_away(where: str, *messages: str | bytes) -> int:
+def close_code(client: ClientConnection) -> int | None:
     """The code that the other side closes with."""
-    with connect(where) as client:
-        try:
-            for message in messages:
-                client.send(message)
-            client.recv(20)
-        except ConnectionClosed as error:
-            return error.rcvd.code
-    return 0
+    with pytest.raises(ConnectionClosed):
+        client.recv(20)
+    return client.close_code
 
 
-def test_a_scene_arrives() -> None:
-    scene = short_walk()
-    with listening(WS) as source, Background(send_scene, url(source), scene):
+@pytest.mark.parametrize("text", ["ws://:0", "ws://0", "ws://127.0.0.1:0", "ws://localhost:0"])
+def test_without_a_host_it_listens_on_this_machine_alone(text: str) -> None:
+    with listening(text) as source:
+        assert source.listens == f"listening at {source.url}, to this machine alone"
+        assert source.url.startswith("ws://127.0.0.1:")
+        with pytest.raises(InputError, match="cannot listen there"), open_source(source.url):
+            pass
+
+
+def test_a_scene_arrives_and_what_is_no_message_is_left_out() -> None:
+    def send(url: str) -> None:
+        with connect(url) as client:
+            for message in (HEADER, b"\xff\xff", *SAMPLES[:10], "words", b"", HEADER, *SAMPLES[10:]):
+                client.send([message[:5], message[5:]] if len(message) > 5 else message)
+
+    with listening() as source, Background(send, source.url):
         setup, samples, sentences = received(source)
-    assert_arrived(scene, setup, samples)
-    assert sentences == []
-
-
-def test_what_is_no_message_is_left_out_and_the_rest_is_read() -> None:
-    scene = short_walk()
-    header, *messages = live_messages(scene)
-
-    def send(where: str) -> None:
-        with connect(where) as client:
-            for message in (header, b"\xff\xff", *messages[:10], "words", b"", header, *messages[10:]):
-                client.send(message)
-
-    with listening(WS) as source, Background(send, url(source)):
-        setup, samples, sentences = received(source)
-    assert_arrived(scene, setup, samples)
-    assert ["no LiveMessage" in one for one in sentences] == [True, False, False, False]
-    assert "text message of 5 characters" in sentences[1]
-    assert "neither header nor sample" in sentences[2]
-    assert "second header" in sentences[3]
+    assert_arrived(SCENE, setup, samples)
+    for sentence, problem in zip(sentences, ("no LiveMessage", "text of 5", "neither header", "second"), strict=True):
+        assert problem in sentence
 
 
 @pytest.mark.parametrize(
-    ("messages", "complaint", "code"),
+    ("messages", "problem", "code"),
     [
         ((), "no header came within 0.4 s", 1008),
         ((b"x" * 70_000,), "larger than 60,000 bytes", 1009),
         ((b"\x0a\x03Ada\x1a\x00",), "before its header", 1008),
     ],
 )
-def test_a_bad_client_is_sent_away_with_one_line_and_the_next_one_is_heard(
-    messages: tuple[bytes, ...], complaint: str, code: int
+def test_a_bad_client_is_sent_away_with_one_line_and_the_next_is_heard(
+    messages: tuple[bytes, ...], problem: str, code: int
 ) -> None:
-    scene, told = short_walk(), []
-    with listening(WS, replace(QUICK, largest_message=60_000), on_finding=told.append) as source:
-        assert sent_away(url(source), *messages) == code
-        with Background(send_scene, url(source), scene):
-            setup, samples, sentences = received(source)
-    assert_arrived(scene, setup, samples)
-    assert sentences == []
-    assert complaint in told[0].sentence
-    assert "waiting for the next client" in told[0].sentence
-    assert len(told) == 1
-
-
-def test_a_client_that_speaks_no_websocket_is_told() -> None:
-    told = []
-    with listening(WS, on_finding=told.append) as source:
-        with socket.create_connection(source.address) as silent, socket.create_connection(source.address) as wrong:
-            wrong.sendall(b"hello\r\n\r\n")
-            while wrong.recv(1000):
-                pass
-            assert silent.recv(1) == b""
-        with Background(send_scene, url(source), short_walk()):
-            received(source)
-    assert len(told) == 2
-    assert "no header came" in told[0].sentence
-    assert "did not open a WebSocket" in told[1].sentence
-
-
-def test_a_second_client_waits_until_the_first_has_gone() -> None:
-    scene = short_walk()
-    messages = list(live_messages(scene))
-    with listening(WS, replace(PATIENT, next_client_wait=1.0)) as source:
-        with connect(url(source)) as client:
-            client.send(messages[0])
-            source.setup  # noqa: B018
-            second = Background(send_scene, url(source), scene)
-            second.__enter__()
-            for message in messages[1:]:
+    findings: list[LiveFinding] = []
+    with listening(settings=replace(QUICK, largest_message=60_000), on_finding=findings.append) as source:
+        with connect(source.url) as client:
+            for message in messages:
                 client.send(message)
-        second.__exit__()
-        setup, samples, sentences = received(source)
-    assert_arrived(scene, setup, samples[: len(messages) - 1])
-    assert_arrived(scene, setup, samples[len(messages) - 1 :])
-    assert ["has left after" in one for one in sentences] == [True, True]
-
-
-def test_a_message_may_come_in_pieces_and_a_ping_is_answered() -> None:
-    scene = short_walk()
-    with listening(WS) as source:
-        with connect(url(source)) as client:
-            for message in live_messages(scene):
-                client.send([message[:5], message[5:]])
-            assert client.ping().wait(20)
-        setup, samples, _ = received(source)
-    assert_arrived(scene, setup, samples)
-
-
-def test_a_client_that_vanishes_is_told_and_may_come_back() -> None:
-    scene = short_walk()
-    header, *messages = live_messages(scene)
-    with listening(WS, replace(PATIENT, next_client_wait=2.0)) as source:
-        with connect(url(source)) as client:
-            client.send(header)
-            client.send(messages[0])
-            source.setup  # noqa: B018
-            client.socket.shutdown(socket.SHUT_RDWR)
-        with Background(send_scene, url(source), scene):
+            assert close_code(client) == code
+        with Background(send_scene, source.url, SCENE):
             setup, samples, sentences = received(source)
-    assert_arrived(scene, setup, samples[1:])
+    assert_arrived(SCENE, setup, samples)
+    assert sentences == []
+    (finding,) = findings
+    assert problem in finding.sentence
+    assert "waiting for the next client" in finding.sentence
+
+
+@pytest.mark.parametrize("sent", [1, 50])
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_header_claims_nothing(sent: int, stays: bool) -> None:
+    """Whoever connects first, even with a few samples, does not keep the sender out."""
+    stranger = list(live_messages(of_another_wearer()))[:sent]
+    with listening() as source:
+        with connect(source.url) as client:
+            for message in stranger:
+                client.send(message)
+            if stays:
+                with Background(send_scene, source.url, SCENE):
+                    setup, samples, _ = received(source)
+        if not stays:
+            with Background(send_scene, source.url, SCENE):
+                setup, samples, _ = received(source)
+    assert_arrived(SCENE, setup, samples)
+
+
+def test_a_second_sender_waits_until_the_first_has_gone_or_is_silent() -> None:
+    with listening(settings=replace(ONCE_MORE, silence_wait=0.5)) as source, connect(source.url) as first:
+        for message in (HEADER, *SAMPLES):
+            first.send(message)
+        source.setup  # noqa: B018
+        for _ in range(2):  # the first is connected all the time
+            with Background(send_scene, source.url, SCENE):
+                pass
+        first.close()
+        setup, samples, sentences = received(source)
+    for turn in range(3):
+        assert_arrived(SCENE, setup, samples[turn * len(SAMPLES) : (turn + 1) * len(SAMPLES)])
+    assert ["has left after" in sentence for sentence in sentences] == [True, True, True]
+
+
+def test_senders_that_say_nothing_make_room() -> None:
+    settings = replace(QUICK, header_wait=20.0, silence_wait=0.5)
+    with listening(settings=settings) as source, ExitStack() as stack:
+        for _ in range(MOST_SENDERS):
+            stack.enter_context(connect(source.url)).send(HEADER)
+        time.sleep(0.6)
+        with Background(send_scene, source.url, SCENE):
+            setup, samples, _ = received(source)
+    assert_arrived(SCENE, setup, samples)
+
+
+def test_another_set_up_is_refused() -> None:
+    with listening(settings=ONCE_MORE) as source:
+        with Background(send_scene, source.url, SCENE):
+            source.setup  # noqa: B018
+        with connect(source.url) as client:
+            client.send(next(live_messages(of_another_wearer())))
+            assert close_code(client) == 1008
+        setup, samples, sentences = received(source)
+    assert_arrived(SCENE, setup, samples)
+    assert any("other wearers" in sentence for sentence in sentences)
+
+
+def test_a_sender_that_vanishes_is_told_and_may_come_back() -> None:
+    with listening(settings=ONCE_MORE) as source:
+        with connect(source.url) as client:
+            for message in (HEADER, *SAMPLES):
+                client.send(message)
+            source.setup  # noqa: B018
+            client.socket.close()
+        with Background(send_scene, source.url, SCENE):
+            setup, samples, sentences = received(source)
+    assert_arrived(SCENE, setup, samples[-len(SAMPLES) :])
     assert "connection was lost" in sentences[0]
     assert len(sentences) == 2
 
 
-def test_an_answer_that_cannot_be_sent_ends_that_client_only() -> None:
-    class Gone:
-        ended, pending, problem = False, 0, ""
-
-        def feed(self, data: bytes) -> list[bytes]:
-            raise BrokenPipeError(32, "Broken pipe")
-
-    client = Client(Session(print, print), "a client")
-    assert listen(client, lambda: b"data", QUICK, Event(), Gone()) == "the connection was lost (Broken pipe)"
-
-
-def test_who_goes_on_sending_after_the_goodbye_is_not_listened_to(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(websocket, "GOODBYE_WAIT", 0.2)
-    scene, told = short_walk(), []
-    with listening(WS, on_finding=told.append) as source:
-        with socket.create_connection(source.address) as flooding:
-            key = "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA=="
-            flooding.sendall(f"GET / HTTP/1.1\r\nHost: here\r\n{key}\r\nSec-WebSocket-Version: 13\r\n\r\n".encode())
-            frame = bytes([0x82, 0x85, 0, 0, 0, 0]) + b"\x0a\x03Ada"  # a message before the header
-            with pytest.raises(OSError, match=r"reset|pipe"):  # noqa: PT012
-                while True:
-                    flooding.sendall(frame)
-                    time.sleep(0.01)
-        with Background(send_scene, url(source), scene):
-            setup, samples, _ = received(source)
-    assert_arrived(scene, setup, samples)
-    assert "before its header" in told[0].sentence
+def test_a_token_comes_from_a_file_or_the_environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert read_token() == ""
+    monkeypatch.setenv(VARIABLE, "secret")
+    assert read_token() == "secret"
+    (tmp_path / "token").write_text("of a file\n")
+    assert read_token(tmp_path / "token") == "of a file"
+    (tmp_path / "token").write_text("\n")
+    with pytest.raises(InputError, match="it is empty"):
+        read_token(tmp_path / "token")
 
 
-def test_a_port_in_use_is_an_input_error() -> None:
-    with listening(WS) as source, pytest.raises(InputError, match="cannot listen there"), open_source(url(source)):
-        pass
+def test_pace() -> None:
+    now = [100.0]
+    pace = Pace(10.0, lambda: now[0])
+    assert [pace.take(5) for _ in range(3)] == pytest.approx([0.0, 0.0, 0.5])
+    now[0] = 102.0
+    assert pace.take(1) == 0.0
 
 
-def test_without_the_library_the_pip_line_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "websockets.server", None)
-    with pytest.raises(InputError, match=r"pip install 'vip-factors\[live\]'"), listening(WS):
-        pass
+def test_a_flood_waits_and_fills_no_memory() -> None:
+    with listening(settings=replace(PATIENT, largest_rate=4000.0, queue_limit=500)) as source:
+        is_over = Event()
+
+        def pour() -> None:
+            with connect(source.url) as client:
+                client.send(HEADER)
+                for _ in range(8000 // len(SAMPLES)):
+                    for message in SAMPLES:
+                        client.send(message)
+            is_over.set()
+
+        with Background(pour):
+            assert source.setup.wearers
+            before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            assert is_over.wait(20)  # nobody takes anything out of the queue
+        assert len(source._queue) <= 500 + MOST_FINDINGS
+        assert any("has to wait" in item.sentence for _, _, item in source._queue._findings)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 20_000  # KiB
+
+
+def test_findings_that_nobody_takes_are_bounded() -> None:
+    queue = LiveQueue(10)
+    for number in range(3 * MOST_FINDINGS):
+        queue.put(LiveFinding(str(number)))
+        queue.put(VideoFrame("camera", float(number), None, None))
+    assert len(queue) <= MOST_FINDINGS + 10
+
+
+INTERRUPTED = """
+import sys, threading
+from vip_factors.io.live.open import open_source
+try:
+    with open_source(sys.argv[1]) as source:
+        print("open", flush=True)
+        source.setup
+except KeyboardInterrupt:
+    print("interrupted", threading.active_count(), flush=True)
+"""
+
+
+@pytest.mark.parametrize("text", ["ws://127.0.0.1:0", "-"])
+def test_an_interrupt_ends_the_waiting(text: str) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED, text],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "open\n"
+        process.send_signal(signal.SIGINT)
+        assert process.stdout.readline() == "interrupted 1\n"
+        assert process.wait(20) == 0
+
+
+def test_the_example_sender_is_understood() -> None:
+    script = str(ROOT / "data_schemas" / "example_sender.py")
+    with listening(token="secret") as source:
+        address = source.url.partition("?")[0]
+        environment = {**os.environ, "PYTHONPATH": str(ROOT), VARIABLE: "secret"}
+        with subprocess.Popen([sys.executable, script, address, "1.5"], env=environment) as sender:
+            setup, samples, sentences = received(source)
+        assert sender.returncode == 0
+    assert [wearer.subject.name for wearer in setup.wearers] == ["Ada"]
+    placed = {site.sensor for site in setup.wearers[0].placement.sites}
+    assert {(sample.carrier, sample.sensor) for sample in samples} == {("Ada", name) for name in placed}
+    assert all(sample.R_inertial_sensor is not None and sample.specific_force is not None for sample in samples)
+    assert len(samples) > 400
+    assert sentences == []

@@ -3,7 +3,9 @@
 import shutil
 from collections.abc import Iterator
 from dataclasses import replace
+from http.server import SimpleHTTPRequestHandler
 from itertools import count
+from socketserver import TCPServer
 from threading import Event, Thread
 
 import pytest
@@ -51,6 +53,8 @@ def test_the_body_is_seen_as_it_moves(served: LiveServer, width: int, scheme: st
         asked: list[str] = []
         page.on("request", lambda request: asked.append(request.url))
         page.on("websocket", lambda websocket: asked.append(websocket.url))
+        problems: list[str] = []  # what the content security policy refuses is told at the console
+        page.on("console", lambda message: problems.append(message.text) if message.type == "error" else None)
         page.goto(served.address)
         page.wait_for_selector("body[data-frame][data-state=live]", timeout=60_000)
         first = page.locator("body").get_attribute("data-frame")
@@ -59,6 +63,7 @@ def test_the_body_is_seen_as_it_moves(served: LiveServer, width: int, scheme: st
         page.locator("#findings", has_text="<b>found").wait_for(timeout=60_000)
         assert page.evaluate("document.documentElement.scrollWidth") <= width
         assert page.locator("html").get_attribute("data-error") is None
+        assert [problem for problem in problems if "Content Security Policy" in problem] == []
         assert page.locator("body").get_attribute("data-webgl") == ("yes" if gl else "no")
         if gl:
             assert len({tuple(page.locator("#canvas").screenshot()) for _ in range(3)}) > 1
@@ -68,3 +73,45 @@ def test_the_body_is_seen_as_it_moves(served: LiveServer, width: int, scheme: st
         served.close()
         page.wait_for_selector("body[data-state=ended]", timeout=60_000)
         assert {url.split("/")[2] for url in asked if not url.startswith("data:")} == {f"127.0.0.1:{served.port}"}
+
+
+def test_a_page_of_another_site_gets_nothing(served: LiveServer) -> None:
+    """A page that the browser shows as well: its tags, its scripts and its frames."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="needs the extra dev")
+    attack = """async (port) => {
+        const tried = {};
+        const here = `127.0.0.1:${port}`;
+        const load = (tag) => new Promise((done) => {
+            const element = document.createElement(tag);
+            element.onload = () => done("loaded");
+            element.onerror = () => done("refused");
+            element.src = `http://${here}/`;
+            document.body.append(element);
+        });
+        tried.image = await load("img");
+        tried.script = await load("script");
+        tried.fetch = await fetch(`http://${here}/`, {mode: "no-cors"}).then((answer) => answer.type, () => "refused");
+        tried.read = await fetch(`http://${here}/`).then(() => "read", () => "refused");
+        tried.socket = await new Promise((done) => {
+            const socket = new WebSocket(`ws://${here}/stream`);
+            socket.onopen = () => done("opened");
+            socket.onerror = () => done("refused");
+        });
+        await load("iframe");
+        return tried;
+    }"""
+    with (
+        TCPServer(("127.0.0.1", 0), SimpleHTTPRequestHandler) as other,
+        playwright.sync_playwright() as tool,
+        tool.chromium.launch(executable_path=BROWSER, args=["--no-sandbox"]) as browser,
+    ):
+        Thread(target=other.serve_forever, daemon=True).start()
+        page = browser.new_page()
+        statuses: list[int] = []
+        page.on("response", lambda answer: statuses.append(answer.status) if str(served.port) in answer.url else None)
+        page.goto(f"http://localhost:{other.server_address[1]}/")
+        tried = page.evaluate(attack, served.port)
+        assert tried["image"] == tried["script"] == tried["read"] == tried["socket"] == "refused"
+        assert set(statuses) == {403}
+        assert page.frames[-1].locator("#canvas").count() == 0
+        other.shutdown()

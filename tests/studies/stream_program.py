@@ -10,7 +10,6 @@ import json
 import os
 import re
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -24,8 +23,10 @@ from threading import Event, Lock, Thread
 from typing import IO, Any
 
 import numpy as np
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
 
-from tests.live_sender import delimited, sample_message
+from tests.live_sender import sample_message
 from tests.studies.live_run import error_over_time
 from tests.studies.long_stream import LEAST_SCENE_S, LongStream, LongStreamTrials, stream_scene
 from tests.studies.processes import ProcessTree, apart, process_tree
@@ -42,7 +43,7 @@ from vip_factors.simulate.scene_settings import CameraKind
 from vip_factors.viz.viewer import is_whole
 
 COMMAND = (sys.executable, "-m", "vip_factors")
-SOURCE = "tcp://127.0.0.1:0"  # a free port, which the program tells
+SOURCE = "ws://127.0.0.1:0"  # a free port, which the program tells
 LISTEN_S = 120.0  # that it may take to listen
 END_S = 600.0  # and to complete its files: Rerun's file has three minutes by itself
 LAST_LINES = 200  # of what it says that are kept
@@ -104,21 +105,21 @@ class StreamProgram:
         """Send the header, and each sample when it is due; yields its time."""
         frames: Counter[str] = Counter()
         try:
-            with socket.create_connection(("127.0.0.1", self._port()), timeout=LISTEN_S) as connection:
-                connection.sendall(delimited(header_message(setup).SerializeToString()))
+            with connect(f"ws://127.0.0.1:{self._port()}", compression=None) as connection:
+                connection.send(header_message(setup).SerializeToString())
                 self._begun = time.monotonic()
                 for sample in samples:
                     number = 0
                     if isinstance(sample, VideoFrame):
                         number = frames[sample.camera]
                         frames[sample.camera] += 1
-                    data = delimited(sample_message(sample, setup.start_ns, number).SerializeToString())
+                    data = sample_message(sample, setup.start_ns, number).SerializeToString()
                     late = time.monotonic() - self._begun - sample.time
                     time.sleep(max(0.0, -late))
                     self.latest_s = max(self.latest_s, late)
-                    connection.sendall(data)
+                    connection.send(data)
                     yield sample.time
-        except OSError as error:
+        except (OSError, ConnectionClosed) as error:
             raise VipFactorsError(f"the stream has hung up: {error}; it said: {self._last}") from error
 
     def end(self) -> int:
@@ -139,9 +140,9 @@ class StreamProgram:
         until = time.monotonic() + LISTEN_S
         while time.monotonic() < until and self._process.poll() is None:
             for line in list(self.said):
-                _, here, address = line.partition("listening at tcp://127.0.0.1:")
+                _, here, address = line.partition("listening at ws://127.0.0.1:")
                 if here:
-                    return int(address.partition(",")[0])
+                    return int(address.partition("/")[0])
             time.sleep(0.05)
         raise VipFactorsError(f"the stream did not begin to listen; it said: {self._last}")
 

@@ -24,18 +24,18 @@ class LiveSourceSettings:
 
     Attributes:
         header_wait: seconds that a client may take for its header.
-        message_wait: seconds from a message's first byte to its last, of senders over the network.
+        silence_wait: seconds without a message after which a sender over the network gives way to another one.
         largest_rate: messages a second that are read of a sender over the network, after the first second's; whoever
             sends more has to wait, and the tracker keeps its processor.
         largest_message: bytes.
         queue_limit: samples that wait for the tracker before some are dropped.
         growth_wait: seconds without growth after which a file counts as finished.
-        next_client_wait: seconds that a server waits for another client after one that had sent its header has gone,
-            or that a lost sender is tried again; infinite: until Ctrl-C.
+        next_client_wait: seconds that a server waits for another client after one whose samples were used has gone;
+            infinite: until Ctrl-C.
     """
 
     header_wait: float = 10.0  # a program that has it ready sends it at once, ten seconds forgive a slow start
-    message_wait: float = 10.0  # the largest in use crosses a bad radio link in one
+    silence_wait: float = 2.0  # a sender that was lost comes back sooner than its old connection is known to be dead
     largest_rate: float = 10_000.0  # three wearers of 17 sensors at 100 Hz send 5,100
     # A header with the skeletons of ten wearers has 30 kB, a frame of fifty people 30 kB: more is a stray length.
     largest_message: int = 16 * MIB

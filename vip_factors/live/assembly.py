@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from vip_factors.errors import InputError
-from vip_factors.findings import Finding
-from vip_factors.live.finding_log import FindingLog
+from vip_factors.findings import Finding, FindingLog
 from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video, oriented
 from vip_factors.live.settings import AssemblySettings

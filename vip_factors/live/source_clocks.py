@@ -5,8 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from vip_factors.findings import Finding
-from vip_factors.live.finding_log import FindingLog
+from vip_factors.findings import Finding, FindingLog
 from vip_factors.live.settings import AssemblySettings
 
 SHARED_OFFSET = 0.5  # s: a clock that starts again this near to another's new time has started with it

@@ -164,7 +164,7 @@ def stream(
     """The answers to a live source, as they come, until it ends: what the command ``stream`` does with it.
 
     Args:
-        source: recording (.mcap), ``-``, ``tcp://host:port``, ``ws://host:port`` or ``tcp-connect://host:port``.
+        source: recording (.mcap), ``-`` for standard input, or ``ws://host:port`` to listen there.
         settings: of all rooms.
         follow: another program still writes the file.
         real_time: play a recording in its own time instead of as fast as it can be tracked.

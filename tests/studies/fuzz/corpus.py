@@ -235,7 +235,7 @@ def _file_cases() -> list[Case]:
              lambda path: read_settings(path, Settings()),
              "vip-factors smooth RECORDING.mcap --settings ", 4),
         case("token", {"token.txt": b"c2VjcmV0\n"}, read_token,
-             "vip-factors stream tcp://0.0.0.0:5555 --token-file ", 3),
+             "vip-factors stream ws://0.0.0.0:5555 --token-file ", 3),
         *(
             case(name, {path.name: path.read_bytes()}, partial(_afresh, read=read), command, 3)
             for name, path, read, command in (

@@ -9,14 +9,14 @@ from vip_factors.errors import FileFormatError
 from vip_factors.io.codec import time_ns_of
 from vip_factors.io.live.growing_file import CAMERA, GrowingPass, OnFinding, Route, open_when_it_comes
 from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, video_frame_of, wearer_of
-from vip_factors.io.live.session import Throttle
+from vip_factors.io.live.session import FindingReporter
 from vip_factors.io.live.source import LiveSource
 from vip_factors.io.mcap_camera import path_of
 from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.io.schemas.recording_info_pb2 import SceneInfo
+from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.live import LiveFinding, LiveSample
@@ -24,7 +24,7 @@ from vip_factors.sensors.scene import Camera, Scene
 
 SAMPLES = (ImuSample, Detections2D)
 # What comes once, by the names of the messages.
-INFO = "RecordingInfo"
+INFO, SUBJECT, PLACEMENT = "RecordingInfo", "Subject", "SensorPlacement"
 CAMERA_INFO, CALIBRATION, POSE = "CameraInfo", "CameraCalibration", "PoseInFrame"
 
 
@@ -46,15 +46,14 @@ class GrowingFileSource(LiveSource):
         self._path = Path(path)
 
     def _read(self) -> None:
-        throttle = Throttle(self._put)
+        reporter = FindingReporter(self._put)
 
         def on_finding(kind: str, sentence: str) -> None:
-            throttle.report(kind, f"{self._path}: {sentence}")
+            reporter.report(kind, f"{self._path}: {sentence}")
 
         head, early = _Head(on_finding), list[tuple[Route, Any]]()  # samples before the set-up is whole
         with open_when_it_comes(self._path, self._settings, self._stop) as file:
             for route, message in GrowingPass(self._path, self._stop, on_finding).messages(file):
-                throttle.flush()
                 if self._stop.is_set():
                     return
                 if self._setup is not None:
@@ -66,7 +65,7 @@ class GrowingFileSource(LiveSource):
                 if head.whole or len(early) > self._settings.queue_limit:
                     self._begin(head)
                     self._put_samples(head, early)
-        throttle.flush(every=True)
+        reporter.close()
         if self._setup is None and not self._stop.is_set():
             self._begin(head)
             self._put_samples(head, early)
@@ -108,7 +107,12 @@ class _Head:
     @property
     def missing(self) -> list[str]:
         """What a set-up needs still, in words; without a SceneInfo, nobody knows before the first sample."""
-        lacks = [f"{INFO} of {owner or 'the wearer'}" for owner in self.wearers if INFO not in self._of.get(owner, {})]
+        lacks = [
+            f"{kind} of {owner or 'the wearer'}"
+            for owner in self.wearers
+            for kind in (INFO, SUBJECT, PLACEMENT)
+            if kind not in self._of.get(owner, {})
+        ]
         lacks += [
             f"{kind} on {owner}"
             for owner in self.cameras
@@ -134,11 +138,13 @@ class _Head:
         """
         if self.missing:
             raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
-        recordings = [self._of[owner][INFO] for owner in self.wearers]
-        infos, first = self.camera_infos, recordings[0]
+        of_wearers = [self._of[owner] for owner in self.wearers]
+        infos, first = self.camera_infos, of_wearers[0][INFO]
         name = self._scene.name if self._scene is not None else first.name
         self._start_ns = time_ns_of(first.start)
-        wearers = [wearer_of(name, one.subject, one.placement, one.initial_pose, self._start_ns) for one in recordings]
+        wearers = [
+            wearer_of(name, one[SUBJECT], one[PLACEMENT], one[INFO].initial_pose, self._start_ns) for one in of_wearers
+        ]
         self._cameras = {owner: self._camera(owner) for owner in self.cameras}
         setup = head_of(name, wearers, list(self._cameras.values()))
         self._names = dict(zip(self.wearers, [one.subject.name for one in wearers], strict=True))

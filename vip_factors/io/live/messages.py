@@ -1,6 +1,6 @@
-"""Live messages: their framing in a stream of bytes, set-up to and from them, and samples from them."""
+"""Live messages: set-up to and from them, and samples from them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -32,67 +32,8 @@ from vip_factors.sensors.live import ImuSample, VideoFrame, checked_head
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, Scene
 
-VARINT_BYTES = 5  # enough for 32 GiB
-
 WEARER = DataclassCodec(WearerMessage, Recording)
 HEADER = DataclassCodec(LiveHeader, Scene, {"start": "start_ns"})
-
-
-class Deframer:
-    """Takes bytes in whatever pieces they come, gives whole messages.
-
-    Args:
-        largest: bytes of a message.
-    """
-
-    def __init__(self, largest: int) -> None:
-        self._largest = largest
-        self._buffer = bytearray()
-
-    ended = False  # the bytes never say so themselves
-
-    @property
-    def pending(self) -> int:
-        """Bytes of a message that is not whole yet."""
-        return len(self._buffer)
-
-    @property
-    def problem(self) -> str:
-        """A clause about what is wrong with an end here; empty between two messages."""
-        left = self.pending
-        return f"the stream ended in the middle of a message, {left} bytes after its beginning" if left else ""
-
-    def feed(self, data: bytes) -> Iterator[bytes]:
-        """The messages that these bytes complete, one after the other; to be iterated to the end.
-
-        Raises:
-            FileFormatError: for a length that no message has: the stream cannot be followed any more.
-        """
-        self._buffer += data
-        start = 0
-        try:
-            while (head := self._head(start)) is not None and head[1] <= len(self._buffer):
-                begin, start = head
-                yield bytes(self._buffer[begin:start])
-        finally:
-            del self._buffer[:start]
-
-    def _head(self, start: int) -> tuple[int, int] | None:
-        """Where the message that begins at ``start`` has its content; None if its length is not whole yet."""
-        length = 0
-        for at, byte in enumerate(self._buffer[start : start + VARINT_BYTES]):
-            length |= (byte & 0x7F) << 7 * at
-            if byte < 0x80:
-                if length > self._largest:
-                    raise FileFormatError(
-                        f"a message of {length:,} bytes is announced: expected at most {self._largest:,}; either the "
-                        "bytes are no live messages, or the setting largest_message must grow"
-                    )
-                begin = start + at + 1
-                return begin, begin + length
-        if len(self._buffer) - start >= VARINT_BYTES:
-            raise FileFormatError("the bytes are no live messages: expected each after its length as a varint")
-        return None
 
 
 def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str = "") -> ImuSample:
@@ -176,10 +117,10 @@ if TYPE_CHECKING:
 INITIAL_POSES = ("t-pose", "n-pose", "none")
 
 
-def header_message(setup: Scene, token: str = "") -> LiveMessage:
-    """The message that a sender begins with; ``token`` is the secret that the receiver was given, if it was."""
+def header_message(setup: Scene) -> LiveMessage:
+    """The message that a sender begins with."""
     cameras = [_camera_message(camera, setup.start_ns) for camera in setup.cameras]
-    return LiveMessage(header=HEADER.encode(setup, token=token, cameras=cameras))
+    return LiveMessage(header=HEADER.encode(setup, cameras=cameras))
 
 
 def setup_of(header: LiveHeader) -> Scene:

@@ -8,8 +8,7 @@ from urllib.parse import urlsplit
 
 from vip_factors.errors import InputError
 from vip_factors.io.live.source import LiveSource
-from vip_factors.io.live.streams import LOCAL, StandardInputSource, TcpSenderSource, TcpServerSource
-from vip_factors.io.live.websocket import WebSocketSource
+from vip_factors.io.live.standard_input import StandardInputSource
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
@@ -86,10 +85,9 @@ def when_due(
         yield sample
 
 
+LOCAL = "127.0.0.1"
 EXPECTED = (
-    "an MCAP file, - for standard input, tcp://:port or ws://:port to listen at 127.0.0.1, tcp://host:port or "
-    "ws://host:port to listen elsewhere, or "
-    "tcp-connect://host:port to connect to a sender"
+    "an MCAP file, - for standard input, ws://:port to listen at 127.0.0.1, or ws://host:port to listen elsewhere"
 )
 
 
@@ -105,14 +103,14 @@ def open_source(
     """The source that a text names, to be entered as a context.
 
     Args:
-        text: path of an MCAP file, ``-``, ``tcp://host:port``, ``tcp-connect://host:port`` or ``ws://host:port``;
-            to listen, without a host, is at 127.0.0.1.
+        text: path of an MCAP file, ``-`` for standard input, or ``ws://host:port`` to listen there, without a host at
+            127.0.0.1.
         follow: whether another program still writes the file.
         real_time: whether the file is played back in its own time.
         speed: multiple of its own time.
         settings: limits.
         on_finding: gets the findings that come before the header, at once.
-        token: that the header of a sender must have; any if empty.
+        token: that senders over the network must have; one is made up where other machines are listened to.
 
     Raises:
         InputError: for a text that names no source, options that do not belong to it, or a file that is no recording.
@@ -124,7 +122,7 @@ def open_source(
     if follow and (real_time or speed != 1.0):
         raise InputError(f"{text}: a file that is followed comes in its own time: choose following or real time")
     if text == "-":
-        return StandardInputSource(settings, on_finding, token=token)
+        return StandardInputSource(settings, on_finding)
     if not is_file:
         return _network(text, settings, on_finding, token)
     if speed != 1.0 and not real_time:
@@ -141,22 +139,20 @@ def open_source(
 def _network(
     text: str, settings: LiveSourceSettings, on_finding: Callable[[LiveFinding], None] | None, token: str
 ) -> LiveSource:
-    kinds = {kind.scheme: kind for kind in (TcpServerSource, TcpSenderSource, WebSocketSource)}
     try:
         url = urlsplit(text)
         host, port = url.hostname, url.port
     except ValueError as error:
         raise InputError(f"{text}: {error}: expected {EXPECTED}") from error
-    if url.scheme not in kinds or url.path not in ("", "/") or url.query or url.fragment or url.username is not None:
+    if url.scheme != "ws" or url.path not in ("", "/") or url.query or url.fragment or url.username is not None:
         raise InputError(f"{text}: expected {EXPECTED}")
-    if url.scheme != "tcp-connect":
-        if host and port is None and host.isdecimal() and int(host) < 1 << 16:  # tcp://5005
-            port, host = int(host), LOCAL
-        host = host or LOCAL
-    if not host or port is None:
-        missing = "port" if host else "host"
+    if host and port is None and host.isdecimal() and int(host) < 1 << 16:  # ws://5005
+        port, host = int(host), LOCAL
+    if port is None:
         raise InputError(
-            f"{text}: it names no {missing}: expected {url.scheme}://host:port; to listen, no host, or "
-            "127.0.0.1, is for senders on this machine, 0.0.0.0 for those in all its networks"
+            f"{text}: it names no port: expected ws://host:port; no host, or {LOCAL}, is for senders on this machine, "
+            "0.0.0.0 for those in all its networks"
         )
-    return kinds[url.scheme](host, port, settings, on_finding, token)
+    from vip_factors.io.live.websocket import WebSocketSource
+
+    return WebSocketSource(host or LOCAL, port, settings, on_finding, token)

@@ -1,57 +1,24 @@
-"""From the messages of clients, one after the other, to the samples of one stream."""
+"""From the messages of senders, at once or one after the other, to the samples of one stream."""
 
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from hmac import compare_digest
+from threading import Lock
+
+import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.findings import Finding, FindingLog, bare
 from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.live.messages import header_message, imu_sample_of, setup_of, video_frame_of
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample
 from vip_factors.sensors.scene import Scene
 
-TELL_EVERY = 1.0  # seconds: a person reads them
-
-
-class Throttle:
-    """Keeps one sender's endless mistake from flooding the terminal.
-
-    Args:
-        on_finding: gets the findings.
-        clock: monotonic seconds.
-    """
-
-    def __init__(self, on_finding: Callable[[LiveFinding], None], clock: Callable[[], float] = time.monotonic) -> None:
-        self._on_finding = on_finding
-        self._clock = clock
-        self._reported: dict[str, float] = {}
-        self._held: dict[str, tuple[str, int]] = {}
-
-    def report(self, kind: str, sentence: str) -> None:
-        """Tell a sentence, or hold it if one of its kind was told less than a second ago."""
-        if self._clock() - self._reported.get(kind, -float("inf")) < TELL_EVERY:
-            _, times = self._held.get(kind, ("", 0))
-            self._held[kind] = (sentence, times + 1)
-        else:
-            self._say(kind, sentence, self._held.pop(kind, ("", 0))[1])
-
-    def flush(self, every: bool = False) -> None:
-        """Tell what has been held for a second, or (with ``every``) all that is held."""
-        if not self._held:
-            return
-        now = self._clock()
-        for kind in [kind for kind in self._held if every or now - self._reported[kind] >= TELL_EVERY]:
-            sentence, times = self._held.pop(kind)
-            self._say(kind, sentence, times - 1)
-
-    def _say(self, kind: str, sentence: str, more: int) -> None:
-        self._reported[kind] = self._clock()
-        self._on_finding(LiveFinding(f"{sentence} (and {more} more of this kind)" if more else sentence))
-
-
+TELL_EVERY = 1.0  # seconds between findings of one kind about one sender: a person reads them
 LEAST_S = 0.02  # a shorter wait costs more than it spares
+CLAIM_S = 1.0  # of samples, which the first answer needs anyway
+MOST_HELD = 4096  # samples of a sender that has not claimed the stream
 
 
 class Pace:
@@ -74,7 +41,34 @@ class Pace:
         return self._due - now if self._due - now >= LEAST_S else 0.0
 
 
-WRONG_TOKEN_S = 0.5  # that a wrong guess costs
+class FindingReporter:
+    """Tells what is wrong with a source; sentences of one kind at most once a second, with their number.
+
+    Args:
+        put: gets the findings.
+    """
+
+    def __init__(self, put: Callable[[LiveItem], None]) -> None:
+        self._put = put
+        self._log = FindingLog(TELL_EVERY)
+
+    def report(self, kind: str, sentence: str) -> None:
+        """Tell a sentence, or count it if another of its kind was told a moment ago."""
+
+        def finding(count: int) -> Finding:
+            return bare(f"{sentence} (and {count - 1} more of this kind)" if count > 1 else sentence)
+
+        self._log.tally(kind, time.monotonic(), finding)
+        self._tell()
+
+    def close(self) -> None:
+        """Tell what was only counted."""
+        self._log.close()
+        self._tell()
+
+    def _tell(self) -> None:
+        for finding in self._log.take():
+            self._put(LiveFinding(str(finding)))
 
 
 class ClientError(Exception):
@@ -82,48 +76,71 @@ class ClientError(Exception):
 
 
 class Session:
-    """What the clients of one source share: the set-up of the first, which the others must repeat.
+    """What the clients of one source share: the set-up of the one that claims the stream, and whose turn it is.
 
     Args:
         announce: gets the set-up, once.
         put: gets samples and findings.
-        token: that every header must have; any if empty.
+        silence_s: seconds without a message after which a client gives way to the next.
+        clock: monotonic seconds.
+
+    Attributes:
+        setup: of the stream; None until a client has claimed it.
     """
 
-    def __init__(self, announce: Callable[[Scene], None], put: Callable[[LiveItem], None], token: str = "") -> None:
-        self._token = token.encode()
-        self._announce = announce
-        self.put = put
+    def __init__(
+        self,
+        announce: Callable[[Scene], None],
+        put: Callable[[LiveItem], None],
+        silence_s: float = float("inf"),
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._announce, self.put = announce, put
+        self._silence_s, self._clock = silence_s, clock
         self.setup: Scene | None = None
         self._described = b""
+        self._lock = Lock()
+        self._sender: Client | None = None
+        self._heard = -float("inf")
 
-    def report(self, sentence: str) -> None:
-        """A finding."""
-        self.put(LiveFinding(sentence))
-
-    def begin(self, header: LiveHeader) -> int:
-        """Take the header of a client; nanoseconds to be taken as its t = 0.
+    def check(self, described: bytes) -> None:
+        """Whether a set-up of this description may come in.
 
         Raises:
-            ClientError: if it has not the token, describes nothing that can be tracked, or something other than the
-                first did.
+            ClientError: if it differs from the stream's.
         """
-        # In a time that does not depend on how much of it is right; and guessing is slow.
-        if self._token and not compare_digest(header.token.encode(), self._token):
-            time.sleep(WRONG_TOKEN_S)
-            raise ClientError("its header has not the token that is expected here")
-        try:
-            setup = setup_of(header)
-        except InputError as error:
-            raise ClientError(f"its header cannot be used: {error}") from error
-        if self.setup is None:
-            self.setup, self._described = setup, _described(setup)
-            self._announce(setup)
-        elif _described(setup) != self._described:
+        if self.setup is not None and described != self._described:
             raise ClientError(
-                "its header describes other wearers, sensors or cameras than the first client's: start anew for them"
+                "its header describes other wearers, sensors or cameras than this stream's: start anew for them"
             )
-        return setup.start_ns
+
+    def claim(self, client: "Client", setup: Scene, described: bytes) -> None:
+        """Make this set-up the stream's, and this the client that is heard, unless another one was first.
+
+        Raises:
+            ClientError: if the stream has another set-up.
+        """
+        with self._lock:
+            self.check(described)
+            if self.setup is None:
+                self._described, self.setup = described, setup
+                self._sender, self._heard = client, self._clock()
+                self._announce(setup)
+
+    def admit(self, client: "Client") -> bool:
+        """Whether it is a client's turn: nobody else is heard, or that one has said nothing for too long."""
+        with self._lock:
+            now = self._clock()
+            if self._sender not in (None, client) and now - self._heard < self._silence_s:
+                return False
+            self._sender, self._heard = client, now
+            return True
+
+    def release(self, client: "Client") -> None:
+        """Let the next client be heard."""
+        with self._lock:
+            if self._sender is client:
+                self._sender = None
 
 
 class Client:
@@ -132,87 +149,127 @@ class Client:
     Args:
         session: that it takes part in.
         name: for findings.
+        claim_s: seconds of samples that it has to send before the stream becomes its own; 0: its header is enough.
+
+    Attributes:
+        messages: how many have come.
+        takes_part: whether samples of it were used.
+        heard: when the last one came, monotonic seconds.
     """
 
-    def __init__(self, session: Session, name: str) -> None:
-        self._session = session
-        self._name = name
-        self._throttle = Throttle(session.put)
-        self._start_ns = 0
-        self._shift = 0.0  # seconds from this client's clock to the first's
-        self.has_header = False
-        self.messages = 0
+    def __init__(self, session: Session, name: str, claim_s: float = 0.0) -> None:
+        self._session, self._name, self._claim_s = session, name, claim_s
+        self._reporter = FindingReporter(session.put)
+        self._setup: Scene | None = None
+        self._described = b""
+        self._held: list[LiveSample] = []  # until the stream is claimed
+        self._span = np.inf, -np.inf  # of their times
+        self._shift = 0.0  # seconds from this client's clock to the stream's
+        self.messages, self.takes_part = 0, False
+        self.heard = time.monotonic()
+
+    @property
+    def has_header(self) -> bool:
+        """Whether its header has come, and describes what can be tracked."""
+        return self._setup is not None
+
+    @property
+    def is_to_wait(self) -> bool:
+        """Whether another client is heard.
+
+        Raises:
+            ClientError: if this one can never be, as the stream has another set-up.
+        """
+        if self._setup is None or self._session.setup is None:
+            return False
+        self._session.check(self._described)
+        return not self._session.admit(self)
 
     def take(self, data: bytes) -> None:
         """One serialised LiveMessage; a sample that cannot be used is told and left out.
 
         Raises:
-            FileFormatError: if it is no LiveMessage.
             ClientError: if this client cannot be listened to any longer.
+            FileFormatError: if it is no LiveMessage.
         """
         from google.protobuf.message import DecodeError
 
-        self.flush()
         try:
             message = LiveMessage.FromString(data)
         except DecodeError as error:
             raise FileFormatError(f"{len(data)} bytes are no LiveMessage ({error})") from error
         content = message.WhichOneof("content")
         self.messages += 1
+        self.heard = time.monotonic()
         if content == "header":
             self._header(message.header)
-        elif not self.has_header:
+        elif self._setup is None:
             raise ClientError("it sent something else before its header")
         elif content is None:
             self.report("empty", "a message has neither header nor sample: it is left out")
         else:
             try:
-                self._session.put(self._sample(message, content))
+                self._put(self._sample(message, content, self._setup), self._setup)
             except FileFormatError as error:
                 self.report(content, str(error))
 
-    def flush(self) -> None:
-        """Tell what has been held back for long enough."""
-        self._throttle.flush()
-
     def report(self, kind: str, sentence: str) -> None:
         """A finding about this client; those of one kind at most once a second."""
-        self._throttle.report(kind, f"{self._name}: {sentence}")
+        self._reporter.report(kind, f"{self._name}: {sentence}")
 
     def leave(self, sentence: str = "") -> None:
         """The last words about this client."""
-        self._throttle.flush(every=True)
+        self._session.release(self)
+        self._reporter.close()
         if sentence:
-            self._session.report(f"{self._name}: {sentence}")
+            self._session.put(LiveFinding(f"{self._name}: {sentence}"))
 
     def _header(self, header: LiveHeader) -> None:
-        if self.has_header:
+        if self._setup is not None:
             self.report("header", "a second header was sent: it is left out; the first one counts")
             return
-        self._start_ns = self._session.begin(header)
-        self.has_header = True
-        setup = self._session.setup
-        if setup is not None and setup.start_ns and self._start_ns:
-            self._shift = (self._start_ns - setup.start_ns) / NS_PER_S
+        try:
+            setup = setup_of(header)
+        except InputError as error:
+            raise ClientError(f"its header cannot be used: {error}") from error
+        self._described = _described(setup)
+        self._session.check(self._described)
+        self._setup = setup
+        if not self._claim_s:
+            self._claim(setup)
 
-    def _sample(self, message: LiveMessage, content: str) -> LiveSample:
-        setup = self._session.setup
-        assert setup is not None  # has_header
+    def _put(self, sample: LiveSample, setup: Scene) -> None:
+        if self.takes_part:
+            self._session.put(replace(sample, time=sample.time + self._shift) if self._shift else sample)
+            return
+        self._held.append(sample)
+        self._span = min(self._span[0], sample.time), max(self._span[1], sample.time)
+        is_enough = self._span[1] - self._span[0] >= self._claim_s or len(self._held) >= MOST_HELD
+        if is_enough or self._session.setup is not None:
+            self._claim(setup)
+
+    def _claim(self, setup: Scene) -> None:
+        """Take part, with all that was held."""
+        self._session.claim(self, setup, self._described)
+        self.takes_part = True
+        stream = self._session.setup
+        if stream is not None and stream.start_ns and setup.start_ns:
+            self._shift = (setup.start_ns - stream.start_ns) / NS_PER_S
+        for sample in self._held:
+            self._put(sample, setup)
+        self._held.clear()
+
+    def _sample(self, message: LiveMessage, content: str, setup: Scene) -> LiveSample:
         if content == "imu":
             carrier = message.carrier or setup.wearers[0].subject.name
-            return _shifted(imu_sample_of(message.imu, carrier, self._start_ns), self._shift)
+            return imu_sample_of(message.imu, carrier, setup.start_ns)
         name = message.carrier or (setup.camera.name if setup.camera is not None else "")
-        camera = next((one for one in setup.cameras if one.name == name), None)
+        camera = next((camera for camera in setup.cameras if camera.name == name), None)
         keypoints = len(camera.keypoints) if camera is not None else None
-        frame = video_frame_of(message.detections, name, self._start_ns, keypoints)
-        return _shifted(frame, self._shift)
+        return video_frame_of(message.detections, name, setup.start_ns, keypoints)
 
 
 def _described(setup: Scene) -> bytes:
     """A set-up without what may differ between two connections of one session."""
-    wearers = tuple(replace(one, start_ns=0) for one in setup.wearers)
+    wearers = tuple(replace(wearer, start_ns=0) for wearer in setup.wearers)
     return header_message(replace(setup, name="", wearers=wearers)).SerializeToString(deterministic=True)
-
-
-def _shifted(sample: LiveSample, seconds: float) -> LiveSample:
-    return replace(sample, time=sample.time + seconds) if seconds else sample

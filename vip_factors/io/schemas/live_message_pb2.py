@@ -31,7 +31,7 @@ from vip_factors.io.schemas import sensor_placement_pb2 as vip__factors_dot_sens
 from vip_factors.io.schemas import subject_pb2 as vip__factors_dot_subject__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1evip_factors/live_message.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a!vip_factors/camera_estimate.proto\x1a\x1dvip_factors/camera_info.proto\x1a\x1fvip_factors/detections_2d.proto\x1a\x1cvip_factors/imu_sample.proto\x1a\"vip_factors/sensor_placement.proto\x1a\x19vip_factors/subject.proto\"\xac\x01\n\x0bLiveMessage\x12\x0f\n\x07\x63\x61rrier\x18\x01 \x01(\t\x12)\n\x06header\x18\x02 \x01(\x0b\x32\x17.vip_factors.LiveHeaderH\x00\x12%\n\x03imu\x18\x03 \x01(\x0b\x32\x16.vip_factors.ImuSampleH\x00\x12/\n\ndetections\x18\x04 \x01(\x0b\x32\x19.vip_factors.Detections2DH\x00\x42\t\n\x07\x63ontent\"\xa8\x01\n\nLiveHeader\x12\x0c\n\x04name\x18\x01 \x01(\t\x12)\n\x05start\x18\x02 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12(\n\x07wearers\x18\x03 \x03(\x0b\x32\x17.vip_factors.LiveWearer\x12(\n\x07\x63\x61meras\x18\x04 \x03(\x0b\x32\x17.vip_factors.LiveCamera\x12\r\n\x05token\x18\x05 \x01(\t\"z\n\nLiveWearer\x12%\n\x07subject\x18\x01 \x01(\x0b\x32\x14.vip_factors.Subject\x12/\n\tplacement\x18\x02 \x01(\x0b\x32\x1c.vip_factors.SensorPlacement\x12\x14\n\x0cinitial_pose\x18\x03 \x01(\t\"v\n\nLiveCamera\x12%\n\x04info\x18\x01 \x01(\x0b\x32\x17.vip_factors.CameraInfo\x12\x13\n\x0b\x63\x61libration\x18\x02 \x01(\x0c\x12,\n\x0bknown_poses\x18\x03 \x03(\x0b\x32\x17.vip_factors.CameraPoseb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1evip_factors/live_message.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a!vip_factors/camera_estimate.proto\x1a\x1dvip_factors/camera_info.proto\x1a\x1fvip_factors/detections_2d.proto\x1a\x1cvip_factors/imu_sample.proto\x1a\"vip_factors/sensor_placement.proto\x1a\x19vip_factors/subject.proto\"\xac\x01\n\x0bLiveMessage\x12\x0f\n\x07\x63\x61rrier\x18\x01 \x01(\t\x12)\n\x06header\x18\x02 \x01(\x0b\x32\x17.vip_factors.LiveHeaderH\x00\x12%\n\x03imu\x18\x03 \x01(\x0b\x32\x16.vip_factors.ImuSampleH\x00\x12/\n\ndetections\x18\x04 \x01(\x0b\x32\x19.vip_factors.Detections2DH\x00\x42\t\n\x07\x63ontent\"\x99\x01\n\nLiveHeader\x12\x0c\n\x04name\x18\x01 \x01(\t\x12)\n\x05start\x18\x02 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12(\n\x07wearers\x18\x03 \x03(\x0b\x32\x17.vip_factors.LiveWearer\x12(\n\x07\x63\x61meras\x18\x04 \x03(\x0b\x32\x17.vip_factors.LiveCamera\"z\n\nLiveWearer\x12%\n\x07subject\x18\x01 \x01(\x0b\x32\x14.vip_factors.Subject\x12/\n\tplacement\x18\x02 \x01(\x0b\x32\x1c.vip_factors.SensorPlacement\x12\x14\n\x0cinitial_pose\x18\x03 \x01(\t\"v\n\nLiveCamera\x12%\n\x04info\x18\x01 \x01(\x0b\x32\x17.vip_factors.CameraInfo\x12\x13\n\x0b\x63\x61libration\x18\x02 \x01(\x0c\x12,\n\x0bknown_poses\x18\x03 \x03(\x0b\x32\x17.vip_factors.CameraPoseb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -41,9 +41,9 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_LIVEMESSAGE']._serialized_start=273
   _globals['_LIVEMESSAGE']._serialized_end=445
   _globals['_LIVEHEADER']._serialized_start=448
-  _globals['_LIVEHEADER']._serialized_end=616
-  _globals['_LIVEWEARER']._serialized_start=618
-  _globals['_LIVEWEARER']._serialized_end=740
-  _globals['_LIVECAMERA']._serialized_start=742
-  _globals['_LIVECAMERA']._serialized_end=860
+  _globals['_LIVEHEADER']._serialized_end=601
+  _globals['_LIVEWEARER']._serialized_start=603
+  _globals['_LIVEWEARER']._serialized_end=725
+  _globals['_LIVECAMERA']._serialized_start=727
+  _globals['_LIVECAMERA']._serialized_end=845
 # @@protoc_insertion_point(module_scope)

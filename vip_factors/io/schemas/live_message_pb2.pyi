@@ -25,18 +25,16 @@ class LiveMessage(_message.Message):
     def __init__(self, carrier: _Optional[str] = ..., header: _Optional[_Union[LiveHeader, _Mapping]] = ..., imu: _Optional[_Union[_imu_sample_pb2.ImuSample, _Mapping]] = ..., detections: _Optional[_Union[_detections_2d_pb2.Detections2D, _Mapping]] = ...) -> None: ...
 
 class LiveHeader(_message.Message):
-    __slots__ = ("name", "start", "wearers", "cameras", "token")
+    __slots__ = ("name", "start", "wearers", "cameras")
     NAME_FIELD_NUMBER: _ClassVar[int]
     START_FIELD_NUMBER: _ClassVar[int]
     WEARERS_FIELD_NUMBER: _ClassVar[int]
     CAMERAS_FIELD_NUMBER: _ClassVar[int]
-    TOKEN_FIELD_NUMBER: _ClassVar[int]
     name: str
     start: _timestamp_pb2.Timestamp
     wearers: _containers.RepeatedCompositeFieldContainer[LiveWearer]
     cameras: _containers.RepeatedCompositeFieldContainer[LiveCamera]
-    token: str
-    def __init__(self, name: _Optional[str] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., wearers: _Optional[_Iterable[_Union[LiveWearer, _Mapping]]] = ..., cameras: _Optional[_Iterable[_Union[LiveCamera, _Mapping]]] = ..., token: _Optional[str] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., wearers: _Optional[_Iterable[_Union[LiveWearer, _Mapping]]] = ..., cameras: _Optional[_Iterable[_Union[LiveCamera, _Mapping]]] = ...) -> None: ...
 
 class LiveWearer(_message.Message):
     __slots__ = ("subject", "placement", "initial_pose")

@@ -9,7 +9,7 @@ PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
     {"errors", "ranges", "geometry", "atomic", "findings", "compiled", "summarised"},
-    {"shown_settings", "body"},
+    {"body"},
     {"sensors"},
     {"estimate", "live_estimate"},
     {"estimate_chunks", "describe"},
@@ -34,7 +34,8 @@ FENCED = {
     "ezc3d": {"io"},
     "mcap": {"io"},
     "mcap_protobuf": {"io"},
-    "mcap_ros2": {"io"},
+    "lz4": {"io"},
+    "zstandard": {"io"},
     "google": {"io"},
     "rerun": {"viz"},
     "matplotlib": {"viz"},

@@ -12,7 +12,7 @@ import pytest
 
 from tests.studies.__main__ import study_of
 from vip_factors.cli.main import COMMANDS
-from vip_factors.cli.options import parsed
+from vip_factors.cli.options import options_of, parse
 from vip_factors.cli.run import RunOptions
 from vip_factors.io.convert import FORMATS as LOG_FORMATS
 from vip_factors.io.export.files import FORMATS as EXPORT_FORMATS
@@ -98,7 +98,7 @@ def test_commands_are_understood(page: Path, tmp_path: Path, monkeypatch: pytest
     monkeypatch.chdir(tmp_path)
     Path("tuned.toml").touch()
     for command, *words in commands(page):
-        options, *_ = parsed(command, f"vip-factors {command}", words)
+        options = parse(options_of(command), f"vip-factors {command}", words)
         assert command != "convert" or (options.out is None) == (options.template is not None)
 
 

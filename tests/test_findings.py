@@ -5,7 +5,7 @@ import string
 import pytest
 
 from vip_factors.findings import KINDS, TEXT, Finding, MergedFindings, bare, sentences
-from vip_factors.report.summary import remarks_of
+from vip_factors.report.summary import finding_remarks
 
 
 def test_a_sentence_has_names_and_numbers() -> None:
@@ -42,7 +42,7 @@ def test_an_unknown_kind_is_refused_but_read_from_a_file() -> None:
 
 def test_findings_of_one_kind_are_one_remark() -> None:
     lying = [Finding("lying", who, numbers={"percent": 90.0}) for who in ("Ada", "Bea")]
-    remarks = remarks_of([*lying, bare("something new"), bare("and more")])
+    remarks = finding_remarks([*lying, bare("something new"), bare("and more")])
     assert [one.headline for one in remarks] == [KINDS[one].headline for one in ("lying", TEXT, TEXT)]
     assert "Ada" in remarks[0].detail
     assert "Bea" in remarks[0].detail

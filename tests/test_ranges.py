@@ -4,9 +4,8 @@ from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Annotated, Any
 
 import pytest
-import tyro
 
-from vip_factors.cli.options import parse
+from vip_factors.cli.options import UNPREFIXED, parse
 from vip_factors.errors import InputError
 from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
@@ -104,7 +103,7 @@ class Command:
 
     own: Inner = field(default_factory=Inner)
     sigma_deg: float = 2.0
-    outer: Annotated[Outer, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=Outer)
+    outer: Annotated[Outer, UNPREFIXED] = field(default_factory=Outer)
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # these take a while, and not every command that calls a func
     from vip_factors.initialise.clock import ClockSettings
     from vip_factors.io.live_server import LiveServer
     from vip_factors.settings import Settings
-    from vip_factors.stages.solver import Progress
+    from vip_factors.stages.solver import ProgressCallback
 
 StrPath = str | PathLike[str]
 Moved = Motion | WearerEstimate | Estimate
@@ -153,7 +153,7 @@ def detect(
     model: StrPath | None = None,
     keypoints: str | None = None,
     overwrite: bool = False,
-    progress: "Progress | None" = None,
+    progress: "ProgressCallback | None" = None,
 ) -> Detections:
     """The 2D poses of everybody in a video, followed from frame to frame: what a :class:`Camera` holds.
 
@@ -275,7 +275,7 @@ def _played(source: Played, seconds: float | None, number: int) -> Motion:
 def smooth(
     recording: Recording | Scene,
     settings: "Settings | None" = None,
-    progress: "Progress | None" = None,
+    progress: "ProgressCallback | None" = None,
     *,
     extra_factors: "ExtraFactors | None" = None,
 ) -> Estimate:

@@ -34,7 +34,7 @@ from vip_factors.stages.inertial_windows import smooth_wearer
 from vip_factors.stages.reporting import with_model_errors
 from vip_factors.stages.restarts import in_own_frames, with_restarts
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
-from vip_factors.stages.solver import Progress, Solver, silent
+from vip_factors.stages.solver import ProgressCallback, Solver, silent
 from vip_factors.stages.windows import Each, scene_plan
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
@@ -43,7 +43,7 @@ DEFAULT = Settings()
 
 
 def smooth(
-    source: Recording | Scene, settings: Settings = DEFAULT, progress: Progress | None = None,
+    source: Recording | Scene, settings: Settings = DEFAULT, progress: ProgressCallback | None = None,
     extra_factors: ExtraFactors | None = None,
 ) -> Estimate:  # fmt: skip
     """Reconstruct a recording or a scene: of its wearers' IMUs and of what its cameras saw, or of the IMUs alone.
@@ -70,7 +70,7 @@ def smooth(
 
 
 def smooth_chunks(
-    source: SceneSource, settings: Settings = DEFAULT, progress: Progress | None = None,
+    source: SceneSource, settings: Settings = DEFAULT, progress: ProgressCallback | None = None,
     extra_factors: ExtraFactors | None = None, each: Each = map,
 ) -> EstimateChunks:  # fmt: skip
     """The same of a source that need not fit into memory: calibrated now, windows are solved as chunks are asked for.
@@ -88,7 +88,11 @@ def smooth_chunks(
 
 
 def _solved_chunks(
-    source: SceneSource, settings: Settings, on_progress: Progress, extra_factors: ExtraFactors | None, each: Each
+    source: SceneSource,
+    settings: Settings,
+    on_progress: ProgressCallback,
+    extra_factors: ExtraFactors | None,
+    each: Each,
 ) -> EstimateChunks:
     with _one_blas_thread():
         extra = None if extra_factors is None else UserTerms(extra_factors)
@@ -100,7 +104,7 @@ def _solved_chunks(
 
 
 def _each_solved(
-    source: SceneSource, settings: Settings, on_progress: Progress, extra: UserTerms | None, each: Each
+    source: SceneSource, settings: Settings, on_progress: ProgressCallback, extra: UserTerms | None, each: Each
 ) -> EstimateChunks:
     with _one_blas_thread():
         source, findings = with_sensors_assigned(source, settings)
@@ -156,7 +160,7 @@ def _one_blas_thread() -> threadpool_limits:
 
 
 def factor_graph(
-    source: Recording | Scene, settings: Settings = DEFAULT, progress: Progress | None = None
+    source: Recording | Scene, settings: Settings = DEFAULT, progress: ProgressCallback | None = None
 ) -> FactorGraph:
     """The factor graph of a recording or a scene before it is solved, with everything free, and where it starts.
 

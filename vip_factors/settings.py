@@ -10,7 +10,6 @@ from vip_factors.initialise.sensor_assignment import AssignmentSettings
 from vip_factors.initialise.sensor_faults import AccelerometerSettings, SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges
-from vip_factors.shown_settings import ShownOfBoth, ShownSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
 
@@ -120,13 +119,17 @@ class SolverName(StrEnum):
 
 
 @dataclass(frozen=True)
-class CommonSettings(ShownOfBoth):
+class CommonSettings:
     """What smoothing a recording and tracking a stream both honour."""
 
+    # Brisk motion has its power below 10 Hz.
+    frame_rate: Rate = 60.0
+    """Frames per second of the estimated motion."""
     acceleration: bool = True  # off: the inertial tracker alone (IT; SOP with six sensors)
     # Hz, about, at which the calibration is found first, on every n-th frame: what is found is the same at any frame
     # rate. At 5 Hz a band of accelerations is lost that tells mountings: 31.4 mm instead of 26.0.
     calibration_rate: Rate = 15.0
+
     calibration: CalibrationSettings = field(default_factory=CalibrationSettings)
     factors: FactorSettings = field(default_factory=FactorSettings)
     fusion: FusionSettings = field(default_factory=FusionSettings)
@@ -149,9 +152,12 @@ class CommonSettings(ShownOfBoth):
 
 
 @dataclass(frozen=True)
-class Settings(CommonSettings, ShownSettings):
+class Settings(CommonSettings):
     """All settings of the pipeline."""
 
+    # Marginals cost about one more iteration a minute.
+    covariance: bool = False
+    """Also say how sure every joint of every frame is."""
     assign: bool = False
     """Take sensors for one another that are found in each other's places."""
     # Standard deviations are told with what models leave out (body/model_errors.py). Off: those of the solution alone.

@@ -16,10 +16,6 @@ def assert_one_sentence(told, *words: str) -> None:
         assert word in told.err
 
 
-def test_unknown_command_names_the_nearest(run) -> None:
-    assert_one_sentence(run("smoth"), "smoth", "smooth")
-
-
 @pytest.mark.parametrize("command", ["info", "smooth", "evaluate", "view"])
 def test_missing_file(run, tmp_path: Path, command: str) -> None:
     assert_one_sentence(run(command, tmp_path / "none.mcap"), "none.mcap")
@@ -63,19 +59,12 @@ def test_simulate_and_convert_refuse_before_they_work(run, files, tmp_path: Path
     assert list(tmp_path.iterdir()) == []
 
 
-def test_bad_options_are_told_by_the_parser(run, files) -> None:
-    told = run("smooth", files.recording, "--frame-rate", "fast")
-    assert told.code == 2
-    assert "Traceback" not in told.err
-    assert run("smooth", files.recording, "--frame-rat", "30").code == 2
-
-
 @pytest.mark.parametrize(
     ("text", "words"),
     [
         ("frame_rte = 30", ("frame_rte", "frame_rate")),
-        ("[solve]\nmax_iteration = 3", ("solve.max_iteration", "solve.max_iterations")),
-        ("frame_rate = 'fast'", ("frame_rate", "fast")),
+        ("\ufeff[solve]\r\nmax_iteration = 3", ("solve.max_iteration", "did you mean 'max_iterations'")),
+        ("frame_rate = 'fast'", ("frame_rate", "expected number")),
         ("solve = 3", ("solve", "table")),
         ("[factors.orientation.loss]\nloss = 'hubber'", ("hubber", "huber")),
         ("frame_rate = ", ("TOML",)),
@@ -98,7 +87,6 @@ def test_ctrl_c_leaves_nothing_half_written(run, files, tmp_path: Path, monkeypa
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("vip_factors.cli.terminal.LINE_S", 3600.0)  # else how far it is would be lines of their own
     monkeypatch.setattr("vip_factors.io.mcap_writer.MessageWriter.add_in_order", interrupted)
     told = run(
         "smooth", files.recording, "--out", tmp_path / "e.mcap", "--frame-rate", "5", "--solve.max-iterations", "1"

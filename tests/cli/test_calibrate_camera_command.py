@@ -83,7 +83,7 @@ def test_a_camera_file_is_told_where_it_stands(run, video: Path, tmp_path: Path)
 def test_mistakes(run, video: Path, tmp_path: Path, options: tuple[str, ...], words: tuple[str, ...]) -> None:
     told = run("calibrate-camera", video, tmp_path / "camera.toml", *options)
     assert told.code == 2
-    assert told.err.splitlines()[-1].startswith("vip-factors: ")
+    assert "Traceback" not in told.err
     for word in words:
         assert word in told.err
     assert list(tmp_path.iterdir()) == []

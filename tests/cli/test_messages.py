@@ -4,7 +4,6 @@ import re
 import sys
 import warnings
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -29,17 +28,20 @@ def assert_one_sentence(told, *words: str) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("stream", "a.mcap", "--web", "80a"), "--web is '80a': expected a whole number"),
-        (("stream", "a.mcap", "--lag", "abc"), "--lag is 'abc': expected a number"),
-        (("smooth", "a.mcap", "--fail-on", "nver"), "--fail-on is 'nver': expected one of 'never', 'care', 'doubt'"),
-        (("smooth", "a.mcap", "--frame-rat", "3"), "unrecognized options: --frame-rat, 3; perhaps --frame-rate is"),
-        (("smooth", "a.mcap", "--frame-rate"), "missing value for argument '--frame-rate'"),
-        (("report", "a.mcap", "b.mcap"), "unrecognized options: b.mcap"),
-        (("report",), "missing from vip-factors report: ESTIMATE"),
+        (("smooth", "a.mcap", "--frame-rate", "fast"), "--frame-rate: could not convert string to float: 'fast'"),
+        (("smooth", "a.mcap", "--fail-on", "nver"), "Expected one of ('never', 'care', 'doubt')"),
+        (("smooth", "a.mcap", "--frame-rat", "3"), "Unrecognized options: --frame-rat, 3"),
+        (("smooth", "a.mcap", "--windows.window-s", "3"), "windows.window_s is 3: expected 2 times windows.overlap_s"),
+        (("report",), "Missing from vip-factors report:"),
+        (("smoth",), "Unrecognized options: smoth"),
+        ((), "Missing subcommand"),
     ],
 )
-def test_words_that_do_not_fit_are_told_in_a_sentence(run, words: tuple[str, ...], told: str) -> None:
-    assert_one_sentence(run(*words), told, f"all options: vip-factors {words[0]} --help-all")
+def test_words_that_do_not_fit_are_told(run, words: tuple[str, ...], told: str) -> None:
+    outcome = run(*words)
+    assert outcome.code == 2
+    assert told in " ".join(line.strip("│ ") for line in outcome.err.splitlines())
+    assert "Traceback" not in outcome.err
 
 
 def test_sentences_name_options_and_no_functions(run, files, tmp_path: Path) -> None:
@@ -119,14 +121,14 @@ def test_a_camera_that_trembles_stands() -> None:
 
 def test_streams_have_no_settings_that_they_cannot_honour(run, files, tmp_path: Path) -> None:
     names = ("--windows.", "--solver", "--covariance", "--accelerometers.", "--sensor-clocks.", "--assignment.")
-    text = run("stream", "--help-all").out
+    text = run("stream", "--help").out
     assert not [name for name in names if re.search(rf"{name}(?!-)", text)]
     refused = run("stream", files.recording, "--windows.above-s", "10")
     assert refused.code == 2
     assert "--windows.above-s" in refused.err
     file = tmp_path / "earlier.toml"
     file.write_text("[windows]\nabove_s = 10.0\n", encoding="utf-8")
-    assert_one_sentence(run("stream", files.recording, "--settings", file), "'windows' is one of smooth")
+    assert_one_sentence(run("stream", files.recording, "--settings", file), "unknown setting 'windows'")
 
 
 def test_what_users_read_speaks_of_motion_not_of_the_solver(run, files, tmp_path: Path) -> None:
@@ -140,16 +142,6 @@ def test_what_users_read_speaks_of_motion_not_of_the_solver(run, files, tmp_path
         assert re.findall(words, text) == []
     assert "computed in: " in told.out
     assert re.search(r"time +steps +cost\n", run("info", files.estimate, "--verbose").out)
-
-
-def test_no_two_options_share_a_text(run) -> None:
-    """A comment in a settings class is the help of every field that follows it without another."""
-    text = re.sub(r"[│╭╮╰╯─]", "", run("smooth", "--help-all").out)
-    told = [
-        " ".join(one.partition("\n")[2].partition("(default")[0].split()) for one in re.split(r"\n\s*(?=--[a-z])", text)
-    ]
-    assert len(told) > 100
-    assert [one for one, after in pairwise(told) if len(one) > 25 and one == after] == []
 
 
 def test_smooth_says_what_to_do_next_to_a_person_alone(

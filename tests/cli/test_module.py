@@ -10,4 +10,4 @@ def test_the_package_runs(monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captur
     monkeypatch.setattr(sys, "argv", ["vip_factors", "smoth"])
     with pytest.raises(SystemExit, match="2"):
         runpy.run_module("vip_factors", run_name="__main__")
-    assert "did you mean 'smooth'" in capsys.readouterr().err
+    assert "Unrecognized options: smoth" in capsys.readouterr().err

@@ -7,14 +7,16 @@ from pathlib import Path
 
 import pytest
 from exercises import exercises
+from simulated_walk import walk
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.repetitions.files import write_repetitions
 from vip_factors.repetitions.repetitions import all_repetitions
-from vip_factors.report.material import Material
-from vip_factors.report.page import repetitions_section
+from vip_factors.report.page import report_page
+from vip_factors.report.report_data import report_data
+from vip_factors.report.settings import ReportSettings
 
 KINDS = ("squat", "squat", "jump")
 
@@ -49,8 +51,8 @@ def test_two_of_one_name_are_refused(made: Estimate, tmp_path: Path) -> None:
 
 
 def test_the_report_has_a_section_only_of_those_who_exercise(made: Estimate) -> None:
-    section = repetitions_section(Material(made))
-    assert section is not None
-    assert section.id == "repetitions"
-    standing = Estimate.of_one(WearerEstimate("a", "SIP", exercises(("squat",)), {}))
-    assert repetitions_section(Material(standing)) is None
+    text = report_page(report_data(made), ReportSettings())
+    assert "<p>2 squats, 1 jump.</p>" in text
+    assert text.count("<td>squat</td>") == 2
+    standing = Estimate.of_one(WearerEstimate("a", "SIP", walk(0.5), {}))
+    assert 'id="repetitions"' not in report_page(report_data(standing), ReportSettings())

@@ -25,17 +25,17 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_page_is_beside_the_estimate(files: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["report", str(files / "scene.estimate.mcap"), "--moments", "0"]) == 0
+    assert main(["report", str(files / "scene.estimate.mcap")]) == 0
     page = files / "scene.estimate.html"
     assert capsys.readouterr().out == f"{page}\n"
     assert "Against the truth" not in page.read_text(encoding="utf-8")
-    assert main(["report", str(files / "scene.estimate.mcap"), "--moments", "0"]) == 2
+    assert main(["report", str(files / "scene.estimate.mcap")]) == 2
     assert "exists" in capsys.readouterr().err
 
 
 def test_the_recording_is_named_or_in_the_same_file(files: Path, tmp_path: Path) -> None:
     named, together, truth = (tmp_path / f"{name}.html" for name in ("named", "together", "truth"))
-    few = ["--moments", "0", "--out"]
+    few = ["--out"]
     scene, estimate = str(files / "scene.mcap"), str(files / "scene.estimate.mcap")
     assert main(["report", estimate, "--recording", scene, *few, str(named)]) == 0
     assert main(["report", str(files / "both.mcap"), *few, str(together)]) == 0
@@ -50,7 +50,7 @@ def test_the_recording_is_named_or_in_the_same_file(files: Path, tmp_path: Path)
         (["missing.mcap"], "missing.mcap"),
         (["scene.mcap"], "estimate"),
         (["scene.estimate.mcap", "--out", "page.pdf"], ".html"),
-        (["scene.estimate.mcap", "--out", "page.html", "--moments", "-1"], "moments"),
+        (["scene.estimate.mcap", "--out", "page.html", "--rate", "-1"], "rate"),
         (["scene.estimate.mcap", "--out", "page.html", "--video"], "filmed recording"),
         (["scene.estimate.mcap", "--out", "page.html", "--video", "scene.mcap"], "not a video"),
         (["scene.estimate.mcap", "--out", "page.html", "--video", "gone.mp4"], "no such video"),
@@ -74,7 +74,7 @@ def test_bad_input_is_one_line(
 
 def test_a_film_is_beside_the_page(files: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     page, film = tmp_path / "a page.html", tmp_path / "a page.mp4"
-    few = ["--moments", "0", "--video-height", "64"]
+    few = ["--video-height", "64"]
     words = ["report", str(files / "both.mcap"), *few, "--out", str(page), "--video"]
     assert main(words) == 0
     assert capsys.readouterr().out == f"{page}\n{film}\n"
@@ -91,7 +91,7 @@ def test_a_film_is_beside_the_page(files: Path, tmp_path: Path, capsys: pytest.C
 def test_a_film_is_of_the_video_that_is_named(files: Path, tmp_path: Path) -> None:
     scene, video, page = read_scene(files / "scene.mcap"), tmp_path / "v.avi", tmp_path / "page.html"
     write_video(video, [np.full((720, 1280, 3), (0, 200, 0), np.uint8)] * len(scene.camera.detections.time), 30.0)
-    words = ["report", str(files / "scene.estimate.mcap"), "--recording", str(files / "scene.mcap"), "--moments", "0"]
+    words = ["report", str(files / "scene.estimate.mcap"), "--recording", str(files / "scene.mcap")]
     assert main([*words, "--video-height", "96", "--video", str(video), "--out", str(page)]) == 0
     good, picture = cv2.VideoCapture(str(page.with_suffix(".mp4"))).read()
     assert good

@@ -1,10 +1,9 @@
-"""Where stderr is no terminal, long work says now and then how far it is."""
+"""What is shown while one waits: lines in a pipe, nothing that steers a terminal."""
 
+import io
 import sys
 from dataclasses import replace
-from io import StringIO
 from pathlib import Path
-from threading import Event
 
 import pytest
 
@@ -13,93 +12,39 @@ from vip_factors.cli import terminal
 from vip_factors.io.mcap_recording import read_scene
 
 
-class Pipe(StringIO):
-    """Standard error of a program in a pipe, that tells when a line came."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.came = Event()
-
-    def write(self, text: str) -> int:
-        written = super().write(text)
-        self.came.set()
-        return written
-
-    def wait(self) -> str:
-        self.came.clear()
-        assert self.came.wait(30), "nothing was said"
-        return self.getvalue()
-
-
-def piped(monkeypatch: pytest.MonkeyPatch) -> Pipe:
-    """In the test itself: between fixtures and test pytest puts its own standard error back."""
-    made = Pipe()
-    monkeypatch.setattr(sys, "stderr", made)
-    monkeypatch.setattr(terminal, "LINE_S", 0.01)
-    return made
-
-
-def test_a_pipe_hears_stage_and_share(monkeypatch: pytest.MonkeyPatch) -> None:
-    pipe = piped(monkeypatch)
-    with terminal.progress_bar() as tell:
-        tell("sparse inertial poser", 0.4)
-        pipe.wait()
-        pipe.wait()
-    assert "sparse inertial poser, 40 % (0 s)\n" in pipe.getvalue()
-    said = pipe.getvalue()
-    assert "\x1b" not in said  # no colours, no moving cursor
-    assert "\r" not in said
-
-
-def test_stages_tell_frames_share_and_time_left_and_are_never_wholly_done(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pipe_hears_stage_and_share_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     clock = [0.0]
     monkeypatch.setattr(terminal.time, "monotonic", lambda: clock[0])
-    stages = terminal.Stages(36_000)
-    assert str(stages) == "starting"
-    stages.update("calibration", 0.0)
-    assert str(stages) == "calibration, 36,000 frames"  # nothing is known yet
-    clock[0] = 10.0
-    stages.update("calibration", 0.25)
-    assert str(stages) == "calibration, 36,000 frames, 25 %, 30 s left"
-    stages.update("calibration", 0.2)  # a solve that was further before
-    clock[0] = 20.0
-    assert str(stages) == "calibration, 36,000 frames, 25 %, 20 s left"
-    stages.update("calibration", 1.0)
-    assert str(stages) == "calibration, 36,000 frames, 99 %"
-    stages.update("calibration", 0.5)
-    assert str(stages).startswith("calibration 2, 36,000 frames, 50 %")
-    clock[0] = 620.0
-    stages.update("windows", 0.0)
-    clock[0] += 600.0
-    stages.update("windows", 0.5)
-    assert str(stages) == "windows, 36,000 frames, 50 %, 10 min left"
+    with terminal.progress_bar() as progress, terminal.waiting("a moment"):
+        progress("calibration", 0.1)
+        clock[0] = terminal.LINE_S + 1.0
+        progress("calibration", 0.4)
+        progress("calibration", 0.5)
+    assert capsys.readouterr().err == "calibration, 40 % (6 s)\n"
 
 
-def test_a_pipe_hears_what_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    pipe = piped(monkeypatch)
-    with terminal.waiting("reading a log"):
-        assert pipe.wait().startswith("reading a log (")
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
 
 
-def test_short_work_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    pipe = Pipe()
-    monkeypatch.setattr(sys, "stderr", pipe)
-    with terminal.progress_bar() as tell, terminal.waiting("a moment"):
-        tell("stage", 0.5)
-    assert pipe.getvalue() == ""
+def test_a_terminal_shows_bars_of_stages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(sys, "stderr", Terminal())
+    with terminal.progress_bar() as progress:
+        progress("calibration", 1.0)
+        progress("windows of [bold]Ada\x1b[2J", 0.25)
+    shown = sys.stderr.getvalue()  # type: ignore[attr-defined]
+    assert r"windows of [bold]Ada\x1b[2J" in shown
+    assert "25%" in shown
 
 
-def test_errors_pass_and_the_thread_ends(monkeypatch: pytest.MonkeyPatch) -> None:
-    pipe = piped(monkeypatch)
-    with pytest.raises(ZeroDivisionError), terminal.waiting("dividing"):
-        raise ZeroDivisionError
-    said = pipe.getvalue()
-    assert not pipe.came.wait(0.05) or pipe.getvalue() == said
-
-
-def test_a_stream_in_a_pipe_tells_its_status_now_and_then(monkeypatch: pytest.MonkeyPatch) -> None:
-    pipe, clock = Pipe(), [0.0]
-    monkeypatch.setattr(sys, "stderr", pipe)
+def test_a_stream_in_a_pipe_tells_its_status_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = [0.0]
     monkeypatch.setattr(terminal.time, "monotonic", lambda: clock[0])
     with terminal.StatusLine() as line, terminal.StatusLine(wanted=False) as silent:
         line.show("1 s tracked")  # too soon
@@ -108,7 +53,7 @@ def test_a_stream_in_a_pipe_tells_its_status_now_and_then(monkeypatch: pytest.Mo
         assert not silent.shown
         line.show("10 s tracked")
         assert not line.shown
-    assert pipe.getvalue() == "10 s tracked\n"
+    assert capsys.readouterr().err == "10 s tracked\n"
 
 
 @pytest.mark.parametrize(

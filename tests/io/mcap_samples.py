@@ -7,6 +7,7 @@ from vip_factors.body.anthropometry import LengthPrior, skeleton_from_stature
 from vip_factors.body.hinges import HINGE_OF, HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
+from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import (
     BodyEstimate,
     Iteration,
@@ -119,7 +120,9 @@ def recordings(draw: st.DrawFn) -> Recording:
     has = draw(st.sampled_from([(True, True, True), (True, False, False), (False, True, False), (True, False, True)]))
     imus = {name: stream(rng, name, draw(st.integers(1, 5)), has) for name in sensors}
     sites = tuple(SensorSite(name, "left_knee", rng.normal(size=3), rotations(rng), 0.3) for name in sensors[:2])
-    truth = Truth(motion(rng, draw(st.integers(0, 4))), draw(st.sampled_from([None, calibration(rng, sensors)])))
+    known = draw(st.none() | st.frozensets(st.sampled_from(JOINT_NAMES), min_size=1, max_size=3))
+    calibrated = draw(st.sampled_from([None, calibration(rng, sensors)]))
+    truth = Truth(motion(rng, draw(st.integers(0, 4))), calibrated, known)
     return Recording(
         draw(names),
         draw(subjects()),

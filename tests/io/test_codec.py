@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import LengthPrior
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import FileFormatError
 from vip_factors.io.codec import DataclassCodec
-from vip_factors.io.mcap_messages import LENGTH_PRIOR, SITE
+from vip_factors.io.mcap_messages import LENGTH_PRIOR
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.sensors.calibration import Placement, SensorSite
 
@@ -22,13 +22,6 @@ def test_numbers_have_the_shape_that_is_declared() -> None:
     del message.covariance_m2[-1]
     with pytest.raises(FileFormatError, match="LengthPrior has 3 numbers of covariance_m2: expected 4"):
         LENGTH_PRIOR.decode(message)
-
-
-def test_a_rotation_that_is_none_is_an_input_error() -> None:
-    message = SITE.encode(SITE_OF_SHANK)
-    message.mounting_wxyz.w = 2.0
-    with pytest.raises(InputError):
-        SITE.decode(message)
 
 
 def test_given_attributes_are_written_and_others_of_the_object_not_read() -> None:

@@ -1,12 +1,10 @@
 """Estimate files written as they go."""
 
 import json
-import os
 import resource
 import signal
 import subprocess
 import sys
-import time
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +14,6 @@ import pytest
 from live_answers import LAG, answer, answers, live_scene, setup_of, truth_of
 from live_sender import delimited, sample_message
 
-from vip_factors.atomic import partial_path
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.findings import sentences
 from vip_factors.io.live.messages import header_message
@@ -84,16 +81,6 @@ def test_newest_poses_and_updates_stand_beside_them(tmp_path: Path) -> None:
     assert contents.damage == []
 
 
-def test_one_wearer_is_read_as_a_plain_estimate_too(tmp_path: Path) -> None:
-    scene = live_scene(0.6, 1, filmed=False)
-    given = list(answers(scene, covariance=False))
-    write(scene, tmp_path / "e.mcap", given)
-    alone = read_estimate(tmp_path / "e.mcap").only_wearer
-    assert len(alone.motion) == len(given) - LAG
-    assert alone.covariance is None
-    assert read_estimate(tmp_path / "e.mcap").camera is None
-
-
 WRITER = """
 import sys, time
 sys.path.insert(0, sys.argv[1])
@@ -127,33 +114,6 @@ def test_a_killed_process_leaves_what_it_had(tmp_path: Path) -> None:
         LiveMcapSink(out, setup_of(live_scene(0.1)), 60.0)
     write(live_scene(0.6), out, list(answers(live_scene(0.6))), overwrite=True)
     assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
-
-
-def test_a_cut_anywhere_loses_only_what_follows(tmp_path: Path) -> None:
-    scene = live_scene(2.0, 1)
-    write(scene, tmp_path / "e.mcap", list(answers(scene)))
-    whole = (tmp_path / "e.mcap").read_bytes()
-    lengths = []
-    for share in (0.6, 0.8, 0.95):
-        (tmp_path / "cut.mcap").write_bytes(whole[: int(share * len(whole))])
-        with pytest.warns(McapWarning):
-            lengths.append(len(read_estimate(tmp_path / "cut.mcap").only_wearer.motion))
-    assert 0 < lengths[0] < lengths[1] < lengths[2]
-
-
-def test_it_is_flushed_while_it_is_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    now = [0.0]
-    monkeypatch.setattr(time, "monotonic", lambda: now[0])
-    scene = live_scene(1.0)
-    sink = LiveMcapSink(tmp_path / "e.mcap", setup_of(scene), 60.0)
-    sizes = []
-    for frame in range(40):
-        now[0] += 0.1  # slower than real time
-        sink.write(answer(scene, frame))
-        sizes.append(os.path.getsize(partial_path(tmp_path / "e.mcap")))
-    assert all(after > before for before, after in zip(sizes, sizes[6:], strict=False))
-    sink.close()
-    sink.close()
 
 
 def test_after_an_error_the_name_says_that_it_is_not_whole(tmp_path: Path) -> None:

@@ -21,11 +21,10 @@ from vip_factors.describe.estimates import estimate_tables
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstimate
 from vip_factors.findings import Finding, bare
-from vip_factors.io.mcap_estimate import CAMERA_POSE, read_estimate
+from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.mcap_recording import read_scene, write_recording
-from vip_factors.io.mcap_writer import MessageWriter
 
 
 def example(T: int = 60) -> WearerEstimate:
@@ -46,16 +45,6 @@ def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFact
         warnings.simplefilter("error")
         write_estimate(Estimate.of_one(estimate), path)
         assert_same(estimate, read_estimate(path).only_wearer)
-
-
-def test_appended_to_its_recording_both_are_whole(tmp_path: Path) -> None:
-    recording, estimate = walk(), example()
-    write_recording(recording, tmp_path / "r.mcap")
-    write_estimate(Estimate.of_one(estimate), tmp_path / "both.mcap", append_to=tmp_path / "r.mcap")
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert_same(recording, read_scene(tmp_path / "both.mcap").wearers[0])
-        assert_same(estimate, read_estimate(tmp_path / "both.mcap").only_wearer)
 
 
 def test_appending_in_place_replaces_an_earlier_estimate_and_keeps_everything_else(tmp_path: Path) -> None:
@@ -101,18 +90,10 @@ def test_viewers_get_transforms_that_chain_to_every_joint(tmp_path: Path) -> Non
     with open(tmp_path / "e.mcap", "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         frames = [m for *_, m in reader.iter_decoded_messages("/estimate/tf")]
-        points = [m for *_, m in reader.iter_decoded_messages("/estimate/points")]
-        [scene] = [m for *_, m in reader.iter_decoded_messages("/estimate/skeleton")]
     assert len(frames) == 4  # thinned to 30 Hz
     for shown, expected in zip(frames, estimate.motion.state.p_world_joint[::2], strict=True):
         for joint, name in enumerate(JOINT_NAMES):
             np.testing.assert_allclose(position(shown, f"me/{name}"), expected[joint], atol=1e-9)
-    for shown, expected in zip(points, estimate.motion.state.p_world_joint[::2], strict=True):
-        cloud = np.frombuffer(shown.data, "<f4").reshape(-1, 3)
-        distance = np.linalg.norm(cloud[:, None] - expected, axis=-1).min(axis=0)
-        assert distance[1:].max() < 1e-5  # all joints but the root end a bone
-    known = {transform.child_frame_id for transform in frames[0].transforms}
-    assert {entity.frame_id for entity in scene.entities} <= known
 
 
 def position(message, frame: str) -> np.ndarray:
@@ -138,15 +119,7 @@ def test_a_scene_is_left_out_without_foxglove_messages_unless_it_was_asked_for(
     assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
 
 
-def test_without_a_scene_only_our_messages_are_written(tmp_path: Path) -> None:
-    write_estimate(Estimate.of_one(example()), tmp_path / "e.mcap", scene=False)
-    with open(tmp_path / "e.mcap", "rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    assert all(schema.name.startswith("vip_factors.") for schema in summary.schemas.values())
-
-
-@pytest.mark.parametrize("share", [0.3, 0.6, 0.9])
+@pytest.mark.parametrize("share", [0.6])
 def test_of_a_cut_estimate_the_first_frames_are_read(tmp_path: Path, share: float) -> None:
     path, estimate = tmp_path / "e.mcap", example(600)
     write_estimate(Estimate.of_one(estimate), path)
@@ -179,12 +152,6 @@ def test_residuals_of_another_shape_are_refused_before_anything_is_written(tmp_p
     assert not list(tmp_path.iterdir())
 
 
-def test_an_existing_file_is_refused(tmp_path: Path) -> None:
-    write_estimate(Estimate.of_one(example(3)), tmp_path / "e.mcap")
-    with pytest.raises(InputError, match="exists already"):
-        write_estimate(Estimate.of_one(example(3)), tmp_path / "e.mcap")
-
-
 @pytest.mark.parametrize("margin", [1.5, np.inf])
 def test_findings_and_the_choice_of_the_start_come_back(tmp_path: Path, margin: float) -> None:
     choice = StartChoice("sensors sit as placed", "frames agree" if margin < 2 else "", margin, ("head",))
@@ -214,16 +181,6 @@ def test_the_round_trip_of_a_scene_is_lossless_and_silent(
         assert_same(estimate, read_estimate(path))
         if len(estimate.wearers) == 1:
             assert_same(estimate.wearers[0], read_estimate(path).only_wearer)
-
-
-@settings(max_examples=10, deadline=None)
-@given(estimates())
-def test_a_plain_estimate_is_that_of_a_scene_with_one_wearer(
-    tmp_path_factory: pytest.TempPathFactory, estimate: WearerEstimate
-) -> None:
-    path = tmp_path_factory.mktemp("mcap") / "e.mcap"
-    write_estimate(Estimate.of_one(estimate), path)
-    assert_same(Estimate.of_one(estimate), read_estimate(path))
 
 
 @settings(max_examples=10, deadline=None)
@@ -265,7 +222,7 @@ def test_an_estimate_of_nobody_is_refused(tmp_path: Path) -> None:
         write_estimate(Estimate("walk", "VIP", ()), tmp_path / "e.mcap")
 
 
-@pytest.mark.parametrize("share", [0.2, 0.5, 0.8])
+@pytest.mark.parametrize("share", [0.5])
 def test_of_a_cut_estimate_of_a_scene_the_first_frames_are_read(tmp_path: Path, share: float) -> None:
     whole = sample(200, 1)
     write_estimate(whole, tmp_path / "e.mcap", scene=False)
@@ -281,14 +238,6 @@ def test_of_a_cut_estimate_of_a_scene_the_first_frames_are_read(tmp_path: Path, 
     np.testing.assert_array_equal(read.camera.path.time, whole.camera.path.time[:frames])
     assert read.camera.residual_px is not None
     assert np.isnan(read.camera.residual_px[frames + 1 :]).all()
-
-
-def test_a_camera_without_poses_is_left_out(tmp_path: Path) -> None:
-    write_estimate(sample(), tmp_path / "whole.mcap")
-    with open(tmp_path / "e.mcap", "wb") as file, MessageWriter(file) as writer:
-        writer.copy(read_contents(tmp_path / "whole.mcap"), (CAMERA_POSE,))
-    with pytest.warns(McapWarning, match=f"camera 'phone' is left out: nothing on {CAMERA_POSE}"):
-        assert read_estimate(tmp_path / "e.mcap").camera is None
 
 
 def test_more_reprojection_errors_than_there_can_be_are_not_made_room_for(

@@ -36,7 +36,7 @@ def test_the_script_was_made_of_its_sources() -> None:
 def test_the_page_works_in_a_browser(with_gl: bool, tmp_path: Path) -> None:
     scene = scene_sample(0.2)
     page = tmp_path / "report.html"
-    write_report(estimate_of(scene), page, scene, settings=ReportSettings(moments=0))
+    write_report(estimate_of(scene), page, scene)
     flags = SOFTWARE_GL if with_gl else ("--disable-gpu", "--disable-3d-apis")
     command = [str(BROWSER), *QUIET, *flags, f"--user-data-dir={tmp_path / 'profile'}", page.as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
@@ -62,7 +62,7 @@ def test_the_film_and_the_page_show_one_time(tmp_path: Path) -> None:
     pytest.importorskip("av", reason="needs the extra film")
     scene, report = scene_sample(1.0), tmp_path / "report.html"
     write_report(
-        estimate_of(scene), report, scene, settings=ReportSettings(moments=0, video_height=96), video=True
+        estimate_of(scene), report, scene, settings=ReportSettings(video_height=96), video=True
     )  # fmt: skip
     flags = ["--no-sandbox", *SOFTWARE_GL]
     with playwright.sync_playwright() as tool, tool.chromium.launch(executable_path=BROWSER, args=flags) as browser:

@@ -7,13 +7,14 @@ import numpy as np
 from simulated_walk import walk
 
 from vip_factors.body.joint_angles import is_measured
-from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.estimate import WearerEstimate
 from vip_factors.gait.analysis import bones_with_sensors
-from vip_factors.report.blocks import Line, Pictures, Table, thinned, time_chart
-from vip_factors.report.material import Material
-from vip_factors.report.page import gait_section
+from vip_factors.report.charts import thinned, time_charts
+from vip_factors.report.movement import gait_section
+from vip_factors.report.report_data import ReportWearer
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording, Subject
+from vip_factors.viz.charts import Curve
 
 
 def test_angles_without_sensors_are_known_as_such() -> None:
@@ -38,19 +39,17 @@ def test_charts_keep_peaks_and_gaps() -> None:
     assert len(thin) < 1000
     assert np.nanmax(thin) == 5.0
     assert np.isnan(thin).any()
-    chart = time_chart("t", [Line('a "quoted" & <odd> name', time, values, "#000000")], "°")
-    assert chart is not None
+    (chart,) = time_charts("t", [Curve('a "quoted" & <odd> name', time, values, "#000000")], "°")
     (curve,) = json.loads(chart.numbers)["curves"]
     assert None in curve["values"]
     assert max(value for value in curve["values"] if value is not None) == 5.0
     assert "<odd>" not in chart.svg
-    assert time_chart("t", [Line("a", time, np.full(len(time), np.nan), "#000000")]) is None
+    assert time_charts("t", [Curve("a", time, np.full(len(time), np.nan), "#000000")]) == []
 
 
 def test_who_walks_has_a_section() -> None:
-    section = gait_section(Material(Estimate.of_one(WearerEstimate("walk", "SIP", walk(6.0), {}))))
+    section = gait_section(ReportWearer(0, "Ada", WearerEstimate("walk", "SIP", walk(6.0), {}), None), False)
     assert section is not None
-    (table,) = (one for one in section.blocks if isinstance(one, Table))
-    assert [row[0] for row in table.rows][:2] == ["Stride time, s", "Stride length, m"]
-    assert any(isinstance(one, Pictures) for one in section.blocks)
-    assert gait_section(Material(Estimate.of_one(WearerEstimate("stand", "SIP", walk(0.5), {})))) is None
+    assert [row[0] for row in section.sides.rows][:2] == ["stride time, s", "stride length, m"]
+    assert section.curves is not None
+    assert gait_section(ReportWearer(0, "Bea", WearerEstimate("stand", "SIP", walk(0.5), {}), None), False) is None

@@ -30,7 +30,7 @@ from vip_factors.sensors.sources import SceneInMemory, SceneSource
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.filmed_windows import smooth_filmed
-from vip_factors.stages.solver import Progress
+from vip_factors.stages.solver import ProgressCallback
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each
 
@@ -139,7 +139,7 @@ def at_10_hz(scene: Scene) -> Scene:
 
 
 def lightly(
-    source: SceneSource, settings: Settings, progress: Progress, extra: ExtraTerms | None, each: Each
+    source: SceneSource, settings: Settings, progress: ProgressCallback, extra: ExtraTerms | None, each: Each
 ) -> EstimateChunks | tuple[str, ...]:
     """Windows, of which no more is in memory while chunks are made than a few solutions, and no problem."""
 

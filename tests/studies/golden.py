@@ -139,9 +139,9 @@ def _run(*words: str) -> str:
 
 
 def _tables(page: str) -> str:
-    """What stands in the cells of a page's tables, but for that which tells how long the solves took."""
-    tables = [one for one in page.split("<table")[1:] if "Cost before" not in one]
-    return " ".join(cell for one in tables for cell in re.findall(r"<td[^>]*>([^<]*)", one.split("</table")[0]))
+    """What stands in the cells of a page's tables and lists, but for how long the solves took."""
+    text = re.sub(r"<details><summary>How the computation went.*?</details>", "", page, flags=re.DOTALL)
+    return " ".join(re.findall(r"<(?:td|dd)[^>]*>([^<]*)", text))
 
 
 def _numbers(text: str, sampled: bool = False) -> list[float]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -23,7 +23,6 @@ class BodyOptions(WritingOptions):
     taken for likely then, and as sure as it is here, instead of what a stature tells.
     """
 
-    common: ClassVar = ("wearer", "out", "picture", "overwrite")
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap) of a filmed wearer of whom only the stature was told."""
     wearer: str | None = None

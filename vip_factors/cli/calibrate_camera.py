@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -29,7 +29,6 @@ class CalibrateCameraOptions(WritingOptions):
     the same board lie there, unmoved, stand in one world; it needs an odd and an even number of corners for that.
     """
 
-    common: ClassVar = ("checkerboard", "square_m", "floor", "overwrite")
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO|CAMERA")]
     """Video; or a camera file, to which --floor-image adds where the camera stands."""
     out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="CAMERA.toml"), Output(".toml")]

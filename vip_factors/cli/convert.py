@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -32,7 +32,6 @@ class ConvertOptions(WritingOptions):
     same board in the same place for all of them).
     """
 
-    common: ClassVar = ("placement", "stature_m", "initial_pose", "detections", "camera")
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
     """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""
     out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")] = None

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import WritingOptions
@@ -15,7 +15,6 @@ from vip_factors.ranges import NotNegativeInt, Range, Rate
 class DemoOptions(WritingOptions):
     """Simulate a walk with unknown headings and careless mountings, reconstruct it, compare it, draw it."""
 
-    common: ClassVar = ("out", "placement", "seconds", "overwrite")
     out: Path = Path("vip_factors_demo")
     """Folder for the files; made if absent."""
     placement: Literal["sip6", "tnt10", "totalcapture13", "mvn17"] = "totalcapture13"

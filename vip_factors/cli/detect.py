@@ -3,12 +3,12 @@
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Output, WritingOptions, beside
+from vip_factors.cli.options import UNPREFIXED, Output, WritingOptions, beside
 from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
@@ -27,7 +27,6 @@ class DetectOptions(WritingOptions):
     The model is BlazePose, 33 keypoints, whose files are fetched once with pip; --model takes any other as ONNX.
     """
 
-    common: ClassVar = ("out", "overlay", "model", "overwrite")
     video: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="VIDEO")]
     """Video (.mp4, .mov …)."""
     out: Annotated[Path | None, Output(".json")] = None
@@ -50,9 +49,7 @@ class DetectOptions(WritingOptions):
     """Look at each n-th frame only; the others hold nobody."""
     threads: int | None = None
     """Of the processor; as many as there are, up to four, if absent."""
-    settings: Annotated[DetectSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
-        default_factory=DetectSettings
-    )
+    settings: Annotated[DetectSettings, UNPREFIXED] = field(default_factory=DetectSettings)
 
 
 def main(options: DetectOptions) -> None:

@@ -3,7 +3,7 @@
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -26,7 +26,6 @@ class EvaluateOptions(ManyOptions):
     lines tell the most important, and in which alignment. Limbs of which the truth knows nothing are left out.
     """
 
-    common: ClassVar = ("truth", "json", "jobs", "overwrite")
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     truth: Path | None = None

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.options import ManyOptions
+from vip_factors.cli.options import UNPREFIXED, ManyOptions
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 from vip_factors.io.settings import ExportSettings
@@ -22,12 +22,9 @@ class ExportOptions(ManyOptions):
     Several wearers in a format that holds one person get a file each: walk.npz becomes walk.Ada.npz and walk.Bea.npz.
     """
 
-    common: ClassVar = ("overwrite", "jobs")
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE FILE [FILE …]")]
     """Estimate (.mcap), and the files to write."""
-    settings: Annotated[ExportSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
-        default_factory=ExportSettings
-    )
+    settings: Annotated[ExportSettings, UNPREFIXED] = field(default_factory=ExportSettings)
 
 
 def main(options: ExportOptions) -> None:

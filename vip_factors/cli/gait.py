@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
@@ -19,7 +19,6 @@ class GaitOptions(WritingOptions):
     the legs does.
     """
 
-    common: ClassVar = ("recording", "out", "overwrite")
     source: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE|RECORDING")]
     """Estimate (.mcap), or a recording (.mcap), which is reconstructed first."""
     recording: Path | None = None

@@ -1,46 +1,39 @@
 """``vip-factors graph``: counts and a picture of the factor graph of a recording or scene."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Output, WritingOptions, beside
+from vip_factors.cli.options import UNPREFIXED, Output, SettingsOptions, WritingOptions, beside
 from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.ranges import Range
-from vip_factors.shown_settings import ShownSettings
-
-if TYPE_CHECKING:
-    from vip_factors.settings import Settings
+from vip_factors.settings import Settings
 
 
 @dataclass(frozen=True)
-class GraphOptions(WritingOptions):
+class GraphOptions(SettingsOptions, WritingOptions):
     """Draw the factor graph of a recording or scene: three frames of it, and how many variables and factors there are.
 
     It is the graph in which headings, mountings and the camera are found, on every coarse-factor-th frame. Graphviz
     lays the picture out; without it a .dot file is written.
 
-    Every setting of the pipeline is an option (--help-all tells them); --settings reads them from a file, and options
-    win over it.
+    Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
     """
 
-    common: ClassVar = ("picture", "frame", "settings", "overwrite")
-    settings_tree: ClassVar = (ShownSettings, "vip_factors.settings:Settings")
     recording: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files."""
     picture: Annotated[Path | None, Output(".svg")] = None
     """Picture (.svg) to write; RECORDING.graph.svg if absent."""
     frame: Annotated[int | None, Range(least=0)] = None
     """First of the three frames to draw, from 0; the middle of the recording if absent."""
-    settings: Path | None = None
-    """TOML file with settings; a table for each group, such as [solve]."""
+    settings: Annotated[Settings, UNPREFIXED] = field(default_factory=Settings)
 
 
-def main(options: GraphOptions, settings: "Settings") -> None:
+def main(options: GraphOptions) -> None:
     """Run the command."""
     from vip_factors.io.mcap_recording import read_scene
 
@@ -51,7 +44,7 @@ def main(options: GraphOptions, settings: "Settings") -> None:
     from vip_factors.pipeline import factor_graph
 
     with progress_bar() as progress:
-        graph = factor_graph(scene, settings, progress)
+        graph = factor_graph(scene, options.settings, progress)
     text = dot(graph, f"Factor graph of {scene.name}", options.frame)
     drawing = svg(text)
     if drawing is None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -25,7 +25,6 @@ class InfoOptions(WritingOptions):
     lasts more than five minutes the file's index tells, and its samples are not read.
     """
 
-    common: ClassVar = ("sites", "picture", "verbose")
     file: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")] = None
     """Recording or estimate (.mcap), or motion (.bvh …)."""
     sites: Flag = False

@@ -1,28 +1,22 @@
-"""``vip-factors``: finds the command, runs it; what the user can mend, and signals, end it with a line and a code.
-
-``vip-factors --completion``: a script with which a shell completes commands and their options.
-"""
+"""``vip-factors``: finds the command, runs it; what the user can mend, and signals, end it with a line and a code."""
 
 import io
 import os
-import re
 import signal
 import sys
 import threading
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import FrameType
-from typing import Any
+from typing import Any, NoReturn
 
 from vip_factors import __version__
 from vip_factors.cli.terminal import printable
-from vip_factors.errors import InputError, VipFactorsError, naming_file
+from vip_factors.errors import VipFactorsError, naming_file
 
-SHELLS = ("bash", "zsh", "fish")
-OPTION = re.compile(r"(?<![\w.-])--?[a-z][a-z0-9.-]*")
-WIDE = "120"  # columns: no option's name is broken, and help does not lay its boxes side by side
 PROGRAM = "vip-factors"
+DESCRIPTION = "Body-worn inertial sensors and one camera in, 3D human motion out."
 BAD_INPUT = 2
 # Name → one line. The module of the same name (with _ for -) holds ``main(options)``, imported when asked for.
 COMMANDS = {
@@ -45,8 +39,6 @@ COMMANDS = {
     "repetitions": "tell squats, lunges, jumps and curls, and jump heights",
     "view": "look at recordings and estimates in Rerun",
 }
-# Named by ``--help``; told, as all are, by ``--help-all``.
-FURTHER = ("calibrate-camera", "body", "simulate", "sync", "evaluate", "graph")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -82,7 +74,7 @@ def _run(given: list[str]) -> int:
             sys.stdout.flush()
             return code
     except BrokenPipeError:  # the reader of our output, ``head`` say, has seen enough
-        sys.stderr.close()
+        give_up_output()
         return 0
     except (VipFactorsError, OSError) as error:
         if isinstance(error, OSError) and error.filename == STANDARD_OUTPUT:
@@ -91,40 +83,47 @@ def _run(given: list[str]) -> int:
         return BAD_INPUT
 
 
-def _dispatched(given: list[str]) -> int:
-    if not given or given[0] in ("-h", "--help", "--help-all", "help"):
-        print(_help(every="--help-all" in given))
-        return 0 if given else BAD_INPUT
-    if given[0] == "--version":
+def _dispatched(words: Sequence[str]) -> int:
+    if words[:1] == ["--version"]:
         print(f"{PROGRAM} {__version__}")
         return 0
-    if given[0].partition("=")[0] == "--completion":
-        shell = given[1] if len(given) > 1 else given[0].partition("=")[2]
-        print(completion(shell, PROGRAM, COMMANDS), end="")
-        return 0
-    command = _command(given[0])
     try:
+        if not words or words[0] not in COMMANDS:
+            _run_without_command(words)
         from vip_factors.cli.many_tasks import is_many
         from vip_factors.cli.options import run_command
 
-        if is_many(command, given[1:]):
+        command, *words = words
+        if is_many(command, words):
             from vip_factors.cli import many
 
-            return many.main(command, f"{PROGRAM} {command}", given[1:])
-        run_command(command, f"{PROGRAM} {command}", given[1:])
+            return many.main(command, f"{PROGRAM} {command}", words)
+        run_command(command, f"{PROGRAM} {command}", words)
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0
     return 0
 
 
-def _command(name: str) -> str:
-    from difflib import get_close_matches
+def _run_without_command(words: Sequence[str]) -> NoReturn:
+    """Print help, a script that completes words in a shell, or what is wrong about words that name no command.
 
-    if name in COMMANDS:
-        return name
-    near = get_close_matches(name, COMMANDS, n=1)
-    hint = f", did you mean '{near[0]}'" if near else ""
-    raise InputError(f"unknown command '{name}'{hint}; commands are {', '.join(COMMANDS)}")
+    Raises:
+        SystemExit: always.
+    """
+    from tyro.extras import SubcommandApp
+
+    from vip_factors.cli.options import options_of
+
+    completes = bool(words) and words[0] in ("--tyro-print-completion", "--tyro-write-completion")
+    commands = SubcommandApp()
+    for name, line in COMMANDS.items():
+        commands.command(name=name, help=line)(options_of(name) if completes else _nothing)
+    commands.cli(prog=PROGRAM, description=DESCRIPTION, args=words)
+    raise SystemExit(0)
+
+
+def _nothing() -> None:
+    """Stand for a command whose options nobody asked for."""
 
 
 class _Notes:
@@ -148,25 +147,6 @@ def _sentence(error: Exception) -> str:
     else:
         text = str(error) or type(error).__name__
     return printable(" ".join(text.split()))
-
-
-def _help(every: bool) -> str:
-    """A screen, or every command."""
-    shown = COMMANDS if every else {name: line for name, line in COMMANDS.items() if name not in FURTHER}
-    more = [] if every else [f"More: {', '.join(FURTHER)}"]
-    return "\n".join(
-        [
-            f"usage: {PROGRAM} COMMAND [OPTIONS]",
-            "",
-            "Body-worn inertial sensors and one camera in, 3D human motion out.",
-            "",
-            *(f"  {name:<{max(map(len, shown))}}  {line}" for name, line in shown.items()),
-            "",
-            *more,
-            "COMMAND --help tells its usual options, --help-all all of them;",
-            "--version the version; --completion bash (zsh, fish) a script for the shell.",
-        ]
-    )
 
 
 STANDARD_OUTPUT = "standard output"
@@ -251,79 +231,3 @@ def _named_stream(stream: io.TextIOWrapper) -> io.TextIOWrapper:
 def give_up_output() -> None:
     """Forget what could not be written to standard output, or Python would try once more at its end."""
     sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # for as long as we live
-
-
-def completion(shell: str, program: str, commands: Mapping[str, str]) -> str:
-    """The script, to be read by the shell when it starts; it holds all words, and asks nobody.
-
-    Args:
-        shell: one of :data:`SHELLS`.
-        program: what is completed.
-        commands: name → what it does, in a line.
-
-    Raises:
-        InputError: for another shell.
-    """
-    if shell not in SHELLS:
-        raise InputError(f"--completion {shell or 'of no shell'}: expected one of {', '.join(SHELLS)}")
-    options = {command: command_options(program, command) for command in commands}
-    if shell == "fish":
-        return _fish(program, commands, options)
-    return ("autoload -U +X bashcompinit && bashcompinit\n" if shell == "zsh" else "") + _bash(program, options)
-
-
-def command_options(program: str, command: str) -> list[str]:
-    """All options of a command, as its help names them."""
-    from vip_factors.cli.options import run_command
-
-    told, before = io.StringIO(), os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = WIDE
-    try:
-        with redirect_stdout(told), suppress(SystemExit):
-            run_command(command, f"{program} {command}", ["--help-all"])
-    finally:
-        if before is None:
-            del os.environ["COLUMNS"]
-        else:
-            os.environ["COLUMNS"] = before
-    return sorted({"--help-all", *_named(told.getvalue().splitlines())})
-
-
-def _named(lines: Iterable[str]) -> Iterable[str]:
-    """Options that head an entry: what help says of them may name others."""
-    for line in lines:
-        text = line.strip("│ ")
-        if text.startswith("-"):
-            yield from (word for word in OPTION.findall(text) if word != "-h")
-
-
-def _bash(program: str, options: Mapping[str, Iterable[str]]) -> str:
-    function = f"_{program.replace('-', '_')}"
-    cases = "\n".join(f'    {command}) words="{" ".join(words)}" ;;' for command, words in options.items())
-    return f"""{function}() {{
-  local word="${{COMP_WORDS[COMP_CWORD]}}" words=""
-  if [ "$COMP_CWORD" -eq 1 ]; then
-    COMPREPLY=($(compgen -W "{" ".join(options)} --help --version --completion" -- "$word"))
-    return
-  fi
-  case "${{COMP_WORDS[1]}}" in
-{cases}
-    --completion) words="{" ".join(SHELLS)}" ;;
-  esac
-  case "$word" in
-    -*) COMPREPLY=($(compgen -W "$words" -- "$word")) ;;
-    *) [ "${{COMP_WORDS[1]}}" = --completion ] && COMPREPLY=($(compgen -W "$words" -- "$word")) ;;
-  esac
-}}
-complete -o default -F {function} {program}
-"""
-
-
-def _fish(program: str, commands: Mapping[str, str], options: Mapping[str, Iterable[str]]) -> str:
-    lines = []
-    for command, line in commands.items():
-        told = line.replace("'", "\\'")
-        lines.append(f"complete -c {program} -n __fish_use_subcommand -f -a {command} -d '{told}'")
-        for word in options[command]:
-            lines.append(f"complete -c {program} -n '__fish_seen_subcommand_from {command}' -l {word.lstrip('-')}")
-    return "\n".join([*lines, f"complete -c {program} -l completion -f -a '{' '.join(SHELLS)}'", ""])

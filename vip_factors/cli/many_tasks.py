@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from vip_factors.atomic import atomic_path
-from vip_factors.cli.options import FailOn, ManyOptions, parsed
+from vip_factors.cli.options import FailOn, ManyOptions, options_of, parse
 from vip_factors.errors import InputError
 
 # Of these a file appears only once it is whole; elsewhere it is put under another name, and renamed.
@@ -91,7 +91,7 @@ class Task:
 
 def is_many(command: str, words: Sequence[str]) -> bool:
     """Whether a command is asked to work on many files, or on files that are elsewhere; imports nothing."""
-    if command not in MANY or any(word in ("-h", "--help", "--help-all") for word in words):
+    if command not in MANY or any(word in ("-h", "--help") for word in words):
         return False
     names = {word.partition("=")[0] for word in words}
     if "--summary" in names or (command != "smooth" and names & {"--jobs", "--cluster"}):
@@ -125,7 +125,7 @@ def tasks_of(command: str, prog: str, given: Sequence[str], options: RunOptions,
     files = [one for one in given if one not in formats]
     if command == "export" and not formats:
         raise InputError("say what to write of each, by suffixes: vip-factors export FOLDER .bvh .c3d")
-    parsed(command, prog, ["some.mcap", *("some" + one for one in formats), *rest])
+    parse(options_of(command), prog, ["some.mcap", *("some" + one for one in formats), *rest])
     companion, rest = _without_folder(rest, kind.companion)
     texts, limit = _settings_text(rest), _last_value(rest, "--fail-on", "never")
     inputs = dict(_expanded(files, kind))  # each once

@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.options import WritingOptions, beside
+from vip_factors.cli.options import UNPREFIXED, WritingOptions, beside
 from vip_factors.cli.terminal import waiting
 from vip_factors.repetitions.settings import RepetitionSettings
 
@@ -19,14 +19,11 @@ class RepetitionOptions(WritingOptions):
     Standard deviations are told of an estimate that was made with smooth --covariance.
     """
 
-    common: ClassVar = ("out", "overwrite")
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder to write to, made if need be; beside the estimate, ending in .repetitions, if not given."""
-    settings: Annotated[RepetitionSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
-        default_factory=RepetitionSettings
-    )
+    settings: Annotated[RepetitionSettings, UNPREFIXED] = field(default_factory=RepetitionSettings)
 
 
 def main(options: RepetitionOptions) -> None:

@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import FailOn, ManyOptions, Output, beside, fail_on
+from vip_factors.cli.options import UNPREFIXED, FailOn, ManyOptions, Output, beside, fail_on
 from vip_factors.cli.terminal import note, progress_bar
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
@@ -20,10 +20,9 @@ if TYPE_CHECKING:
 class ReportOptions(ManyOptions):
     """Write an estimate as one HTML page: what was found, how sure it is, what it means, and the motion to turn around.
 
-    The page needs no network. With the recording it also tells of sensors and video, and shows frames of it.
+    The page needs no network. With the recording it also tells of sensors, gaps and video.
     """
 
-    common: ClassVar = ("recording", "truth", "video", "out", "overwrite")
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
     """Estimate (.mcap)."""
     recording: Path | None = None
@@ -37,9 +36,7 @@ class ReportOptions(ManyOptions):
     """Where to write the page; beside the estimate if not given."""
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
-    settings: Annotated[ReportSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
-        default_factory=ReportSettings
-    )
+    settings: Annotated[ReportSettings, UNPREFIXED] = field(default_factory=ReportSettings)
 
 
 def main(options: ReportOptions) -> None:

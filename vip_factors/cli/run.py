@@ -9,7 +9,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -69,7 +69,6 @@ class RunOptions:
     not needed, and with neither of the two the sensors are alone.
     """
 
-    common: ClassVar = ("log", "placement", "video", "camera", "detections", "out", "export")
     log: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
     """File or folder of a wearer's sensors, in any format that convert reads."""
     placement: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PLACEMENT")] = ()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Input, Output, WritingOptions
+from vip_factors.cli.options import UNPREFIXED, Flag, Input, Output, WritingOptions
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
@@ -60,7 +60,6 @@ class SimulateOptions(WritingOptions):
     have found in its video.
     """
 
-    common: ClassVar = ("placement", "seconds", "seed", "noise_free", "overwrite")
     none_is_a_value: ClassVar = True
     motion: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="MOTION"), Input()]
     """Motion file (.bvh …), or the words gestures and walk (straight on) for motions that the package makes."""
@@ -77,11 +76,9 @@ class SimulateOptions(WritingOptions):
     seconds: Annotated[float | None, Range(above=0, most=86_400)] = None
     """Length of the package's own motion (20 if absent); in a scene, files are repeated or cut to it too."""
     noise_free: Flag = False
-    """Perfect sensors instead of realistic ones; error options (of --help-all) given besides are ignored."""
-    video: Annotated[VideoOptions, tyro.conf.arg(name="", prefix_name=False)] = field(default_factory=VideoOptions)
-    errors: Annotated[SimulateSettings, tyro.conf.arg(name="", prefix_name=False)] = field(
-        default_factory=SimulateSettings
-    )
+    """Perfect sensors instead of realistic ones; error options given besides are ignored."""
+    video: Annotated[VideoOptions, UNPREFIXED] = field(default_factory=VideoOptions)
+    errors: Annotated[SimulateSettings, UNPREFIXED] = field(default_factory=SimulateSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
 
 

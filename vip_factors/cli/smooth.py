@@ -3,48 +3,43 @@
 import shlex
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import FailOn, ManyOptions, Output, beside, fail_on
+from vip_factors.cli.options import UNPREFIXED, FailOn, ManyOptions, Output, SettingsOptions, beside, fail_on
 from vip_factors.cli.terminal import printable, progress_bar
 from vip_factors.errors import InputError
-from vip_factors.shown_settings import ShownSettings
+from vip_factors.settings import Settings
 
 if TYPE_CHECKING:
     from vip_factors.estimate import Estimate, SolveReport
-    from vip_factors.settings import Settings
 
 
 @dataclass(frozen=True)
-class SmoothOptions(ManyOptions):
+class SmoothOptions(SettingsOptions, ManyOptions):
     """Reconstruct a recording: motion, headings and mountings of the sensors, as an estimate file.
 
     With a camera in it: all wearers in one world, and the camera's path. Without: each wearer from the IMUs alone.
     What is longer than --windows.above-s is read and solved window by window, in the memory of one.
 
-    Every setting of the pipeline is an option (--help-all tells them); --settings reads them from a file, and options
-    win over it.
+    Every setting of the pipeline is an option; --settings reads them from a file, and options win over it.
     """
 
-    common: ClassVar = ("out", "settings", "jobs", "overwrite", "fail_on")
-    settings_tree: ClassVar = (ShownSettings, "vip_factors.settings:Settings")
     recording: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING")]
     """Recording (.mcap); vip-factors convert makes one from foreign files. Several, without a camera, are parts of one
     recording that follow one another in time."""
     out: Annotated[Path | None, Output(".mcap")] = None
     """Estimate (.mcap) to write; RECORDING.estimate.mcap if absent."""
-    settings: Path | None = None
-    """TOML file with settings; a table for each group, such as [solve]."""
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
+    settings: Annotated[Settings, UNPREFIXED] = field(default_factory=Settings)
 
 
-def main(options: SmoothOptions, settings: "Settings") -> None:
+def main(options: SmoothOptions) -> None:
     """Run the command."""
     from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.io.mcap_estimate_writer import write_estimate
@@ -53,14 +48,14 @@ def main(options: SmoothOptions, settings: "Settings") -> None:
 
     if not options.recording:
         raise InputError("no RECORDING.mcap to smooth is named")
+    settings = options.settings
     out = options.out or beside(options.recording[0], ".estimate.mcap")
     check_target(out, options.overwrite)
     long_s = settings.windows.above_s if settings.windows.use and not settings.calibration.from_truth else float("inf")
     source = open_source(options.recording, long_s)
     reports: list[SolveReport] = []
-    start, end = source.wearers[0].interval
     with (
-        progress_bar(round((end - start) * settings.frame_rate) + 1) as progress,
+        progress_bar() as progress,
         windows_elsewhere(options.jobs, options.cluster) as each,
     ):
         estimate = smooth_chunks(source, settings, progress, each=each)

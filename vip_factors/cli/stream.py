@@ -7,18 +7,28 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from vip_factors.atomic import check_partial, check_target, partial_path
-from vip_factors.cli.options import RERUN_FILE, FailOn, Flag, Input, ManyOptions, Output, fail_on
+from vip_factors.cli.options import (
+    RERUN_FILE,
+    UNPREFIXED,
+    FailOn,
+    Flag,
+    Input,
+    ManyOptions,
+    Output,
+    SettingsOptions,
+    fail_on,
+)
 from vip_factors.cli.terminal import StatusLine
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
 from vip_factors.io.settings import LiveSourceSettings, SentPose
+from vip_factors.live.settings import LiveSettings
 from vip_factors.ranges import Port
-from vip_factors.shown_settings import ShownOfBoth
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
@@ -26,7 +36,6 @@ if TYPE_CHECKING:
     from vip_factors.io.live.source import LiveSource
     from vip_factors.io.live_mcap import LiveMcapSink
     from vip_factors.io.live_vmc import LiveVmcSink
-    from vip_factors.live.settings import LiveSettings
     from vip_factors.sensors.scene import Scene
     from vip_factors.viz.live_rerun import LiveRerunSink
 
@@ -34,18 +43,16 @@ INSTEAD_OF_A_WINDOW = "--rerun-serve PORT, --rerun-save FILE.rrd or --rerun-conn
 
 
 @dataclass(frozen=True)
-class StreamOptions(ManyOptions):
+class StreamOptions(SettingsOptions, ManyOptions):
     """Track a stream: every frame is answered with the newest pose, and with the smoothed one of a lag earlier.
 
     SOURCE is a recording (.mcap), played back, or followed while another program writes it; - for standard input;
     ws://:port to listen to senders on this machine (WebSocket), ws://host:port at another address.
 
-    Ctrl-C, or SIGTERM, ends the stream and completes the files. Every setting of the pipeline is an option (--help-all
-    tells them); --settings reads them from a file, and options win over it.
+    Ctrl-C, or SIGTERM, ends the stream and completes the files. Every setting of the tracker is an option;
+    --settings reads them from a file, and options win over it.
     """
 
-    common: ClassVar = ("out", "json", "web", "rerun", "vmc", "lag", "overwrite")
-    settings_tree: ClassVar = (ShownOfBoth, "vip_factors.live.settings:LiveSettings")
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE"), Input()]
     """Where samples come from."""
     out: Annotated[Path | None, Output(".mcap")] = None
@@ -79,20 +86,18 @@ class StreamOptions(ManyOptions):
     """Wait for more at the end of the file: another program still writes it."""
     lag: float | None = None
     """Seconds between the newest pose and the smoothed one; the same as --lag-s."""
-    settings: Path | None = None
-    """TOML file with settings; a table for each group, such as [walk]."""
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
     token_file: Path | None = None
     """File with a secret that senders and readers over the network must have; or the environment variable
     VIP_FACTORS_TOKEN. Without one, this machine is served alone, or a secret is made up and told."""
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
+    settings: Annotated[LiveSettings, UNPREFIXED] = field(default_factory=LiveSettings)
 
 
-def main(options: StreamOptions, settings: "LiveSettings") -> None:
+def main(options: StreamOptions) -> None:
     """Run the command."""
-    if options.lag is not None:
-        settings = replace(settings, lag_s=options.lag)
+    settings = options.settings if options.lag is None else replace(options.settings, lag_s=options.lag)
     _check(options)
     from threadpoolctl import threadpool_limits
 
@@ -133,7 +138,7 @@ def _check(options: StreamOptions) -> None:
 
 
 def _run(
-    options: StreamOptions, settings: "LiveSettings", interrupts: "Interrupts", line: "StatusLine"
+    options: StreamOptions, settings: LiveSettings, interrupts: "Interrupts", line: "StatusLine"
 ) -> tuple["Session", list[str]]:
     """Track until the end; returns what was counted, and what is to be said at last."""
     from vip_factors.cli.stream_session import Session
@@ -191,7 +196,7 @@ def _lasts_s(options: StreamOptions) -> float | None:
     return None if interval is None else (interval[1] - interval[0]) / NS_PER_S
 
 
-def _file(options: StreamOptions, settings: "LiveSettings", setup: "Scene", stack: ExitStack) -> "LiveMcapSink | None":
+def _file(options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack) -> "LiveMcapSink | None":
     if options.out is None:
         return None
     from vip_factors.io.live_mcap import LiveMcapSink
@@ -201,9 +206,7 @@ def _file(options: StreamOptions, settings: "LiveSettings", setup: "Scene", stac
     return stack.enter_context(sink)
 
 
-def _viewers(
-    options: StreamOptions, settings: "LiveSettings", setup: "Scene", stack: ExitStack
-) -> "list[LiveRerunSink]":
+def _viewers(options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack) -> "list[LiveRerunSink]":
     from vip_factors.viz.live_rerun import LiveRerunSink, LiveTarget
 
     targets = [LiveTarget()] if options.rerun else []
@@ -234,7 +237,7 @@ def _avatars(options: StreamOptions, setup: "Scene", stack: ExitStack, line: "St
 
 
 def _others(
-    options: StreamOptions, settings: "LiveSettings", setup: "Scene", stack: ExitStack, line: "StatusLine"
+    options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack, line: "StatusLine"
 ) -> "list[Sink]":
     """The live page, and the outlet for labs."""
     sinks: list[Sink] = []
@@ -255,7 +258,7 @@ def _others(
 
 def _conclude(
     options: StreamOptions,
-    settings: "LiveSettings",
+    settings: LiveSettings,
     session: "Session",
     findings: Sequence[str],
     interrupts: "Interrupts",

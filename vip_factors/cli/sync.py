@@ -1,19 +1,16 @@
 """``vip-factors sync``: how far the video's clock is off the sensors', and a scene that says so."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated
 
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Output, WritingOptions, beside
+from vip_factors.cli.options import UNPREFIXED, Flag, Output, WritingOptions, beside
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
-from vip_factors.shown_settings import ShownClock
-
-if TYPE_CHECKING:
-    from vip_factors.initialise.clock import ClockOffset, ClockSettings
+from vip_factors.initialise.clock import ClockOffset, ClockSettings, find_clock_offset
 
 
 @dataclass(frozen=True)
@@ -25,9 +22,6 @@ class SyncOptions(WritingOptions):
     more a drift of the clocks is found too.
     """
 
-    common: ClassVar = ("out", "seconds", "dry_run", "picture")
-    settings_tree: ClassVar = (ShownClock, "vip_factors.initialise.clock:ClockSettings")
-    none_is_a_value: ClassVar = False
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
     """Scene (.mcap): sensors, and a camera with detections."""
     out: Annotated[Path | None, Output(".mcap")] = None
@@ -38,9 +32,10 @@ class SyncOptions(WritingOptions):
     """Only tell what was found; write no scene."""
     picture: Annotated[Path | None, Output(".png")] = None
     """Picture (.png) of the agreement over all offsets."""
+    settings: Annotated[ClockSettings, UNPREFIXED] = field(default_factory=ClockSettings)
 
 
-def main(options: SyncOptions, settings: "ClockSettings") -> None:
+def main(options: SyncOptions) -> None:
     """Run the command."""
     from math import isfinite
 
@@ -61,10 +56,8 @@ def main(options: SyncOptions, settings: "ClockSettings") -> None:
     seconds = options.seconds
     clock = VideoClock(seconds or 0.0)
     if seconds is None or options.picture is not None:
-        from vip_factors.initialise.clock import find_clock_offset
-
         with waiting("comparing video and sensors"):
-            found = find_clock_offset(scene, settings)
+            found = find_clock_offset(scene, options.settings)
         print(offset_text(found, scene.camera.time_offset))
         if options.picture is not None:
             draw_offset(found, options.picture, options.overwrite)
@@ -80,7 +73,7 @@ def main(options: SyncOptions, settings: "ClockSettings") -> None:
     print(out)
 
 
-def offset_text(offset: "ClockOffset", before: float = 0.0) -> str:
+def offset_text(offset: ClockOffset, before: float = 0.0) -> str:
     """What was found, as a small table with the other offsets that were considered."""
     lines = [offset.sentence] if offset.determined else []
     if offset.determined and before:
@@ -92,7 +85,7 @@ def offset_text(offset: "ClockOffset", before: float = 0.0) -> str:
     return "\n".join(lines)
 
 
-def draw_offset(offset: "ClockOffset", path: Path, overwrite: bool = False) -> None:
+def draw_offset(offset: ClockOffset, path: Path, overwrite: bool = False) -> None:
     """A picture of the agreement over all offsets, the best marked.
 
     Raises:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -29,7 +29,6 @@ class ViewOptions(WritingOptions):
     scene also the video, who was assigned to what, and the estimated bodies over the image.
     """
 
-    common: ClassVar = ("save", "serve", "picture", "chart", "overwrite")
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most, but any number of estimates
     for --chart."""

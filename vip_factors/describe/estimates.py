@@ -269,6 +269,12 @@ def solve_table(reports: Sequence[SolveReport], with_cost: bool = False) -> Tabl
     return Table(head, rows, "how the computation went", words=2, is_detail=True)
 
 
+def setting_table(estimate: Estimate) -> Table:
+    """Settings that the estimate was made with, by name."""
+    settings = estimate.settings or estimate.wearers[0].settings
+    return Table(("setting", "value"), sorted(settings.items()), "settings", words=2, is_detail=True)
+
+
 def wearer_tables(wearer: WearerEstimate) -> Iterator[Table]:
     """Everything about one of the wearers."""
     yield wearer_facts(wearer)

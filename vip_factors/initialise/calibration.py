@@ -14,8 +14,7 @@ from dataclasses import dataclass, replace
 from itertools import accumulate
 
 import numpy as np
-from scipy.linalg import solve_banded
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rotations
 from vip_factors.body.pose_prior import PosePrior
@@ -105,7 +104,7 @@ def _low_passed(signal: Array, cutoff: float) -> Array:
         driven[1] -= feedback[1] * x[0]
         bands = np.ones((3, len(x)))
         bands[1:] = feedback[:, None]
-        return np.asarray(solve_banded((2, 0), bands, driven, check_finite=False))
+        return np.asarray(scipy.linalg.solve_banded((2, 0), bands, driven, check_finite=False))
 
     flat = signal.reshape(len(signal), -1)
     turned = [2 * flat[:1] - flat[PAD:0:-1], flat, 2 * flat[-1:] - flat[-2 : -PAD - 2 : -1]]
@@ -290,5 +289,5 @@ def contact_confidence(body: BodyState, points: tuple[tuple[int, Array], ...], s
     height = p[:, :, 2] - p[:, :, 2].min(axis=1, keepdims=True)
     confidence = np.exp(-0.5 * (speed / SPEED_SCALE) ** 2 - 0.5 * (height / HEIGHT_BAND) ** 2)
     frames = max(1, round(SMOOTHING / step + ROUNDING))
-    averaged = uniform_filter1d(confidence, frames, axis=0)
+    averaged = scipy.ndimage.uniform_filter1d(confidence, frames, axis=0)
     return np.clip(averaged, 0.0, 1.0)  # the running sum rounds to slightly below zero

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
 
@@ -24,7 +25,6 @@ from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.shown_settings import ShownClock
 
 UNDETERMINED = "undetermined"
 PEAK_S = 0.35  # around a peak of the curve: a half step lasts 0.5 s
@@ -43,10 +43,12 @@ EXPLAINED, SURE_GAIN, HALF_GAIN, HALF_S, FEWEST_LIMBS = 0.4, 160.0, 20.0, 2.5, 8
 
 
 @dataclass(frozen=True)
-class ClockSettings(ShownClock):
+class ClockSettings:
     """How the offset is looked for.
 
     Attributes:
+        method: how people move, an event, or whichever tells.
+        max_offset: seconds either way: what two people pressing buttons, or two clocks set by network, differ by.
         independent: independent instants in one width of the smoothing Gaussian: 1 over twice the root of pi.
         slow_width: seconds; motions are compared once more so smoothed: what is slow tells one step from the next.
         rival: the second-best offset must have less than this share of the best one's agreement.
@@ -55,6 +57,8 @@ class ClockSettings(ShownClock):
         inflation: of sigma: limbs that follow one another are not independent.
     """
 
+    method: Literal["auto", "motion", "clap", "stamp"] = "auto"
+    max_offset: float = 10.0
     independent: float = 0.28
     slow_width: float = 0.3
     rival: float = 0.8

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
+import scipy
 
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
@@ -216,11 +216,11 @@ def _gain(image: Signal, features: Sequence[Signal], independent: float) -> tupl
 
     And of how many independent instants ``(L,)`` it is.
     """
-    size = next_fast_len(len(features[0].values), real=True)
+    size = scipy.fft.next_fast_len(len(features[0].values), real=True)
     lags = len(features[0].values) - len(image.values) + 1
 
     def transform(values: np.ndarray) -> np.ndarray:
-        return rfft(values, size, axis=0)
+        return scipy.fft.rfft(values, size, axis=0)
 
     mask = np.conj(transform(image.valid.astype(float)))
     x = np.conj(transform(image.values))
@@ -232,13 +232,13 @@ def _gain(image: Signal, features: Sequence[Signal], independent: float) -> tupl
     else:  # one map for both
         cross = [x[:, 0, None] * f[0] + x[:, 1, None] * f[1]]
     products = sum(transform(np.einsum("ti,tj->tij", one.values, one.values)) for one in features)
-    common = irfft(mask * valid, size)[:lags]
-    power = irfft(square * valid, size)[:lags]
-    S = irfft(mask[:, None, None] * products, size, axis=0)[:lags]
+    common = scipy.fft.irfft(mask * valid, size)[:lags]
+    power = scipy.fft.irfft(square * valid, size)[:lags]
+    S = scipy.fft.irfft(mask[:, None, None] * products, size, axis=0)[:lags]
     S = S + (RIDGE * np.trace(S, axis1=1, axis2=2)[:, None, None] + 1e-12) * np.eye(3)
     explained = np.zeros(lags)
     for one in cross:
-        s = irfft(one, size, axis=0)[:lags]
+        s = scipy.fft.irfft(one, size, axis=0)[:lags]
         explained += np.einsum("li,li->l", s, np.linalg.solve(S, s[..., None])[..., 0])
     enough = common > LEAST_SAMPLES
     share = np.where(enough & (power > 0), explained / np.where(power > 0, power, 1.0), 0.0)

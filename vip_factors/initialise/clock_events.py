@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.geometry.rotations import Array
@@ -166,22 +166,20 @@ def _streams(recording: Recording, bones: tuple[str, ...], side: str) -> list[Im
 
 
 def _jolts(streams: Sequence[ImuStream], least: float, settings: EventSettings) -> Events:
-    from scipy.signal import find_peaks
-
     found = []
     for stream in streams:
         assert stream.specific_force is not None
-        smooth = gaussian_filter1d(stream.specific_force, settings.jolt_width * stream.rate, axis=0, mode="nearest")
+        smooth = scipy.ndimage.gaussian_filter1d(
+            stream.specific_force, settings.jolt_width * stream.rate, axis=0, mode="nearest"
+        )
         jolt = np.linalg.norm(stream.specific_force - smooth, axis=1)
-        peaks, _ = find_peaks(jolt, height=least, distance=max(1, round(settings.apart * stream.rate)))
+        peaks, _ = scipy.signal.find_peaks(jolt, height=least, distance=max(1, round(settings.apart * stream.rate)))
         found.append(Events(stream.time[peaks], jolt[peaks]))
     return _merged(found)
 
 
 def _stops(time: Array, values: Array, least: float, settings: EventSettings) -> Events:
     """Where values that fell stop falling."""
-    from scipy.signal import find_peaks
-
     good = np.isfinite(values)
     if good.sum() < 5:
         return Events(np.zeros(0), np.zeros(0))
@@ -189,9 +187,9 @@ def _stops(time: Array, values: Array, least: float, settings: EventSettings) ->
     grid = np.arange(time[0], time[-1], 1 / GRID_HZ)
     sigma = settings.stop_width * GRID_HZ
     even = np.interp(grid, time, values)
-    bend = gaussian_filter1d(even, sigma, order=2, mode="nearest") * GRID_HZ**2
+    bend = scipy.ndimage.gaussian_filter1d(even, sigma, order=2, mode="nearest") * GRID_HZ**2
     jump = bend * settings.stop_width * np.sqrt(2 * np.pi)
-    peaks, _ = find_peaks(jump, height=least, distance=max(1, round(settings.apart * GRID_HZ)))
+    peaks, _ = scipy.signal.find_peaks(jump, height=least, distance=max(1, round(settings.apart * GRID_HZ)))
     peaks = peaks[(peaks > 0) & (peaks < len(grid) - 1)]
     before = np.interp(grid[peaks] - 2 * settings.stop_width, grid, even) - even[peaks]
     peaks = peaks[before > 0.5 * least * 2 * settings.stop_width]

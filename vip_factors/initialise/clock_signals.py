@@ -14,8 +14,7 @@ they belong to.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
-from scipy.optimize import linear_sum_assignment
+import scipy
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.skeleton import joint_index
@@ -93,7 +92,7 @@ def _joined(detections: Detections, pixels: Array, settings: TrackSettings) -> l
         if alive:
             shift = _shifts(pixels[[one[-1] for one in alive]], pixels[here])
             ended = []
-            for row, column in zip(*linear_sum_assignment(np.minimum(shift, 1e3)), strict=True):
+            for row, column in zip(*scipy.optimize.linear_sum_assignment(np.minimum(shift, 1e3)), strict=True):
                 if shift[row, column] > settings.reach:
                     continue
                 rivals = [*np.delete(shift[row], column), *np.delete(shift[:, column], row)]
@@ -246,16 +245,16 @@ def rotations_on(stream: ImuStream, grid: Array, smoothing: Smoothing) -> tuple[
 def rate_of(values: Array, valid: np.ndarray, smoothing: Smoothing) -> Signal:
     """The smoothed derivative of what is already on the grid; not valid within its width of what is missing."""
     sigma = smoothing.width * smoothing.rate
-    rate = gaussian_filter1d(values, sigma, axis=0, order=1, mode="nearest") * smoothing.rate
+    rate = scipy.ndimage.gaussian_filter1d(values, sigma, axis=0, order=1, mode="nearest") * smoothing.rate
     # The kernel's ends count little: what is missing within one and a half widths would be seen.
-    missing = maximum_filter1d((~valid).astype(np.uint8), 2 * round(1.5 * sigma) + 1, mode="constant")
+    missing = scipy.ndimage.maximum_filter1d((~valid).astype(np.uint8), 2 * round(1.5 * sigma) + 1, mode="constant")
     whole = missing == 0
     return Signal(np.where(whole[:, None], rate, 0.0), whole)
 
 
 def smoothed(values: Array, valid: np.ndarray, smoothing: Smoothing) -> Signal:
     """The same smoothing without derivative, for what is a rate already."""
-    values = gaussian_filter1d(values, smoothing.width * smoothing.rate, axis=0, mode="nearest")
+    values = scipy.ndimage.gaussian_filter1d(values, smoothing.width * smoothing.rate, axis=0, mode="nearest")
     return Signal(np.where(valid[:, None], values, 0.0), valid)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BSpline, make_interp_spline
+import scipy
 
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.compiled import kernels
@@ -60,9 +60,9 @@ class JointSignal:
     valid: np.ndarray
 
     @cached_property
-    def spline(self) -> BSpline:
+    def spline(self) -> "scipy.interpolate.BSpline":
         """Of the values."""
-        return make_interp_spline(self.time, self.values, k=3)
+        return scipy.interpolate.make_interp_spline(self.time, self.values, k=3)
 
     def cut(self, start: float, end: float) -> "JointSignal | None":
         """What lies between two instants, if that is long enough to tell anything."""

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+import scipy
 
 from vip_factors.body.pose_prior import JointLimits, PosePrior
 from vip_factors.body.skeleton import Skeleton, ancestors, joint_index
@@ -355,5 +355,5 @@ def _slow(accelerations: Array, frames: int) -> Array:
     """``(2, T, 3, 4)`` averaged over a few frames, whole windows only; constant parts are gravity and bias, and say
     nothing."""
     length = accelerations.shape[1]
-    smooth = uniform_filter1d(accelerations, frames, axis=1)[:, frames // 2 : length - frames // 2]
+    smooth = scipy.ndimage.uniform_filter1d(accelerations, frames, axis=1)[:, frames // 2 : length - frames // 2]
     return np.asarray(smooth - smooth.mean(axis=1, keepdims=True))

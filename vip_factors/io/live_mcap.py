@@ -7,7 +7,6 @@ import os
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from itertools import chain
 from types import TracebackType
 
 import numpy as np
@@ -19,10 +18,9 @@ from vip_factors.errors import naming_file
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding, sentences
 from vip_factors.geometry.rotations import Array
-from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import set_timestamp
-from vip_factors.io.mcap_estimate import CALIBRATION, POSE, SCENE_HEAD, SCENE_INFO, SINGLE, WEARER
-from vip_factors.io.mcap_estimate_writer import CameraWriter, WearerWriter
+from vip_factors.io.mcap_estimate import POSE, SINGLE, WEARER
+from vip_factors.io.mcap_estimate_writer import EstimateWriter
 from vip_factors.io.mcap_frames import MODEST_FRAMES, camera_pose_messages, pose_messages
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
@@ -68,23 +66,22 @@ class LiveMcapSink:
         self.path = check_target(path, overwrite)
         self.partial = check_partial(self.path, overwrite)
         self._setup, self._settings, self._overwrite = setup, dict(settings or {}), overwrite
-        prefixes = wearer_topics([one.subject.name for one in setup.wearers], SINGLE, WEARER)
-        live = wearer_topics([one.subject.name for one in setup.wearers], LIVE, LIVE_WEARER)
-        self._wearers = [
-            _Wearer(one, rate, prefix, newest, setup.start_ns)
-            for one, prefix, newest in zip(setup.wearers, prefixes, live, strict=True)
-        ]
-        self._camera = _Camera(setup.camera, setup.start_ns) if setup.camera is not None else None
+        names = [one.subject.name for one in setup.wearers]
+        self._newest = [prefix + POSE for prefix in wearer_topics(names, LIVE, LIVE_WEARER)]
+        self._wearers = [_SmoothedPoses(one, rate) for one in setup.wearers]
         self.frames = 0  # taken in so far
         self._waiting: list[LiveEstimate] = []
         self._last: LiveEstimate | None = None
         self._batch, self._chunk = max(1, round(BATCH_S * rate)), max(1, round(FLUSH_S * rate))
         self._unflushed = 0  # frames since the last flush
         self._findings: dict[str, Finding] = {}  # ordered, each once
-        self._written_info: tuple[int, int] = (0, 0)  # wearers and findings in the last SceneEstimateInfo
+        self._written_info: tuple[int, int] = (0, 0)  # wearers and findings in the last EstimateInfo of the whole
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
         self._good_bytes = 0  # up to the end of the last whole chunk
         self._writer = MessageWriter(self._file, CHUNK_BYTES)
+        prefixes = wearer_topics(names, SINGLE, WEARER)
+        self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, None, MODEST_FRAMES)
+        self._has_camera = False  # whether its poses have begun
         with self._or_cut():
             self._writer.flush()
             self._file.flush()
@@ -121,8 +118,8 @@ class LiveMcapSink:
         self._write_waiting()
         if self._unflushed and self._last is not None:
             end_ns = nanoseconds_of(self._last.time, self._setup.start_ns)
-            for wearer, answer in zip(self._wearers, self._last.wearers, strict=True):
-                self._writer.write(wearer.prefix + CALIBRATION, codecs.CALIBRATION.encode(answer.calibration), end_ns)
+            for index, answer in enumerate(self._last.wearers):
+                self._out.write_calibration(index, answer.calibration, end_ns)
         self._writer.flush()
         self._file.flush()
         self._good_bytes = self._file.tell()
@@ -161,12 +158,9 @@ class LiveMcapSink:
         """All of the file, still under its partial name; nothing is left of one without frames."""
         with self._or_cut(), self._file:
             self._flush()
-            for wearer in self._wearers:
-                wearer.close()
-            if self._camera is not None:
-                self._camera.close()
-            if any(one.begun for one in self._wearers):
-                self._write_scene_info(self._setup.start_ns)
+            self._out.finish()
+            if self._out.wearer_count:
+                self._write_info(self._setup.start_ns)
             self._writer.finish()
             self._file.flush()
             os.fsync(self._file.fileno())
@@ -177,21 +171,45 @@ class LiveMcapSink:
         estimates, self._waiting = self._waiting, []
         if not estimates:
             return
-        writer = self._writer
-        streams: list[Iterable[TimedMessage]] = [self._updates(estimates)]
-        for index, wearer in enumerate(self._wearers):
-            answers = [one.wearers[index] for one in estimates]
-            for answer in answers:
-                self._find(wearer.take(answer))
-            streams += wearer.streams(writer, estimates[0].frame, [answer.newest for answer in answers])
-        if self._camera is not None:
-            streams += self._camera.streams(writer, estimates)
-        self._find(chain.from_iterable(one.findings for one in estimates))
-        info = (sum(one.begun for one in self._wearers), len(self._findings))
+        self._writer.add_in_order(self._updates(estimates), *self._newest_poses(estimates))
+        for estimate in estimates:
+            self._add_findings(estimate.findings)
+        for index, smoothed in enumerate(self._wearers):
+            for chunk, missing in smoothed.chunks([one.wearers[index] for one in estimates]):
+                self._add_findings(missing)
+                if chunk.motion.start == smoothed.start:
+                    self._out.begin_wearer(index, chunk.frames(slice(0, 0)))
+                self._out.write_frames({index: chunk})
+        self._write_camera(estimates)
+        info = (self._out.wearer_count, len(self._findings))
         if info[0] and info != self._written_info:
-            self._write_scene_info(nanoseconds_of(estimates[0].time, self._setup.start_ns))
+            self._write_info(nanoseconds_of(estimates[0].time, self._setup.start_ns))
             self._written_info = info
-        writer.add_in_order(*streams)
+
+    def _newest_poses(self, estimates: list[LiveEstimate]) -> Iterator[Iterable[TimedMessage]]:
+        """Poses at the newest frames, which follow one another."""
+        first, start_ns = estimates[0].frame, self._setup.start_ns
+        for index, (topic, smoothed) in enumerate(zip(self._newest, self._wearers, strict=True)):
+            chunk = smoothed.estimate([one.wearers[index].newest for one in estimates], estimates[0].time)
+            yield pose_messages(self._writer, topic, chunk.motion, start_ns, chunk.covariance, first)
+        poses = [one.camera for one in estimates if one.camera is not None]
+        if poses and self._setup.camera is not None:
+            first = next(one.frame for one in estimates if one.camera is not None)
+            path = camera_estimate(self._setup.camera, poses)
+            yield camera_pose_messages(self._writer, LIVE_CAMERA, path.path, start_ns, path.covariance, first)
+
+    def _write_camera(self, estimates: list[LiveEstimate]) -> None:
+        """Smoothed poses of the camera; one that is known to stand still has a single pose."""
+        camera = self._setup.camera
+        smoothed = [one.smoothed_camera for one in estimates if one.smoothed_camera is not None]
+        if camera is None or not smoothed:
+            return
+        stands = not camera.moving and camera.known_path is not None
+        chunk = camera_estimate(camera, smoothed[:1] if stands else smoothed)
+        if not self._has_camera:
+            self._has_camera = True
+            self._out.begin_camera(chunk.start, 1 if stands else None)
+        self._out.write_frames({}, chunk)
 
     def _updates(self, estimates: list[LiveEstimate]) -> list[TimedMessage]:
         channel = self._writer.channel(LIVE_UPDATE, LiveUpdate)
@@ -207,79 +225,61 @@ class LiveMcapSink:
             messages.append((time_ns, channel, message.SerializeToString()))
         return messages
 
-    def _find(self, findings: Iterable[Finding]) -> None:
+    def _add_findings(self, findings: Iterable[Finding]) -> None:
         for finding in findings:
             if len(self._findings) < MOST_FINDINGS:
                 self._findings[str(finding)] = finding
 
-    def _write_scene_info(self, time_ns: int) -> None:
-        """Of the wearers who have poses: a reader expects those whom it names."""
-        prefixes = [one.prefix for one in self._wearers if one.begun]
-        estimate = Estimate(
-            self._setup.name, METHOD, (), findings=tuple(self._findings.values()), settings=self._settings
-        )
-        message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._setup.start_ns)
-        self._writer.write(SCENE_INFO, message, time_ns)
+    def _write_info(self, time_ns: int) -> None:
+        findings = tuple(self._findings.values())
+        estimate = Estimate(self._setup.name, METHOD, (), findings=findings, settings=self._settings)
+        self._out.write_info(estimate, time_ns)
 
 
-class _Wearer:
-    """The topics of one wearer."""
+class _SmoothedPoses:
+    """Numbers the smoothed poses of a wearer, and makes chunks of an estimate of them.
 
-    def __init__(self, wearer: Recording, rate: float, prefix: str, live: str, start_ns: int) -> None:
-        self.prefix, self._live, self._start_ns = prefix, live, start_ns
+    Frames are numbered by their times at a constant rate: where none came, numbers are left out. A pose that comes a
+    second time is left out.
+
+    Attributes:
+        start: seconds of the first pose.
+    """
+
+    def __init__(self, wearer: Recording, rate: float) -> None:
+        self.start = 0.0
         self._wearer, self._skeleton, self._rate = wearer, wearer.subject.body(), rate
-        self._waiting: list[tuple[int, list[LivePose]]] = []  # runs of smoothed poses, each with its first frame
-        self._start, self._next_frame = 0.0, 0
-        self._out: WearerWriter | None = None  # of the smoothed poses, from the first one on
+        self._next_frame = 0
 
-    @property
-    def begun(self) -> bool:
-        """Whether there are smoothed poses."""
-        return self._out is not None
+    def chunks(self, answers: Sequence[LiveWearerEstimate]) -> Iterator[tuple[WearerEstimate, list[Finding]]]:
+        """Poses a frame apart, and how many frames are missing before them."""
+        run: list[LivePose] = []
+        first, missing = self._next_frame, 0
+        for answer in answers:
+            self._skeleton = answer.skeleton or self._skeleton
+            pose = answer.smoothed
+            if pose is None:
+                continue
+            if self._next_frame == 0:
+                self.start = pose.time
+            frame = round((pose.time - self.start) * self._rate)
+            if frame > self._next_frame:
+                if run:
+                    yield self._chunk(run, first, missing)
+                run, first, missing = [], frame, frame - self._next_frame
+            if frame >= self._next_frame:
+                run.append(pose)
+                self._next_frame = frame + 1
+        if run:
+            yield self._chunk(run, first, missing)
 
-    def take(self, answer: LiveWearerEstimate) -> list[Finding]:
-        """Take in a smoothed pose, and the body believed, of which the file's motion has the last one.
+    def _chunk(self, poses: list[LivePose], first: int, missing: int) -> tuple[WearerEstimate, list[Finding]]:
+        numbers = {"frames": missing, "until": poses[0].time}
+        findings = [Finding("frames missing", self._wearer.subject.name, numbers=numbers)] if missing else []
+        return self.estimate(poses, self.start + first / self._rate), findings
 
-        Frames are numbered by their times at a constant rate: where none came, numbers are left out. A pose that comes
-        a second time is left out.
-        """
-        self._skeleton = answer.skeleton or self._skeleton
-        pose = answer.smoothed
-        if pose is None:
-            return []
-        if self._next_frame == 0:
-            self._start = pose.time
-        frame = round((pose.time - self._start) * self._rate)
-        missing = frame - self._next_frame
-        if missing < 0:
-            return []
-        if missing or not self._waiting:
-            self._waiting.append((frame, []))
-        self._waiting[-1][1].append(pose)
-        self._next_frame = frame + 1
-        numbers = {"frames": missing, "until": pose.time}
-        return [Finding("frames missing", answer.name, numbers=numbers)] if missing else []
-
-    def streams(self, writer: MessageWriter, frame: int, newest: list[LivePose]) -> list[Iterable[TimedMessage]]:
-        """What has come since the last time: smoothed poses, and the newest ones, which begin with this frame."""
-        answer = self._estimate(newest, newest[0].time)
-        streams: list[Iterable[TimedMessage]] = [
-            pose_messages(writer, self._live + POSE, answer.motion, self._start_ns, answer.covariance, frame)
-        ]
-        runs, self._waiting = self._waiting, []
-        for first, poses in runs:
-            chunk = self._estimate(poses, self._start + first / self._rate)
-            if self._out is None:
-                self._out = WearerWriter(writer, chunk, 0, self.prefix, self._start_ns, None, MODEST_FRAMES)
-            streams += self._out.streams(chunk)
-        return streams
-
-    def close(self) -> None:
-        """Write how many frames there are."""
-        if self._out is not None:
-            self._out.write_motion(self._estimate([], self._start).motion, self._next_frame)
-
-    def _estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
+    def estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
+        """An estimate of poses a frame apart, the first of them at ``start`` seconds."""
         name, sensors = self._wearer.subject.name, tuple(site.sensor for site in self._wearer.placement.sites)
         R = np.array([one.R_parent_child for one in poses], float).reshape(-1, JOINT_COUNT, 3, 3)
         p = np.array([one.p_world_pelvis for one in poses], float).reshape(-1, 3)
@@ -289,45 +289,12 @@ class _Wearer:
         return WearerEstimate(name, METHOD, motion, {}, covariance, sensors=sensors)
 
 
-class _Camera:
-    """The topics of the first camera."""
-
-    def __init__(self, camera: Camera, start_ns: int) -> None:
-        self._camera, self._start_ns = camera, start_ns
-        self._poses = 1 if not camera.moving and camera.known_path is not None else None  # a known one says all
-        self._out: CameraWriter | None = None  # of the smoothed poses, from the first one on
-        self._head: CameraEstimate | None = None
-
-    def streams(self, writer: MessageWriter, estimates: list[LiveEstimate]) -> list[Iterable[TimedMessage]]:
-        """What has come since the last time."""
-        streams: list[Iterable[TimedMessage]] = []
-        newest = [one.camera for one in estimates if one.camera is not None]
-        if newest:
-            answer = self._estimate(newest)
-            first = next(one.frame for one in estimates if one.camera is not None)
-            streams.append(
-                camera_pose_messages(writer, LIVE_CAMERA, answer.path, self._start_ns, answer.covariance, first)
-            )
-        smoothed = [one.smoothed_camera for one in estimates if one.smoothed_camera is not None]
-        if smoothed:
-            chunk = self._estimate(smoothed[: self._poses])
-            if self._out is None:
-                self._head = chunk.start
-                self._out = CameraWriter(writer, self._head, self._poses, 0, self._start_ns)
-            streams += self._out.streams(chunk, chunk.path.time)
-        return streams
-
-    def close(self) -> None:
-        """Write how many poses there are."""
-        if self._out is not None and self._head is not None:
-            self._out.write_info(self._head, self._start_ns)
-
-    def _estimate(self, poses: Sequence[LiveCameraPose]) -> CameraEstimate:
-        time = np.array([one.time for one in poses])
-        R = np.array([one.R_world_camera for one in poses])
-        path = CameraPath(time, R, np.array([one.p_world_camera for one in poses]))
-        covariance = _if_all(poses, "covariance")
-        return CameraEstimate(self._camera.name, self._camera.model, path, covariance=covariance)
+def camera_estimate(camera: Camera, poses: Sequence[LiveCameraPose]) -> CameraEstimate:
+    """The estimate of a camera at some poses."""
+    time = np.array([one.time for one in poses])
+    R = np.array([one.R_world_camera for one in poses])
+    path = CameraPath(time, R, np.array([one.p_world_camera for one in poses]))
+    return CameraEstimate(camera.name, camera.model, path, covariance=_if_all(poses, "covariance"))
 
 
 def _if_all(poses: Sequence[LivePose | LiveCameraPose], name: str) -> Array | None:

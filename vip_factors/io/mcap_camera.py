@@ -16,7 +16,7 @@ from vip_factors.io.codec import NS_PER_S, DataclassCodec, set_timestamp, time_n
 from vip_factors.io.mcap_messages import Topics, warn
 from vip_factors.io.mcap_samples import DetectionTruth, detection_messages, detections_of, read_streams, sample_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
-from vip_factors.io.schemas.camera_info_pb2 import CameraInfo, CameraTruth
+from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera_model import CameraModel
@@ -99,7 +99,7 @@ MOUNT = DataclassCodec(
 """A sensor on a camera by its name; in memory it has its samples."""
 HEAD = DataclassCodec(CameraInfo, Camera, {"time_offset_s": "time_offset", "mount": "mounting", "video": "images"})
 """Everything but intrinsics, detections, samples and images."""
-TRUTH = DataclassCodec(CameraTruth, SceneTruth, {"time_offset_s": "time_offset"})
+TRUTH = DataclassCodec(CameraInfo, SceneTruth, {"time_offset_s": "time_offset"})
 
 
 def camera_info_message(camera: Camera, **given: Any) -> CameraInfo:
@@ -194,7 +194,7 @@ def camera_messages(
     if camera.mount is not None:
         streams.append(sample_messages(writer, topics("imu"), camera.mount.imu, start_ns))
     if truth is not None:
-        head = TRUTH.encode(truth, poses=len(truth.camera), has_pixels=truth.pixels is not None)
+        head = TRUTH.encode(truth, known_poses=len(truth.camera), has_true_pixels=truth.pixels is not None)
         writer.write(topics.truth("info"), head, start_ns)
         if truth.camera_calibration is not None:
             one = codecs.CALIBRATION.encode({camera.name: truth.camera_calibration})
@@ -248,15 +248,15 @@ def camera_truth_of(
     """What a file knows of a camera and of who is who before it; None if it does not, or too little is left."""
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
-    info = topics.last(own.truth("info"), CameraTruth)
+    info = topics.last(own.truth("info"), CameraInfo)
     if info is None or wearers is None:
         return None
     poses = path_of(topics.all(own.truth("pose"), PoseInFrame), start_ns)
     if poses is None:
         warn(topics.path, f"no pose is left on {own.truth('pose')}: the truth of the camera is left out")
         return None
-    if len(poses) < info.poses:
-        warn(topics.path, f"{len(poses)} of {info.poses} true poses of the camera are left")
+    if len(poses) < info.known_poses:
+        warn(topics.path, f"{len(poses)} of {info.known_poses} true poses of the camera are left")
     calibration = topics.object(own.truth("calibration"), codecs.CALIBRATION) or {}
-    pixels = wearers.pixels if info.has_pixels else None
+    pixels = wearers.pixels if info.has_true_pixels else None
     return SceneTruth(poses, wearers.wearer, pixels, next(iter(calibration.values()), None), **TRUTH.values(info))

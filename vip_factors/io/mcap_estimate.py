@@ -10,7 +10,7 @@ from itertools import starmap, zip_longest
 from typing import Any
 
 from vip_factors.errors import FileFormatError
-from vip_factors.estimate import CameraEstimate, Estimate, StartChoice, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.findings import TEXT, bare, sentences
 from vip_factors.io import mcap_messages as codecs
 from vip_factors.io.codec import DataclassCodec, time_ns_of
@@ -25,39 +25,34 @@ from vip_factors.io.mcap_frames import (
 from vip_factors.io.mcap_index import read_few
 from vip_factors.io.mcap_messages import Topics, is_ours, naming, warn
 from vip_factors.io.mcap_reader import McapChannel, McapContents, read_contents
-from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
-from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
-from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
-from vip_factors.io.schemas.estimate_info_pb2 import StartChoice as StartChoiceMessage
-from vip_factors.io.schemas.residuals_pb2 import Residuals
-from vip_factors.io.schemas.scene_estimate_pb2 import SceneEstimateInfo
+from vip_factors.io.schemas.body_pose_pb2 import BodyPose
+from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose
+from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo, Residuals
 
 ESTIMATE = "/estimate/"
 SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
 WEARER = "/estimate/wearer/"  # and if there are several; a name follows
 # Below each wearer's prefix.
-INFO, CALIBRATION, REPORT, MOTION, POSE = "/info", "/calibration", "/report", "/motion", "/pose"
-BODY, SENSOR_PLACES, RESIDUALS = "/body", "/sensor_places", "/residuals"
-TRANSFORMS, SCENE, POINTS = "/tf", "/skeleton", "/points"
+INFO, CALIBRATION, REPORT, POSE, RESIDUALS = "/info", "/calibration", "/report", "/pose", "/residuals"
+TRANSFORMS = "/tf"  # for viewers; never read back
 # Of the whole.
-SCENE_INFO, SCENE_REPORT, DETECTOR = "/estimate/scene/info", "/estimate/scene/report", "/estimate/detector"
+SCENE_INFO, SCENE_REPORT = "/estimate/scene/info", "/estimate/scene/report"
 CAMERA_INFO, INTRINSICS = "/estimate/camera/info", "/estimate/camera/intrinsics"
 CAMERA_CALIBRATION, CAMERA_RESIDUALS = "/estimate/camera/calibration", "/estimate/camera/residuals"
 CAMERA_POSE = "/estimate/camera/pose"
 CAMERA_PATH = "/estimate/camera/path"  # the same for viewers; never read back
 RECORDING_INFO = "/recording/info"
 
-START_CHOICE = DataclassCodec(StartChoiceMessage, StartChoice)
 HEAD = DataclassCodec(
     EstimateInfo,
     WearerEstimate,
-    {"start": "start_ns", "start_choice": "start"},
+    {"start": "start_ns", "start_choice": "start", "motion": "motion_info"},
     more=lambda estimate: {"residual_kinds": list(estimate.residuals)} | _findings(estimate),
     mend=lambda message, read: read | _findings_of(message),
 )
-"""What an estimate of a wearer is; the absolute time of its t = 0 is given."""
+"""An estimate of a wearer without its frames; the absolute time of its t = 0 and the motion's message are given."""
 SCENE_HEAD = DataclassCodec(
-    SceneEstimateInfo,
+    EstimateInfo,
     Estimate,
     {"start": "start_ns"},
     more=lambda estimate: _findings(estimate),
@@ -78,8 +73,7 @@ def _findings(estimate: WearerEstimate | Estimate) -> dict[str, Any]:
     return {"findings": sentences(estimate.findings), "finding_kinds": [one.kind for one in estimate.findings]}
 
 
-def _findings_of(message: EstimateInfo | SceneEstimateInfo) -> dict[str, Any]:
-    """Older files have no kinds."""
+def _findings_of(message: EstimateInfo) -> dict[str, Any]:
     kinds = message.finding_kinds[: len(message.findings)]
     return {"findings": tuple(starmap(bare, zip_longest(message.findings, kinds, fillvalue=TEXT)))}
 
@@ -91,7 +85,7 @@ def _clock(message: CameraEstimateInfo) -> dict[str, Any]:
 
 def is_read(channel: McapChannel) -> bool:
     """Whether a channel is of an estimate, and not for viewers alone."""
-    shown = channel.topic.endswith((TRANSFORMS, SCENE, POINTS, CAMERA_PATH))
+    shown = channel.topic.endswith((TRANSFORMS, CAMERA_PATH))
     return channel.topic.startswith(ESTIMATE) and not shown
 
 
@@ -107,7 +101,7 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
     """
     contents = read_contents(path, is_read)
     topics = Topics(contents)
-    info = topics.last(SCENE_INFO, SceneEstimateInfo)
+    info = topics.last(SCENE_INFO, EstimateInfo)
     with naming(contents.path):
         if info is None:
             return Estimate.of_one(_wearer_of(contents))
@@ -115,7 +109,6 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
             wearers=tuple(_wearer_of(contents, one) for one in info.wearer_topics),
             camera=_camera(topics),
             reports=topics.objects(SCENE_REPORT, codecs.REPORT),
-            detector=topics.object(DETECTOR, codecs.DETECTOR),
             **SCENE_HEAD.values(info),
         )
 
@@ -132,8 +125,8 @@ def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
         warnings.simplefilter("ignore")
         head = read_estimate(contents)
     topics = Topics(contents)
-    infos = [one for topic in contents.topics if topic.endswith(MOTION) for one in topics.all(topic, MotionInfo)]
-    return head, sum(one.frames for one in infos)
+    infos = [topics.last(topic, EstimateInfo) for topic in contents.topics if topic.endswith(INFO)]
+    return head, sum(one.motion.frames for one in infos if one is not None)
 
 
 def read_start(path: str | os.PathLike[str]) -> int:
@@ -151,8 +144,8 @@ def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
         FileFormatError: if it is not there.
     """
     path, topics = contents.path, Topics(contents, prefix)
-    info, motion_info = topics.last(INFO, EstimateInfo), topics.last(MOTION, MotionInfo)
-    if info is None or motion_info is None:
+    info = topics.last(INFO, EstimateInfo)
+    if info is None or not info.HasField("motion"):
         if any(topic.endswith(RECORDING_INFO) for topic in contents.topics):
             raise FileFormatError(
                 f"{path} is a recording: expected an estimate, which vip-factors smooth makes of a recording"
@@ -160,18 +153,15 @@ def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
         found = ", ".join(contents.topics) or "none"
         damage = f" ({contents.damage[0]})" if contents.damage else ""
         raise FileFormatError(
-            f"{path}: expected an estimate, with topics {prefix + INFO} and {prefix + MOTION}; "
-            f"found topics {found}{damage}"
+            f"{path}: expected an estimate, with a motion on topic {prefix + INFO}; found topics {found}{damage}"
         )
-    motion, covariance = motion_of(path, motion_info, topics.all(POSE, BodyPose))
+    motion, covariance = motion_of(path, info.motion, topics.all(POSE, BodyPose))
     return WearerEstimate(
         motion=motion,
         covariance=covariance,
         calibration=topics.object(CALIBRATION, codecs.CALIBRATION) or {},
-        residuals=residuals_of(info, topics.all(RESIDUALS, Residuals), len(motion)),
+        residuals=residuals_of(info.residual_kinds, len(info.sensors), topics.all(RESIDUALS, Residuals), len(motion)),
         reports=topics.objects(REPORT, codecs.REPORT),
-        body=topics.object(BODY, codecs.BODY),
-        sensor_places=topics.object(SENSOR_PLACES, codecs.SENSOR_PLACES) or (),
         **HEAD.values(info),
     )
 
@@ -195,6 +185,6 @@ def _camera(topics: Topics) -> CameraEstimate | None:
         path=camera_path_of(poses),
         calibration=next(iter(calibration.values()), None),
         covariance=camera_covariance_of(poses),
-        residual_px=camera_residuals_of(path, info, topics.all(CAMERA_RESIDUALS, CameraResiduals)),
+        residual_px=camera_residuals_of(path, info, topics.all(CAMERA_RESIDUALS, Residuals)),
         **CAMERA_HEAD.values(info),
     )

@@ -1,11 +1,11 @@
-"""An estimate written into an MCAP file chunk by chunk; a whole one is a single chunk.
+"""An estimate written into an MCAP file chunk by chunk: one in memory is a single chunk, a stream is many small ones.
 
 What is known of the whole at its end alone (who is who, findings, headings over time) is written then, once more on the
 topics that had it at the beginning: a reader takes the last of each.
 """
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, SolveReport, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_estimate as on
@@ -25,14 +24,12 @@ from vip_factors.io.codec import NS_PER_S, time_ns_of
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import CAMERA_HEAD, HEAD, SCENE_HEAD
 from vip_factors.io.mcap_frames import (
+    REPROJECTION,
     camera_pose_messages,
-    camera_residual_messages,
-    point_messages,
     pose_messages,
     residual_messages,
     scene_wanted,
     shown_step,
-    skeleton_scene,
     transform_messages,
 )
 from vip_factors.io.mcap_messages import Topics
@@ -40,6 +37,7 @@ from vip_factors.io.mcap_reader import McapContents, read_contents
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_writer import CHUNK_BYTES, MessageWriter, TimedMessage
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
+from vip_factors.sensors.calibration import Calibration
 
 LONG_CHUNK_BYTES = 1 << 20  # of estimates in chunks of their own: the index in memory has an entry for each
 
@@ -77,39 +75,28 @@ def write_estimate(
         for one in estimate.wearers:
             _check_residuals(one)
         estimate, chunk_bytes = EstimateChunks.of(estimate), CHUNK_BYTES
-    head = estimate.head
-    prefixes = _wearer_prefixes(head)
+    head, frames = estimate.head, estimate.frames
     with _estimate_file(path, overwrite, append_to, start_ns, chunk_bytes) as (writer, start_ns):
-        if not head.is_plain:
-            writer.write(on.SCENE_INFO, SCENE_HEAD.encode(head, wearer_topics=prefixes, start_ns=start_ns), start_ns)
-        for report in head.reports:
-            writer.write(on.SCENE_REPORT, codecs.REPORT.encode(report), start_ns)
-        if head.detector is not None:
-            writer.write(on.DETECTOR, codecs.DETECTOR.encode(head.detector), start_ns)
-        camera = None
+        out = EstimateWriter(writer, _wearer_prefixes(head), start_ns, scene)
+        for index, (wearer, count) in enumerate(zip(head.wearers, frames, strict=True)):
+            out.begin_wearer(index, wearer, count)
         if head.camera is not None:
-            frames = estimate.frames[0] if errors is None else len(errors)
-            camera = CameraWriter(writer, head.camera, estimate.camera_poses, frames, start_ns)
-        wearers = [
-            WearerWriter(writer, one, frames, prefix, start_ns, scene)
-            for one, frames, prefix in zip(head.wearers, estimate.frames, prefixes, strict=True)
-        ]
+            out.begin_camera(head.camera, estimate.camera_poses, frames[0] if errors is None else len(errors))
+        if not head.is_plain:
+            out.write_info(head, start_ns)
+        out.write_reports(head.reports, 0.0)
         writer.flush()
-        end_ns = start_ns
+        end = 0.0
         for chunk in estimate.chunks:
             time = chunk.wearers[0].motion.time
-            for report in chunk.reports:
-                writer.write(on.SCENE_REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * time[0]))
-            streams = [one for own, wearer in zip(wearers, chunk.wearers, strict=True) for one in own.streams(wearer)]
-            if camera is not None and chunk.camera is not None:
-                streams += camera.streams(chunk.camera, time)
-            writer.add_in_order(*streams)
-            end_ns = start_ns + int(NS_PER_S * time[-1]) if len(time) else end_ns
+            out.write_reports(chunk.reports, float(time[0]) if len(time) else end)
+            out.write_frames(dict(enumerate(chunk.wearers)), chunk.camera)
+            end = float(time[-1]) if len(time) else end
         if estimate.closed is not None:
             closed = estimate.closed()
-            writer.write(on.SCENE_INFO, SCENE_HEAD.encode(closed, wearer_topics=prefixes, start_ns=start_ns), end_ns)
-            for one, prefix in zip(closed.wearers, prefixes, strict=True):
-                writer.write(prefix + on.CALIBRATION, codecs.CALIBRATION.encode(one.calibration), end_ns)
+            out.write_info(closed, start_ns + int(NS_PER_S * end))
+            for index, wearer in enumerate(closed.wearers):
+                out.write_calibration(index, wearer.calibration, start_ns + int(NS_PER_S * end))
 
 
 @contextmanager
@@ -165,54 +152,124 @@ def _wearer_prefixes(estimate: Estimate) -> list[str]:
     return wearer_topics(names, on.SINGLE, on.WEARER)
 
 
-class WearerWriter:
-    """One wearer's topics; what comes once is written at the start.
+class EstimateWriter:
+    """Writes an estimate into an open file: what is known of the whole, and frames in chunks of any size.
 
     Args:
         writer: of the file.
-        head: of the wearer, without frames.
-        frames: how many there will be; 0 of a stream, where nobody knows yet.
-        prefix: what the topics begin with.
+        prefixes: what the topics of each wearer begin with.
         start_ns: absolute time of t = 0.
-        scene: as of :func:`write_estimate`.
-        shown_frames: how many of them viewers get to see.
+        scene: whether viewers get the transforms of all joints; None: if they are few.
+        shown_frames: how many frames of a wearer viewers get.
     """
 
     def __init__(
         self,
         writer: MessageWriter,
-        head: WearerEstimate,
-        frames: int,
-        prefix: str,
+        prefixes: Sequence[str],
         start_ns: int,
-        scene: bool | None,
+        scene: bool | None = None,
         shown_frames: float = inf,
     ) -> None:
-        self._writer, self._prefix, self._start_ns, self._start_s = writer, prefix, start_ns, head.motion.start
-        writer.write(prefix + on.INFO, HEAD.encode(head, start_ns=start_ns), start_ns)
-        self.write_motion(head.motion, frames)
+        self._writer, self._prefixes, self._start_ns = writer, prefixes, start_ns
+        self._scene, self._shown_frames = scene, shown_frames
+        self._wearers: dict[int, _WearerTopics] = {}
+        self._camera: _CameraTopics | None = None
+
+    @property
+    def wearer_count(self) -> int:
+        """Number of wearers that have begun."""
+        return len(self._wearers)
+
+    def begin_wearer(self, index: int, head: WearerEstimate, frames: int = 0) -> None:
+        """Write what the frames of a wearer share.
+
+        Args:
+            index: of the wearer.
+            head: without frames.
+            frames: how many there will be; 0 of a stream, where nobody knows yet.
+        """
+        prefix = self._prefixes[index]
+        shown_frames = self._shown_frames if scene_wanted(self._scene, head.motion, frames) else 0
+        self._wearers[index] = _WearerTopics(self._writer, prefix, self._start_ns, head, frames, shown_frames)
         if frames:  # a stream writes its calibration as it goes
-            writer.write(prefix + on.CALIBRATION, codecs.CALIBRATION.encode(head.calibration), start_ns)
-        if head.body is not None:
-            writer.write(prefix + on.BODY, codecs.BODY.encode(head.body), start_ns)
-        if head.sensor_places:
-            writer.write(prefix + on.SENSOR_PLACES, codecs.SENSOR_PLACES.encode(head.sensor_places), start_ns)
-        for report in head.reports:
-            writer.write(prefix + on.REPORT, codecs.REPORT.encode(report), start_ns)
+            self.write_calibration(index, head.calibration, self._start_ns)
+
+    def begin_camera(self, head: CameraEstimate, poses: int | None = None, residual_frames: int = 0) -> None:
+        """Write what the poses of the camera share.
+
+        Args:
+            head: of the camera.
+            poses: how many there will be; None if nobody knows yet.
+            residual_frames: how many residuals there will be, if any.
+        """
+        self._camera = _CameraTopics(self._writer, self._start_ns, head, poses, residual_frames)
+
+    def write_info(self, estimate: Estimate, time_ns: int) -> None:
+        """Write what is known of the whole, of the wearers who have begun."""
+        prefixes = [self._prefixes[index] for index in sorted(self._wearers)]
+        message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._start_ns)
+        self._writer.write(on.SCENE_INFO, message, time_ns)
+
+    def write_reports(self, reports: Iterable[SolveReport], seconds: float) -> None:
+        """Write how solves over all wearers went."""
+        for report in reports:
+            time_ns = self._start_ns + int(NS_PER_S * seconds)
+            self._writer.write(on.SCENE_REPORT, codecs.REPORT.encode(report), time_ns)
+
+    def write_calibration(self, index: int, calibration: Calibration, time_ns: int) -> None:
+        """Write the headings and mountings of a wearer's sensors."""
+        self._writer.write(self._prefixes[index] + on.CALIBRATION, codecs.CALIBRATION.encode(calibration), time_ns)
+
+    def write_frames(self, wearers: Mapping[int, WearerEstimate], camera: CameraEstimate | None = None) -> None:
+        """Write the next frames of wearers, by their indices, and of the camera."""
+        streams = [stream for index, chunk in wearers.items() for stream in self._wearers[index].streams(chunk)]
+        if self._camera is not None and camera is not None:
+            times = [chunk.motion.time for chunk in wearers.values()]
+            streams += self._camera.streams(camera, times[0] if times else camera.path.time)
+        self._writer.add_in_order(*streams)
+
+    def finish(self) -> None:
+        """Write how many frames and poses there are, of a stream."""
+        for wearer in self._wearers.values():
+            wearer.write_info(wearer.next_frame)
+        if self._camera is not None:
+            self._camera.write_info()
+
+
+class _WearerTopics:
+    """One wearer's topics; what comes once is written at the start."""
+
+    def __init__(
+        self,
+        writer: MessageWriter,
+        prefix: str,
+        start_ns: int,
+        head: WearerEstimate,
+        frames: int,
+        shown_frames: float,
+    ) -> None:
+        self._writer, self._prefix, self._start_ns = writer, prefix, start_ns
+        self._head, self._shown_frames, self.next_frame = head, shown_frames, 0
         # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
         self._name = head.motion.name if prefix == on.SINGLE else prefix.rpartition("/")[2]
-        self._shown_frames = shown_frames if scene_wanted(scene, head.motion, frames) else 0
-        if self._shown_frames:
-            writer.write(prefix + on.SCENE, skeleton_scene(replace(head.motion, name=self._name)), start_ns)
+        self.write_info(frames)
+        for report in head.reports:
+            writer.write(prefix + on.REPORT, codecs.REPORT.encode(report), start_ns)
 
-    def write_motion(self, motion: Motion, frames: int) -> None:
-        """What all frames share; of what comes several times the last one counts."""
-        self._writer.write(self._prefix + on.MOTION, codecs.MOTION.encode(motion, frames=frames), self._start_ns)
+    def write_info(self, frames: int) -> None:
+        """Write what all frames share, and how many there are."""
+        motion = codecs.MOTION.encode(self._head.motion, frames=frames)
+        info = HEAD.encode(self._head, start_ns=self._start_ns, motion_info=motion)
+        self._writer.write(self._prefix + on.INFO, info, self._start_ns)
 
     def streams(self, chunk: WearerEstimate) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, which are numbered by the chunk's start."""
         writer, prefix, start_ns, motion = self._writer, self._prefix, self._start_ns, chunk.motion
-        first = round((motion.start - self._start_s) * motion.rate)
+        start = self._head.motion.start
+        first = round((motion.start - start) * motion.rate)
+        self.next_frame = first + len(motion)
+        self._head = replace(self._head, motion=replace(motion.frames(slice(0, 0)), start=start))
         for report in chunk.reports:
             writer.write(prefix + on.REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
         yield pose_messages(writer, prefix + on.POSE, motion, start_ns, chunk.covariance, first)
@@ -221,52 +278,44 @@ class WearerWriter:
         if first < self._shown_frames:
             shown = replace(motion.frames(slice(-first % shown_step(motion), None)), name=self._name)
             yield transform_messages(writer, prefix + on.TRANSFORMS, shown, start_ns)
-            yield point_messages(writer, prefix + on.POINTS, shown, start_ns)
 
 
-class CameraWriter:
-    """The camera's topics; what comes once is written at the start.
-
-    Args:
-        writer: of the file.
-        head: of the camera.
-        poses: how many there will be; None if nobody knows yet.
-        frames: how many residuals there will be, if any.
-        start_ns: absolute time of t = 0.
-    """
+class _CameraTopics:
+    """The camera's topics; what comes once is written at the start."""
 
     def __init__(
-        self, writer: MessageWriter, head: CameraEstimate, poses: int | None, frames: int, start_ns: int
+        self, writer: MessageWriter, start_ns: int, head: CameraEstimate, poses: int | None, residual_frames: int
     ) -> None:
-        self._writer, self._poses, self._frames, self._start_ns = writer, poses, frames, start_ns
-        self._written, self._residuals = 0, 0
-        self.write_info(head, start_ns)
+        self._writer, self._start_ns, self._head = writer, start_ns, head
+        self._poses, self._residual_frames = poses, residual_frames
+        self._next_pose, self._next_residual = 0, 0
+        self.write_info()
         writer.write(on.INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
         if head.calibration is not None:
-            calibration = {head.name: head.calibration}
-            writer.write(on.CAMERA_CALIBRATION, codecs.CALIBRATION.encode(calibration), start_ns)
+            calibration = codecs.CALIBRATION.encode({head.name: head.calibration})
+            writer.write(on.CAMERA_CALIBRATION, calibration, start_ns)
 
-    def write_info(self, camera: CameraEstimate, time_ns: int) -> None:
-        """What the camera is, how many poses there will be or are, and residuals of how many frames."""
-        residual = camera.residual_px
+    def write_info(self) -> None:
+        """Write what the camera is, how many poses there will be or are, and residuals of how many frames."""
+        residual = self._head.residual_px
         info = CAMERA_HEAD.encode(
-            camera,
-            poses=self._written if self._poses is None else self._poses,
+            self._head,
+            poses=self._next_pose if self._poses is None else self._poses,
             has_residuals=residual is not None,
             wearers=None if residual is None else residual.shape[1],
-            residual_frames=None if residual is None else self._frames,
+            residual_frames=None if residual is None else self._residual_frames,
         )
-        self._writer.write(on.CAMERA_INFO, info, time_ns)
+        self._writer.write(on.CAMERA_INFO, info, self._start_ns)
 
     def streams(self, chunk: CameraEstimate, motion_time: Array) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, at ``motion_time`` ``(T,)``; one pose of a camera that stands still."""
         writer, path, residual = self._writer, chunk.path, chunk.residual_px
-        if self._poses is None or self._written < self._poses:
-            yield camera_pose_messages(writer, on.CAMERA_POSE, path, self._start_ns, chunk.covariance, self._written)
+        if self._poses is None or self._next_pose < self._poses:
+            yield camera_pose_messages(writer, on.CAMERA_POSE, path, self._start_ns, chunk.covariance, self._next_pose)
             yield path_messages(writer, on.CAMERA_PATH, path, self._start_ns)
-            self._written += len(path)
+            self._next_pose += len(path)
         if residual is not None:
             time = next((one for one in (path.time, motion_time) if len(one) == len(residual)), motion_time[:1])
-            time = np.resize(time, len(residual))
-            yield camera_residual_messages(writer, on.CAMERA_RESIDUALS, time, residual, self._start_ns, self._residuals)
-            self._residuals += len(residual)
+            time, kinds = np.resize(time, len(residual)), {REPROJECTION: residual}
+            yield residual_messages(writer, on.CAMERA_RESIDUALS, time, kinds, self._start_ns, self._next_residual)
+            self._next_residual += len(residual)

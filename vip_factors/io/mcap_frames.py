@@ -1,13 +1,9 @@
 """What an estimate or a truth has of every frame, to and from messages, quickly: poses, residuals.
 
-A motion is there as Foxglove's own messages too, so that viewers of MCAP files show a moving skeleton; these are never
-read back.
-
-The transforms of all joints move frame by frame; the bones are lines fixed to them, sent once. Rerun does not draw
-such lines (0.41), so points along the bones are written for it as well.
+A motion is there as Foxglove's transforms of all joints too, which viewers of MCAP files show and nobody reads back.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Skeleton
+from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import PoseCovariance
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
@@ -24,22 +20,18 @@ from vip_factors.io.codec import NS_PER_S, set_timestamp, vector_message
 from vip_factors.io.mcap_messages import MOTION, warn
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
-from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose, CameraResiduals
-from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo
-from vip_factors.io.schemas.residuals_pb2 import Residuals
+from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose
+from vip_factors.io.schemas.estimate_info_pb2 import Residuals
 from vip_factors.sensors.camera_path import CameraPath
 
 if TYPE_CHECKING:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 
 WORLD = "world"
-FLOAT32_BYTES = 4
 SHOWN_HZ = 30.0  # enough for the eye; every shown frame takes about 2 kB compressed
 MODEST_FRAMES = 20_000  # eleven minutes of shown frames, some 40 MB: beyond it only on request
-POINTS_PER_BONE = 3
-BONE_THICKNESS_M = 0.025
-BONE_COLOUR = (0.95, 0.55, 0.15, 1.0)  # an orange that shows on Foxglove's dark and light grounds
 MOST_HELD = 120_000  # frames without a pose, an hour at 30 Hz: their poses and covariances take 0.4 GB of memory
+REPROJECTION = "reprojection_px"  # the kind of a camera's residuals
 MOST_RESIDUALS = 20_000_000  # nine hours at 60 Hz, of ten wearers
 
 
@@ -157,23 +149,19 @@ def camera_poses(
         yield message
 
 
-def camera_residual_messages(
-    writer: MessageWriter, topic: str, time: Array, residual: Array, start_ns: int, first: int = 0
-) -> Iterator[TimedMessage]:
-    """Reprojection errors ``(T, wearers)`` of frames at ``time`` ``(T,)``, numbered from ``first`` on."""
-    messages = (CameraResiduals(frame=frame, pixels=pixels) for frame, pixels in enumerate(residual, first))
-    return writer.stamped(topic, CameraResiduals, nanoseconds(time, start_ns), messages)
+def residuals_of(kinds: Iterable[str], columns: int, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:
+    """Residuals ``(frames, columns)`` by kind; NaN where a frame's message is lost.
 
-
-def residuals_of(info: EstimateInfo, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:
-    """By kind ``(frames, sensors)``; NaN where a frame's message is lost."""
-    residuals = {kind: np.full((frames, len(info.sensors)), np.nan) for kind in info.residual_kinds}
+    Raises:
+        FileFormatError: for other kinds or another number of columns.
+    """
+    residuals = {kind: np.full((frames, columns), np.nan) for kind in kinds}
     for message in messages:
         for kind in message.kinds:
-            if kind.name not in residuals or len(kind.values) != len(info.sensors):
+            if kind.name not in residuals or len(kind.values) != columns:
                 raise FileFormatError(
-                    f"frame {message.frame} has {len(kind.values)} residuals '{kind.name}': expected "
-                    f"{len(info.sensors)}, of {', '.join(residuals) or 'no kind'}"
+                    f"frame {message.frame} has {len(kind.values)} residuals '{kind.name}': expected {columns}, of "
+                    f"{', '.join(residuals) or 'no kind'}"
                 )
             if message.frame < frames:
                 residuals[kind.name][message.frame] = kind.values
@@ -198,7 +186,7 @@ def camera_covariance_of(poses: Sequence[CameraPose]) -> Array | None:
     return np.array([one.covariance for one in poses]).reshape(-1, 6, 6)
 
 
-def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence[CameraResiduals]) -> Array | None:
+def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence[Residuals]) -> Array | None:
     """``(T, wearers)``; NaN where a frame's message is lost."""
     if not info.has_residuals:
         return None
@@ -207,27 +195,19 @@ def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence
             f"{path}: tells of reprojection errors in {info.residual_frames} frames of {info.wearers} wearers: "
             f"expected {MOST_RESIDUALS:,} at most; the file is damaged, copy it again"
         )
-    residual = np.full((info.residual_frames, info.wearers), np.nan)
-    for message in messages:
-        if len(message.pixels) != info.wearers or message.frame >= len(residual):
-            raise FileFormatError(
-                f"{path}: frame {message.frame} has {len(message.pixels)} reprojection errors: expected "
-                f"{info.wearers}, in frames 0 to {len(residual) - 1}"
-            )
-        residual[message.frame] = message.pixels
-    return residual
+    return residuals_of((REPROJECTION,), info.wearers, messages, info.residual_frames)[REPROJECTION]
 
 
 def scene_wanted(scene: bool | None, motion: Motion, frames: int | None = None) -> bool:
-    """Whether to write the scene: as asked, or else if it is small and Foxglove's messages are installed.
+    """Whether to write transforms: as asked, or else if they are few and Foxglove's messages are installed.
 
     Args:
-        scene: whether it is asked for; None if nobody said.
+        scene: whether they are asked for; None if nobody said.
         motion: that is to be shown.
         frames: that there will be; those of the motion if None.
 
     Raises:
-        InputError: if it is asked for and they are not.
+        InputError: if they are asked for and these are not.
     """
     if scene is False or (
         scene is None and (len(motion) if frames is None else frames) / shown_step(motion) > MODEST_FRAMES
@@ -239,25 +219,9 @@ def scene_wanted(scene: bool | None, motion: Motion, frames: int | None = None) 
         if scene is None:
             return False
         raise InputError(
-            "a scene for viewers needs Foxglove's messages: pip install foxglove-schemas-protobuf"
+            "transforms for viewers need Foxglove's messages: pip install foxglove-schemas-protobuf"
         ) from error
     return True
-
-
-def skeleton_scene(motion: Motion) -> Any:
-    """A ``foxglove.SceneUpdate`` with a line for every bone and landmark, each fixed to its joint's frame."""
-    from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
-    from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-
-    scene = SceneUpdate()
-    for name, bone, p_bone_end in _bone_ends(motion.skeleton):
-        entity = scene.entities.add(id=f"{motion.name}/to_{name}", frame_id=_frame(motion, bone), frame_locked=True)
-        line = entity.lines.add(type=LinePrimitive.LINE_LIST, thickness=BONE_THICKNESS_M, scale_invariant=False)
-        line.pose.orientation.w = 1.0
-        line.color.r, line.color.g, line.color.b, line.color.a = BONE_COLOUR
-        line.points.add()
-        _set(line.points.add(), p_bone_end)
-    return scene
 
 
 def transform_messages(writer: MessageWriter, topic: str, motion: Motion, start_ns: int) -> Iterator[TimedMessage]:
@@ -278,43 +242,6 @@ def transform_messages(writer: MessageWriter, topic: str, motion: Motion, start_
         _set(message.transforms[0].translation, root)
         _set_rotations(message, rotations, time_ns)
         yield time_ns, channel, message.SerializeToString()
-
-
-def point_messages(writer: MessageWriter, topic: str, motion: Motion, start_ns: int) -> Iterator[TimedMessage]:
-    """``foxglove.PointCloud`` of points along all bones, serialised, in the order of time, thinned likewise."""
-    from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
-    from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
-
-    message = PointCloud(frame_id=WORLD, point_stride=3 * FLOAT32_BYTES)
-    message.pose.orientation.w = 1.0
-    for axis, name in enumerate("xyz"):
-        message.fields.add(name=name, offset=axis * FLOAT32_BYTES, type=PackedElementField.FLOAT32)
-    shown = motion.frames(slice(None, None, shown_step(motion)))
-
-    def messages() -> Iterator[PointCloud]:
-        for points in _points(shown):
-            message.data = points.astype("<f4").tobytes()
-            yield message
-
-    return writer.stamped(topic, PointCloud, nanoseconds(shown.time, start_ns), messages())
-
-
-def _points(motion: Motion) -> Array:
-    """World positions ``(T, points, 3)`` along all bones, in metres."""
-    ends = _bone_ends(motion.skeleton)
-    bones = [bone for _, bone, _ in ends]
-    p_bone_end = np.array([end for _, _, end in ends])
-    p_world_joint = motion.state.p_world_joint[:, bones]
-    along = (motion.state.R_world_bone[:, bones] @ p_bone_end[..., None])[..., 0]
-    shares = np.arange(1, POINTS_PER_BONE + 1) / POINTS_PER_BONE
-    return np.concatenate([p_world_joint + share * along for share in shares], axis=1)
-
-
-def _bone_ends(skeleton: Skeleton) -> list[tuple[str, int, Array]]:
-    """Name, bone and position on the bone of the next joints and the landmarks: where the drawn bones end."""
-    offsets = skeleton.p_parent_joint
-    ends = [(name, PARENTS[joint], offsets[joint]) for joint, name in enumerate(JOINT_NAMES) if PARENTS[joint] >= 0]
-    return ends + [(name, one.bone, one.p_bone_point) for name, one in skeleton.landmarks.items()]
 
 
 def _set_rotations(message: "FrameTransforms", rotations: list[list[float]], time_ns: int) -> None:

@@ -13,16 +13,25 @@ from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import BodyEstimate, DetectorEstimate, Iteration, SensorPlaceEstimate, SolveReport
+from vip_factors.estimate import (
+    BodyEstimate,
+    DetectorEstimate,
+    Iteration,
+    SensorPlaceEstimate,
+    SolveReport,
+    StartChoice,
+)
 from vip_factors.io.codec import Codec, DataclassCodec, vector, vector_message
 from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, McapWarning
-from vip_factors.io.schemas.body_estimate_pb2 import BodyEstimate as BodyEstimateMessage
 from vip_factors.io.schemas.body_pose_pb2 import MotionInfo
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
-from vip_factors.io.schemas.place_estimates_pb2 import DetectorEstimate as DetectorEstimateMessage
-from vip_factors.io.schemas.place_estimates_pb2 import SensorPlaceEstimates
+from vip_factors.io.schemas.estimate_info_pb2 import BodyEstimate as BodyEstimateMessage
+from vip_factors.io.schemas.estimate_info_pb2 import DetectorEstimate as DetectorEstimateMessage
+from vip_factors.io.schemas.estimate_info_pb2 import SensorPlaceEstimate as SensorPlaceMessage
+from vip_factors.io.schemas.estimate_info_pb2 import SolveReport as SolveReportMessage
+from vip_factors.io.schemas.estimate_info_pb2 import StartChoice as StartChoiceMessage
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
-from vip_factors.io.schemas.solve_report_pb2 import SolveReport as SolveReportMessage
+from vip_factors.io.schemas.subject_pb2 import Hinge as HingeMessage
 from vip_factors.io.schemas.subject_pb2 import LengthPrior as LengthPriorMessage
 from vip_factors.io.schemas.subject_pb2 import Skeleton as SkeletonMessage
 from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
@@ -74,7 +83,7 @@ LENGTH_PRIOR = DataclassCodec(
     shapes={"covariance_m2": ("lengths", "lengths")},
 )
 HINGE = DataclassCodec(
-    BodyEstimateMessage.Hinge,
+    HingeMessage,
     HingeEstimate,
     {
         "tilt_sigma_rad": "sigma",
@@ -127,7 +136,8 @@ SENSOR_CALIBRATION = DataclassCodec(
 )
 ITERATION = DataclassCodec(SolveReportMessage.Iteration, Iteration)
 _PLACE = {"prior_m": "prior", "found_m": "posterior", "prior_sigma_m": "prior_sigma", "sigma_m": "sigma"}
-SENSOR_PLACE = DataclassCodec(SensorPlaceEstimates.Sensor, SensorPlaceEstimate, _PLACE)
+SENSOR_PLACE = DataclassCodec(SensorPlaceMessage, SensorPlaceEstimate, _PLACE)
+START_CHOICE = DataclassCodec(StartChoiceMessage, StartChoice)
 MOTION = DataclassCodec(
     MotionInfo, Motion, {"rate_hz": "rate", "start_s": "start"}, more=lambda motion: {"frames": len(motion)}
 )
@@ -137,21 +147,21 @@ REPORT = DataclassCodec(SolveReportMessage, SolveReport)
 """How one solve went."""
 
 
-def _detector_message(detector: DetectorEstimate) -> DetectorEstimateMessage:
-    message = DetectorEstimateMessage()
+def _keypoint_messages(detector: DetectorEstimate) -> dict[str, Any]:
+    rows = []
     for row, name in enumerate(detector.keypoints):
         vectors = {field: vector_message(getattr(detector, attribute)[row]) for field, attribute in _PLACE.items()}
-        message.keypoints.add(keypoint=name, **vectors)
-    return message
+        rows.append(DetectorEstimateMessage.Keypoint(keypoint=name, **vectors))
+    return {"keypoints": rows}
 
 
-def _detector(message: DetectorEstimateMessage) -> DetectorEstimate:
+def _keypoints(message: DetectorEstimateMessage, read: dict[str, Any]) -> dict[str, Any]:
     rows = message.keypoints
     columns = {
         attribute: np.array([vector(getattr(one, field)) for one in rows]).reshape(-1, 3)
         for field, attribute in _PLACE.items()
     }
-    return DetectorEstimate(tuple(one.keypoint for one in rows), **columns)
+    return {"keypoints": tuple(one.keypoint for one in rows), **columns}
 
 
 CALIBRATION: Codec[CalibrationEstimate, Calibration] = Codec(
@@ -162,13 +172,7 @@ CALIBRATION: Codec[CalibrationEstimate, Calibration] = Codec(
     lambda message: {one.sensor: SENSOR_CALIBRATION.decode(one) for one in message.sensors},
 )
 """Headings and mountings of all sensors."""
-SENSOR_PLACES: Codec[SensorPlaceEstimates, tuple[SensorPlaceEstimate, ...]] = Codec(
-    SensorPlaceEstimates,
-    lambda places: SensorPlaceEstimates(sensors=map(SENSOR_PLACE.encode, places)),
-    lambda message: tuple(map(SENSOR_PLACE.decode, message.sensors)),
-)
-"""Of one wearer's sensors."""
-DETECTOR = Codec(DetectorEstimateMessage, _detector_message, _detector)
+DETECTOR = DataclassCodec(DetectorEstimateMessage, DetectorEstimate, more=_keypoint_messages, mend=_keypoints)
 """Where a detector puts its keypoints."""
 
 

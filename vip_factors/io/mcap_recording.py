@@ -17,26 +17,24 @@ from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, 
 from vip_factors.io.mcap_samples import read_streams, sample_messages
 from vip_factors.io.mcap_writer import MessageWriter, TimedMessage
 from vip_factors.io.ros2 import is_imu
-from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
+from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
-from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
-from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
-from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
+from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo, SceneInfo
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.recording import Recording, Subject, Truth
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth
 
-INFO, SUBJECT, PLACEMENT, IMU = "/recording/info", "/subject", "/placement", "/imu/"
-TRUTH_MOTION, TRUTH_POSE, TRUTH_CALIBRATION = "/truth/motion", "/truth/pose", "/truth/calibration"
+INFO, IMU = "/recording/info", "/imu/"
+TRUTH_POSE, TRUTH_CALIBRATION = "/truth/pose", "/truth/calibration"
 ESTIMATE = "/estimate/"  # the topics of an estimate that was appended
 WEARER = "/wearer/"  # the topics of one of several wearers
 BEYOND = ("/scene/", "/camera/", "/truth/camera/")  # of a scene, beyond the wearers'
 SCENE_INFO, FIRST_CAMERA = "/scene/info", CameraTopics()
-READ = (ImuSample, RecordingInfo, SubjectMessage, SensorPlacement, MotionInfo, BodyPose, CalibrationEstimate)
+READ = (ImuSample, RecordingInfo, BodyPose, CalibrationEstimate)
 
-HEAD = DataclassCodec(RecordingInfo, Recording, {"start": "start_ns"})
+HEAD = DataclassCodec(RecordingInfo, Recording, {"start": "start_ns", "truth": "true_motion"})
+"""A recording without samples, and what is known of its true motion."""
 
 
 def recording_messages(writer: MessageWriter, recording: Recording, prefix: str = "") -> list[Iterable[TimedMessage]]:
@@ -47,25 +45,28 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
         recording: one wearer's.
         prefix: what its topics begin with.
     """
-    start_ns = recording.start_ns
-    writer.write(prefix + INFO, HEAD.encode(recording, sensors=list(recording.imus)), start_ns)
-    writer.write(prefix + SUBJECT, codecs.SUBJECT.encode(recording.subject), start_ns)
-    writer.write(prefix + PLACEMENT, codecs.PLACEMENT.encode(recording.placement), start_ns)
+    start_ns, truth, true_motion = recording.start_ns, recording.truth, None
+    if truth is not None:
+        true_motion = codecs.MOTION.encode(truth.motion, known_bones=sorted(truth.known_bones or ()))
+    info = HEAD.encode(recording, sensors=list(recording.imus), true_motion=true_motion)
+    writer.write(prefix + INFO, info, start_ns)
     streams: list[Iterable[TimedMessage]] = [
         sample_messages(writer, prefix + IMU + stream.name, stream, start_ns) for stream in recording.imus.values()
     ]
-    truth = recording.truth
     if truth is not None:
-        motion = codecs.MOTION.encode(truth.motion, known_bones=sorted(truth.known_bones or ()))
-        writer.write(prefix + TRUTH_MOTION, motion, start_ns)
         if truth.calibration is not None:
             writer.write(prefix + TRUTH_CALIBRATION, codecs.CALIBRATION.encode(truth.calibration), start_ns)
         streams.append(pose_messages(writer, prefix + TRUTH_POSE, truth.motion, start_ns))
     return streams
 
 
-def recording_of(contents: McapContents, prefix: str = "") -> Recording:
+def recording_of(contents: McapContents, prefix: str = "", has_truth: bool = True) -> Recording:
     """One wearer's recording, of the messages below the topic ``prefix``; the rest of a scene is passed over.
+
+    Args:
+        contents: of a file.
+        prefix: what the wearer's topics begin with.
+        has_truth: whether the frames of a truth were read; without them it is left out.
 
     Raises:
         FileFormatError: if there is nothing of a recording.
@@ -85,43 +86,41 @@ def recording_of(contents: McapContents, prefix: str = "") -> Recording:
     if not ours:
         raise FileFormatError(_nothing_here(contents))
     samples = [one for one in ours if is_ours(one.channel, ImuSample)]
-    return _recording(Topics(contents, prefix), samples)
+    return _recording(Topics(contents, prefix), samples, has_truth)
 
 
-def _recording(topics: Topics, samples: Sequence[McapMessages]) -> Recording:
+def _recording(topics: Topics, samples: Sequence[McapMessages], has_truth: bool) -> Recording:
     path = topics.path
     info = topics.last(INFO, RecordingInfo)
-    subject = topics.object(SUBJECT, codecs.SUBJECT)
-    placement = topics.object(PLACEMENT, codecs.PLACEMENT)
-    for there, what, instead in (
-        (info is not None, f"RecordingInfo on {INFO}", "the file's name stands for it, without an initial pose"),
-        (subject is not None, f"Subject on {SUBJECT}", "a person of average stature stands for it"),
-        (placement is not None, f"SensorPlacement on {PLACEMENT}", "no sensor has a place"),
-    ):
-        if not there:
-            warn(path, f"there is no {what}: {instead}")
-    head = HEAD.values(RecordingInfo(name=path.stem) if info is None else info)
+    if info is None:
+        warn(path, f"there is no RecordingInfo on {INFO}: the file's name stands for it, without an initial pose")
+        info = RecordingInfo(name=path.stem)
+    head = HEAD.values(info)
+    if not info.HasField("subject"):
+        warn(path, f"there is no subject on {INFO}: a person of average stature stands for it")
+        head["subject"] = Subject()
+    if not info.HasField("placement"):
+        warn(path, f"there is no placement on {INFO}: no sensor has a place")
+        head["placement"] = Placement()
     head |= {
         "initial_pose": head["initial_pose"] or "none",
         "notes": "\n".join([*filter(None, [head["notes"]]), *topics.contents.damage]),
     }
     return Recording(
-        subject=subject or Subject(),
         imus=read_streams(path, samples, head["start_ns"]),
-        placement=placement or Placement(),
-        truth=_truth(topics),
+        truth=_truth(topics, info) if has_truth else None,
         **head,
     )
 
 
-def _truth(topics: Topics) -> Truth | None:
-    info, poses = topics.last(TRUTH_MOTION, MotionInfo), topics.all(TRUTH_POSE, BodyPose)
-    if info is None:
+def _truth(topics: Topics, info: RecordingInfo) -> Truth | None:
+    poses = topics.all(TRUTH_POSE, BodyPose)
+    if not info.HasField("truth"):
         if poses:
-            warn(topics.path, f"topic {TRUTH_POSE} without {TRUTH_MOTION}: the truth is left out")
+            warn(topics.path, f"topic {TRUTH_POSE} without a truth in {INFO}: the truth is left out")
         return None
-    motion, _ = motion_of(topics.path, info, poses)
-    known_bones = frozenset(info.known_bones) & set(JOINT_NAMES) or None
+    motion, _ = motion_of(topics.path, info.truth, poses)
+    known_bones = frozenset(info.truth.known_bones) & set(JOINT_NAMES) or None
     return Truth(motion, topics.object(TRUTH_CALIBRATION, codecs.CALIBRATION), known_bones)
 
 

@@ -22,7 +22,7 @@ from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
+from vip_factors.io.schemas.recording_info_pb2 import SceneInfo
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.parts import wearers_in_parts
 from vip_factors.sensors.recording import Recording
@@ -234,7 +234,7 @@ def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
     try:
         with naming(of_file.path):
             wearers = tuple(
-                WearerFile(recording_of(file.contents, prefix), file, prefix)
+                WearerFile(recording_of(file.contents, prefix, has_truth=False), file, prefix)
                 for prefix in wearer_prefixes(file.contents, info)
             )
             if not (wearers and all(one.is_found_by_time for one in wearers)):

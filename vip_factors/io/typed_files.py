@@ -7,8 +7,9 @@ too deep are refused before they are parsed.
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from enum import EnumType
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
 import msgspec
 import numpy as np
@@ -25,7 +26,7 @@ MOST_BYTES = 1_000_000  # of a file that people write
 MOST_MOTION_BYTES = 1_000_000_000  # of a motion as text
 PLAIN_WORDS = {
     "float": "number", "int": "whole number", "str": "text in quotes", "bool": "true or false", "object": "table",
-    "array": "list",
+    "array": "list", "Path": "text in quotes",
 }  # fmt: skip
 # A parser's work grows with the square of a key's parts, or worse.
 LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')\s*+\.\s*+){16}""")
@@ -65,7 +66,7 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
         InputError: for a missing or unknown key (the nearest known one is named), or a value of another type.
     """
     try:
-        return msgspec.convert(value, kind)
+        return msgspec.convert(value, kind, dec_hook=_path)
     except msgspec.ValidationError as error:
         message, _, place = str(error).partition(" - at `$")
         place = (where + place.rstrip("`")).lstrip(".")
@@ -76,8 +77,28 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
             raise InputError(f"{path}: unknown key '{_key(place, unknown[1])}'{nearest(unknown[1], known)}") from error
         if missing is not None:
             raise InputError(f"{path}: {_key(place, missing[1])} is missing") from error
-        message = re.sub(r"`([a-z |]*)`", lambda word: _plain(word[1]), message)
+        message = re.sub(r"`([A-Za-z |]*)`", lambda word: _plain(word[1]), message)
+        if message.startswith("Invalid enum value") and (choices := _choices(kind)):
+            message += f": expected one of {', '.join(choices)}"
         raise InputError(f"{path}: {place or 'the content'}: {message[0].lower()}{message[1:]}") from error
+
+
+def _path(kind: type[object], value: object) -> object:
+    """The path that text in a file names; values of all other types are what they are."""
+    if kind is Path and isinstance(value, str):
+        return Path(value)
+    if isinstance(value, kind):
+        return value
+    raise TypeError(f"Expected `{kind.__name__}`, got `{type(value).__name__}`")
+
+
+def _choices(kind: object) -> list[str]:
+    """Values of an enumeration, or of the literals in a union."""
+    if isinstance(kind, EnumType):
+        return [str(member.value) for member in kind]  # type: ignore[var-annotated]
+    if get_origin(kind) is Literal:
+        return list(map(str, get_args(kind)))
+    return [choice for part in get_args(kind) for choice in _choices(part)]
 
 
 def convert_entries(path: Path, where: str, table: Mapping[str, object], kind: type[Declared]) -> dict[str, Declared]:

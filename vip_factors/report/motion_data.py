@@ -1,74 +1,79 @@
 """The motion as the page's script reads it: small numbers in base64, and the skin of each body."""
 
 import base64
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from vip_factors.body.body_mesh import body_mesh
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.mannequin import side_of
+from vip_factors.body.mannequin import TRUTH_COLOUR, side_of
 from vip_factors.body.skeleton import PARENTS, Skeleton
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.report.blocks import TRUTH, sides_of, wearer_mark
-from vip_factors.report.material import Material
+from vip_factors.report.charts import side_colours, wearer_mark
+from vip_factors.report.report_data import ReportData
 from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.viz.colours import hexadecimal
 from vip_factors.viz.compare import floor_height
 
 UNIT = 32767  # of a quaternion's numbers: 0.002° at worst
 
 
 @dataclass(frozen=True)
-class _Shown:
-    """A body to draw: its name, motion, colours by side, and whether it is the truth, a ghost."""
+class _Body:
+    """A body to draw: name and index of its wearer, motion, and whether it is the truth, a ghost."""
 
     name: str
     index: int
     motion: Motion
-    ghost: bool
+    is_ghost: bool
 
 
-def motion_data(material: Material, settings: ReportSettings) -> dict[str, object]:
+def motion_data(data: ReportData, settings: ReportSettings) -> dict[str, object]:
     """What the script gets as JSON; see ``viewer/viewer.js``."""
-    bodies = _bodies(material)
-    start = min(float(one.motion.time[0]) for one in bodies)
-    end = max(float(one.motion.time[-1]) for one in bodies)
-    rate = min(settings.rate, max(one.motion.rate for one in bodies))
+    bodies = list(_bodies(data))
+    estimated = [body.motion for body in bodies if not body.is_ghost]
+    start = min(float(body.motion.time[0]) for body in bodies)
+    end = max(float(body.motion.time[-1]) for body in bodies)
+    rate = min(settings.rate, max(body.motion.rate for body in bodies))
     frames = int((end - start) * rate + 1e-6) + 1
     most = max(2, settings.most_poses // len(bodies))
     if frames > most:
         rate, frames = (most - 1) / (end - start), most
     time = start + np.arange(frames) / rate
-    places = np.concatenate([_at(one.motion, time)[1] for one in bodies if not one.ghost])
+    places = np.concatenate([_at(motion, time)[1] for motion in estimated])
     low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
-    of = len(material.wearers)
     skins: list[Skeleton] = []
-    numbers = [_number(one.motion.skeleton, skins) for one in bodies]
+    numbers = [_number(body.motion.skeleton, skins) for body in bodies]
     return {
         "start": start,
         "rate": rate,
         "frames": frames,
         "shown": start + 0.6 * (end - start),
-        "floor": float(np.median([floor_height(one.motion) for one in bodies if not one.ghost])),
-        "centre": [round(float(one), 3) for one in (low + high) / 2],
+        "floor": float(np.median([floor_height(motion) for motion in estimated])),
+        "centre": [round(float(place), 3) for place in (low + high) / 2],
         "extent": round(float((high - low).max()), 3),
-        "bodies": [{**_body(one, time, of), "mesh": mesh} for one, mesh in zip(bodies, numbers, strict=True)],
-        "meshes": [mesh_data(one) for one in skins],
-        "camera": _camera(material, time),
+        "bodies": [
+            body_data(body.name, body.motion.skeleton, (body.index, len(data.wearers)), body.is_ghost)
+            | poses_data(*_at(body.motion, time))
+            | {"mesh": number}
+            for body, number in zip(bodies, numbers, strict=True)
+        ],
+        "meshes": [mesh_data(skeleton) for skeleton in skins],
+        "camera": _camera(data, time),
     }
 
 
-def _bodies(material: Material) -> list[_Shown]:
-    """The estimated ones, and the truth as ghosts."""
-    bodies = []
-    for wearer in material.drawn.wearers:
+def _bodies(data: ReportData) -> Iterator[_Body]:
+    """The estimated bodies, and the truth as ghosts."""
+    for wearer in data.drawn.wearers:
         if wearer.shown is not None:
-            bodies.append(_Shown(wearer.name, wearer.index, wearer.shown, False))
+            yield _Body(wearer.name, wearer.index, wearer.shown, False)
         if wearer.motion is not None and wearer.truth is not None:
-            bodies.append(_Shown(f"{wearer.name}, truth", wearer.index, wearer.truth, True))
-    return bodies
+            yield _Body(f"{wearer.name}, truth", wearer.index, wearer.truth, True)
 
 
 def _at(motion: Motion, time: Array) -> tuple[Array, Array]:
@@ -77,25 +82,22 @@ def _at(motion: Motion, time: Array) -> tuple[Array, Array]:
     return motion.R_parent_child[frame], motion.p_world_pelvis[frame]
 
 
-def _body(one: _Shown, time: Array, of: int) -> dict[str, object]:
-    return body_data(one.name, one.motion.skeleton, (one.index, of), one.ghost) | poses_data(*_at(one.motion, time))
-
-
-def body_data(name: str, skeleton: Skeleton, number: tuple[int, int], ghost: bool = False) -> dict[str, object]:
+def body_data(name: str, skeleton: Skeleton, number: tuple[int, int], is_ghost: bool = False) -> dict[str, object]:
     """A body without its poses; ``number`` is which of how many it is, for its colours."""
-    colours = sides_of(*number)
+    colours = side_colours(*number)
+    truth = hexadecimal(TRUTH_COLOUR)
     return {
         "name": name,
-        "ghost": ghost,
+        "ghost": is_ghost,
         "mark": wearer_mark(*number),
         "parents": list(PARENTS),
         "offsets": [_rounded(offset) for offset in skeleton.p_parent_joint],
-        "colours": [TRUTH if ghost else colours[side_of(bone)] for bone in range(len(PARENTS))],
+        "colours": [truth if is_ghost else colours[side_of(bone)] for bone in range(len(PARENTS))],
     }
 
 
 def _number(skeleton: Skeleton, skins: list[Skeleton]) -> int:
-    """Of its skin among those to be drawn; an estimate and the truth of the same body share one."""
+    """Number of a skin among those to be drawn; an estimate and the truth of the same body share one."""
     for number, other in enumerate(skins):
         if body_mesh(other) is body_mesh(skeleton):
             return number
@@ -129,8 +131,8 @@ def _quaternions(R: Array) -> str:
     return _base64(np.round(UNIT * quaternion_from_matrix(R, Order.XYZW)).astype("<i2"))
 
 
-def _camera(material: Material, time: Array) -> dict[str, object] | None:
-    path, model = material.drawn.path, material.drawn.model
+def _camera(data: ReportData, time: Array) -> dict[str, object] | None:
+    path, model = data.drawn.path, data.drawn.model
     if path is None or model is None:
         return None
     there = path.at(time)

@@ -7,16 +7,16 @@ objective that can linearise itself into a ``gtsam.GaussianFactorGraph``.
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.errors import SolveError
 from vip_factors.estimate import Iteration, SolveReport
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain_elimination import ChainElimination, is_dense
-from vip_factors.solve.chain_system import ChainSystem
-from vip_factors.solve.elimination import LinearSystem, eliminate
+
+if TYPE_CHECKING:
+    from vip_factors.solve.elimination import LinearSystem
 
 State = TypeVar("State")
 
@@ -36,7 +36,7 @@ class Objective(Protocol[State]):
         """Half the sum of squares (robust losses applied), by factor kind."""
         ...
 
-    def linearise(self, state: State) -> LinearSystem:
+    def linearise(self, state: State) -> "LinearSystem":
         """The normal equations at a state."""
         ...
 
@@ -133,8 +133,13 @@ def _share(initial: float, iterations: Sequence[Iteration], settings: SolveSetti
     return float(max(np.log(decreases[0] / decreases[-1]) / np.log(decreases[0] / least), by_number))
 
 
-def _step(system: LinearSystem, damping: float) -> Step | None:
+def _step(system: "LinearSystem", damping: float) -> Step | None:
     """The minimum of the damped linear problem, or None where it is not determined."""
+    # Late: GTSAM and SciPy take a second to import, and settings need neither.
+    from vip_factors.solve.chain_elimination import ChainElimination, is_dense
+    from vip_factors.solve.chain_system import ChainSystem
+    from vip_factors.solve.elimination import eliminate
+
     try:
         if isinstance(system, ChainSystem) and is_dense(system):
             return ChainElimination(system, damping).step()

@@ -20,7 +20,7 @@ from vip_factors.stages.drift import clock_findings, drift_findings
 from vip_factors.stages.filmed_window import CoarseWindow, solve_coarsely
 from vip_factors.stages.inertial_windows import numbered
 from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, fusion_solve_settings
-from vip_factors.stages.solver import Progress, Solver, silent
+from vip_factors.stages.solver import ProgressCallback, Solver, silent
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each, WindowPlan, scene_plan
 
@@ -29,7 +29,11 @@ LEAST_CLOCKS = 2  # windows through whose clocks there is a line
 
 
 def smooth_filmed(
-    source: SceneSource, settings: Settings, on_progress: Progress, extra: ExtraTerms | None = None, each: Each = map
+    source: SceneSource,
+    settings: Settings,
+    on_progress: ProgressCallback,
+    extra: ExtraTerms | None = None,
+    each: Each = map,
 ) -> EstimateChunks | tuple[Finding, ...]:
     """The estimate of a scene with a camera; calibrated now, and in windows solved as its chunks are asked for.
 

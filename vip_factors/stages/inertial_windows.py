@@ -49,7 +49,7 @@ from vip_factors.stages.inertial_model import (
 )
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_corrections
-from vip_factors.stages.solver import Progress, Solver, silent
+from vip_factors.stages.solver import ProgressCallback, Solver, silent
 from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each, WindowPlan
@@ -65,7 +65,7 @@ WINDOWS = "windows"  # the stage, as progress tells it
 def smooth_wearer(
     recording: RecordingSource,
     settings: Settings,
-    on_progress: Progress,
+    on_progress: ProgressCallback,
     extra: ExtraTerms | None = None,
     each: Each = map,
 ) -> EstimateChunks:
@@ -108,7 +108,9 @@ def smooth_wearer(
     return EstimateChunks(whole, (plan.frames,), chunks_of(numbered(windows, plan, on_progress), whole))
 
 
-def numbered(windows: Iterator[SolvedWindow], plan: WindowPlan, on_progress: Progress) -> Iterator[SolvedWindow]:
+def numbered(
+    windows: Iterator[SolvedWindow], plan: WindowPlan, on_progress: ProgressCallback
+) -> Iterator[SolvedWindow]:
     """The windows, in one world, and how far they are; reports tell their numbers."""
     on_progress(WINDOWS, 0.0)
     count = len(plan.windows())

@@ -12,7 +12,7 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.settings import SolverName
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
-Progress = Callable[[str, float], None]
+ProgressCallback = Callable[[str, float], None]
 
 
 def silent(stage: str, fraction: float) -> None:
@@ -32,7 +32,7 @@ class Solver:
     """
 
     settings: SolveSettings
-    on_progress: Progress
+    on_progress: ProgressCallback
     reports: list[SolveReport] = field(default_factory=list)
     name: SolverName = SolverName.OWN
     extra: ExtraTerms | None = None

@@ -41,12 +41,16 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Curve:
-    """Values ``(T,)`` at times ``(T,)`` seconds, gaps where not finite; in the legend if it has a name."""
+    """Values ``(T,)`` at times ``(T,)`` seconds, gaps where not finite; in the legend if it has a name.
+
+    ``sigma`` ``(T,)`` is drawn as a pale band on the report's page.
+    """
 
     name: str
     time: Array
     values: Array
     colour: str = ERROR
+    sigma: Array | None = None
 
 
 def page(width: float, height: float, paper: str = "white") -> Figure:

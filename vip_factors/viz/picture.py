@@ -243,20 +243,6 @@ def _draw_floor(axes: Axes, view: View) -> None:
         axes.add_patch(Ellipse(view.pixel, *size, color=INK, alpha=0.02, lw=0, zorder=0))
 
 
-def frame_picture(drawn: DrawnScene, frame: int, size: tuple[int, int]) -> np.ndarray:
-    """A frame of the video, near the people in it, with skeletons and detections over it.
-
-    Args:
-        drawn: with a camera's model and detections.
-        frame: index of the video frame.
-        size: width and height in pixels.
-
-    Returns:
-        ``(height, width, 3)``, blue green red; dark behind where the video is not there.
-    """
-    return next(_pictures(drawn, np.array([frame]), size))[..., ::-1]
-
-
 def _scene_curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
     errors = [(wearer, wearer.error_mm, wearer.motion) for wearer in drawn.wearers]
     joint = [

@@ -16,7 +16,7 @@ from vip_factors.io.mcap_messages import naming
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
+from vip_factors.io.schemas.recording_info_pb2 import SceneInfo
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.live import LiveFinding, LiveSample
@@ -24,7 +24,7 @@ from vip_factors.sensors.scene import Camera, Scene
 
 SAMPLES = (ImuSample, Detections2D)
 # What comes once, by the names of the messages.
-INFO, SUBJECT, PLACEMENT = "RecordingInfo", "Subject", "SensorPlacement"
+INFO = "RecordingInfo"
 CAMERA_INFO, CALIBRATION, POSE = "CameraInfo", "CameraCalibration", "PoseInFrame"
 
 
@@ -107,12 +107,7 @@ class _Head:
     @property
     def missing(self) -> list[str]:
         """What a set-up needs still, in words; without a SceneInfo, nobody knows before the first sample."""
-        lacks = [
-            f"{kind} of {owner or 'the wearer'}"
-            for owner in self.wearers
-            for kind in (INFO, SUBJECT, PLACEMENT)
-            if kind not in self._of.get(owner, {})
-        ]
+        lacks = [f"{INFO} of {owner or 'the wearer'}" for owner in self.wearers if INFO not in self._of.get(owner, {})]
         lacks += [
             f"{kind} on {owner}"
             for owner in self.cameras
@@ -138,13 +133,11 @@ class _Head:
         """
         if self.missing:
             raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
-        of_wearers = [self._of[owner] for owner in self.wearers]
-        infos, first = self.camera_infos, of_wearers[0][INFO]
+        recordings = [self._of[owner][INFO] for owner in self.wearers]
+        infos, first = self.camera_infos, recordings[0]
         name = self._scene.name if self._scene is not None else first.name
         self._start_ns = time_ns_of(first.start)
-        wearers = [
-            wearer_of(name, one[SUBJECT], one[PLACEMENT], one[INFO].initial_pose, self._start_ns) for one in of_wearers
-        ]
+        wearers = [wearer_of(name, one.subject, one.placement, one.initial_pose, self._start_ns) for one in recordings]
         self._cameras = {owner: self._camera(owner) for owner in self.cameras}
         setup = head_of(name, wearers, list(self._cameras.values()))
         self._names = dict(zip(self.wearers, [one.subject.name for one in wearers], strict=True))

@@ -15,14 +15,11 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.mcap_chunks import largest_chunk
 from vip_factors.io.mcap_messages import PROTOBUF
 from vip_factors.io.mcap_reader import McapChannel, McapPass
-from vip_factors.io.mcap_recording import IMU, INFO, PLACEMENT, SCENE_INFO, SUBJECT, WEARER
+from vip_factors.io.mcap_recording import IMU, INFO, SCENE_INFO, WEARER
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
-from vip_factors.io.schemas.scene_info_pb2 import SceneInfo
-from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
-from vip_factors.io.schemas.subject_pb2 import Subject
+from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo, SceneInfo
 from vip_factors.io.settings import LiveSourceSettings
 
 if TYPE_CHECKING:
@@ -30,7 +27,6 @@ if TYPE_CHECKING:
 
 LOOK_EVERY = 0.03  # seconds between looks at the file's size: half a frame
 CAMERA = "/camera"
-OF_WEARER: dict[str, type[Any]] = {INFO: RecordingInfo, SUBJECT: Subject, PLACEMENT: SensorPlacement}
 
 OnFinding = Callable[[str, str], None]
 """Gets a kind and a sentence about what cannot be read or used."""
@@ -214,7 +210,7 @@ def _owner(topic: str) -> tuple[str, type[Any]] | None:
     else:
         owner = "/".join(topic.split("/")[:3]) if topic.startswith(WEARER) else ""
         rest = topic.removeprefix(owner)
-        kind = ImuSample if rest.startswith(IMU) else OF_WEARER.get(rest)
+        kind = ImuSample if rest.startswith(IMU) else RecordingInfo if rest == INFO else None
     return (owner, kind) if kind is not None else None
 
 

@@ -42,13 +42,3 @@ class CameraPose(_message.Message):
     p_world_camera: _geometry_pb2.Vector3
     covariance: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., seconds: _Optional[float] = ..., frame: _Optional[int] = ..., rotation_wxyz: _Optional[_Union[_geometry_pb2.QuaternionWxyz, _Mapping]] = ..., p_world_camera: _Optional[_Union[_geometry_pb2.Vector3, _Mapping]] = ..., covariance: _Optional[_Iterable[float]] = ...) -> None: ...
-
-class CameraResiduals(_message.Message):
-    __slots__ = ("timestamp", "frame", "pixels")
-    TIMESTAMP_FIELD_NUMBER: _ClassVar[int]
-    FRAME_FIELD_NUMBER: _ClassVar[int]
-    PIXELS_FIELD_NUMBER: _ClassVar[int]
-    timestamp: _timestamp_pb2.Timestamp
-    frame: int
-    pixels: _containers.RepeatedScalarFieldContainer[float]
-    def __init__(self, timestamp: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., frame: _Optional[int] = ..., pixels: _Optional[_Iterable[float]] = ...) -> None: ...

@@ -7,7 +7,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class CameraInfo(_message.Message):
-    __slots__ = ("name", "moving", "time_offset_s", "mount", "known_poses", "video", "keypoint_set", "keypoints", "frames", "time_drift")
+    __slots__ = ("name", "moving", "time_offset_s", "mount", "known_poses", "video", "keypoint_set", "keypoints", "frames", "time_drift", "has_true_pixels")
     class Mount(_message.Message):
         __slots__ = ("imu", "mounting_wxyz", "p_camera_imu", "mounting_sigma_rad")
         IMU_FIELD_NUMBER: _ClassVar[int]
@@ -36,6 +36,7 @@ class CameraInfo(_message.Message):
     KEYPOINTS_FIELD_NUMBER: _ClassVar[int]
     FRAMES_FIELD_NUMBER: _ClassVar[int]
     TIME_DRIFT_FIELD_NUMBER: _ClassVar[int]
+    HAS_TRUE_PIXELS_FIELD_NUMBER: _ClassVar[int]
     name: str
     moving: bool
     time_offset_s: float
@@ -46,16 +47,5 @@ class CameraInfo(_message.Message):
     keypoints: _containers.RepeatedScalarFieldContainer[str]
     frames: int
     time_drift: float
-    def __init__(self, name: _Optional[str] = ..., moving: bool = ..., time_offset_s: _Optional[float] = ..., mount: _Optional[_Union[CameraInfo.Mount, _Mapping]] = ..., known_poses: _Optional[int] = ..., video: _Optional[_Union[CameraInfo.Video, _Mapping]] = ..., keypoint_set: _Optional[str] = ..., keypoints: _Optional[_Iterable[str]] = ..., frames: _Optional[int] = ..., time_drift: _Optional[float] = ...) -> None: ...
-
-class CameraTruth(_message.Message):
-    __slots__ = ("time_offset_s", "poses", "has_pixels", "time_drift")
-    TIME_OFFSET_S_FIELD_NUMBER: _ClassVar[int]
-    POSES_FIELD_NUMBER: _ClassVar[int]
-    HAS_PIXELS_FIELD_NUMBER: _ClassVar[int]
-    TIME_DRIFT_FIELD_NUMBER: _ClassVar[int]
-    time_offset_s: float
-    poses: int
-    has_pixels: bool
-    time_drift: float
-    def __init__(self, time_offset_s: _Optional[float] = ..., poses: _Optional[int] = ..., has_pixels: bool = ..., time_drift: _Optional[float] = ...) -> None: ...
+    has_true_pixels: bool
+    def __init__(self, name: _Optional[str] = ..., moving: bool = ..., time_offset_s: _Optional[float] = ..., mount: _Optional[_Union[CameraInfo.Mount, _Mapping]] = ..., known_poses: _Optional[int] = ..., video: _Optional[_Union[CameraInfo.Video, _Mapping]] = ..., keypoint_set: _Optional[str] = ..., keypoints: _Optional[_Iterable[str]] = ..., frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., has_true_pixels: bool = ...) -> None: ...

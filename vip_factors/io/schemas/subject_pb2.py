@@ -22,11 +22,10 @@ _runtime_version.ValidateProtobufRuntimeVersion(
 _sym_db = _symbol_database.Default()
 
 
-from vip_factors.io.schemas import body_estimate_pb2 as vip__factors_dot_body__estimate__pb2
 from vip_factors.io.schemas import geometry_pb2 as vip__factors_dot_geometry__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19vip_factors/subject.proto\x12\x0bvip_factors\x1a\x1fvip_factors/body_estimate.proto\x1a\x1avip_factors/geometry.proto\"\xa3\x02\n\x08Skeleton\x12+\n\x06joints\x18\x01 \x03(\x0b\x32\x1b.vip_factors.Skeleton.Joint\x12\x31\n\tlandmarks\x18\x02 \x03(\x0b\x32\x1e.vip_factors.Skeleton.Landmark\x12\x0e\n\x06source\x18\x03 \x01(\t\x1aS\n\x05Joint\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06parent\x18\x02 \x01(\t\x12,\n\x0ep_parent_joint\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\x1aR\n\x08Landmark\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04\x62one\x18\x02 \x01(\t\x12*\n\x0cp_bone_point\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\"5\n\x0bLengthPrior\x12\x0f\n\x07lengths\x18\x01 \x03(\t\x12\x15\n\rcovariance_m2\x18\x02 \x03(\x01\"\x86\x03\n\x07Subject\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x11\n\tstature_m\x18\x02 \x01(\x01\x12\x14\n\x07mass_kg\x18\x03 \x01(\x01H\x00\x88\x01\x01\x12\x10\n\x03sex\x18\x04 \x01(\tH\x01\x88\x01\x01\x12\x44\n\x11segment_lengths_m\x18\x05 \x03(\x0b\x32).vip_factors.Subject.SegmentLengthsMEntry\x12\'\n\x08skeleton\x18\x06 \x01(\x0b\x32\x15.vip_factors.Skeleton\x12\x16\n\x0eskeleton_given\x18\x07 \x01(\x08\x12.\n\x0clength_prior\x18\x08 \x01(\x0b\x32\x18.vip_factors.LengthPrior\x12/\n\x06hinges\x18\t \x03(\x0b\x32\x1f.vip_factors.BodyEstimate.Hinge\x1a\x36\n\x14SegmentLengthsMEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\x42\n\n\x08_mass_kgB\x06\n\x04_sexb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x19vip_factors/subject.proto\x12\x0bvip_factors\x1a\x1avip_factors/geometry.proto\"\xa3\x02\n\x08Skeleton\x12+\n\x06joints\x18\x01 \x03(\x0b\x32\x1b.vip_factors.Skeleton.Joint\x12\x31\n\tlandmarks\x18\x02 \x03(\x0b\x32\x1e.vip_factors.Skeleton.Landmark\x12\x0e\n\x06source\x18\x03 \x01(\t\x1aS\n\x05Joint\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06parent\x18\x02 \x01(\t\x12,\n\x0ep_parent_joint\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\x1aR\n\x08Landmark\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0c\n\x04\x62one\x18\x02 \x01(\t\x12*\n\x0cp_bone_point\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\"5\n\x0bLengthPrior\x12\x0f\n\x07lengths\x18\x01 \x03(\t\x12\x15\n\rcovariance_m2\x18\x02 \x03(\x01\"\xba\x01\n\x05Hinge\x12\r\n\x05joint\x18\x01 \x01(\t\x12\"\n\x04\x61xis\x18\x02 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x16\n\x0etilt_sigma_rad\x18\x03 \x03(\x01\x12\x1a\n\x12\x63\x61rrying_angle_rad\x18\x04 \x01(\x01\x12\x1a\n\x12\x63\x61rrying_sigma_rad\x18\x05 \x01(\x01\x12\x15\n\rvariables_rad\x18\x06 \x03(\x01\x12\x17\n\x0f\x63ovariance_rad2\x18\x07 \x03(\x01\"\xf9\x02\n\x07Subject\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x11\n\tstature_m\x18\x02 \x01(\x01\x12\x14\n\x07mass_kg\x18\x03 \x01(\x01H\x00\x88\x01\x01\x12\x10\n\x03sex\x18\x04 \x01(\tH\x01\x88\x01\x01\x12\x44\n\x11segment_lengths_m\x18\x05 \x03(\x0b\x32).vip_factors.Subject.SegmentLengthsMEntry\x12\'\n\x08skeleton\x18\x06 \x01(\x0b\x32\x15.vip_factors.Skeleton\x12\x16\n\x0eskeleton_given\x18\x07 \x01(\x08\x12.\n\x0clength_prior\x18\x08 \x01(\x0b\x32\x18.vip_factors.LengthPrior\x12\"\n\x06hinges\x18\t \x03(\x0b\x32\x12.vip_factors.Hinge\x1a\x36\n\x14SegmentLengthsMEntry\x12\x0b\n\x03key\x18\x01 \x01(\t\x12\r\n\x05value\x18\x02 \x01(\x01:\x02\x38\x01\x42\n\n\x08_mass_kgB\x06\n\x04_sexb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -35,16 +34,18 @@ if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_SUBJECT_SEGMENTLENGTHSMENTRY']._loaded_options = None
   _globals['_SUBJECT_SEGMENTLENGTHSMENTRY']._serialized_options = b'8\001'
-  _globals['_SKELETON']._serialized_start=104
-  _globals['_SKELETON']._serialized_end=395
-  _globals['_SKELETON_JOINT']._serialized_start=228
-  _globals['_SKELETON_JOINT']._serialized_end=311
-  _globals['_SKELETON_LANDMARK']._serialized_start=313
-  _globals['_SKELETON_LANDMARK']._serialized_end=395
-  _globals['_LENGTHPRIOR']._serialized_start=397
-  _globals['_LENGTHPRIOR']._serialized_end=450
-  _globals['_SUBJECT']._serialized_start=453
-  _globals['_SUBJECT']._serialized_end=843
-  _globals['_SUBJECT_SEGMENTLENGTHSMENTRY']._serialized_start=769
-  _globals['_SUBJECT_SEGMENTLENGTHSMENTRY']._serialized_end=823
+  _globals['_SKELETON']._serialized_start=71
+  _globals['_SKELETON']._serialized_end=362
+  _globals['_SKELETON_JOINT']._serialized_start=195
+  _globals['_SKELETON_JOINT']._serialized_end=278
+  _globals['_SKELETON_LANDMARK']._serialized_start=280
+  _globals['_SKELETON_LANDMARK']._serialized_end=362
+  _globals['_LENGTHPRIOR']._serialized_start=364
+  _globals['_LENGTHPRIOR']._serialized_end=417
+  _globals['_HINGE']._serialized_start=420
+  _globals['_HINGE']._serialized_end=606
+  _globals['_SUBJECT']._serialized_start=609
+  _globals['_SUBJECT']._serialized_end=986
+  _globals['_SUBJECT_SEGMENTLENGTHSMENTRY']._serialized_start=912
+  _globals['_SUBJECT_SEGMENTLENGTHSMENTRY']._serialized_end=966
 # @@protoc_insertion_point(module_scope)

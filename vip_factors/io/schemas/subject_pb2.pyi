@@ -1,4 +1,3 @@
-from vip_factors.io.schemas import body_estimate_pb2 as _body_estimate_pb2
 from vip_factors.io.schemas import geometry_pb2 as _geometry_pb2
 from google.protobuf.internal import containers as _containers
 from google.protobuf import descriptor as _descriptor
@@ -43,6 +42,24 @@ class LengthPrior(_message.Message):
     covariance_m2: _containers.RepeatedScalarFieldContainer[float]
     def __init__(self, lengths: _Optional[_Iterable[str]] = ..., covariance_m2: _Optional[_Iterable[float]] = ...) -> None: ...
 
+class Hinge(_message.Message):
+    __slots__ = ("joint", "axis", "tilt_sigma_rad", "carrying_angle_rad", "carrying_sigma_rad", "variables_rad", "covariance_rad2")
+    JOINT_FIELD_NUMBER: _ClassVar[int]
+    AXIS_FIELD_NUMBER: _ClassVar[int]
+    TILT_SIGMA_RAD_FIELD_NUMBER: _ClassVar[int]
+    CARRYING_ANGLE_RAD_FIELD_NUMBER: _ClassVar[int]
+    CARRYING_SIGMA_RAD_FIELD_NUMBER: _ClassVar[int]
+    VARIABLES_RAD_FIELD_NUMBER: _ClassVar[int]
+    COVARIANCE_RAD2_FIELD_NUMBER: _ClassVar[int]
+    joint: str
+    axis: _geometry_pb2.Vector3
+    tilt_sigma_rad: _containers.RepeatedScalarFieldContainer[float]
+    carrying_angle_rad: float
+    carrying_sigma_rad: float
+    variables_rad: _containers.RepeatedScalarFieldContainer[float]
+    covariance_rad2: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, joint: _Optional[str] = ..., axis: _Optional[_Union[_geometry_pb2.Vector3, _Mapping]] = ..., tilt_sigma_rad: _Optional[_Iterable[float]] = ..., carrying_angle_rad: _Optional[float] = ..., carrying_sigma_rad: _Optional[float] = ..., variables_rad: _Optional[_Iterable[float]] = ..., covariance_rad2: _Optional[_Iterable[float]] = ...) -> None: ...
+
 class Subject(_message.Message):
     __slots__ = ("name", "stature_m", "mass_kg", "sex", "segment_lengths_m", "skeleton", "skeleton_given", "length_prior", "hinges")
     class SegmentLengthsMEntry(_message.Message):
@@ -69,5 +86,5 @@ class Subject(_message.Message):
     skeleton: Skeleton
     skeleton_given: bool
     length_prior: LengthPrior
-    hinges: _containers.RepeatedCompositeFieldContainer[_body_estimate_pb2.BodyEstimate.Hinge]
-    def __init__(self, name: _Optional[str] = ..., stature_m: _Optional[float] = ..., mass_kg: _Optional[float] = ..., sex: _Optional[str] = ..., segment_lengths_m: _Optional[_Mapping[str, float]] = ..., skeleton: _Optional[_Union[Skeleton, _Mapping]] = ..., skeleton_given: bool = ..., length_prior: _Optional[_Union[LengthPrior, _Mapping]] = ..., hinges: _Optional[_Iterable[_Union[_body_estimate_pb2.BodyEstimate.Hinge, _Mapping]]] = ...) -> None: ...
+    hinges: _containers.RepeatedCompositeFieldContainer[Hinge]
+    def __init__(self, name: _Optional[str] = ..., stature_m: _Optional[float] = ..., mass_kg: _Optional[float] = ..., sex: _Optional[str] = ..., segment_lengths_m: _Optional[_Mapping[str, float]] = ..., skeleton: _Optional[_Union[Skeleton, _Mapping]] = ..., skeleton_given: bool = ..., length_prior: _Optional[_Union[LengthPrior, _Mapping]] = ..., hinges: _Optional[_Iterable[_Union[Hinge, _Mapping]]] = ...) -> None: ...

@@ -12,8 +12,8 @@ from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
 
 
 @dataclass(frozen=True)
-class Wearer:
-    """One wearer: the name, what was found, and the recording if it is there."""
+class ReportWearer:
+    """One of the wearers, with the recording if it is there."""
 
     index: int
     name: str
@@ -22,7 +22,7 @@ class Wearer:
 
 
 @dataclass(frozen=True)
-class Material:
+class ReportData:
     """The estimate of a scene, and the scene if there is one.
 
     Attributes:
@@ -34,18 +34,18 @@ class Material:
     scene: Scene | None = None
 
     @cached_property
-    def wearers(self) -> tuple[Wearer, ...]:
+    def wearers(self) -> tuple[ReportWearer, ...]:
         """In the scene's order."""
         recordings = self.scene.wearers if self.scene is not None else (None,) * len(self.estimate.wearers)
         return tuple(
-            Wearer(index, self._name(index, one, recording), one, recording)
-            for index, (one, recording) in enumerate(zip(self.estimate.wearers, recordings, strict=True))
+            ReportWearer(index, _name(index, estimate, recording), estimate, recording)
+            for index, (estimate, recording) in enumerate(zip(self.estimate.wearers, recordings, strict=True))
         )
 
-    def _name(self, index: int, one: WearerEstimate, recording: Recording | None) -> str:
-        if recording is not None:
-            return recording.subject.name
-        return one.motion.name or f"wearer {index + 1}"
+    @property
+    def names(self) -> list[str]:
+        """Names of the wearers."""
+        return [wearer.name for wearer in self.wearers]
 
     @cached_property
     def drawn(self) -> DrawnScene:
@@ -55,10 +55,16 @@ class Material:
     @property
     def has_truth(self) -> bool:
         """Whether there is something to compare with."""
-        return self.scene is not None and any(one.truth is not None for one in self.scene.wearers)
+        return self.scene is not None and any(wearer.truth is not None for wearer in self.scene.wearers)
 
 
-def material(estimate: Estimate, scene: Scene | None = None, truth: Scene | None = None) -> Material:
+def _name(index: int, estimate: WearerEstimate, recording: Recording | None) -> str:
+    if recording is not None:
+        return recording.subject.name
+    return estimate.motion.name or f"wearer {index + 1}"
+
+
+def report_data(estimate: Estimate, scene: Scene | None = None, truth: Scene | None = None) -> ReportData:
     """Put together what there is.
 
     Args:
@@ -81,11 +87,13 @@ def material(estimate: Estimate, scene: Scene | None = None, truth: Scene | None
                 "the same; is it the estimate of this recording?"
             )
     if truth is None:
-        return Material(estimate, scene)
-    if all(one.truth is None for one in truth.wearers):
+        return ReportData(estimate, scene)
+    if all(wearer.truth is None for wearer in truth.wearers):
         raise InputError(f"'{truth.name}' holds no truth: expected that of one wearer at least")
     if scene is None:
-        return Material(estimate, truth)
-    wearers = tuple(replace(one, truth=other.truth) for one, other in zip(scene.wearers, truth.wearers, strict=True))
-    same = [len(one.detections) for one in scene.cameras] == [len(one.detections) for one in truth.cameras]
-    return Material(estimate, replace(scene, wearers=wearers, truth=truth.truth if same else None))
+        return ReportData(estimate, truth)
+    wearers = tuple(
+        replace(wearer, truth=other.truth) for wearer, other in zip(scene.wearers, truth.wearers, strict=True)
+    )
+    same = [len(camera.detections) for camera in scene.cameras] == [len(camera.detections) for camera in truth.cameras]
+    return ReportData(estimate, replace(scene, wearers=wearers, truth=truth.truth if same else None))

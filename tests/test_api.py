@@ -70,7 +70,7 @@ FUNCTIONS = {
     "simulate": "motion placement camera seconds seed settings initial_pose pose_error_deg bystanders names name",
     "smooth": "recording settings progress extra_factors",
     "stream": "source settings follow real_time token_file limits extra_factors",
-    "sync": "scene settings",
+    "sync": "scene max_offset",
     "write": "content path overwrite",
 }
 CLASSES = {

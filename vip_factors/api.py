@@ -31,7 +31,6 @@ if TYPE_CHECKING:  # these take a while, and not every command that calls a func
     from vip_factors.factor_graph.extra import ExtraFactors
     from vip_factors.factor_graph.graph import FactorGraph
     from vip_factors.gait.analysis import Gait
-    from vip_factors.initialise.clock import ClockSettings
     from vip_factors.io.live_server import LiveServer
     from vip_factors.settings import Settings
     from vip_factors.stages.solver import ProgressCallback
@@ -125,15 +124,17 @@ def convert(
     return scene
 
 
-def sync(scene: Scene, settings: "ClockSettings | None" = None) -> Scene:
+def sync(scene: Scene, max_offset: float = 10.0) -> Scene:
     """The scene with the offset between the clocks of its video and its sensors, found from how people move.
+
+    Offsets of up to ``max_offset`` seconds either way are looked at.
 
     Raises:
         InputError, RecordingError: without a camera, or if the offset cannot be told.
     """
     from vip_factors.initialise.clock import find_clock_offset
 
-    found = find_clock_offset(scene, settings)
+    found = find_clock_offset(scene, max_offset)
     if not found.determined:
         raise InputError(f"scene '{scene.name}': {found.sentence}")
     return with_clock(scene, found.clock)

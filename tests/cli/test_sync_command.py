@@ -70,5 +70,5 @@ def test_mistakes(run, files, filmed: Path, tmp_path: Path) -> None:
     assert told.code == 2
     assert "no camera" in told.err
     assert "none.mcap" in run("sync", tmp_path / "none.mcap").err
-    assert "max_offset" in run("sync", filmed, "--out", tmp_path / "b.mcap", "--max-offset", "-1").err
+    assert "--max-offset" in run("sync", filmed, "--out", tmp_path / "b.mcap", "--max-offset", "-1").err
     assert [path.name for path in tmp_path.iterdir()] == ["a.mcap"]

@@ -1,4 +1,4 @@
-"""The clocks' offset comes back from simulated scenes and from claps; where it cannot be known, that is said."""
+"""The clocks' offset comes back from simulated scenes; where it cannot be known, that is said."""
 
 from dataclasses import replace
 
@@ -7,16 +7,13 @@ import pytest
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.initialise.clock import ClockOffset, ClockSettings, find_clock_offset
+from vip_factors.initialise.clock import find_clock_offset
 from vip_factors.initialise.clock_correlation import CorrelationCurve, LimbCurve, Pair
-from vip_factors.initialise.clock_drift import DriftSettings
+from vip_factors.initialise.clock_drift import find_drift
 from vip_factors.initialise.clock_signals import simple_tracks
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.recording import Recording, Subject
-from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.scene_settings import SceneSettings
@@ -53,9 +50,8 @@ def scene(request: pytest.FixtureRequest) -> Scene:
 
 
 def test_motion_tells_the_offset(scene: Scene) -> None:
-    found = find_clock_offset(scene, ClockSettings(max_offset=4.0))
+    found = find_clock_offset(scene, 4.0)
     assert found.seconds == pytest.approx(OFFSET, abs=0.02)
-    assert found.curve is not None
     assert found.curve.offset[np.argmax(found.curve.gain)] == pytest.approx(OFFSET, abs=0.025)
     if found.determined:
         assert abs(found.seconds - OFFSET) < 3 * found.sigma
@@ -69,23 +65,21 @@ def test_eight_keypoints_tell_the_offset() -> None:
     joints = ("shoulder", "hip", "knee", "ankle")
     given = np.array([name.split("_")[-1] in joints for name in detections.keypoints.keypoints])
     few = replace(detections, confidence=given * detections.confidence).shifted(OFFSET - 0.1)
-    one_step = ClockSettings(max_offset=0.5)
-    found = find_clock_offset(replace(scene, camera=replace(scene.camera, detections=few)), one_step)
+    found = find_clock_offset(replace(scene, camera=replace(scene.camera, detections=few)), 0.5)
     assert found.determined
     assert found.seconds == pytest.approx(0.1, abs=0.04)
 
 
 def test_the_result_follows_the_video_clock(scene: Scene) -> None:
-    settings = ClockSettings(max_offset=3.0, method="motion")
     moved = replace(scene, camera=replace(scene.camera, detections=scene.camera.detections.shifted(0.777)))
-    difference = find_clock_offset(scene, settings).seconds - find_clock_offset(moved, settings).seconds
+    difference = find_clock_offset(scene, 3.0).seconds - find_clock_offset(moved, 3.0).seconds
     assert difference == pytest.approx(0.777, abs=0.002)
 
 
 def test_without_errors_it_is_exact() -> None:
     scene = filmed(SceneSettings.noise_free(camera="fixed", time_offset_s=OFFSET), first=0.0, last=14.0, seconds=14.0)
-    found = find_clock_offset(scene, ClockSettings(max_offset=3.0))
-    assert found.method == "motion"
+    found = find_clock_offset(scene, 3.0)
+    assert found.determined
     assert found.seconds == pytest.approx(OFFSET, abs=0.003)
     assert found.sigma < 0.02
 
@@ -97,8 +91,7 @@ def test_other_peoples_sensors_are_no_clock(scene: Scene) -> None:
         name: replace(stream, R_inertial_sensor=np.broadcast_to(np.eye(3), (len(stream), 3, 3)).copy())
         for name, stream in wearer.imus.items()
     }
-    found = find_clock_offset(replace(scene, wearers=(replace(wearer, imus=still),)), ClockSettings(method="motion"))
-    assert found.method == "undetermined"
+    found = find_clock_offset(replace(scene, wearers=(replace(wearer, imus=still),)))
     assert not found.determined
     assert np.isinf(found.sigma)
     assert "undetermined" in found.sentence
@@ -118,70 +111,14 @@ def standing(time: np.ndarray, rate: float = 30.0) -> tuple[np.ndarray, np.ndarr
     return video, np.repeat(np.array(body, float)[None], len(video), axis=0)
 
 
-def clapping(claps: list[float], offset: float, stamp: bool = False) -> Scene:
-    """Somebody who stands and claps, or stamps, at times of the sensors' clock."""
-    random = np.random.default_rng(0)
-    time = np.arange(0, 20, 0.01)
-    skeleton = Subject().body()
-    placement = preset("tnt10", skeleton)
-    imus = {}
-    for site in placement.sites:
-        force = np.array([0, 0, 9.81]) + 0.3 * random.standard_normal((len(time), 3))
-        if ("shank" if stamp else "forearm") in site.sensor and (not stamp or "left" in site.sensor):
-            for clap in claps:
-                force[:, 0] += 60 * np.exp(-0.5 * ((time - clap) / 0.01) ** 2)
-        imus[site.sensor] = ImuStream(site.sensor, time, force, np.repeat(np.eye(3)[None], len(time), axis=0))
-    video, pixels = standing(time - offset)
-    for clap in claps:
-        to_clap = video + offset - clap
-        near = (to_clap > -0.5) & (to_clap < 1.0)
-        # Hands approach for a fifth of a second, stop, and part slowly; or a foot comes down.
-        apart = np.interp(to_clap, [-0.5, -0.2, 0.0, 0.3, 1.0], [0.0, 0.0, 1.0, 1.0, 0.0])
-        for side, sign in (("left", -1.0), ("right", 1.0)):
-            if stamp and side == "left":
-                pixels[near, COCO.keypoints.index("left_ankle"), 1] -= (
-                    80 * (np.interp(to_clap, [-0.5, -0.2, 0.0], [0.0, 1.0, 0.0])[near])
-                )
-            elif not stamp:
-                pixels[near, COCO.keypoints.index(f"{side}_wrist"), 0] += sign * 60 * apart[near]
-    pixels += 0.7 * random.standard_normal(pixels.shape)
-    seen = Detections(COCO, video, np.arange(len(video)), pixels, np.full(pixels.shape[:2], 0.8))
-    camera = Camera("camera", CameraModel(600, 480, (500, 500), (300, 240)), seen, moving=False)
-    return Scene("clap", (Recording("clap", Subject(), imus, placement),), camera)
-
-
-@pytest.mark.parametrize("offset", [-3.21, 0.0, 4.567])
-@pytest.mark.parametrize("stamp", [False, True])
-def test_one_clap_or_stamp_tells_the_offset(offset: float, stamp: bool) -> None:
-    method = "stamp" if stamp else "clap"
-    found = find_clock_offset(clapping([8.013], offset, stamp), ClockSettings(method=method))
-    assert found.method == method
-    assert found.seconds == pytest.approx(offset, abs=0.015)
-    assert found.sigma < 0.03
-
-
-def test_a_clap_is_found_among_everything_else() -> None:
-    found = find_clock_offset(clapping([6.4, 8.013], 2.3))
-    assert found.method == "clap"
-    assert found.seconds == pytest.approx(2.3, abs=0.015)
-
-
-def test_claps_in_time_are_ambiguous() -> None:
-    found = find_clock_offset(clapping([float(t) for t in range(6, 15)], 0.3), ClockSettings(method="clap"))
-    assert found.method == "undetermined"
-    offers = sorted([found.seconds, *(seconds for seconds, _ in found.alternatives)])
-    np.testing.assert_allclose(np.diff(offers), 1.0, atol=0.03)
-
-
-def test_nothing_to_compare() -> None:
-    scene = clapping([8.0], 0.0)
+def test_nothing_to_compare(scene: Scene) -> None:
     with pytest.raises(RecordingError, match="no camera"):
         find_clock_offset(replace(scene, camera=None))
     empty = scene.camera.detections.select(np.zeros(0, int))
     with pytest.raises(RecordingError, match="nobody is seen"):
         find_clock_offset(replace(scene, camera=replace(scene.camera, detections=empty)))
     with pytest.raises(InputError, match="max_offset"):
-        ClockSettings(max_offset=0.0)
+        find_clock_offset(scene, 0.0)
 
 
 def test_tracks_follow_bodies_and_never_mix_them() -> None:
@@ -199,50 +136,32 @@ def test_tracks_follow_bodies_and_never_mix_them() -> None:
         assert np.allclose(speed, 0, atol=1e-6) or np.allclose(speed, 200, atol=1e-6)
 
 
-SHORT = DriftSettings(stretch=4.0, most=8e-3)  # half a minute is enough where clocks are that bad
-
-
-@pytest.fixture(scope="module")
-def drifting_scene() -> Scene:
+@pytest.mark.parametrize("drift", [0.0, 4e-3])
+def test_a_drift_is_found_in_stretches(drift: float) -> None:
     motion = gestures(28.0)
     settings = SceneSettings.noise_free(camera="fixed")
-    return simulate_scene([Performer("a", motion, preset("sip6", motion.skeleton))], settings)
-
-
-def found(scene: Scene, drift: float) -> ClockOffset:
-    assert scene.camera is not None
+    scene = simulate_scene([Performer("a", motion, preset("sip6", motion.skeleton))], settings)
     seen = scene.camera.detections
     drifted = replace(seen, time=(seen.time - 0.5) / (1 + drift))
-    settings = ClockSettings(method="motion", max_offset=1.5, drift=SHORT)
-    return find_clock_offset(replace(scene, camera=replace(scene.camera, detections=drifted), truth=None), settings)
+    found = find_drift(scene, scene.camera, simple_tracks(drifted), 0.5 + 14 * drift, stretch=4.0, most=8e-3)
+    assert found is not None
+    assert found.matters == (drift > 0)
+    assert found.per_second == pytest.approx(drift, abs=5e-4)
+    assert found.seconds == pytest.approx(0.5 + drift * found.middle, abs=0.01)
 
 
-def test_a_drift_is_found_and_told(drifting_scene: Scene) -> None:
-    told = found(drifting_scene, 4e-3)
-    assert told.determined
-    assert told.drift is not None
-    assert told.drift.per_second == pytest.approx(4e-3, abs=5e-4)
-    assert "drifts by +1" in told.sentence  # a hundred and twelve milliseconds
-    video = np.array([0.0, 14.0, 28.0])
-    np.testing.assert_allclose(told.clock.at(video), 0.5 + 1.004 * video, atol=0.01)
-
-
-def test_clocks_that_run_alike_are_left_alone(drifting_scene: Scene) -> None:
-    told = found(drifting_scene, 0.0)
-    assert told.clock.drift == 0.0
-    assert "drift" not in told.sentence
-
-
-@pytest.mark.parametrize("stretch", [0.5, 1.2, 2.0])
-def test_a_wrong_frame_rate_is_told(stretch: float) -> None:
-    scene = filmed(SceneSettings(camera="fixed"), first=0.0, last=20.0)
+@pytest.mark.slow
+def test_a_drift_is_told_and_becomes_the_clocks() -> None:
+    motion = gestures(64.0)
+    settings = SceneSettings.noise_free(camera="fixed")
+    scene = simulate_scene([Performer("a", motion, preset("sip6", motion.skeleton))], settings)
     seen = scene.camera.detections
-    stretched = replace(seen, time=seen.time[0] + stretch * (seen.time - seen.time[0]))
-    found = find_clock_offset(replace(scene, camera=replace(scene.camera, detections=stretched)))
-    assert not found.determined
-    assert [one.kind for one in found.findings] == ["video rate"]
-    assert found.findings[0].numbers["better"] == pytest.approx(seen.rate, rel=0.05)
-    assert "--video-rate" in found.sentence
+    drifted = replace(scene.camera, detections=replace(seen, time=(seen.time - 0.5) / 1.001))
+    found = find_clock_offset(replace(scene, camera=drifted, truth=None), 1.5)
+    assert found.determined
+    assert "drifts by +6" in found.sentence  # 64 ms
+    video = np.array([0.0, 32.0, 64.0])
+    np.testing.assert_allclose(found.clock.at(video), 0.5 + 1.001 * video, atol=0.01)
 
 
 def test_the_best_track_tells_how_much_sensors_explain() -> None:

@@ -1,25 +1,24 @@
 """``vip-factors sync``: how far the video's clock is off the sensors', and a scene that says so."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import UNPREFIXED, Flag, Output, WritingOptions, beside
+from vip_factors.cli.options import Flag, Output, WritingOptions, beside
 from vip_factors.cli.terminal import waiting
 from vip_factors.errors import InputError
-from vip_factors.initialise.clock import ClockOffset, ClockSettings, find_clock_offset
+from vip_factors.initialise.clock import MAX_OFFSET_S, ClockOffset, find_clock_offset
 
 
 @dataclass(frozen=True)
 class SyncOptions(WritingOptions):
     """Find the offset between the clocks of video and sensors, and write a copy of the scene that holds it.
 
-    The offset is the seconds to add to the video's times. It is found from how people move, without any event, and
-    from a clap or a stamp if there is one. If it cannot be told, that is said and nothing is written. Over a minute and
-    more a drift of the clocks is found too.
+    The offset is the seconds to add to the video's times. It is found from how people move, without any event. If it
+    cannot be told, that is said and nothing is written. Over a minute and more a drift of the clocks is found too.
     """
 
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]
@@ -32,7 +31,8 @@ class SyncOptions(WritingOptions):
     """Only tell what was found; write no scene."""
     picture: Annotated[Path | None, Output(".png")] = None
     """Picture (.png) of the agreement over all offsets."""
-    settings: Annotated[ClockSettings, UNPREFIXED] = field(default_factory=ClockSettings)
+    max_offset: float = MAX_OFFSET_S
+    """Offsets to look at, seconds either way."""
 
 
 def main(options: SyncOptions) -> None:
@@ -57,7 +57,7 @@ def main(options: SyncOptions) -> None:
     clock = VideoClock(seconds or 0.0)
     if seconds is None or options.picture is not None:
         with waiting("comparing video and sensors"):
-            found = find_clock_offset(scene, options.settings)
+            found = find_clock_offset(scene, options.max_offset)
         print(offset_text(found, scene.camera.time_offset))
         if options.picture is not None:
             draw_offset(found, options.picture, options.overwrite)
@@ -79,7 +79,7 @@ def offset_text(offset: ClockOffset, before: float = 0.0) -> str:
     if offset.determined and before:
         lines.append(f"the scene said {before:+.3f} s before")
     lines.append(f"  {'offset':>10}  agreement")
-    sigma = f"± {1e3 * offset.sigma:.0f} ms, {offset.method}" if offset.determined else offset.method
+    sigma = f"± {1e3 * offset.sigma:.0f} ms" if offset.determined else "undetermined"
     lines.append(f"  {offset.seconds:+8.3f} s  {100:7.0f} %  {sigma}")
     lines += [f"  {seconds:+8.3f} s  {100 * share:7.0f} %" for seconds, share in offset.alternatives[:4]]
     return "\n".join(lines)
@@ -89,12 +89,10 @@ def draw_offset(offset: ClockOffset, path: Path, overwrite: bool = False) -> Non
     """A picture of the agreement over all offsets, the best marked.
 
     Raises:
-        InputError: if motions were not compared, or the file exists or is not named ``.png``.
+        InputError: if the file exists or is not named ``.png``.
     """
     from vip_factors.viz.charts import Curve, curve_chart
 
-    if offset.curve is None:
-        raise InputError(f"{path}: there is no curve to draw: events only were compared; choose method auto or motion")
     title = f"video {offset.seconds:+.3f} s" + (
         f" ± {1e3 * offset.sigma:.0f} ms" if offset.determined else ": not clear"
     )

@@ -15,9 +15,9 @@ import scipy
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_signals import (
+    GRID_HZ,
     ImageTrack,
     Signal,
-    Smoothing,
     camera_rotation,
     limb_directions,
     limb_in_image,
@@ -32,6 +32,7 @@ LEAST_SECONDS = 2.0  # of common time that a limb must show
 COMMON_SECONDS = 0.2  # that two tracks of one person may both be there: a detector may see somebody twice for a moment
 RIDGE = 1e-2  # of the sensor's mean square: a limb that moves in one plane leaves one direction undetermined
 LEAST_SAMPLES = 30  # of common grid time, for a linear map to mean anything
+QUICK_S = 0.07  # wide enough for a detector's jitter, narrow enough for a step of 0.4 s
 MOST_EXPLAINED = 0.98  # a limb that fits better by chance must not outvote the rest
 
 
@@ -106,8 +107,7 @@ def correlation_curve(
     camera: Camera,
     tracks: Sequence[ImageTrack],
     max_offset: float,
-    independent_hz: float,
-    smoothing: Smoothing | None = None,
+    width: float = QUICK_S,
 ) -> CorrelationCurve:
     """The agreement of a scene's tracks with its sensors for all offsets up to ``max_offset`` seconds either way.
 
@@ -116,19 +116,17 @@ def correlation_curve(
         camera: its camera; an IMU on it is used if it moves.
         tracks: bodies in the image.
         max_offset: seconds.
-        independent_hz: how many instants per second count as independent.
-        smoothing: of both sides.
+        width: seconds, of the Gaussian that smooths both sides.
     """
-    smoothing = smoothing or Smoothing()
-    lags = round(2 * max_offset * smoothing.rate) + 1
-    offset: Array = (np.arange(lags, dtype=float) - (lags - 1) / 2) / smoothing.rate
+    lags = round(2 * max_offset * GRID_HZ) + 1
+    offset: Array = (np.arange(lags, dtype=float) - (lags - 1) / 2) / GRID_HZ
     turning, every = np.zeros(lags), []
     for track in tracks:
-        count = int(np.ceil((track.time[-1] - track.time[0]) * smoothing.rate)) + 1
-        video = track.time[0] + np.arange(count) / smoothing.rate
-        imu = track.time[0] + offset[0] + np.arange(count + lags - 1) / smoothing.rate
-        every.append(_limb_curves(scene, camera, track, video, imu, independent_hz, smoothing))
-        turning = np.maximum(turning, _camera_curve(camera, track, video, imu, independent_hz, smoothing))
+        count = int(np.ceil((track.time[-1] - track.time[0]) * GRID_HZ)) + 1
+        video = track.time[0] + np.arange(count) / GRID_HZ
+        imu = track.time[0] + offset[0] + np.arange(count + lags - 1) / GRID_HZ
+        every.append(_limb_curves(scene, camera, track, video, imu, width))
+        turning = np.maximum(turning, _camera_curve(camera, track, video, imu, width))
     pairs, gain = _assigned(tracks, every, lags)
     return CorrelationCurve(offset, gain + turning, every, pairs)
 
@@ -164,58 +162,56 @@ def _assigned(
 
 
 def _limb_curves(
-    scene: Scene, camera: Camera, track: ImageTrack, video: Array, imu: Array, independent_hz: float,
-    smoothing: Smoothing,
-) -> list[LimbCurve]:  # fmt: skip
-    turned = camera_rotation(camera.mount, imu, smoothing) if camera.moving and camera.mount is not None else None
+    scene: Scene, camera: Camera, track: ImageTrack, video: Array, imu: Array, width: float
+) -> list[LimbCurve]:
+    turned = camera_rotation(camera.mount, imu) if camera.moving and camera.mount is not None else None
     seen: dict[tuple[int, int], Signal] = {}
     curves = []
     for number, recording in enumerate(scene.wearers):
-        for sensor, direction in limb_directions(recording, imu, smoothing).items():
+        for sensor, direction in limb_directions(recording, imu).items():
             limb = limb_indices(camera.detections.keypoints, recording.placement.site(sensor).bone)
             if limb is None:
                 continue
             if limb not in seen:
-                seen[limb] = limb_in_image(track, limb, video, smoothing)
+                seen[limb] = limb_in_image(track, limb, video, width)
             image = seen[limb]
-            if image.valid.sum() < LEAST_SECONDS * smoothing.rate:
+            if image.valid.sum() < LEAST_SECONDS * GRID_HZ:
                 continue
-            features = _features(direction, turned, smoothing)
-            curves.append(LimbCurve(number, sensor, *_gain(image, features, independent_hz / smoothing.rate)))
+            features = _features(direction, turned, width)
+            curves.append(LimbCurve(number, sensor, *_gain(image, features, width)))
     return curves
 
 
-def _features(direction: Signal, turned: tuple[Array, np.ndarray] | None, smoothing: Smoothing) -> list[Signal]:
+def _features(direction: Signal, turned: tuple[Array, np.ndarray] | None, width: float) -> list[Signal]:
     """What the image may be a linear map of: one signal for both its axes, or one for each (the same map for both)."""
     if turned is None:
-        return [rate_of(direction.values, direction.valid, smoothing)]
+        return [rate_of(direction.values, direction.valid, width)]
     R_camera_inertial, valid = turned
     x, y, z = direction.values.T
     # A heading between the two inertial frames turns (x, y) to (c x − s y, s x + c y): linear in c and s; and z stays.
     parts = np.stack([np.stack([x, y, 0 * z], 1), np.stack([-y, x, 0 * z], 1), np.stack([0 * x, 0 * y, z], 1)], axis=-1)
     in_camera = R_camera_inertial @ parts
-    return [rate_of(in_camera[:, row], valid & direction.valid, smoothing) for row in (0, 1)]
+    return [rate_of(in_camera[:, row], valid & direction.valid, width) for row in (0, 1)]
 
 
-def _camera_curve(
-    camera: Camera, track: ImageTrack, video: Array, imu: Array, independent_hz: float, smoothing: Smoothing
-) -> Array:
+def _camera_curve(camera: Camera, track: ImageTrack, video: Array, imu: Array, width: float) -> Array:
     """Whether bodies cross the image as the camera's gyroscope says."""
     none = np.zeros(len(imu) - len(video) + 1)
     if not camera.moving or camera.mount is None or camera.mount.imu.angular_rate is None:
         return none
     stream = camera.mount.imu
     rate = interpolate_points(stream.time, camera.mount.imu.angular_rate, imu)
-    turn = smoothed(rate, (imu >= stream.time[0]) & (imu <= stream.time[-1]), smoothing)
-    image = middle_in_image(track, camera.model.focal, video, smoothing)
-    return np.maximum(_gain(image, [turn], independent_hz / smoothing.rate)[0], 0.0) if np.any(image.valid) else none
+    turn = smoothed(rate, (imu >= stream.time[0]) & (imu <= stream.time[-1]), width)
+    image = middle_in_image(track, camera.model.focal, video, width)
+    return np.maximum(_gain(image, [turn], width)[0], 0.0) if np.any(image.valid) else none
 
 
-def _gain(image: Signal, features: Sequence[Signal], independent: float) -> tuple[Array, Array]:
+def _gain(image: Signal, features: Sequence[Signal], width: float) -> tuple[Array, Array]:
     """Log-likelihood gain ``(L,)`` of image motion ``(T, 2)`` as a linear map of features ``(T + L − 1, 3)``.
 
     And of how many independent instants ``(L,)`` it is.
     """
+    independent = 0.28 / width / GRID_HZ  # instants in one sample: a width holds 1 over twice the root of pi
     size = scipy.fft.next_fast_len(len(features[0].values), real=True)
     lags = len(features[0].values) - len(image.values) + 1
 

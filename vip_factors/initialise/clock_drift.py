@@ -13,36 +13,14 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.clock_correlation import correlation_curve, peak_vertex
-from vip_factors.initialise.clock_signals import ImageTrack, Smoothing
+from vip_factors.initialise.clock_signals import ImageTrack
 from vip_factors.sensors.scene import Camera, Scene
 
 OFFSETS_S = 0.35  # either side of the offset that was found for the whole
 GRID_S = 0.008  # between lines, at their ends: a tenth of a peak's width
 FIT_S = 0.05  # over which a peak is a parabola
+LEAST_STRETCHES = 3  # that make a line
 BESIDE_S = 0.06  # from the line, where a stretch has its own peak
-
-
-@dataclass(frozen=True)
-class DriftSettings:
-    """How a drift is looked for.
-
-    Attributes:
-        use: off: clocks run alike.
-        stretch: seconds of one: enough steps to tell an offset to some milliseconds.
-        least_stretches: that make a line.
-        most: seconds a second; a rate told as 30 for 29.97 Hz is half of it, quartz clocks are a hundred times better.
-        least_gain: nats of a stretch that counts.
-        least_drift: seconds from the video's start to its end, from which on a drift matters.
-        sure: standard deviations of one that is reported.
-    """
-
-    use: bool = True
-    stretch: float = 20.0
-    least_stretches: int = 3
-    most: float = 2e-3
-    least_gain: float = 10.0
-    least_drift: float = 0.010
-    sure: float = 4.0
 
 
 @dataclass(frozen=True)
@@ -65,44 +43,47 @@ class ClockDrift:
     duration: float
     stretches: int
 
-    def matters(self, settings: DriftSettings) -> bool:
-        """Whether it is larger than what is worth telling, and surely there."""
-        is_sure = abs(self.per_second) > settings.sure * self.sigma
-        return is_sure and abs(self.per_second) * self.duration > settings.least_drift
+    @property
+    def matters(self) -> bool:
+        """Whether the drift is surely there, and more than 10 ms over the video."""
+        return abs(self.per_second) > 4 * self.sigma and abs(self.per_second) * self.duration > 0.010
 
 
 def find_drift(
-    scene: Scene, camera: Camera, tracks: Sequence[ImageTrack], seconds: float, independent_hz: float,
-    smoothing: Smoothing, settings: DriftSettings,
-) -> ClockDrift | None:  # fmt: skip
+    scene: Scene,
+    camera: Camera,
+    tracks: Sequence[ImageTrack],
+    seconds: float,
+    stretch: float = 20.0,
+    most: float = 2e-3,
+) -> ClockDrift | None:
     """The drift about the offset of the whole; None where too few stretches tell one.
 
     Args:
         scene, camera, tracks: as for the offset.
         seconds: the offset of the whole.
-        independent_hz: how many instants per second count as independent.
-        smoothing: of both sides.
-        settings: of the search.
+        stretch: seconds of one: enough steps to tell an offset to some milliseconds.
+        most: seconds a second; a rate told as 30 for 29.97 Hz is half of it, quartz clocks are a hundred times better.
     """
     start, end = min(one.time[0] for one in tracks), max(one.time[-1] for one in tracks)
-    count = int((end - start) // settings.stretch)
-    if count < settings.least_stretches:
+    count = int((end - start) // stretch)
+    if count < LEAST_STRETCHES:
         return None
     edges, middle = np.linspace(start, end, count + 1), (start + end) / 2
-    reach = OFFSETS_S + settings.most * (end - start) / 2
+    reach = OFFSETS_S + most * (end - start) / 2
     when, curves, offset = [], [], np.zeros(0)
     for first, last in pairwise(edges.tolist()):
         cut = [part for track in tracks if (part := between(track, first, last, seconds)) is not None]
         if cut:
-            curve = correlation_curve(scene, camera, cut, reach, independent_hz, smoothing)
+            curve = correlation_curve(scene, camera, cut, reach)
             when.append((first + last) / 2 - middle)
             curves.append(np.maximum(curve.gain, 0.0))
             offset = curve.offset
-    if len(curves) < settings.least_stretches:
+    if len(curves) < LEAST_STRETCHES:
         return None
     time, gain = np.array(when), np.stack(curves)
-    line = _best_line(offset, gain, time, (end - start) / 2, settings.most)
-    measured = _fitted(offset, gain, time, line, settings)
+    line = _best_line(offset, gain, time, (end - start) / 2, most)
+    measured = _fitted(offset, gain, time, line)
     if measured is None:
         return None
     own, drift, sigma, used = measured
@@ -135,15 +116,16 @@ def _best_line(offset: Array, gain: Array, time: Array, half: float, most: float
 
 
 def _fitted(
-    offset: Array, gain: Array, time: Array, line: tuple[float, float], settings: DriftSettings
+    offset: Array, gain: Array, time: Array, line: tuple[float, float]
 ) -> tuple[float, float, float, int] | None:
     """Offset, drift, its standard deviation, and how many stretches told: each by its peak beside the line."""
+    least_gain = 10.0  # nats of a stretch that counts
     rows = []
     for t, own in zip(time, gain, strict=True):
         near = np.flatnonzero(np.abs(offset - (line[0] + line[1] * t)) <= BESIDE_S)
-        if len(near) and own[near].max() >= settings.least_gain:
+        if len(near) and own[near].max() >= least_gain:
             rows.append((t, *peak_vertex(offset, own, int(near[np.argmax(own[near])]), FIT_S)))
-    if len(rows) < settings.least_stretches:
+    if len(rows) < LEAST_STRETCHES:
         return None
     t, peak, weight = np.array(rows).T
     A = np.stack([np.ones_like(t), t], axis=1)

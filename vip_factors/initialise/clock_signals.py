@@ -21,32 +21,13 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array
-from vip_factors.ranges import NotNegativeInt, Share
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CameraMount
 
-
-@dataclass(frozen=True)
-class TrackSettings:
-    """How detections are joined.
-
-    Attributes:
-        least_confidence: keypoints below are not used: what detectors say below is mostly guessed.
-        reach: mean shift of the keypoints over their spread, from one frame to the next; a runner's is 0.1.
-        doubt: two candidates whose shifts differ by less than this factor end the track: better short than mixed.
-        longest_gap: seconds that a track survives without a detection.
-        shortest: seconds of a track that is worth using.
-        most: tracks used at most, the longest: bystanders come and go in thousands.
-    """
-
-    least_confidence: Share = 0.2
-    reach: float = 0.35
-    doubt: float = 1.5
-    longest_gap: float = 0.25
-    shortest: float = 2.0
-    most: NotNegativeInt = 40
+GRID_HZ = 60.0  # of all signals: twice a usual video's rate
+SHORTEST_TRACK_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -64,28 +45,31 @@ class ImageTrack:
     size: Array
 
 
-def simple_tracks(detections: Detections, settings: TrackSettings | None = None) -> list[ImageTrack]:
-    """Tracks of a video, the longest first."""
-    settings = settings or TrackSettings()
-    pixels = np.where((detections.confidence >= settings.least_confidence)[..., None], detections.pixels, np.nan)
-    rows = _joined(detections, pixels, settings)
+def simple_tracks(detections: Detections) -> list[ImageTrack]:
+    """Bodies followed through a video, the longest tracks first."""
+    least_confidence = 0.2  # what detectors say below is mostly guessed
+    most = 40  # bystanders come and go in thousands
+    pixels = np.where((detections.confidence >= least_confidence)[..., None], detections.pixels, np.nan)
     tracks = []
-    for one in rows:
-        time = detections.time[detections.frame[one]]
-        if time[-1] - time[0] >= settings.shortest:
-            tracks.append(ImageTrack(time, pixels[one], _smooth_size(time, _spread(pixels[one]))))
+    for rows in _joined(detections, pixels):
+        time = detections.time[detections.frame[rows]]
+        if time[-1] - time[0] >= SHORTEST_TRACK_S:
+            tracks.append(ImageTrack(time, pixels[rows], _smooth_size(time, _spread(pixels[rows]))))
     tracks.sort(key=lambda track: len(track.time), reverse=True)
-    return tracks[: settings.most]
+    return tracks[:most]
 
 
-def _joined(detections: Detections, pixels: Array, settings: TrackSettings) -> list[list[int]]:
+def _joined(detections: Detections, pixels: Array) -> list[list[int]]:
     """Indices of the detections of each track."""
+    reach = 0.35  # mean shift of the keypoints over their spread, from one frame to the next; a runner's is 0.1
+    doubt = 1.5  # two candidates whose shifts differ by less than this factor end the track: better short than mixed
+    longest_gap_s = 0.25  # that a track survives without a detection
     done: list[list[int]] = []
     alive: list[list[int]] = []
     for frame in np.unique(detections.frame):
         here = np.arange(*detections.of_frame(int(frame)).indices(len(detections)))
         now = detections.time[frame]
-        fresh = [now - detections.time[detections.frame[one[-1]]] <= settings.longest_gap for one in alive]
+        fresh = [now - detections.time[detections.frame[one[-1]]] <= longest_gap_s for one in alive]
         done += [one for one, young in zip(alive, fresh, strict=True) if not young]
         alive = [one for one, young in zip(alive, fresh, strict=True) if young]
         taken: set[int] = set()
@@ -93,10 +77,10 @@ def _joined(detections: Detections, pixels: Array, settings: TrackSettings) -> l
             shift = _shifts(pixels[[one[-1] for one in alive]], pixels[here])
             ended = []
             for row, column in zip(*scipy.optimize.linear_sum_assignment(np.minimum(shift, 1e3)), strict=True):
-                if shift[row, column] > settings.reach:
+                if shift[row, column] > reach:
                     continue
                 rivals = [*np.delete(shift[row], column), *np.delete(shift[:, column], row)]
-                if min(rivals, default=np.inf) < settings.doubt * shift[row, column]:
+                if min(rivals, default=np.inf) < doubt * shift[row, column]:
                     ended.append(row)
                     continue
                 alive[row].append(int(here[column]))
@@ -165,31 +149,19 @@ class Signal:
     valid: np.ndarray
 
 
-@dataclass(frozen=True)
-class Smoothing:
-    """How signals are brought onto the grid.
+def limb_in_image(track: ImageTrack, limb: tuple[int, int], grid: Array, width: float) -> Signal:
+    """Rate of the difference of two keypoints over the person's size ``(T, 2)`` in 1/s; the grid is on video time.
 
-    Attributes:
-        rate: of the grid in Hz: twice a usual video's.
-        width: seconds, of the Gaussian: wide enough for a detector's jitter, narrow enough for a step of 0.4 s.
-        longest_gap: seconds over which a signal is interpolated.
+    ``width`` is that of the smoothing Gaussian, seconds, here and below.
     """
-
-    rate: float = 60.0
-    width: float = 0.07
-    longest_gap: float = 0.12
-
-
-def limb_in_image(track: ImageTrack, limb: tuple[int, int], grid: Array, smoothing: Smoothing) -> Signal:
-    """Rate of the difference of two keypoints over the person's size ``(T, 2)`` in 1/s; the grid is on video time."""
     near, far = limb
     values = (track.pixels[:, far] - track.pixels[:, near]) / track.size[:, None]
-    return _rate(track.time, _without_jumps(values), grid, smoothing)
+    return _rate(track.time, _without_jumps(values), grid, width)
 
 
-def middle_in_image(track: ImageTrack, focal: tuple[float, float], grid: Array, smoothing: Smoothing) -> Signal:
+def middle_in_image(track: ImageTrack, focal: tuple[float, float], grid: Array, width: float) -> Signal:
     """Rate of the middle of the trunk in the image ``(T, 2)`` in rad/s, as a turning camera moves it."""
-    return _rate(track.time, np.nanmedian(track.pixels, axis=1) / np.array(focal), grid, smoothing)
+    return _rate(track.time, np.nanmedian(track.pixels, axis=1) / np.array(focal), grid, width)
 
 
 def limb_indices(keypoints: KeypointSet, bone: str) -> tuple[int, int] | None:
@@ -200,7 +172,7 @@ def limb_indices(keypoints: KeypointSet, bone: str) -> tuple[int, int] | None:
     return keypoints.keypoints.index(names[0]), keypoints.keypoints.index(names[1])
 
 
-def limb_directions(recording: Recording, grid: Array, smoothing: Smoothing) -> dict[str, Signal]:
+def limb_directions(recording: Recording, grid: Array) -> dict[str, Signal]:
     """Direction of each limb that has a sensor and keypoints, in the sensor's inertial frame ``(T, 3)``; by sensor.
 
     Not yet differentiated, so that it may be turned into a camera's frame. Sensors without orientation whose
@@ -213,66 +185,67 @@ def limb_directions(recording: Recording, grid: Array, smoothing: Smoothing) -> 
         if site.bone not in LIMBS:
             continue
         axis = _axis(site.bone, skeleton.p_parent_joint)
-        turned = rotations_on(recording.imus[sensor], grid, smoothing)
+        turned = rotations_on(recording.imus[sensor], grid)
         if turned is not None:
             R, valid = turned
             found[sensor] = Signal(R @ (site.R_bone_sensor.T @ axis), valid)
     return found
 
 
-def camera_rotation(mount: CameraMount, grid: Array, smoothing: Smoothing) -> tuple[Array, np.ndarray] | None:
+def camera_rotation(mount: CameraMount, grid: Array) -> tuple[Array, np.ndarray] | None:
     """``R_camera_inertial (T, 3, 3)`` from the IMU on the camera, and where it is valid.
 
     None without orientation, or if nobody told how it sits.
     """
-    turned = rotations_on(mount.imu, grid, smoothing) if mount.is_declared else None
+    turned = rotations_on(mount.imu, grid) if mount.is_declared else None
     if turned is None:
         return None
     R_inertial_imu, valid = turned
     return mount.R_camera_imu @ np.swapaxes(R_inertial_imu, -1, -2), valid
 
 
-def rotations_on(stream: ImuStream, grid: Array, smoothing: Smoothing) -> tuple[Array, np.ndarray] | None:
+def rotations_on(stream: ImuStream, grid: Array) -> tuple[Array, np.ndarray] | None:
     """``R_inertial_sensor (T, 3, 3)`` on the grid (IMU time), and where it was measured; None if it cannot be had."""
     try:
         R = with_orientation(stream).R_inertial_sensor
     except RecordingError:
         return None
     assert R is not None
-    return interpolate_rotations(stream.time, R, grid), _near_samples(stream.time, grid, smoothing.longest_gap)
+    return interpolate_rotations(stream.time, R, grid), _near_samples(stream.time, grid)
 
 
-def rate_of(values: Array, valid: np.ndarray, smoothing: Smoothing) -> Signal:
+def rate_of(values: Array, valid: np.ndarray, width: float) -> Signal:
     """The smoothed derivative of what is already on the grid; not valid within its width of what is missing."""
-    sigma = smoothing.width * smoothing.rate
-    rate = scipy.ndimage.gaussian_filter1d(values, sigma, axis=0, order=1, mode="nearest") * smoothing.rate
+    sigma = width * GRID_HZ
+    rate = scipy.ndimage.gaussian_filter1d(values, sigma, axis=0, order=1, mode="nearest") * GRID_HZ
     # The kernel's ends count little: what is missing within one and a half widths would be seen.
     missing = scipy.ndimage.maximum_filter1d((~valid).astype(np.uint8), 2 * round(1.5 * sigma) + 1, mode="constant")
     whole = missing == 0
     return Signal(np.where(whole[:, None], rate, 0.0), whole)
 
 
-def smoothed(values: Array, valid: np.ndarray, smoothing: Smoothing) -> Signal:
+def smoothed(values: Array, valid: np.ndarray, width: float) -> Signal:
     """The same smoothing without derivative, for what is a rate already."""
-    values = scipy.ndimage.gaussian_filter1d(values, smoothing.width * smoothing.rate, axis=0, mode="nearest")
+    values = scipy.ndimage.gaussian_filter1d(values, width * GRID_HZ, axis=0, mode="nearest")
     return Signal(np.where(valid[:, None], values, 0.0), valid)
 
 
-def _rate(time: Array, values: Array, grid: Array, smoothing: Smoothing) -> Signal:
+def _rate(time: Array, values: Array, grid: Array, width: float) -> Signal:
     good = np.all(np.isfinite(values), axis=1)
     if good.sum() < 2:
         return Signal(np.zeros((len(grid), values.shape[1])), np.zeros(len(grid), bool))
     time, values = time[good], values[good]
     even = interpolate_points(time, values, grid)
-    return rate_of(even, _near_samples(time, grid, smoothing.longest_gap), smoothing)
+    return rate_of(even, _near_samples(time, grid), width)
 
 
-def _near_samples(time: Array, grid: Array, longest_gap: float) -> np.ndarray:
-    """Whether the samples on both sides of each grid time are at most a gap apart."""
+def _near_samples(time: Array, grid: Array) -> np.ndarray:
+    """Whether the samples on both sides of each grid time are near enough to interpolate."""
+    longest_gap_s = 0.12
     right = np.searchsorted(time, grid)
     inside = (grid >= time[0]) & (grid <= time[-1])
     right = np.clip(right, 1, len(time) - 1) if len(time) > 1 else np.zeros_like(right)
-    return inside & (time[right] - time[right - 1] <= longest_gap)
+    return inside & (time[right] - time[right - 1] <= longest_gap_s)
 
 
 def _without_jumps(values: Array, most: float = 0.25) -> Array:

@@ -12,8 +12,7 @@ from vip_factors.estimate import WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
-from vip_factors.initialise.clock import ClockSettings, find_clock_offset
-from vip_factors.initialise.clock_drift import DriftSettings
+from vip_factors.initialise.clock import film_finding
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.association import AssociatedCamera
@@ -50,7 +49,7 @@ def quality_checks(
 
 
 def film_findings(scene: Scene, told: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Whether the first camera's film has another frame rate or is another session's, where it fits badly.
+    """Whether the first camera's film is another session's, where it fits badly.
 
     Args:
         scene: or a stretch of it.
@@ -59,12 +58,11 @@ def film_findings(scene: Scene, told: Sequence[Finding]) -> tuple[Finding, ...]:
     if scene.camera is None or not any(one.kind in FITS_BADLY for one in told):
         return ()
     camera = replace(scene.camera, detections=scene.camera.timed_detections)
-    settings = ClockSettings(method="motion", drift=DriftSettings(use=False))
     try:
-        found = find_clock_offset(replace(scene, camera=camera, truth=None), settings).findings
+        finding = film_finding(replace(scene, camera=camera, truth=None))
     except RecordingError:
         return ()
-    return tuple(in_picture_of(camera, scene, one) for one in found)
+    return () if finding is None else (in_picture_of(camera, scene, finding),)
 
 
 def in_picture_of(camera: Camera, scene: Scene, finding: Finding) -> Finding:

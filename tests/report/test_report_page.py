@@ -108,6 +108,9 @@ def test_one_wearer_with_recording(estimate: Estimate, scene: Scene) -> None:
     assert Page(text).ids >= ALWAYS
     assert "Knee flexion" in text
     assert "left_shank" in text
+    site, worn = scene.wearers[0].placement.sites[0], motion_of(text)["bodies"][0]["sensors"]
+    assert len(worn) == len(scene.wearers[0].placement.sites)
+    assert (worn[0]["bone"], worn[0]["position"]) == (site.bone_index, pytest.approx(site.p_bone_sensor, abs=1e-4))
 
 
 @pytest.mark.parametrize(

@@ -18,18 +18,22 @@ from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.viz.colours import hexadecimal
 from vip_factors.viz.compare import floor_height
+from vip_factors.viz.drawn_scene import DrawnWearer
 
 UNIT = 32767  # of a quaternion's numbers: 0.002° at worst
 
 
 @dataclass(frozen=True)
 class _Body:
-    """A body to draw: name and index of its wearer, motion, and whether it is the truth, a ghost."""
+    """A body to draw: name and index of its wearer, motion, whether it is the truth, a ghost, and the wearer whose
+    sensors are drawn on it, if any.
+    """
 
     name: str
     index: int
     motion: Motion
     is_ghost: bool
+    wearer: DrawnWearer | None = None
 
 
 def motion_data(data: ReportData, settings: ReportSettings) -> dict[str, object]:
@@ -59,7 +63,7 @@ def motion_data(data: ReportData, settings: ReportSettings) -> dict[str, object]
         "bodies": [
             body_data(body.name, body.motion.skeleton, (body.index, len(data.wearers)), body.is_ghost)
             | poses_data(*_at(body.motion, time))
-            | {"mesh": number}
+            | {"mesh": number, "sensors": _sensors(body.wearer)}
             for body, number in zip(bodies, numbers, strict=True)
         ],
         "meshes": [mesh_data(skeleton) for skeleton in skins],
@@ -71,9 +75,23 @@ def _bodies(data: ReportData) -> Iterator[_Body]:
     """The estimated bodies, and the truth as ghosts."""
     for wearer in data.drawn.wearers:
         if wearer.shown is not None:
-            yield _Body(wearer.name, wearer.index, wearer.shown, False)
+            yield _Body(wearer.name, wearer.index, wearer.shown, False, wearer)
         if wearer.motion is not None and wearer.truth is not None:
             yield _Body(f"{wearer.name}, truth", wearer.index, wearer.truth, True)
+
+
+def _sensors(wearer: DrawnWearer | None) -> list[dict[str, object]]:
+    """Where a wearer's sensors sit: as calibrated, else as placed roughly."""
+    sensors: list[dict[str, object]] = []
+    if wearer is None or wearer.recording is None:
+        return sensors
+    calibration = wearer.estimate.calibration if wearer.estimate is not None else {}
+    for site in wearer.recording.placement.sites:
+        known = calibration.get(site.sensor)
+        R_bone_sensor = site.R_bone_sensor if known is None else known.R_bone_sensor
+        rotation = quaternion_from_matrix(R_bone_sensor, Order.XYZW).round(4).tolist()
+        sensors.append({"bone": site.bone_index, "position": _rounded(site.p_bone_sensor), "rotation": rotation})
+    return sensors
 
 
 def _at(motion: Motion, time: Array) -> tuple[Array, Array]:

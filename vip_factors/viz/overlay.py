@@ -18,13 +18,16 @@ BONES = np.array([[parent, joint] for joint, parent in enumerate(PARENTS) if par
 NEAREST_M = 0.1  # joints behind the camera are in no picture
 
 
-def overlaid_frames(drawn: DrawnScene, frames: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
+def overlaid_frames(
+    drawn: DrawnScene, frames: np.ndarray, size: tuple[int, int], *, names: bool = True
+) -> Iterator[np.ndarray]:
     """Frames of the video, or a plain ground, with skeletons (broad) and detections (thin, pale) over them.
 
     Args:
         drawn: a scene with the camera's model and detections.
         frames: ``(N,)`` increasing indices of video frames.
         size: width and height of the pictures in pixels.
+        names: write the wearers' names above their heads, if there are several.
 
     Yields:
         ``(height, width, 3)`` uint8, red green blue.
@@ -38,11 +41,11 @@ def overlaid_frames(drawn: DrawnScene, frames: np.ndarray, size: tuple[int, int]
         else:
             picture = np.ascontiguousarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1])
         draw_detections(picture, drawn, frame, scale)
-        draw_skeletons(picture, drawn, float(drawn.detections.time[frame]), scale)
+        draw_skeletons(picture, drawn, float(drawn.detections.time[frame]), scale, names)
         yield picture
 
 
-def draw_skeletons(picture: np.ndarray, drawn: DrawnScene, time: float, scale: Array) -> None:
+def draw_skeletons(picture: np.ndarray, drawn: DrawnScene, time: float, scale: Array, names: bool) -> None:
     """Draw every wearer's skeleton at a time (s); ``scale`` ``(2,)``: the picture's pixels in one of the camera."""
     if drawn.path is None or drawn.model is None:
         return
@@ -54,7 +57,7 @@ def draw_skeletons(picture: np.ndarray, drawn: DrawnScene, time: float, scale: A
         frame = int(np.clip(round((time - motion.start) * motion.rate), 0, len(motion) - 1))
         p_camera = (motion.state.p_world_joint[frame] - camera.p_world_camera[0]) @ camera.R_world_camera[0]
         pixels, before = scale * drawn.model.project(p_camera), p_camera[:, 2] > NEAREST_M
-        label = wearer.name if len(drawn.wearers) > 1 else ""
+        label = wearer.name if names and len(drawn.wearers) > 1 else ""
         draw_pose(picture, BONES, pixels, before.astype(float), wearer.index, label, 2.0)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import cv2
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -46,6 +47,7 @@ VIEW_YAW, VIEW_PITCH = np.deg2rad(32.0), np.deg2rad(9.0)  # from the wearer's fr
 R_WORLD_STANDING = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 COLUMNS = 3  # frames of a video beside each other
 AROUND = 1.25  # around the people shown
+FINER = 2  # pixels drawn for one that is kept, along each side: lines are smooth then
 
 Entry = tuple[str, str, str]
 """Of a legend: name, colour and matplotlib's marker ("-" for a bar)."""
@@ -266,8 +268,9 @@ def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> I
     width, height = round(size[0] / share), round(size[1] / share)
     left = min(round(corner[0] * width / drawn.model.width), width - size[0])
     top = min(round(corner[1] * height / drawn.model.height), height - size[1])
-    for picture in overlaid_frames(drawn, chosen, (width, height)):
-        yield picture[top : top + size[1], left : left + size[0]]
+    for picture in overlaid_frames(drawn, chosen, (FINER * width, FINER * height), names=False):
+        whole = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+        yield whole[top : top + size[1], left : left + size[0]]
 
 
 def _window(drawn: DrawnScene, chosen: np.ndarray) -> tuple[tuple[float, float], float]:

@@ -1,7 +1,7 @@
 // A wearer: the skeleton as nested bones, and the skin that they move.
 import {
-  Bone, BufferAttribute, BufferGeometry, Color, MeshStandardMaterial, Object3D, Quaternion, Skeleton, SkinnedMesh,
-  Vector3,
+  Bone, BoxGeometry, BufferAttribute, BufferGeometry, Color, Mesh, MeshStandardMaterial, Object3D, Quaternion, Skeleton,
+  SkinnedMesh, Vector3,
 } from "three";
 
 /** Numbers of a base64 text, as an array of a type: little-endian, as all browsers' machines are. */
@@ -36,6 +36,7 @@ export class Poses {
 }
 
 const spare = new Quaternion(), sparePosition = new Vector3();
+const SENSOR_M = [0.052, 0.038, 0.02], SENSOR_COLOUR = "#2c3038";
 
 /** A skin of a body, in the pose in which it was made. */
 export function skinOf({ points, faces, bones, shares }) {
@@ -90,6 +91,15 @@ export class Body {
     mesh.castShadow = !data.ghost;
     mesh.frustumCulled = false;  // its bounds are those of one pose
     this.root.add(mesh);
+    for (const sensor of data.sensors ?? []) this.#wear(sensor);
+  }
+
+  /** A box on its bone, flat on the skin: the sensor's z points out of it. */
+  #wear({ bone, position, rotation }) {
+    const box = new Mesh(new BoxGeometry(...SENSOR_M), new MeshStandardMaterial({ color: SENSOR_COLOUR, roughness: 0.6 }));
+    box.position.fromArray(position);
+    box.quaternion.fromArray(rotation);
+    this.bones[bone].add(box);
   }
 
   show(frame, next, share) {

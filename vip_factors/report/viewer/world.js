@@ -11,6 +11,7 @@ const FRUSTUM_M = 0.6, TRACK_HEIGHT = 0.004;
 export class World {
   constructor(canvas, data, changed) {
     this.canvas = canvas;
+    canvas.world = this;  // for scripts, such as docs/capture.py
     this.data = data;
     this.renderer = new WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: true });  // so that it prints
     this.renderer.setPixelRatio(Math.min(window.devicePixelRatio, 2));

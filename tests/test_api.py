@@ -65,7 +65,7 @@ FUNCTIONS = {
     "read_motion": "path",
     "repetitions": "estimate settings out overwrite",
     "report": "estimate path recording truth settings overwrite video",
-    "run": "options",
+    "run": "options progress",
     "serve": "worn port host token",
     "simulate": "motion placement camera seconds seed settings initial_pose pose_error_deg bystanders names name",
     "smooth": "recording settings progress extra_factors",
@@ -74,7 +74,8 @@ FUNCTIONS = {
     "write": "content path overwrite",
 }
 CLASSES = {
-    "Camera": "", "CameraModel": "", "CameraOptions": "", "DetectSettings": "", "Detections": "from_arrays",
+    "Camera": "", "CameraModel": "", "CameraOptions": "", "DetectSettings": "", "DetectorOptions": "",
+    "Detections": "from_arrays",
     "Estimate": "all_findings columns joint_angles only_wearer positions to_dataframe to_xarray verdict wearer",
     "ExportSettings": "", "FixedLagTracker": "push finish", "ImportOptions": "", "ImuSample": "", "LiveEstimate": "",
     "LiveSettings": "", "Motion": "time state", "Recording": "from_arrays worn placed interval", "ReportSettings": "",
@@ -274,7 +275,7 @@ def test_a_report_and_a_picture(recording: vip.Scene, estimate: vip.Estimate, tm
 
 def test_run_does_what_the_command_does(recording: vip.Scene, tmp_path: Path) -> None:
     log = vip.write(recording, tmp_path / "walk.mcap")
-    options = "--frame-rate 20 --solve.max-iterations 3"
-    found = vip.run(vip.RunOptions((log,), out=tmp_path / "made", report=False, smooth_options=options))
+    logs = ((log, vip.ImportOptions()),)
+    found = vip.run(vip.RunOptions(logs, tmp_path / "made", settings=QUICK, report=False))
     assert found.wearers[0].motion.rate == 20.0
     assert (tmp_path / "made" / "estimate.mcap").is_file()

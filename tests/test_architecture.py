@@ -21,7 +21,8 @@ ROWS = [
     {"settings"},
     {"stages"},
     {"pipeline", "live", "report"},
-    {"api"},
+    {"api", "steps"},
+    {"workflow"},
     {"cli"},
     {"__main__"},
 ]

@@ -21,7 +21,6 @@ from .api import (
 from .body.joint_angles import joint_angles as joint_angles
 from .body.kinematics import Motion as Motion
 from .body.skeleton import JOINT_NAMES as JOINT_NAMES
-from .cli.run import RunOptions as RunOptions, run as run
 from .detect.settings import DetectSettings as DetectSettings
 from .errors import VipFactorsError as VipFactorsError
 from .estimate import Estimate as Estimate
@@ -44,3 +43,4 @@ from .sensors.scene import Camera as Camera, Scene as Scene
 from .settings import Settings as Settings
 from .simulate.scene_settings import SceneSettings as SceneSettings
 from .simulate.settings import SimulateSettings as SimulateSettings
+from .workflow import DetectorOptions as DetectorOptions, RunOptions as RunOptions, run as run

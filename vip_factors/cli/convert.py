@@ -13,6 +13,7 @@ from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
+    from vip_factors.io.convert import ImportOptions
     from vip_factors.io.scene_building import CameraOptions
 
 
@@ -122,7 +123,6 @@ def main(options: ConvertOptions) -> None:
     from vip_factors.api import convert
     from vip_factors.cli.tables import print_tables
     from vip_factors.describe.recordings import recording_tables, scene_tables
-    from vip_factors.io.convert import ImportOptions
     from vip_factors.io.mcap_recording import write_recording
 
     if options.template is not None:
@@ -131,11 +131,10 @@ def main(options: ConvertOptions) -> None:
     if options.out is None:
         raise InputError("no RECORDING.mcap to write is named: convert LOG RECORDING.mcap, or LOG --template NAME")
     check_target(options.out, options.overwrite)
-    camera = _camera_options(options)
+    camera = camera_options(options)
     further = [_further_options(options, *one) for one in options.further_camera]
-    known = {one.name: getattr(options, one.name) for one in fields(ImportOptions)}
     with waiting(f"reading {options.log}"):
-        scene = convert(options.log, ImportOptions(**known), camera, join=options.join, further_cameras=further)
+        scene = convert(options.log, import_options(options), camera, join=options.join, further_cameras=further)
         if scene.camera is None and len(scene.wearers) == 1:
             write_recording(scene.wearers[0], options.out, overwrite=options.overwrite)
             tables = recording_tables(scene.wearers[0])
@@ -144,6 +143,13 @@ def main(options: ConvertOptions) -> None:
             tables = scene_tables(scene)
     print_tables(tables)
     print(options.out)
+
+
+def import_options(options: ConvertOptions) -> "ImportOptions":
+    """What was said of the log and its wearer."""
+    from vip_factors.io.convert import ImportOptions
+
+    return ImportOptions(**{field.name: getattr(options, field.name) for field in fields(ImportOptions)})
 
 
 def _write_templates(options: ConvertOptions) -> None:
@@ -162,7 +168,7 @@ def _write_templates(options: ConvertOptions) -> None:
             print(path)
 
 
-def _camera_options(options: ConvertOptions) -> "CameraOptions | None":
+def camera_options(options: ConvertOptions) -> "CameraOptions | None":
     """What was said of the camera; None if nothing was.
 
     Raises:

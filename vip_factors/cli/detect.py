@@ -14,7 +14,7 @@ from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.detect.video import VideoPoses
+    pass
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class DetectOptions(WritingOptions):
 
 def main(options: DetectOptions) -> None:
     """Run the command."""
-    from vip_factors.detect.video import Stretch, detect_people, write_overlay, write_poses
+    from vip_factors.detect.video import Stretch, detect_people, poses_summary, write_overlay, write_poses
 
     if options.keypoints is not None and options.model is None:
         raise InputError("--keypoints given without --model: BlazePose has its own 33")
@@ -79,25 +79,7 @@ def main(options: DetectOptions) -> None:
                 options.overwrite,
                 lambda done, count: progress(f"drawing {count:,} frames", done / count),
             )
-    print(poses_text(poses, seconds))
+    print("\n".join(poses_summary(poses, seconds)))
     for path in (out, options.overlay):
         if path is not None:
             print(path)
-
-
-def poses_text(poses: "VideoPoses", seconds: float) -> str:
-    """Who was found, as a small table."""
-    looked = len(poses.looked)
-    counts = {number: 0 for number in poses.tracks}
-    for people in poses.frames:
-        for one in people:
-            counts[one.track] += 1
-    speed = f", {looked / seconds:.1f} frames a second" if seconds > 0 else ""
-    lines = [f"{looked} of {len(poses.frames)} frames of {poses.facts.path.name} looked at{speed}"]
-    if not counts:
-        lines.append("nobody was found")
-    for number, count in counts.items():
-        seen = [index for index, people in enumerate(poses.frames) if any(one.track == number for one in people)]
-        first, last = (poses.facts.time[index] for index in (seen[0], seen[-1]))
-        lines.append(f"  person {number}: {count} frames, {first:.1f} to {last:.1f} s")
-    return "\n".join(lines)

@@ -2,8 +2,7 @@
 
 import shlex
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +15,7 @@ from vip_factors.errors import InputError
 from vip_factors.settings import Settings
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import Estimate, SolveReport
+    pass
 
 
 @dataclass(frozen=True)
@@ -42,47 +41,20 @@ class SmoothOptions(SettingsOptions, ManyOptions):
 def main(options: SmoothOptions) -> None:
     """Run the command."""
     from vip_factors.cli.workers import windows_elsewhere
-    from vip_factors.io.mcap_estimate_writer import write_estimate
-    from vip_factors.io.mcap_source import open_source
-    from vip_factors.pipeline import smooth_chunks
+    from vip_factors.workflow import estimate_lines, smooth_file
 
     if not options.recording:
         raise InputError("no RECORDING.mcap to smooth is named")
-    settings = options.settings
     out = options.out or beside(options.recording[0], ".estimate.mcap")
     check_target(out, options.overwrite)
-    long_s = settings.windows.above_s if settings.windows.use and not settings.calibration.from_truth else float("inf")
-    source = open_source(options.recording, long_s)
-    reports: list[SolveReport] = []
-    with (
-        progress_bar() as progress,
-        windows_elsewhere(options.jobs, options.cluster) as each,
-    ):
-        estimate = smooth_chunks(source, settings, progress, each=each)
-        reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
-        write_estimate(reported, out, options.overwrite, start_ns=source.wearers[0].head.start_ns)
-    head = estimate.head if estimate.closed is None else estimate.closed()
-    head = replace(head, reports=(*head.reports, *reports))
-    for wearer, frames in zip(head.wearers, estimate.frames, strict=True):
-        rate, count = wearer.motion.rate, len(wearer.sensors)
-        who = printable(f", {wearer.name}" if wearer.name else "")
-        print(f"{wearer.method}{who}: {frames} frames at {rate:g} Hz from {count} sensors")
-    if head.camera is not None:
-        given = int((head.wearer_of_detection >= 0).sum())
-        print(f"camera: {given} of {len(head.wearer_of_detection)} detections are of wearers")
-    print(f"computed in {sum(report.seconds for report in head.all_reports):.1f} s")
-    print(printable(f"verdict: {head.verdict}"))
-    for finding in head.all_findings:
-        print(printable(f"{finding.severity}: {finding}"))
+    with progress_bar() as progress, windows_elsewhere(options.jobs, options.cluster) as each:
+        estimate, frames = smooth_file(
+            options.recording, out, options.settings, progress, each=each, overwrite=options.overwrite
+        )
+    for line in estimate_lines(estimate, frames):
+        print(printable(line))
     _tell_file(out, options)
-    fail_on(options.fail_on, head.verdict)
-
-
-def _reporting(chunks: "Iterator[Estimate]", reports: "list[SolveReport]") -> "Iterator[Estimate]":
-    """The chunks, and the reports of the solves that made them."""
-    for chunk in chunks:
-        reports += chunk.all_reports
-        yield chunk
+    fail_on(options.fail_on, estimate.verdict)
 
 
 def _tell_file(out: Path, options: SmoothOptions) -> None:

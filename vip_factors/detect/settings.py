@@ -1,4 +1,4 @@
-"""What is set of detection. Apart from what uses it: the command line shows it without NumPy."""
+"""Thresholds and periods of detection."""
 
 from dataclasses import dataclass
 from typing import Annotated

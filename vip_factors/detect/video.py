@@ -289,3 +289,21 @@ def write_overlay(
                 on_progress(index + 1 - looked.start, looked.stop - looked.start)
         finally:
             writer.release()
+
+
+def poses_summary(poses: VideoPoses, seconds: float) -> list[str]:
+    """Who was found in so many seconds of work, line by line."""
+    looked = len(poses.looked)
+    counts = {number: 0 for number in poses.tracks}
+    for people in poses.frames:
+        for one in people:
+            counts[one.track] += 1
+    speed = f", {looked / seconds:.1f} frames a second" if seconds > 0 else ""
+    lines = [f"{looked} of {len(poses.frames)} frames of {poses.facts.path.name} looked at{speed}"]
+    if not counts:
+        lines.append("nobody was found")
+    for number, count in counts.items():
+        seen = [index for index, people in enumerate(poses.frames) if any(one.track == number for one in people)]
+        first, last = (poses.facts.time[index] for index in (seen[0], seen[-1]))
+        lines.append(f"  person {number}: {count} frames, {first:.1f} to {last:.1f} s")
+    return lines

@@ -314,19 +314,15 @@ def _model_cases() -> list[Case]:
 def _step_record() -> bytes:
     from vip_factors import __version__
 
-    record = {"command": "vip-factors info", "version": __version__, "inputs": {}, "outputs": [], "told": ["a note"]}
+    record = {"version": __version__, "parameters": "None", "inputs": {}, "files": [], "lines": ["a note"]}
     return json.dumps(record).encode()
 
 
 def _take_step(folder: Path) -> None:
     """One that does nothing, as ``run`` takes it again."""
-    from contextlib import redirect_stdout
-    from io import StringIO
+    from vip_factors.steps import Result, Step, take
 
-    from vip_factors.cli.run import Step, take
-
-    with redirect_stdout(StringIO()):
-        take(Step("info", "info", (), (), ()), folder, main=lambda prog, words: None)
+    take(Step("info", (), None, lambda overwrite, progress: Result(())), folder)
 
 
 def simcc_model() -> bytes:

@@ -1,0 +1,305 @@
+"""From a video and sensor logs to motion, exports and a report, step by step, in one folder."""
+
+import time
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vip_factors import api
+from vip_factors.atomic import check_target
+from vip_factors.detect.settings import DetectSettings
+from vip_factors.errors import InputError
+from vip_factors.io.convert import ImportOptions
+from vip_factors.io.export.files import export_format
+from vip_factors.io.scene_building import CameraOptions
+from vip_factors.settings import Settings
+from vip_factors.stages.solver import ProgressCallback, silent
+from vip_factors.steps import Result, Step, take
+
+if TYPE_CHECKING:
+    from vip_factors.detect.video import Stretch
+    from vip_factors.estimate import Estimate, SolveReport
+    from vip_factors.stages.windows import Each
+
+ESTIMATE = "estimate.mcap"
+
+
+@dataclass(frozen=True)
+class DetectorOptions:
+    """How the 2D poses in a video are found.
+
+    Attributes:
+        settings: thresholds and periods.
+        model: ONNX file of another pose model than BlazePose, for the keypoints.
+        keypoints: name of that model's keypoint set; told by their number if None.
+        blazepose: wheel or folder with BlazePose's files; fetched once if None.
+        threads: of the processor; up to four if None.
+        stretch: frames to look at; all if None.
+        overlay: file (.mp4) for the video with the poses drawn over it; none if None.
+    """
+
+    settings: DetectSettings = field(default_factory=DetectSettings)
+    model: Path | None = None
+    keypoints: str | None = None
+    blazepose: Path | None = None
+    threads: int | None = None
+    stretch: "Stretch | None" = None
+    overlay: Path | None = None
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What a run starts from, and what it makes.
+
+    Attributes:
+        logs: of each wearer, file or folder of the sensors and what is known of it.
+        out: folder for all files, made if it is not there.
+        camera: what filmed the wearers, if anything did.
+        detector: finds the 2D poses in the camera's video and writes them to its file of detections; None if that file
+            is there already.
+        sync: whether to find the offset between the clocks of video and sensors.
+        settings: of the reconstruction.
+        report: whether to write ``report.html``.
+        exports: files of other programs; the suffix tells the format.
+        overwrite: whether files may be replaced that no earlier run wrote.
+    """
+
+    logs: tuple[tuple[Path, ImportOptions], ...]
+    out: Path
+    camera: CameraOptions | None = None
+    detector: DetectorOptions | None = None
+    sync: bool = True
+    settings: Settings = field(default_factory=Settings)
+    report: bool = True
+    exports: tuple[Path, ...] = ()
+    overwrite: bool = False
+
+
+def run(options: RunOptions, progress: ProgressCallback | None = None) -> "Estimate":
+    """From a video (or 2D poses) and sensor logs to motion, exports and a report, as the command ``run`` does.
+
+    Files of an earlier run are used again, unless their inputs or options have changed.
+
+    Args:
+        options: what to start from, and what to make.
+        progress: called with the name of a stage and the fraction of it that is done.
+
+    Raises:
+        InputError: for options that cannot be, or with the name of the step that failed.
+    """
+    check(options)
+    options.out.mkdir(parents=True, exist_ok=True)
+    for step in steps(options):
+        take(step, options.out / "steps", options.overwrite, progress or silent)
+    return api.read_estimate(options.out / ESTIMATE)
+
+
+def check(options: RunOptions) -> None:
+    """Refuse what cannot be, before anything is done.
+
+    Raises:
+        InputError: for a run without a log, a detector without a video, or a file that cannot be written.
+    """
+    if not options.logs:
+        raise InputError("a run without a log: expected the file or folder of a wearer's sensors")
+    if options.detector is not None and (options.camera is None or options.camera.video is None):
+        raise InputError("a run with a detector and no video: expected camera.video to be a file")
+    if options.camera is not None and options.camera.video is not None and not options.camera.video.is_file():
+        raise InputError(f"{options.camera.video}: no such video file")
+    if options.out.exists() and not options.out.is_dir():
+        raise InputError(f"{options.out} is a file: expected a folder for all files")
+    for target in options.exports:
+        export_format(target)
+        check_target(target, overwrite=True)  # whether an earlier run wrote it is not known yet
+
+
+def steps(options: RunOptions, each: "Each" = map) -> Iterator[Step]:
+    """All steps in order; ``each`` solves the windows of a long recording, in other processes say."""
+    folder, camera = options.out, options.camera
+    if camera is not None and options.detector is not None:
+        assert camera.video is not None
+        make = partial(_detect, camera.video, camera.detections, options.detector)
+        yield Step("detect", (camera.video,), options.detector, make)
+    recording, pictures = folder / "recording.mcap", _files_named(camera)
+    if len(options.logs) == 1:
+        ((log, known),) = options.logs
+        make = partial(_convert, log, known, camera, (), recording)
+        yield Step("convert", (log, *_files_named(known), *pictures), (known, camera), make)
+    else:
+        parts = [folder / f"wearer{number}.mcap" for number in range(1, len(options.logs) + 1)]
+        for (log, known), part in zip(options.logs, parts, strict=True):
+            make = partial(_convert, log, known, None, (), part)
+            yield Step(f"convert {part.stem}", (log, *_files_named(known)), known, make)
+        make = partial(_convert, parts[0], ImportOptions(), camera, parts[1:], recording)
+        yield Step("convert", (*parts, *pictures), camera, make)
+    if camera is not None and options.sync:
+        synced = folder / "synced.mcap"
+        hint = "if you know the offset, give it as --time-offset-s"
+        yield Step("sync", (recording,), None, partial(_sync, recording, synced), hint)
+        recording = synced
+    estimate, page = folder / ESTIMATE, folder / "report.html"
+    settings = replace(options.settings, covariance=True)  # how sure it is comes first in the report
+    yield Step("smooth", (recording,), settings, partial(_smooth, recording, estimate, settings, each))
+    if options.report:
+        yield Step("report", (estimate, recording), None, partial(_report, estimate, recording, page))
+    for target in options.exports:
+        yield Step(f"export {target.name}", (estimate,), target, partial(_export, estimate, target))
+
+
+def _files_named(options: ImportOptions | CameraOptions | None) -> tuple[Path, ...]:
+    """The files that options may name."""
+    if isinstance(options, CameraOptions):
+        named = [options.video, options.detections, options.camera, options.imu_log, options.imu_columns]
+    elif isinstance(options, ImportOptions):
+        placement = options.placement if isinstance(options.placement, str | Path) else None
+        named = [*map(_path, (placement, options.columns, options.pose_from, options.body)), *options.then]
+    else:
+        named = []
+    return tuple(path for path in named if path is not None)
+
+
+def _path(name: str | Path | None) -> Path | None:
+    return Path(name) if name else None
+
+
+def _detect(video: Path, out: Path, options: DetectorOptions, overwrite: bool, progress: ProgressCallback) -> Result:
+    from vip_factors.detect.video import Stretch, detect_people, poses_summary, write_overlay, write_poses
+
+    if options.overlay is not None:
+        check_target(options.overlay, overwrite)
+    begin = time.perf_counter()
+    poses = detect_people(
+        video, options.settings, options.stretch or Stretch(), model=options.model, keypoints=options.keypoints,
+        blazepose=options.blazepose, threads=options.threads, on_message=warnings.warn,
+        on_progress=lambda done, count: progress(f"looking for people in {count:,} frames", done / count),
+    )  # fmt: skip
+    lines = poses_summary(poses, time.perf_counter() - begin)
+    write_poses(out, poses, overwrite)
+    if options.overlay is None:
+        return Result((out,), tuple(lines))
+    write_overlay(
+        options.overlay, poses, overwrite, lambda done, count: progress(f"drawing {count:,} frames", done / count)
+    )
+    return Result((out, options.overlay), tuple(lines))
+
+
+def _convert(
+    log: Path, known: ImportOptions, camera: CameraOptions | None, join: Sequence[Path], out: Path, overwrite: bool,
+    progress: ProgressCallback,
+) -> Result:  # fmt: skip
+    check_target(out, overwrite)
+    progress("reading", 0.0)
+    return Result((api.write(api.convert(log, known, camera, join=join), out, overwrite),))
+
+
+def _sync(recording: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
+    from vip_factors.initialise.clock import find_clock_offset
+
+    check_target(out, overwrite)
+    progress("comparing video and sensors", 0.0)
+    scene = api.read(recording)
+    offset = find_clock_offset(scene)
+    if not offset.determined:
+        raise InputError(f"{recording}: {offset.sentence}")
+    return Result((api.write(api.with_clock(scene, offset.clock), out, overwrite),), (offset.sentence,))
+
+
+def _smooth(
+    recording: Path, out: Path, settings: Settings, each: "Each", overwrite: bool, progress: ProgressCallback
+) -> Result:
+    estimate, frames = smooth_file((recording,), out, settings, progress, each=each, overwrite=overwrite)
+    return Result((out,), tuple(estimate_lines(estimate, frames)))
+
+
+def smooth_file(
+    recordings: Sequence[Path], out: Path, settings: Settings, progress: ProgressCallback = silent,
+    *, each: "Each" = map, overwrite: bool = False,
+) -> "tuple[Estimate, Sequence[int]]":  # fmt: skip
+    """Reconstruct a recording into a file, window by window if it is long, in the memory of one.
+
+    Args:
+        recordings: the file, or parts of the same recording that follow in time.
+        out: file to write.
+        settings: of the reconstruction.
+        progress: called with the name of a stage and the fraction of it that is done.
+        each: maps a function over windows, in other processes say.
+        overwrite: whether the file may be replaced.
+
+    Returns:
+        The estimate without its frames, and how many frames of each wearer there are.
+
+    Raises:
+        InputError, RecordingError, SolveError: as :func:`vip_factors.api.smooth`.
+    """
+    from vip_factors.io.mcap_estimate_writer import write_estimate
+    from vip_factors.io.mcap_source import open_source
+    from vip_factors.pipeline import smooth_chunks
+
+    check_target(out, overwrite)
+    has_windows = settings.windows.use and not settings.calibration.from_truth
+    source = open_source(recordings, settings.windows.above_s if has_windows else float("inf"))
+    reports: list[SolveReport] = []
+    estimate = smooth_chunks(source, settings, progress, each=each)
+    reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
+    write_estimate(reported, out, overwrite, start_ns=source.wearers[0].head.start_ns)
+    head = estimate.head if estimate.closed is None else estimate.closed()
+    return replace(head, reports=(*head.reports, *reports)), estimate.frames
+
+
+def _reporting(chunks: "Iterator[Estimate]", reports: "list[SolveReport]") -> "Iterator[Estimate]":
+    """The chunks; the reports of the solves that made them are appended to a list."""
+    for chunk in chunks:
+        reports += chunk.all_reports
+        yield chunk
+
+
+def estimate_lines(estimate: "Estimate", frames: Sequence[int]) -> Iterator[str]:
+    """What a reconstruction has to say: frames, detections, seconds, the verdict and all findings."""
+    for wearer, count in zip(estimate.wearers, frames, strict=True):
+        who = f", {wearer.name}" if wearer.name else ""
+        yield f"{wearer.method}{who}: {count} frames at {wearer.motion.rate:g} Hz from {len(wearer.sensors)} sensors"
+    if estimate.camera is not None:
+        labels = estimate.wearer_of_detection
+        yield f"camera: {int((labels >= 0).sum())} of {len(labels)} detections are of wearers"
+    yield f"computed in {sum(report.seconds for report in estimate.all_reports):.1f} s"
+    yield f"verdict: {estimate.verdict}"
+    yield from (f"{finding.severity}: {finding}" for finding in estimate.all_findings)
+
+
+def _report(estimate: Path, recording: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
+    progress("report", 0.0)
+    return Result((api.report(api.read_estimate(estimate), out, api.read(recording), overwrite=overwrite),))
+
+
+def _export(estimate: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
+    progress(f"writing {out.name}", 0.0)
+    return Result(api.export(api.read_estimate(estimate), out, overwrite=overwrite))
+
+
+def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
+    """Write a camera file of a guessed field of view, and warn so; a file that says the same stays as it is.
+
+    Raises:
+        InputError, FileFormatError: if the video cannot be opened.
+    """
+    import math
+
+    from vip_factors.io.camera_file import read_camera_file, write_camera_file
+    from vip_factors.io.video import video_size
+    from vip_factors.sensors.camera_model import CameraModel
+
+    width, height = video_size(video)
+    focal = round(max(width, height) / 2 / math.tan(math.radians(field_of_view_deg) / 2), 1)
+    model = CameraModel(width, height, (focal, focal), (width / 2, height / 2))
+    warnings.warn(
+        f"no camera file is given: a field of view of {field_of_view_deg:g} degrees along the longer side is taken "
+        f"(a focal length of {focal:g} px), without distortion: postures hardly suffer, but where the true length is a "
+        "tenth more or less, so are distances from the camera; vip-factors calibrate-camera measures it",
+        stacklevel=2,
+    )
+    if not path.is_file() or read_camera_file(path) != model:
+        how = {"how": f"guessed: a field of view of {field_of_view_deg:g} degrees along the longer side"}
+        write_camera_file(path, model, calibration=how, overwrite=True)

@@ -1,15 +1,19 @@
 """What is shown while one waits: lines in a pipe, nothing that steers a terminal."""
 
+import ast
 import io
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeGuard
 
 import pytest
 
 import vip_factors as vip
 from vip_factors.cli import terminal
 from vip_factors.io.mcap_recording import read_scene
+
+ROOT = Path(__file__).parents[2]
 
 
 def test_a_pipe_hears_stage_and_share_now_and_then(
@@ -69,11 +73,41 @@ def test_names_do_not_steer_the_terminal(name: str, escaped: str, capsys: pytest
     assert capsys.readouterr().err == f"note: {escaped}\n"
 
 
-def test_wearers_of_files_do_not_steer_the_terminal(run, files, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "words",
+    ["smooth RECORDING --frame-rate 10 --solve.max-iterations 1", "info RECORDING", "graph RECORDING --picture PICTURE",
+     "stream RECORDING --frame-rate 30", "export none\x1b]0.mcap out.bvh"],
+)  # fmt: skip
+def test_names_of_files_do_not_steer_the_terminal(words: str, run, files, tmp_path: Path) -> None:
     scene = read_scene(files.recording)
-    wearer = replace(scene.wearers[0], name="walk\x1b[2J")
-    recording = vip.write(replace(scene, wearers=(wearer,)), tmp_path / "walk.mcap")
-    outcome = run("smooth", recording, "--frame-rate", "10", "--solve.max-iterations", "1")
-    assert r"walk\x1b[2J" in outcome.out
-    missing = run("smooth", tmp_path / "\x1b[2Jnone.mcap")
-    assert "\x1b" not in outcome.out + outcome.err + missing.err
+    wearer = scene.wearers[0]
+    placement = replace(
+        wearer.placement,
+        sites=tuple(replace(site, sensor=f"{site.sensor}\x1b[2J") for site in wearer.placement.sites),
+    )
+    wearer = replace(
+        wearer,
+        name="walk\x1b[2J",
+        subject=replace(wearer.subject, name="Ada\x1b]0;title\x07"),
+        imus={f"{name}\x1b[2J": replace(stream, name=f"{name}\x1b[2J") for name, stream in wearer.imus.items()},
+        placement=placement,
+        truth=None,
+    )
+    recording = vip.write(replace(scene, wearers=(wearer,), truth=None), tmp_path / "walk.mcap")
+    named = {"RECORDING": recording, "PICTURE": tmp_path / "graph.svg"}
+    outcome = run(*(named.get(word, word) for word in words.split()))
+    told = outcome.out + outcome.err
+    assert set(terminal.CONTROL.findall(told)) == {"\n"}
+    assert words.startswith("stream") or "\\x1b" in told
+
+
+def test_commands_print_through_the_terminal_alone() -> None:
+    """What is printed by ``print`` itself is not escaped."""
+    for path in (ROOT / "vip_factors" / "cli").glob("*.py"):
+        names = [node.func.id for node in ast.walk(ast.parse(path.read_text("utf-8"))) if is_call(node)]
+        assert "print" not in names or path.name in ("terminal.py", "main.py"), path
+
+
+def is_call(node: ast.AST) -> TypeGuard[Any]:
+    """Whether it is a call of a function by its bare name."""
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name)

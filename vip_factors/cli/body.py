@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Output, WritingOptions, beside
+from vip_factors.cli.terminal import say
 from vip_factors.errors import InputError, nearest
 
 if TYPE_CHECKING:
@@ -53,11 +54,11 @@ def main(options: BodyOptions) -> None:
     write_body_file(out, body_of_estimate(estimate, options.estimate.name), options.overwrite)
     assert estimate.body is not None
     print_tables([length_table(estimate.body), hinge_table(estimate.body)])
-    print(out)
+    say(out)
     if options.picture is not None:
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
             file.write(body_picture(estimate.motion.name, estimate.body, truth))
-        print(options.picture)
+        say(options.picture)
 
 
 def _wearer(options: BodyOptions) -> "WearerEstimate":

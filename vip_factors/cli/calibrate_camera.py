@@ -10,7 +10,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import Output, WritingOptions
-from vip_factors.cli.terminal import note, progress_bar
+from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,13 +63,13 @@ def main(options: CalibrateCameraOptions) -> None:
     floor = None
     if options.floor is not None or options.floor_image is not None:
         floor, text = _floor(options, board, views, model)
-        print(text)
+        say(text)
     for warning in warnings:
         note(f"warning: {warning}")
     if floor is not None and board.looks_alike_turned:
         note(f"warning: a {board.text} looks alike from both ends: several cameras may disagree about its origin")
     write_camera_file(options.out, model, floor, report, options.overwrite)
-    print(options.out)
+    say(options.out)
 
 
 def _calibrated(
@@ -81,7 +81,7 @@ def _calibrated(
     with progress_bar() as on_progress:
         views, size = find_views(options.source, board, on_progress)
         calibration = calibrate(views, size, options.distortion, on_progress)
-    print(calibration_text(calibration, len(views)))
+    say(calibration_text(calibration, len(views)))
     report: dict[str, str | float | int] = {
         "board": board.text,
         "rms_px": calibration.rms_px,

@@ -8,7 +8,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Input, Output, WritingOptions
-from vip_factors.cli.terminal import waiting
+from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate
 
@@ -142,7 +142,7 @@ def main(options: ConvertOptions) -> None:
             write_recording(scene, options.out, overwrite=options.overwrite)
             tables = scene_tables(scene)
     print_tables(tables)
-    print(options.out)
+    say(options.out)
 
 
 def import_options(options: ConvertOptions) -> "ImportOptions":
@@ -161,11 +161,11 @@ def _write_templates(options: ConvertOptions) -> None:
     with waiting(f"reading {options.log}"):
         files = write_templates(options.log, options.template, options.overwrite)
     columns = f" --columns {files.columns}" if files.columns is not None else ""
-    print("first guesses; check them, then:")
-    print(f"  vip-factors convert {options.log} RECORDING.mcap{columns} --placement {files.placement}")
+    say("first guesses; check them, then:")
+    say(f"  vip-factors convert {options.log} RECORDING.mcap{columns} --placement {files.placement}")
     for path in (files.columns, files.placement):
         if path is not None:
-            print(path)
+            say(path)
 
 
 def camera_options(options: ConvertOptions) -> "CameraOptions | None":

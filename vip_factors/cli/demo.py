@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import WritingOptions
-from vip_factors.cli.terminal import progress_bar
+from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 
@@ -74,9 +74,9 @@ def main(options: DemoOptions) -> None:
     for name in ("mpjpe", "mpjae", "heading_error", "mounting_error"):
         if name in evaluation.metrics:
             metric = evaluation.metrics[name]
-            print(f"{name:<15} {metric.value:6.1f} {metric.unit}")
+            say(f"{name:<15} {metric.value:6.1f} {metric.unit}")
     for path in files.values():
-        print(path)
+        say(path)
 
 
 def _title(method: str) -> str:

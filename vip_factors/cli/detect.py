@@ -9,7 +9,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import UNPREFIXED, Output, WritingOptions, beside
-from vip_factors.cli.terminal import note, progress_bar
+from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
 
@@ -79,7 +79,7 @@ def main(options: DetectOptions) -> None:
                 options.overwrite,
                 lambda done, count: progress(f"drawing {count:,} frames", done / count),
             )
-    print("\n".join(poses_summary(poses, seconds)))
+    say("\n".join(poses_summary(poses, seconds)))
     for path in (out, options.overlay):
         if path is not None:
-            print(path)
+            say(path)

@@ -9,7 +9,7 @@ import tyro
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import ManyOptions, Output
-from vip_factors.cli.terminal import waiting
+from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def main(options: EvaluateOptions) -> None:
         check_target(options.json, options.overwrite)
     with waiting(f"comparing {options.estimate.name} with the truth"):
         evaluation = _evaluation(options)
-    print(evaluation)
+    say(evaluation)
     if options.json is not None:
         with atomic_open(options.json, "w", options.overwrite) as file:
             file.write(evaluation.to_json())

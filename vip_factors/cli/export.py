@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from vip_factors.cli.options import UNPREFIXED, ManyOptions
-from vip_factors.cli.terminal import waiting
+from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
 from vip_factors.io.settings import ExportSettings
 
@@ -45,4 +45,4 @@ def main(options: ExportOptions) -> None:
         with waiting(f"writing {target.name}"):
             written = export(estimate, target, options.settings, options.overwrite)
         for path in written:
-            print(path)
+            say(path)

@@ -7,6 +7,7 @@ from typing import Annotated
 import tyro
 
 from vip_factors.cli.options import WritingOptions, beside
+from vip_factors.cli.terminal import say
 from vip_factors.errors import InputError
 
 
@@ -49,6 +50,6 @@ def main(options: GaitOptions) -> None:
     if not any(one.strides for one in gaits):
         raise InputError(f"{options.source}: nobody walks in it: no foot takes two steps")
     for gait in gaits:
-        print(gait)
+        say(gait)
     for path in write_gait(gaits, options.out or beside(options.source, ".gait"), options.overwrite):
-        print(path)
+        say(path)

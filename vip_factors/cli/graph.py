@@ -9,7 +9,7 @@ import tyro
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import UNPREFIXED, Output, SettingsOptions, WritingOptions, beside
-from vip_factors.cli.terminal import note, progress_bar
+from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.ranges import Range
 from vip_factors.settings import Settings
 
@@ -52,10 +52,10 @@ def main(options: GraphOptions) -> None:
     with atomic_open(picture, "wb", options.overwrite) as file:
         file.write(drawing)
     seconds = graph.time[-1] - graph.time[0]
-    print(f"{len(graph.time)} frames in {seconds:.2f} s, of {', '.join(scene.names)}")
+    say(f"{len(graph.time)} frames in {seconds:.2f} s, of {', '.join(scene.names)}")
     for title, counts in (("variables", graph.variable_counts), ("factors", graph.factor_counts)):
-        print(_table(title, counts))
-    print(f"\n{picture}")
+        say(_table(title, counts))
+    say(f"\n{picture}")
     if picture.suffix == ".dot":
         note(f"Graphviz did not lay the picture out: install it, then dot -Tsvg -O {picture}")
 

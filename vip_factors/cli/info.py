@@ -9,6 +9,7 @@ import tyro
 
 from vip_factors.atomic import atomic_open
 from vip_factors.cli.options import Flag, Output, WritingOptions
+from vip_factors.cli.terminal import say
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -90,4 +91,4 @@ def _print_sites(options: InfoOptions) -> None:
             file.write(sites_picture())
     print_tables([site_table()])
     if options.picture is not None:
-        print(options.picture)
+        say(options.picture)

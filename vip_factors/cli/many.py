@@ -17,6 +17,7 @@ import tyro
 
 from vip_factors.cli.many_tasks import MANY, RunOptions, Task, joined, leading, storage_of, tasks_of
 from vip_factors.cli.options import FAILED as DOUBTED
+from vip_factors.cli.terminal import say
 from vip_factors.cli.workers import SIGNAL, Future, Worker, Workers, run_child, workers
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import Severity
@@ -56,14 +57,14 @@ def main(command: str, prog: str, words: Sequence[str]) -> int:
         if rows:
             write_overview(f"vip-factors {command}", rows, summary)
     failed = [row for row in rows if row.error]
-    print(
+    say(
         f"{len(rows)} files in {time.monotonic() - begun:.0f} s: {sum(row.state == DONE for row in rows)} done, "
         f"{sum(row.state == THERE for row in rows)} there already, {len(failed)} failed"
     )
     counts = [(level, sum(row.weight == level for row in rows)) for level in map(str, Severity)]
-    print("verdicts: " + ", ".join(f"{count} {level.upper()}" for level, count in counts if count) or "none")
+    say("verdicts: " + ", ".join(f"{count} {level.upper()}" for level, count in counts if count) or "none")
     for path in (summary, summary.with_suffix(".html")):
-        print(path)
+        say(path)
     return max((row.exit_code for row in rows), default=0)
 
 

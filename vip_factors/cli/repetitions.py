@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from vip_factors.cli.options import UNPREFIXED, WritingOptions, beside
-from vip_factors.cli.terminal import waiting
+from vip_factors.cli.terminal import say, waiting
 from vip_factors.repetitions.settings import RepetitionSettings
 
 
@@ -35,8 +35,8 @@ def main(options: RepetitionOptions) -> None:
     with waiting(f"reading {options.estimate.name}"):
         found = all_repetitions(read_estimate(options.estimate), options.settings)
     for one in found:
-        print(one.summary()[0])
+        say(one.summary()[0])
         if one.repetitions:
-            print(table(one.repetitions))
+            say(table(one.repetitions))
     for path in write_repetitions(found, options.out or beside(options.estimate, ".repetitions"), options.overwrite):
-        print(path)
+        say(path)

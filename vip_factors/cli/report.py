@@ -8,7 +8,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import UNPREFIXED, FailOn, ManyOptions, Output, beside, fail_on
-from vip_factors.cli.terminal import note, progress_bar
+from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
 
@@ -70,9 +70,9 @@ def main(options: ReportOptions) -> None:
         if video is True:
             _tell_missing(scene)
         write_report(estimate, out, scene, truth, options.settings, options.overwrite, progress, video)
-    print(out)
+    say(out)
     if video:
-        print(out.with_suffix(".mp4"))
+        say(out.with_suffix(".mp4"))
     fail_on(options.fail_on, estimate.verdict)
 
 

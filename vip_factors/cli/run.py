@@ -13,7 +13,7 @@ from vip_factors.cli.convert import ConvertOptions, camera_options, import_optio
 from vip_factors.cli.detect import DetectOptions
 from vip_factors.cli.options import FailOn, Flag, Options, Output, fail_on, parse
 from vip_factors.cli.smooth import SmoothOptions
-from vip_factors.cli.terminal import printable, progress_bar
+from vip_factors.cli.terminal import printable, progress_bar, say
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate
 
@@ -97,7 +97,7 @@ def main(options: RunOptions) -> None:
             with progress_bar() as progress:
                 taken = take(step, run.out / "steps", run.overwrite, progress)
             _print_taken(taken)
-    print(f"{time.perf_counter() - begin:.1f} s in all, files in {run.out}")
+    say(f"{time.perf_counter() - begin:.1f} s in all, files in {run.out}")
     fail_on(options.fail_on, read_estimate(run.out / ESTIMATE).verdict)
 
 
@@ -214,6 +214,6 @@ def _words(text: str) -> list[str]:
 
 def _print_taken(taken: "Taken") -> None:
     when = "as before" if taken.seconds is None else f"{taken.seconds:.1f} s"
-    print(f"{taken.step.name:<16} {when:>9}  {'  '.join(map(str, taken.result.files))}", flush=True)
+    say(f"{taken.step.name:<16} {when:>9}  {'  '.join(map(str, taken.result.files))}")
     for line in taken.result.lines:
-        print(f"  {printable(line)}", flush=True)
+        say(f"  {printable(line)}")

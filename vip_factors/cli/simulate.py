@@ -8,7 +8,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import UNPREFIXED, Flag, Input, Output, WritingOptions
-from vip_factors.cli.terminal import waiting
+from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
@@ -94,8 +94,8 @@ def main(options: SimulateOptions) -> None:
         scene = simulated_scene(options)
         plain = options.video.camera == "none"
         write_recording(scene.wearers[0] if plain else scene, options.out, overwrite=options.overwrite)
-    print(_summary(scene, options.video.camera))
-    print(options.out)
+    say(_summary(scene, options.video.camera))
+    say(options.out)
 
 
 def _summary(scene: "Scene", camera: CameraName) -> str:

@@ -10,7 +10,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import UNPREFIXED, FailOn, ManyOptions, Output, SettingsOptions, beside, fail_on
-from vip_factors.cli.terminal import printable, progress_bar
+from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.errors import InputError
 from vip_factors.settings import Settings
 
@@ -52,18 +52,18 @@ def main(options: SmoothOptions) -> None:
             options.recording, out, options.settings, progress, each=each, overwrite=options.overwrite
         )
     for line in estimate_lines(estimate, frames):
-        print(printable(line))
+        say(line)
     _tell_file(out, options)
     fail_on(options.fail_on, estimate.verdict)
 
 
 def _tell_file(out: Path, options: SmoothOptions) -> None:
     """The file, for scripts; and to who sits before a terminal what may be done with it."""
-    print(out)
+    say(out)
     if sys.stdout.isatty():
         estimate, recording = (shlex.quote(str(path)) for path in (out, options.recording[0]))
         export = shlex.quote(str(beside(out, ".bvh")))
-        print(
+        say(
             f"next: vip-factors view {estimate} {recording}, vip-factors report {estimate} --recording {recording}, "
             f"vip-factors export {estimate} {export}"
         )

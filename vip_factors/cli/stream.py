@@ -23,7 +23,7 @@ from vip_factors.cli.options import (
     SettingsOptions,
     fail_on,
 )
-from vip_factors.cli.terminal import StatusLine
+from vip_factors.cli.terminal import StatusLine, note, say
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
 from vip_factors.io.settings import LiveSourceSettings, SentPose
@@ -111,7 +111,7 @@ def main(options: StreamOptions) -> None:
             with line, threadpool_limits(limits=1, user_api="blas"):
                 session, told = _run(options, settings, interrupts, line)
         except KeyboardInterrupt:  # before the stream began, or a second time
-            print("vip-factors: interrupted", file=sys.stderr)
+            note("vip-factors: interrupted")
             raise SystemExit(interrupts.exit_code) from None
         except OSError as error:
             _tell_partial(options.out, options.rerun_save)
@@ -271,15 +271,14 @@ def _conclude(
     """
     from vip_factors.cli.stream_session import summary
 
-    place = sys.stderr if options.json else sys.stdout
     for sentence in findings:
-        print(f"note: {sentence}", file=sys.stderr)
+        note(f"note: {sentence}")
     if session.update_s:
-        print(summary(session.update_s, settings.frame_rate), file=place)
-        print(f"verdict: {verdict(session.found.values())}", file=place)
+        say(summary(session.update_s, settings.frame_rate), is_remark=options.json)
+        say(f"verdict: {verdict(session.found.values())}", is_remark=options.json)
         for path in (options.out, options.rerun_save):
             if path is not None and path.is_file():
-                print(path, file=place)
+                say(path, is_remark=options.json)
     elif not interrupts.asked:
         raise InputError(
             f"{options.source} ended before there was anything to answer: expected at least "
@@ -296,7 +295,7 @@ def _tell_partial(*wanted: Path | None) -> None:
     """Where there is something left of files that could not be completed."""
     for path in wanted:
         if path is not None and (partial := partial_path(path)).exists():
-            print(f"note: what was written until then is in {partial}, which can be read", file=sys.stderr)
+            note(f"note: what was written until then is in {partial}, which can be read")
 
 
 def _silence_stdout() -> None:

@@ -8,7 +8,7 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Output, WritingOptions, beside
-from vip_factors.cli.terminal import waiting
+from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
 from vip_factors.initialise.clock import MAX_OFFSET_S, ClockOffset, find_clock_offset
 
@@ -58,10 +58,10 @@ def main(options: SyncOptions) -> None:
     if seconds is None or options.picture is not None:
         with waiting("comparing video and sensors"):
             found = find_clock_offset(scene, options.max_offset)
-        print(offset_text(found, scene.camera.time_offset))
+        say(offset_text(found, scene.camera.time_offset))
         if options.picture is not None:
             draw_offset(found, options.picture, options.overwrite)
-            print(options.picture)
+            say(options.picture)
         if seconds is None and not found.determined:
             if options.dry_run:
                 return
@@ -70,7 +70,7 @@ def main(options: SyncOptions) -> None:
     if options.dry_run:
         return
     write_recording(with_clock(scene, clock), out, overwrite=options.overwrite)
-    print(out)
+    say(out)
 
 
 def offset_text(offset: ClockOffset, before: float = 0.0) -> str:

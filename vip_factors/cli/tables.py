@@ -5,13 +5,13 @@ import sys
 from collections.abc import Iterable
 from io import StringIO
 
-from vip_factors.cli.terminal import printable
+from vip_factors.cli.terminal import printable, say
 from vip_factors.describe.table import Table
 
 
 def print_tables(tables: Iterable[Table]) -> None:
     """Print the tables, as wide as the terminal is; where stdout is none, no line is broken."""
-    print(terminal_text(tables, shutil.get_terminal_size().columns if sys.stdout.isatty() else None))
+    say(terminal_text(tables, shutil.get_terminal_size().columns if sys.stdout.isatty() else None))
 
 
 def terminal_text(tables: Iterable[Table], width: int | None = None) -> str:

@@ -84,6 +84,12 @@ def waiting(what: str) -> Iterator[None]:
         yield
 
 
+def say(result: object, is_remark: bool = False) -> None:
+    """Print a result, of one line or several, on standard output; a remark on stderr."""
+    lines = map(printable, str(result).split("\n"))
+    print("\n".join(lines), file=sys.stderr if is_remark else sys.stdout, flush=True)
+
+
 def note(text: str) -> None:
     """A remark that is not a result, on stderr."""
     print(printable(text), file=sys.stderr)

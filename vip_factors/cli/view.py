@@ -10,7 +10,7 @@ import tyro
 from vip_factors.atomic import check_target
 from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import RERUN_FILE, Flag, Output, WritingOptions
-from vip_factors.cli.terminal import note, waiting
+from vip_factors.cli.terminal import note, say, waiting
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
 from vip_factors.viz.viewer import check_display
@@ -61,7 +61,7 @@ def main(options: ViewOptions) -> None:
             check_target(wanted, options.overwrite)
     if options.chart is not None:
         _chart(options.files, options.chart, options.overwrite)
-        print(options.chart)
+        say(options.chart)
         others = (options.save, options.screenshot, options.picture)
         if not options.serve and all(one is None for one in others):
             return
@@ -74,13 +74,13 @@ def main(options: ViewOptions) -> None:
         from vip_factors.viz.picture import filmstrip
 
         filmstrip(_drawn(opened), options.picture, overwrite=options.overwrite)
-        print(options.picture)
+        say(options.picture)
     if options.screenshot is not None:
         _screenshot(opened, options.screenshot, options)
-        print(options.screenshot)
+        say(options.screenshot)
     if options.save is not None:
         _show(opened, options.save, options)
-        print(options.save)
+        say(options.save)
     if options.serve:
         _serve(opened, options)
     elif all(one is None for one in targets):
@@ -138,7 +138,7 @@ def _serve(opened: Opened, options: ViewOptions) -> None:
     from vip_factors.viz.viewer import serve
 
     def print_address(address: str) -> None:
-        print(address, flush=True)
+        say(address)
         note("serving; open this address in a browser, Ctrl-C ends it")
 
     with TemporaryDirectory() as folder:

@@ -1,14 +1,11 @@
 """Candidates of mountings: quarter turns of a strap, and what the vertical says of them."""
 
 import numpy as np
-import pytest
 
-from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_y, transpose, wrap_angle
 from vip_factors.initialise.start_candidates import (
     KEPT,
     Candidates,
-    StartSettings,
     about_best,
     common_cost,
     frame_cost,
@@ -53,13 +50,6 @@ def test_costs_are_densities_against_no_rule_at_all() -> None:
     turned = rotation_y(angles)
     assert np.isclose(np.sum(haar * np.exp(-strap_cost(turned, np.eye(3), 0.3, 0.1))), 1.0, atol=0.03)
     assert common_cost(10, 0.2) > common_cost(3, 0.2) > 0
-
-
-def test_settings_that_mean_nothing_are_refused() -> None:
-    with pytest.raises(InputError, match="agree_deg is 0"):
-        StartSettings(agree_deg=0.0)
-    with pytest.raises(InputError, match="strange_strap"):
-        StartSettings(strange_strap=1.5)
 
 
 HEADINGS = np.array([0.0, 0.7])

@@ -14,7 +14,7 @@ from vip_factors.cli.settings_file import read_settings
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver
-from vip_factors.live.settings import LiveSettings, OnlineAssociationSettings
+from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.scene import SceneProblem
@@ -136,7 +136,7 @@ def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) ->
     video = VideoFrame("camera", 0.0, pixels[None], np.full((1, len(pixels)), 0.9))
     views = []
     for one in (SETTINGS, settings):
-        observer = CameraObserver(setup.camera, [skeleton], [0.0], [1.0], OnlineAssociationSettings(), one.camera)
+        observer = CameraObserver(setup.camera, [skeleton], [0.0], [1.0], one.camera)
         belief = Belief(0, [body], R[None], p[None], np.eye(3)[None, None])
         views.append(observer._view(video, 0, 0, belief, None))
     plain, careful = views

@@ -20,10 +20,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vip_factors.body.kinematics import BodyState
-from vip_factors.errors import InputError
 from vip_factors.live.association import best_paths
 from vip_factors.live.association_evidence import BodyFitter, People
-from vip_factors.live.settings import OnlineAssociationSettings
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 
@@ -153,11 +151,6 @@ def test_no_people_no_keypoints_and_late_frames():
     assert [len(one) for one in revised] == [2] * 4
     assert list(revised[0]) == list(revised[1]) == [-1, -1]
     assert list(revised[3]) == list(first)
-
-
-def test_settings_are_checked():
-    with pytest.raises(InputError, match="memory_s"):
-        OnlineAssociationSettings(memory_s=0.0)
 
 
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3))

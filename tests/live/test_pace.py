@@ -11,12 +11,11 @@ from tracked import SETTINGS, filmed, unfilmed
 
 from vip_factors.findings import Finding
 from vip_factors.live.pace import SolvePace
-from vip_factors.live.settings import PaceSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.sensors.live import live_samples, stream_head
 
-RATE, OWN = 60, PaceSettings()
+RATE = 60
 FRAME_S = 1 / RATE
 
 
@@ -32,7 +31,7 @@ class Machine:
 
     def run(self, seconds: float, usual: int = 1) -> tuple[np.ndarray, np.ndarray, list[Finding]]:
         """Of each frame the age of its answer and whether it was solved; and what was told."""
-        pace, free, unsolved, ages, solved, told = SolvePace(usual, RATE, OWN), self.begins_s, 0, [], [], []
+        pace, free, unsolved, ages, solved, told = SolvePace(usual, RATE), self.begins_s, 0, [], [], []
         for time in FRAME_S * np.arange(round(seconds * RATE)):
             begin = max(free, time)
             told += pace.step(time, begin - time, not solved or solved[-1])
@@ -53,10 +52,10 @@ def kinds(told: list[Finding]) -> list[str]:
 def test_answers_are_in_time_wherever_ten_updates_a_second_and_their_predictions_fit(
     load: float, share: float, begins_s: float
 ) -> None:
-    solved_s = load * FRAME_S * OWN.widest / (1 + (OWN.widest - 1) * share)
+    solved_s = load * FRAME_S * SolvePace.WIDEST / (1 + (SolvePace.WIDEST - 1) * share)
     ages, solved, _ = Machine(solved_s, share * solved_s, begins_s=begins_s).run(20.0)
     assert ages[round(12.0 * RATE) :].max() < 0.25
-    assert np.diff(np.flatnonzero(solved)).max() <= OWN.widest
+    assert np.diff(np.flatnonzero(solved)).max() <= SolvePace.WIDEST
 
 
 def test_all_frames_are_solved_where_there_is_time_for_all() -> None:
@@ -99,7 +98,7 @@ def test_a_start_that_is_late_is_made_up_for_without_a_word() -> None:
 def test_a_tracker_that_is_never_in_time_says_so() -> None:
     _, _, told = Machine(2.5 * FRAME_S, 1.2 * FRAME_S, begins_s=1.0).run(20.0)
     assert kinds(told) == ["fewer frames solved"]
-    assert told[0].numbers["rate"] == pytest.approx(RATE / OWN.widest, abs=1)
+    assert told[0].numbers["rate"] == pytest.approx(RATE / SolvePace.WIDEST, abs=1)
 
 
 @pytest.mark.parametrize(("real_time", "frames"), [(True, 6), (False, 1)])

@@ -4,7 +4,6 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.sensor_slips import SlipTest
-from vip_factors.live.settings import SlipSettings
 
 RATE, EVERY, SENSORS = 60.0, 12, 3
 WANDER = np.deg2rad(np.full(4, 0.3))
@@ -14,7 +13,7 @@ COLUMNS = np.arange(4 * SENSORS).reshape(SENSORS, 4)
 def slips(truth: Array, first_deg: float = 5.0, begin: int = 0) -> tuple[list[tuple[float, int]], list[int]]:
     """Seconds and sensors suspected, and sensors confirmed, where a filter estimates ``truth`` ``(T, 12)`` radians."""
     rng, noise = np.random.default_rng(0), np.deg2rad(8.0)
-    test = SlipTest(COLUMNS, WANDER, SlipSettings(), RATE, begin)
+    test = SlipTest(COLUMNS, WANDER, RATE, begin)
     value, covariance = np.zeros(12), np.deg2rad(first_deg) ** 2 * np.eye(12)
     found, confirmed = list[tuple[float, int]](), list[int]()
     for index, true in enumerate(truth):

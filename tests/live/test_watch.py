@@ -4,15 +4,13 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.live.sensor_slips import KnockDetector
-from vip_factors.live.settings import WatchSettings
 
 RATE = 60.0
 SENSORS = 6
-QUICK = WatchSettings(settle_s=0.0)
 
 
 def watch() -> KnockDetector:
-    return KnockDetector(SENSORS, QUICK, RATE, 0)
+    return KnockDetector(SENSORS, RATE, 0)
 
 
 def moved_of(path: Array) -> list[tuple[int, int]]:

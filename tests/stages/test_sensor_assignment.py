@@ -9,7 +9,7 @@ from filmed_gestures import filmed_gestures
 
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import exp, rotation_z
-from vip_factors.initialise.sensor_assignment import AssignmentSettings, Exchange, exchanged, exchanged_sensors
+from vip_factors.initialise.sensor_assignment import LEAST_NATS, Exchange, exchanged, exchanged_sensors
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording
@@ -51,7 +51,7 @@ def test_exchanged_sensors_are_found(pair: tuple[str, str]) -> None:
     recording = mistaken(*pair)
     (found,) = exchanges_of(recording, Settings())
     assert {recording.placed[number] for number in found.sensors} == set(pair)
-    assert found.nats > AssignmentSettings().least
+    assert found.nats > LEAST_NATS
 
 
 def test_exchanged_sensors_are_told_and_exchanged_where_wanted() -> None:
@@ -66,7 +66,7 @@ def test_exchanged_sensors_are_told_and_exchanged_where_wanted() -> None:
 
 def test_what_tells_nothing_accuses_nobody() -> None:
     """Sensors without accelerations, or without a neighbour."""
-    assert exchanged_sensors([None] * 4, [(0, 1), (1, 2)], AssignmentSettings()) == ()
+    assert exchanged_sensors([None] * 4, [(0, 1), (1, 2)]) == ()
     still = replace(legs(), imus={name: replace(one, specific_force=None) for name, one in legs().imus.items()})
     assert exchanges_of(still, Settings()) == ()
 

@@ -104,14 +104,14 @@ def test_clocks_are_only_told_of_where_asked() -> None:
 
 def test_the_fewest_clocks_that_explain_it() -> None:
     """A late one between two others shows on both of its links; of two sensors nobody knows which is off."""
-    settings, sigma = SensorClockSettings(), np.array([0.009, 0.0055, 0.0055])
+    sigma = np.array([0.009, 0.0055, 0.0055])
     chain = [(0, 1), (1, 2), (2, 3)]
-    (late,) = fewest_delays(4, chain, np.array([0.001, 0.041, -0.039]), sigma, settings)
+    (late,) = fewest_delays(4, chain, np.array([0.001, 0.041, -0.039]), sigma)
     assert (late.sensor, late.rival) == (2, None)
     assert late.seconds == pytest.approx(0.04, abs=0.001)
-    (one,) = fewest_delays(2, [(0, 1)], np.array([0.05]), sigma[1:2], settings)
+    (one,) = fewest_delays(2, [(0, 1)], np.array([0.05]), sigma[1:2])
     assert {one.sensor, one.rival} == {0, 1}
-    assert fewest_delays(4, chain, np.array([0.02, -0.01, 0.003]), sigma, settings) == ()
+    assert fewest_delays(4, chain, np.array([0.02, -0.01, 0.003]), sigma) == ()
 
 
 def test_a_sensor_that_hangs_is_told() -> None:

@@ -19,7 +19,7 @@ from vip_factors.problem.layout import Layout
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.solve.levenberg_marquardt import INITIAL_DAMPING, MAX_DAMPING, SolveSettings, levenberg_marquardt
 
 
 @dataclass(frozen=True)
@@ -102,8 +102,8 @@ def optimise_with_gtsam(
     if isinstance(extra, UserTerms):
         whole.graph.push_back(extra.factors(problem))
     parameters = gtsam.LevenbergMarquardtParams()
-    parameters.setlambdaInitial(settings.initial_damping)
-    parameters.setlambdaUpperBound(settings.max_damping)
+    parameters.setlambdaInitial(INITIAL_DAMPING)
+    parameters.setlambdaUpperBound(MAX_DAMPING)
     parameters.setMaxIterations(settings.max_iterations)
     optimiser = gtsam.LevenbergMarquardtOptimizer(whole.graph, whole.values, parameters)
     before, iterations, converged = optimiser.error(), list[Iteration](), False

@@ -21,17 +21,19 @@ from vip_factors.sensors.calibration import Placement
 Pair = tuple[int, int]
 
 
+# Nats by which an exchange has to be likelier to be reported. Of 58 recordings and scenes with all sensors in their
+# places none came near; thighs, shanks or feet exchanged had 15 to 150 wherever legs moved for ten seconds.
+LEAST_NATS = 10.0
+# Share of the joints' acceleration by which neighbours may disagree: soft tissue leaves 0.05 to 0.3.
+MISFIT = 0.1
+SECONDS = 40.0  # of the recording, from its middle
+
+
 @dataclass(frozen=True)
 class AssignmentSettings:
     """How sensors that are on one another's segments are looked for."""
 
     check: bool = True  # off: they are where the placement has them, whatever the motion says
-    # Nats by which an exchange has to be likelier to be told. Of 58 recordings and scenes with all sensors in their
-    # places none came near; thighs, shanks or feet exchanged had 15 to 150 wherever legs moved for ten seconds.
-    least: float = 10.0
-    # Share of the joints' own acceleration by which neighbours may disagree: soft tissue leaves 0.05 to 0.3.
-    misfit: float = 0.1
-    seconds: float = 40.0  # looked at, from the middle
 
 
 @dataclass(frozen=True)
@@ -57,20 +59,20 @@ ALIKE = 3.0  # nats between exchanges of which neither is told for the other: 20
 
 
 def exchanged_sensors(
-    signals: Sequence[JointSignal | None], links: Sequence[Pair], settings: AssignmentSettings
+    signals: Sequence[JointSignal | None], links: Sequence[Pair], least: float = LEAST_NATS
 ) -> tuple[Exchange, ...]:
     """Exchanges that explain a recording better, one after the other; each supposes those before it.
 
     Args:
         signals: of ``S`` sensors; None of those that tell nothing.
         links: numbers of the sensors on bones that share a joint, as placed.
-        settings: of the search.
+        least: nats by which an exchange has to be likelier.
     """
-    cost = _pair_costs(signals, settings)
+    cost = _pair_costs(signals)
     of, found = list(range(len(signals))), list[Exchange]()  # the sensor that is in each one's place
     while len(found) < len(signals) // 2:
-        now = _gains(of, links, cost, settings)
-        if not now or max(now.values()) < settings.least:
+        now = _gains(of, links, cost, least)
+        if not now or max(now.values()) < least:
             break
         best = max(now, key=lambda pair: now[pair])
         rivals = tuple(pair for pair in now if pair != best and now[best] - now[pair] < ALIKE)
@@ -79,7 +81,7 @@ def exchanged_sensors(
     return tuple(found)
 
 
-def _pair_costs(signals: Sequence[JointSignal | None], settings: AssignmentSettings) -> Callable[[int, int], float]:
+def _pair_costs(signals: Sequence[JointSignal | None]) -> Callable[[int, int], float]:
     """Nats by which two sensors disagree about a joint that they would share, against two that share none."""
 
     @cache
@@ -90,27 +92,27 @@ def _pair_costs(signals: Sequence[JointSignal | None], settings: AssignmentSetti
             return 0.0
         share, seconds = fitted
         looks = min(seconds * SWINGS_PER_SECOND, MOST_LOOKS)
-        return 1.5 * looks * float(np.log((min(share, 1.0) + settings.misfit) / (1.0 + settings.misfit)))
+        return 1.5 * looks * float(np.log((min(share, 1.0) + MISFIT) / (1.0 + MISFIT)))
 
     return lambda one, other: cost(min(one, other), max(one, other))
 
 
 def _gains(
-    of: Sequence[int], links: Sequence[Pair], cost: Callable[[int, int], float], settings: AssignmentSettings
+    of: Sequence[int], links: Sequence[Pair], cost: Callable[[int, int], float], least: float
 ) -> dict[Pair, float]:
     """Nats that exchanges would gain, of those that could gain enough."""
-    least = 1.5 * MOST_LOOKS * float(np.log(settings.misfit / (1.0 + settings.misfit)))
+    cheapest = 1.5 * MOST_LOOKS * float(np.log(MISFIT / (1.0 + MISFIT)))
     touching = [[link for link in links if one in link] for one in range(len(of))]
     found = {}
     for one, other in itertools.combinations(range(len(of)), 2):
         own = {*touching[one], *touching[other]} - {(one, other), (other, one)}
         now = sum(cost(of[a], of[b]) for a, b in own)
-        if now - len(own) * least < settings.least:
+        if now - len(own) * cheapest < least:
             continue
-        swap, then = {one: other, other: one}, len(own) * least
+        swap, then = {one: other, other: one}, len(own) * cheapest
         for a, b in own:
-            then += cost(of[swap.get(a, a)], of[swap.get(b, b)]) - least
-            if now - then < settings.least - ALIKE:  # whatever the others say
+            then += cost(of[swap.get(a, a)], of[swap.get(b, b)]) - cheapest
+            if now - then < least - ALIKE:  # whatever the others say
                 break
         else:
             found[one, other] = now - then

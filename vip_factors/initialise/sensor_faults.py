@@ -18,7 +18,6 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array, rotation_z, transpose
 from vip_factors.initialise.sensor_tree import Link, joint_products
-from vip_factors.ranges import NotNegative, NotNegativeInt
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 
@@ -233,18 +232,16 @@ def _refined(
 LIMBS = ("knee", "ankle", "foot", "elbow", "wrist", "hand")  # what the lower bone of a link within a limb is called
 
 
+CLOCK_SECONDS = 40.0  # of the recording, from its middle: some twenty strides
+DELAY_DEVIATIONS = 4.0  # standard deviations by which a delay must differ from zero
+
+
 @dataclass(frozen=True)
 class SensorClockSettings:
     """How sensors whose clocks are off their fellows' are looked for, and what is done about them."""
 
     check: bool = True  # off: clocks agree, whatever the motion says
     correct: bool = True  # off: delays are told, and left
-    least: float = 0.024  # s: as much as sensors in step have seemed apart, for soft tissue follows the bone
-    deviations: NotNegative = 4.0  # standard deviations that a delay is off nought by
-    # s, of what skin and muscle delay: sensors in step (MTw) seem up to 10 ms apart across knees, ankles and elbows …
-    limb_sigma: float = 0.0055
-    trunk_sigma: float = 0.009  # … and up to 23 ms across hips, shoulders and the spine.
-    seconds: float = 40.0  # looked at, from the middle: some twenty strides
 
 
 @dataclass(frozen=True)
@@ -264,7 +261,7 @@ class SensorDelay:
 
 
 def sensor_delays(
-    signals: Sequence[JointSignal | None], bones: Sequence[int], links: Sequence[Link], settings: SensorClockSettings
+    signals: Sequence[JointSignal | None], bones: Sequence[int], links: Sequence[Link]
 ) -> tuple[SensorDelay, ...]:
     """The sensors that are off; fewer than half of all, since most are taken to be right.
 
@@ -272,11 +269,13 @@ def sensor_delays(
         signals: of ``S`` sensors; None of those that tell nothing.
         bones: ``S`` numbers.
         links: of the sensor tree; those between sensors with a free limb in between say nothing.
-        settings: of the search.
     """
     ranges = [(one.time[0], one.time[-1]) for one in signals if one is not None]
     start, end = max((one for one, _ in ranges), default=0.0), min((one for _, one in ranges), default=0.0)
-    spare = max(end - start - settings.seconds, 0.0) / 2
+    spare = max(end - start - CLOCK_SECONDS, 0.0) / 2
+    # What skin and muscle delay, s: sensors in step (MTw) seem up to 10 ms apart across knees, ankles and elbows, and
+    # up to 23 ms across hips, shoulders and the spine.
+    limb_sigma, trunk_sigma = 0.0055, 0.009
     signals = [None if one is None else one.cut(start + spare, end - spare) for one in signals]
     ends, delay, sigma = [], [], []
     for link in links:
@@ -288,27 +287,24 @@ def sensor_delays(
             ends.append((link.parent, link.child))
             delay.append(found[0])
             limb = JOINT_NAMES[bones[link.child]].endswith(LIMBS)
-            sigma.append(np.hypot(found[1], settings.limb_sigma if limb else settings.trunk_sigma))
-    return fewest_delays(len(signals), ends, np.array(delay), np.array(sigma), settings)
+            sigma.append(np.hypot(found[1], limb_sigma if limb else trunk_sigma))
+    return fewest_delays(len(signals), ends, np.array(delay), np.array(sigma))
 
 
-def fewest_delays(
-    sensors: int, ends: Sequence[tuple[int, int]], delay: Array, sigma: Array, settings: SensorClockSettings
-) -> tuple[SensorDelay, ...]:
+def fewest_delays(sensors: int, ends: Sequence[tuple[int, int]], delay: Array, sigma: Array) -> tuple[SensorDelay, ...]:
     """One sensor after the other is let off, that which explains most, as long as it explains enough.
 
     Args:
         sensors: how many there are.
         ends: parent and child of ``L`` links.
         delay, sigma: ``(L,)`` seconds, of the child against the parent.
-        settings: of the search.
     """
     if not len(delay):
         return ()
     rows = np.zeros((len(ends), sensors))
     for row, (parent, child) in enumerate(ends):
         rows[row, [parent, child]] = -1, 1
-    rows, wanted, enough = rows / sigma[:, None], delay / sigma, settings.deviations**2
+    rows, wanted, enough = rows / sigma[:, None], delay / sigma, DELAY_DEVIATIONS**2
     late: list[int] = []
     rivals: dict[int, int | None] = {}
     while len(late) + 1 < sensors / 2 or (sensors == 2 and not late):
@@ -320,11 +316,11 @@ def fewest_delays(
             break
         late.append(best)
         rivals[best] = next((s for s in others[:1] if cost[s] - cost[best] < enough / 4), None)
-    return _significant_delays(late, rivals, rows, wanted, settings)
+    return _significant_delays(late, rivals, rows, wanted)
 
 
 def _significant_delays(
-    late: Sequence[int], rivals: Mapping[int, int | None], rows: Array, wanted: Array, settings: SensorClockSettings
+    late: Sequence[int], rivals: Mapping[int, int | None], rows: Array, wanted: Array
 ) -> tuple[SensorDelay, ...]:
     if not late:
         return ()
@@ -332,9 +328,8 @@ def _significant_delays(
     seconds = np.linalg.solve(information, rows[:, late].T @ wanted)
     sigma = np.sqrt(np.diag(np.linalg.inv(information)))
     found = (SensorDelay(s, float(a), float(b), rivals[s]) for s, a, b in zip(late, seconds, sigma, strict=True))
-    return tuple(
-        one for one in found if abs(one.seconds) > max(settings.least, settings.deviations * one.sigma)
-    )  # fmt: skip
+    # Sensors in step have seemed 0.024 s apart, for soft tissue follows the bone.
+    return tuple(item for item in found if abs(item.seconds) > max(0.024, DELAY_DEVIATIONS * item.sigma))
 
 
 def _cost(rows: Array, wanted: Array) -> float:
@@ -354,19 +349,9 @@ class AccelerometerSettings:
     """What accelerometers are looked over for, and what is done."""
 
     check: bool = True  # off: they are taken as they are
-    # Of gravity, told from here on and corrected: sound ones are off by up to 1.5 %, some by 3 where nobody calibrated.
-    scale_error: float = 0.04
-    deviations: NotNegative = 4.0  # standard deviations that a scale is off one by
-    # m/s that a sensor's vertical speed may differ between start and end: with it gravity is weighed in motion, over
-    # the whole recording.
-    speed_change: float = 2.0
-    # Of gravity, least standard deviation: zero offsets are as much, and no scale.
-    least_sigma: float = 0.005
-    clipped_samples: int = 2  # on end at either end of the range, which no motion does by itself
-    clipped_runs: NotNegativeInt = 2  # of those: once may be chance
 
 
-def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> tuple[float, float] | None:
+def accelerometer_scale(stream: ImuStream) -> tuple[float, float] | None:
     """What gravity measures, of what it is, and the standard deviation of that.
 
     From the mean specific force along the vertical: over a long time nobody accelerates.
@@ -382,8 +367,15 @@ def accelerometer_scale(stream: ImuStream, settings: AccelerometerSettings) -> t
     if seconds <= 0:
         return None
     mean = float(np.sum((step * (vertical[1:] + vertical[:-1]) / 2)[measured]) / seconds)
-    sigma = np.hypot(settings.speed_change / (seconds * STANDARD_GRAVITY), settings.least_sigma)
+    speed_change = 2.0  # m/s by which a sensor's vertical speed may differ between start and end
+    zero_offset = 0.005  # of gravity: zero offsets are as much, and no scale
+    sigma = np.hypot(speed_change / (seconds * STANDARD_GRAVITY), zero_offset)
     return mean / STANDARD_GRAVITY, float(sigma)
+
+
+def is_scale_wrong(scale: float, sigma: float) -> bool:
+    """Whether a scale is off one: sound ones are by up to 1.5 %, some by 3 % where nobody calibrated."""
+    return abs(scale - 1) > max(0.04, 4.0 * sigma)
 
 
 # Of the mean force to the vertical: what is wrong, and what is right. Fifteen sound recordings have up to 2.8°.
@@ -418,7 +410,7 @@ def _leaning(R: Array, force: Array) -> float:
     return float(np.arctan2(np.hypot(mean[0], mean[1]), mean[2]))
 
 
-def range_ends(stream: ImuStream, settings: AccelerometerSettings) -> tuple[tuple[int, float], ...]:
+def range_ends(stream: ImuStream) -> tuple[tuple[int, float], ...]:
     """Axes and values at which an accelerometer's range ends: extremes that repeat themselves, time and again."""
     if stream.specific_force is None:
         return ()
@@ -427,30 +419,26 @@ def range_ends(stream: ImuStream, settings: AccelerometerSettings) -> tuple[tupl
         (number, end)
         for number, axis in enumerate(stream.specific_force.T)
         for end in sorted({float(axis.max()), float(axis.min())})
-        if abs(end) > LEAST_RANGE
-        and abs(end) > 0.9 * largest
-        and len(_runs(axis, end, settings)) >= settings.clipped_runs
+        if abs(end) > LEAST_RANGE and abs(end) > 0.9 * largest and len(_runs(axis, end)) >= 2  # once may be chance
     )
 
 
-def clipped_samples(
-    stream: ImuStream, ends: Sequence[tuple[int, float]], settings: AccelerometerSettings
-) -> np.ndarray:
+def clipped_samples(stream: ImuStream, ends: Sequence[tuple[int, float]]) -> np.ndarray:
     """Which samples ``(N,)`` stand at one of the ends of the range for as long as no motion does by itself."""
     clipped = np.zeros(len(stream), bool)
     if stream.specific_force is None:
         return clipped
     for number, end in ends:
-        for first, last in _runs(stream.specific_force[:, number], end, settings):
+        for first, last in _runs(stream.specific_force[:, number], end):
             clipped[first:last] = True
     return clipped
 
 
-def _runs(axis: Array, end: float, settings: AccelerometerSettings) -> list[tuple[int, int]]:
-    """First sample and the one after the last of each run at an end of the range."""
+def _runs(axis: Array, end: float) -> list[tuple[int, int]]:
+    """First sample and the one after the last of each run at an end of the range, of two samples or more."""
     at_end = np.abs(axis - end) < SAME * abs(end)
     edges = np.flatnonzero(np.diff(np.r_[0, at_end.astype(int), 0]))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= settings.clipped_samples]
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= 2]
 
 
 def longest_repeat(stream: ImuStream) -> float:

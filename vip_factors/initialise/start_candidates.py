@@ -13,11 +13,15 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_y, rotation_z, transpose, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
-from vip_factors.ranges import RangeError, Share
 
 # Of the mean lean of trunk, thighs and shanks over a recording: walkers' and standers' are within 10°, sitters' not.
 UPRIGHT_SIGMA = np.deg2rad(15.0)
 UPRIGHT_FREEDOM = 4.0  # of a Student t: some sit
+
+
+SETTLED_NATS = 3.0  # by which a start has to be more likely than the next that differs: 20 to 1
+START_RATE = 10.0  # Hz: steps and swings are slower
+BONE_SIGMA = np.deg2rad(10.0)  # of a mounting about the bone that carries it, soft tissue included
 
 
 @dataclass(frozen=True)
@@ -25,25 +29,6 @@ class StartSettings:
     """How the first headings and mountings are looked for."""
 
     search: bool = True  # off: the straps and the low-passed motion alone, as in the papers
-    # Degrees, how well the inertial frames of sensors that were started together agree (where they do at all), unless
-    # factors.agreeing_headings states it. Thirteen of one make lay within −10° to +4°, one of them at −33°.
-    agree_deg: float = 15.0
-    strange_strap: Share = 0.1  # chance of a sensor that was strapped on anyhow: three of thirteen were
-    strange_frame: Share = 0.05  # chance of a sensor that was started elsewhere: one of thirteen was
-    # Nats by which a start has to be more likely than the next that differs, to be taken for settled: 20 to 1.
-    settled: float = 3.0
-    stretch_s: float = 30.0  # of the recording that is looked at
-    rate: float = 10.0  # Hz: steps and swings are slower
-    bone_sigma_deg: float = 10.0  # of a mounting about the bone that carries it, soft tissue included
-
-    def __post_init__(self) -> None:
-        for name in ("agree_deg", "stretch_s", "rate", "bone_sigma_deg"):
-            if not getattr(self, name) > 0:
-                raise RangeError(f"calibration.start.{name}", f"is {getattr(self, name):g}: expected a number above 0")
-        for name in ("strange_strap", "strange_frame"):
-            if not 0 < getattr(self, name) < 1:
-                message = f"is {getattr(self, name):g}: expected a share between 0 and 1"
-                raise RangeError(f"calibration.start.{name}", message)
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from vip_factors.initialise.sensor_tree import Link, LinkCosts, TreeMinimum, lea
 from vip_factors.initialise.start_candidates import (
     GRID,
     HYPOTHESES,
+    SETTLED_NATS,
     Candidates,
     InitialisationHypothesis,
-    StartSettings,
     about_best,
     common_cost,
     declared_candidates,
@@ -77,7 +77,7 @@ class Starts:
         best: the likeliest.
         rival: hypothesis of the likeliest start that turns a sensor by more than 60° against it.
         margin: by how many nats it is less likely; infinite where there is none.
-        doubtful: numbers of the sensors that starts turn which are less likely by ``settled`` nats at most.
+        doubtful: numbers of the sensors that starts turn which are less likely by ``SETTLED_NATS`` at most.
         tilted: numbers of the sensors that cannot sit as placed, nor by a quarter turn otherwise: their bones would
             not be upright.
         rivals: the likeliest starts that turn doubtful sensors, so many that each of these is turned by one.
@@ -98,14 +98,15 @@ class StartSearch:
     Attributes:
         frames: evenly spaced.
         prior: of the sensors.
-        settings: of the search.
         known_mountings: whether sensors sit exactly as placed; where no pose is declared, headings alone vary then.
+        agree_deg: standard deviation of the yaw between inertial frames of sensors that were started together, degrees.
+            Thirteen of one make lay within −10° to +4°, one of them at −33°.
     """
 
     frames: ImuFrames
     prior: SensorPrior
-    settings: StartSettings
     known_mountings: bool = False
+    agree_deg: float = 15.0
 
     def best(
         self, usual: InitialCalibration, R_inertial_at_pose: Array, others: Sequence[InitialCalibration] = ()
@@ -193,15 +194,16 @@ class StartSearch:
 
     def _unaries(self, candidates: Candidates, hypotheses: Sequence[InitialisationHypothesis]) -> list[Array]:
         """Costs ``(C, K, M)`` of sensors by themselves, for every heading that their frames may have in common."""
-        settings, prior, counts = self.settings, self.prior, [R.shape[1] for R in candidates.R_bone_sensor]
+        strange_strap = 0.1  # chance of a strap in any orientation: three of thirteen were
+        prior, counts = self.prior, [R.shape[1] for R in candidates.R_bone_sensor]
         of, R = np.repeat(np.arange(len(counts)), counts), np.concatenate(candidates.R_bone_sensor, axis=1)
         free = np.zeros(R.shape[:2]) if candidates.declared else upright_cost(R, self._up_sensor[of])
         if candidates.relative:  # the world may turn as it likes: one heading holds it
             free[1:, of == self._root] = np.inf
-        placed = free + strap_cost(R, prior.R_placed[of], prior.sigma[of], settings.strange_strap)
-        sigma = np.deg2rad(settings.agree_deg)
+        placed = free + strap_cost(R, prior.R_placed[of], prior.sigma[of], strange_strap)
+        sigma = np.deg2rad(self.agree_deg)
         common = candidates.headings[0, 0] + np.linspace(0, 2 * np.pi, GRID, endpoint=False)[:, None, None]
-        agreed = frame_cost(candidates.headings.T, common, sigma, settings.strange_frame)
+        agreed = frame_cost(candidates.headings.T, common, sigma, 0.05)  # one of thirteen was started elsewhere
         agreed = agreed[..., of] + common_cost(len(counts), sigma) / len(counts)
         straps = [placed if one.straps else free for one in hypotheses]
         costs = [own + agreed if one.frames else own[None] for one, own in zip(hypotheses, straps, strict=True)]
@@ -234,18 +236,18 @@ class StartSearch:
         hypothesis: InitialisationHypothesis, own: TreeMinimum,
     ) -> Starts:  # fmt: skip
         """The best start and what is nearly as likely: another hypothesis's, or its own with some sensors turned."""
-        settled, rival, margin = self.settings.settled, "", np.inf
+        rival, margin = "", np.inf
         near: list[tuple[Start, set[int]]] = []
         for other in starts:
             turned = set(np.flatnonzero(_differences(best.calibration, other.calibration) > DIFFERENT).tolist())
             behind = other.cost - best.cost
             if turned:
-                near += [(other, turned)] if behind < settled else []
+                near += [(other, turned)] if behind < SETTLED_NATS else []
                 rival, margin = (other.hypothesis, behind) if behind < margin else (rival, margin)
         for s, costs in enumerate(own.marginals):
             off = _turned(grid, s, *own.choice[s]) > DIFFERENT
             behind = float(np.min(costs[off], initial=np.inf)) - own.cost
-            if behind < settled:
+            if behind < SETTLED_NATS:
                 found = self._minimum(grid, pairs, (hypothesis,), (s, off), marginals=False)
                 other = Start(best.hypothesis, _chosen(grid, found, best.calibration), best.cost + behind)
                 near.append((other, {s}))

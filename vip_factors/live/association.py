@@ -22,7 +22,6 @@ from vip_factors.live.association_evidence import (
     people_of,
     together,
 )
-from vip_factors.live.settings import OnlineAssociationSettings
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.live import VideoFrame
 
@@ -165,18 +164,42 @@ class OnlineAssociation:
         keypoints: of the detector.
         model: of the camera.
         skeletons: of the ``W`` wearers.
-        settings: defaults if None.
     """
 
-    def __init__(
-        self, keypoints: KeypointSet, model: CameraModel, skeletons: Sequence[Skeleton],
-        settings: OnlineAssociationSettings | None = None,
-    ) -> None:  # fmt: skip
-        self.settings = settings or OnlineAssociationSettings()
+    # Evidence is in log-odds that a person is the wearer. The first five numbers are logistic regressions on 24 000
+    # pairs of simulated scenes with poses 10° off, cameras 2° off and roots known to 5 cm, rounded.
+    SHAPE_WEIGHT = 4.5  # lost with each e-fold of the shape's mean squared error in sigmas: 0.4 if right, 2.5 if wrong
+    MISFIT_WEIGHT = 0.75  # lost with each major joint that is detected and does not fit
+    BIAS = 1.0  # where both are zero: a person taken at random is mostly a wrong one
+    NEAR = 1.5  # won by standing exactly where the wearer is predicted
+    POSITION_WEIGHT = 3.5  # lost with each e-fold of 1 + a quarter of the position's squared Mahalanobis distance
+    LEAST_SHAPE = 0.1  # added to the shape's error: a better fit is luck
+    MOST_APPEARANCE = 5.0  # limit of one frame's appearance, either way: detectors err for many frames in a row
+    MOST_DISTANCE = 6.0  # limit of what a position costs: after a mistake the prediction is wrong and shape must win
+    CAMERA_SIGMA = np.deg2rad(2.0)  # of the predicted camera's rotation: hands shake, orientation filters lag
+    DEPTH_SHARE = 0.15  # error of a depth, as a share of it, that wrongly predicted limbs make
+    SIDE_M = 0.1  # the same across the view
+    KNOWN_M = 0.25  # uncertainty across the view up to which the regressions hold; beyond it a position counts less
+    MEMORY_S = 1.0  # over which a track's evidence is averaged: a step and its swing
+    MEMORY_WEIGHT = 2.0  # of that evidence against one frame's: a second holds a few independent looks, not thirty
+    STAY = 2.0  # for the person who continues, in the image, whom the wearer was before
+    GATE = 14.0  # squared Mahalanobis distance, three numbers, beyond which nobody is taken: one in 300
+    ENOUGH_JOINTS = 6.0  # major joints that must fit: half of them
+    PATIENCE_S = 0.5  # a wearer who is unseen for longer is lost: the prediction has drifted
+    DRIFT_M_S = 0.5  # growth of a lost wearer's position uncertainty: a slow walk
+    MOST_LOST_M = 4.0  # its limit: the size of a room
+    RECOVER = 0.3  # mean appearance over MEMORY_S that a track needs to become a lost wearer; it starts at zero
+    RECOVER_MARGIN = 0.5  # by which that must exceed any other free track's
+    DROP = -0.5  # mean appearance of the wearer's track below which the wearer is lost
+    DROPPED_M = 1.5  # uncertainty of the position after that: the prediction followed the wrong person
+    SWITCH = 6.0  # lost, within the lag, with a step from one track to another
+    BLINK = 0.5  # lost, within the lag, with a step to nobody or back: detectors blink, but not every other frame
+
+    def __init__(self, keypoints: KeypointSet, model: CameraModel, skeletons: Sequence[Skeleton]) -> None:
         self.model = model
-        self._fitter = BodyFitter(keypoints, skeletons, self.settings.depth_share, self.settings.side_m)
+        self._fitter = BodyFitter(keypoints, skeletons, self.DEPTH_SHARE, self.SIDE_M)
         self._wearers = [_Wearer() for _ in skeletons]
-        self._tracks = PersonTracks(len(skeletons), len(keypoints), self.settings.memory_s)
+        self._tracks = PersonTracks(len(skeletons), len(keypoints), self.MEMORY_S)
         self._time = -np.inf
         self._frames: dict[float, tuple[People, np.ndarray]] = {}  # recent ones, and their persons' tracks
 
@@ -185,7 +208,7 @@ class OnlineAssociation:
     @property
     def recovering(self) -> np.ndarray:
         """``(W,)`` whether a wearer has been lost, and is looked for, as of the newest frame."""
-        patience = self.settings.patience_s
+        patience = self.PATIENCE_S
         return np.array([one.seen is not None and self._time - one.seen > patience for one in self._wearers])
 
     def choose(self, frame: VideoFrame, belief: Belief) -> np.ndarray:
@@ -197,21 +220,21 @@ class OnlineAssociation:
         """
         people = people_of(frame.pixels, frame.confidence, self.model)
         late = frame.time <= self._time
-        elapsed = min(frame.time - self._time, self.settings.memory_s) if np.isfinite(self._time) else 0.03
+        elapsed = min(frame.time - self._time, self.MEMORY_S) if np.isfinite(self._time) else 0.03
         if not late:
             self._time = frame.time
             self._begin(frame.time)
             self._fitter.count_keypoints(people)
         odds = self._odds(belief, people).frame(0)
         if late:
-            return _assign(np.where(odds.usable, odds.both - self.settings.accept, -NEVER))
+            return _assign(np.where(odds.usable, odds.both, -NEVER))
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
         self._tracks.accumulate(row, odds.appearance, elapsed)
         number = self._tracks.number[row]
         self._keep(frame.time, people, number)
         memory = self._tracks.evidence[..., row]
         own = np.array([one.track for one in self._wearers])[:, None] == number
-        chosen = _assign(self._gain(odds, memory, number, self.settings.stay * own))
+        chosen = _assign(self._gain(odds, memory, number, self.STAY * own))
         self._take(frame.time, chosen, number)
         self._doubt(odds.appearance, chosen, elapsed)
         return chosen
@@ -234,7 +257,7 @@ class OnlineAssociation:
             row[: len(numbers)] = numbers
         memory = self._tracks.evidence_of(number).swapaxes(0, 1)
         gain = np.where(people.there[:, None], self._gain(odds, memory, number), -NEVER)
-        paths = best_paths(gain, self._jump([one.time for one in frames], people, number), self.settings.blink)
+        paths = best_paths(gain, self._jump([one.time for one in frames], people, number), self.BLINK)
         if frames[-1].time == self._time:
             self._take(frames[-1].time, paths[-1], number[-1])
         return list(paths)
@@ -265,36 +288,39 @@ class OnlineAssociation:
         if time - before <= LONGEST_GAP_S:
             self._gaps[before, time] = self._tracks.gap(self._frames[before][1])
         self._frames[time] = people, number
-        while (old := next(iter(self._frames))) < time - self.settings.memory_s:
+        while (old := next(iter(self._frames))) < time - self.MEMORY_S:
             del self._frames[old]
-        while self._gaps and (pair := next(iter(self._gaps)))[0] < time - self.settings.memory_s:
+        while self._gaps and (pair := next(iter(self._gaps)))[0] < time - self.MEMORY_S:
             del self._gaps[pair]
 
     def _lost_m(self) -> Array:
         """By how much positions are more uncertain than the caller says, ``(W,)``."""
-        s = self.settings
         unseen = [0.0 if one.seen is None else self._time - one.seen for one in self._wearers]
-        drift = [s.drift_m_s * max(one - s.patience_s, 0.0) for one in unseen]
+        drift = [self.DRIFT_M_S * max(one - self.PATIENCE_S, 0.0) for one in unseen]
         wide = [math.hypot(one.wide_m, far) for one, far in zip(self._wearers, drift, strict=True)]
-        return np.minimum(wide, s.most_lost_m)
+        return np.minimum(wide, self.MOST_LOST_M)
 
     def _odds(self, belief: Belief, people: People) -> _Odds:
-        s, R = self.settings, belief.R_world_camera
+        R = belief.R_world_camera
         points = self._fitter.points(belief.bodies, R, belief.p_world_camera)
         depth = self._fitter.middle(points)[..., 2]
         covariance = transpose(R)[:, None] @ belief.root_covariance @ R[:, None]
         variances = np.einsum("...ii->...i", covariance)
         variances += self._lost_m()[:, None] ** 2
-        variances[..., :2] += (np.deg2rad(s.camera_sigma_deg) * depth[..., None]) ** 2
+        variances[..., :2] += (self.CAMERA_SIGMA * depth[..., None]) ** 2
         fit = self._fitter.fit(points, people, covariance)
         appearance = (
-            s.bias - s.shape_weight * np.log(fit.shape + s.least_shape) - s.misfit_weight * (fit.seen - fit.fitting)
-        ) * np.minimum(fit.seen / s.enough_joints, 1.0)
+            self.BIAS
+            - self.SHAPE_WEIGHT * np.log(fit.shape + self.LEAST_SHAPE)
+            - self.MISFIT_WEIGHT * (fit.seen - fit.fitting)
+        ) * np.minimum(fit.seen / self.ENOUGH_JOINTS, 1.0)
         across = np.sqrt((variances[..., 0] + variances[..., 1]) / 2)[..., None]
-        vague = np.log(np.maximum(across / s.known_m, 1.0))
-        position = np.maximum(s.near - s.position_weight * np.log1p(fit.position / 4) - vague, -s.far_off)
-        usable = (fit.fitting > s.enough_joints) & (fit.position < s.gate)
-        return _Odds(np.clip(appearance, -s.surely, s.surely), position, usable)
+        vague = np.log(np.maximum(across / self.KNOWN_M, 1.0))
+        position = np.maximum(
+            self.NEAR - self.POSITION_WEIGHT * np.log1p(fit.position / 4) - vague, -self.MOST_DISTANCE
+        )
+        usable = (fit.fitting > self.ENOUGH_JOINTS) & (fit.position < self.GATE)
+        return _Odds(np.clip(appearance, -self.MOST_APPEARANCE, self.MOST_APPEARANCE), position, usable)
 
     def _gain(self, odds: _Odds, memory: Array, number: np.ndarray, bonus: Array | float = 0.0) -> Array:
         """Log-odds of taking a person for a wearer ``(..., W, N)``, all in all; very negative where not allowed.
@@ -302,35 +328,33 @@ class OnlineAssociation:
         Of a person's past only the appearance counts: positions stay wrong for as long as a second, so that a second
         of them says no more than one frame.
         """
-        s, lost = self.settings, self.recovering
-        score = odds.both + s.memory_weight * memory + bonus
+        lost = self.recovering
+        score = odds.both + self.MEMORY_WEIGHT * memory + bonus
         allowed = odds.usable
         if lost.any():
             allowed = allowed & (self._recovered(memory, number) | ~lost[:, None])
-        return np.where(allowed, score - s.accept, -NEVER)
+        return np.where(allowed, score, -NEVER)
 
     def _recovered(self, appearance: Array, number: np.ndarray) -> np.ndarray:
         """Who never was out of sight, or has long looked like a lost wearer, more than anybody else who is free."""
-        s = self.settings
         taken = [one.track for one, lost in zip(self._wearers, self.recovering, strict=True) if not lost]
-        rival = np.where(np.isin(number, taken)[..., None, :], -s.surely, appearance)
+        rival = np.where(np.isin(number, taken)[..., None, :], -self.MOST_APPEARANCE, appearance)
         ordered = np.sort(rival, axis=-1)
-        second = ordered[..., -2:-1] if ordered.shape[-1] > 1 else -s.surely
+        second = ordered[..., -2:-1] if ordered.shape[-1] > 1 else -self.MOST_APPEARANCE
         stayed = number[..., None, :] == np.array([one.track for one in self._wearers])[:, None]
-        plain = (rival > s.recover) & (rival >= ordered[..., -1:]) & (rival > second + s.recover_margin)
+        plain = (rival > self.RECOVER) & (rival >= ordered[..., -1:]) & (rival > second + self.RECOVER_MARGIN)
         return plain | stayed & (number[..., None, :] != NOBODY)
 
     def _doubt(self, appearance: Array, chosen: np.ndarray, elapsed: float) -> None:
         """Wearers who were given somebody who for long has not looked like them are lost."""
-        s = self.settings
-        share = 1 - np.exp(-elapsed / s.memory_s)
+        share = 1 - np.exp(-elapsed / self.MEMORY_S)
         for w, one in enumerate(self._wearers):
             if chosen[w] < 0 or one.seen is None:
                 continue
             one.looks += share * (appearance[w, chosen[w]] - one.looks)
-            if one.looks < s.drop:
-                one.track, one.wide_m, one.looks = NOBODY, s.dropped_m, 0.0
-                one.seen = self._time - s.patience_s - STILL_THE_SAME_S
+            if one.looks < self.DROP:
+                one.track, one.wide_m, one.looks = NOBODY, self.DROPPED_M, 0.0
+                one.seen = self._time - self.PATIENCE_S - STILL_THE_SAME_S
 
     def _jump(self, time: Sequence[float], people: People, number: np.ndarray) -> Array:
         """What steps from person to person cost, by how far apart they are in the image, ``(F − 1, N, N)``."""
@@ -343,12 +367,12 @@ class OnlineAssociation:
             known = self._gaps[before, now][:N, :N]  # may be padded otherwise
             gap[f, : known.shape[0], : known.shape[1]] = known
         same = (number[:-1, :, None] == number[1:, None]) & (number[:-1, :, None] >= 0)
-        return np.where(same, -self.settings.stay, self.settings.switch * np.minimum((gap / FURTHEST) ** 2, 1.0))
+        return np.where(same, -self.STAY, self.SWITCH * np.minimum((gap / FURTHEST) ** 2, 1.0))
 
     def _take(self, time: float, chosen: np.ndarray, number: np.ndarray) -> None:
         for one, n in zip(self._wearers, chosen, strict=True):
             if n >= 0:
-                if one.seen is None or time - one.seen > self.settings.patience_s:
+                if one.seen is None or time - one.seen > self.PATIENCE_S:
                     one.looks = 0.0
                 one.track, one.seen, one.wide_m = int(number[n]), time, 0.0
 

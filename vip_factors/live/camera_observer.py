@@ -9,7 +9,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.association import NOBODY, Belief, OnlineAssociation, OnlineAssociationSettings
+from vip_factors.live.association import NOBODY, Belief, OnlineAssociation
 from vip_factors.live.problem import LagFrame
 from vip_factors.problem.scene import Foot, KeypointView
 from vip_factors.problem.state import CameraPoses
@@ -94,17 +94,17 @@ class CameraObserver:
         skeletons: of the wearers.
         soles: of their shoes, how thick, metres.
         spreads: scatter of the detections of each wearer, in OKS sigmas; follows what is seen.
-        association, settings: of the association, and of the factors on what was seen.
+        settings: of the factors of cameras.
     """
 
     def __init__(
         self, camera: Camera, skeletons: Sequence[Skeleton], soles: Sequence[float], spreads: Sequence[float],
-        association: OnlineAssociationSettings, settings: CameraFactorSettings,
+        settings: CameraFactorSettings,
     ) -> None:  # fmt: skip
         self.camera, self.spreads, self._settings = camera, list(spreads), settings.reprojection
         self._ground = settings.ground_contact
         self._keypoints = keypoints = camera.keypoints
-        self._association = OnlineAssociation(keypoints, camera.model, skeletons, association)
+        self._association = OnlineAssociation(keypoints, camera.model, skeletons)
         self._wearers = list[_Wearer]()
         for skeleton, sole in zip(skeletons, soles, strict=True):
             used, points = points_on_body(keypoints, skeleton)

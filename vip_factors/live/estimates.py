@@ -1,5 +1,6 @@
 """From the smoother's state to the estimates that users get, which follow it without jumping."""
 
+import math
 import time as clock
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -164,20 +165,20 @@ class EstimateBuilder:
     def _measure(self, smoother: LagSmoother, newest: int) -> None:
         """Covariances: of the newest frame each time, of the rest now and then."""
         self._newest = smoother.covariance(newest)
-        every = self._settings.covariance_every
         if self._shared is None or (self._sums is None and newest >= self._next_covariance):
-            self._next_covariance, self._told = newest + every, []
+            self._next_covariance, self._told = newest + Tracking.COVARIANCE_EVERY, []
             self._shared = smoother.shared_covariance() if smoother.problem.layout.static_width else np.zeros((0, 0))
             self._sums = smoother.covariance_in_steps(max(smoother.numbers[0], newest - self._lag))
         # A few steps with each update: all at once take as long as the update does.
-        steps = None if self._smoothed is None else -(-(self._lag + 2) * self._settings.solve_every // every)
+        frames_per_step = Tracking.COVARIANCE_EVERY / self._settings.solve_every
+        steps = None if self._smoothed is None else math.ceil((self._lag + 2) / frames_per_step)
         for found in islice(self._sums or (), steps):
             if found is not None:
                 self._smoothed, self._sums = found, None
 
     def _fresh_filter(self) -> AnswerFilter:
         rate = self._settings.frame_rate
-        share = min(1.0, 1 / (self._settings.answer_filter_s * rate + 1e-9))
+        share = min(1.0, 1 / (0.1 * rate + 1e-9))  # over 0.1 s; answers would tremble by some millimetres
         return AnswerFilter(share, np.deg2rad(CORRECTED_DEG_S) / rate, CORRECTED_M_S / rate)
 
     def _estimate(self, tracking: Tracking, number: int, back: int, seconds: float) -> LiveEstimate:

@@ -3,9 +3,6 @@
 from collections import deque
 
 from vip_factors.findings import Finding
-from vip_factors.live.settings import PaceSettings
-
-LEAST_SHARE = 0.8  # of the frames that are solved usually: a hiccup now and then is not worth a word
 
 
 class SolvePace:
@@ -20,10 +17,16 @@ class SolvePace:
         solve_every: frames to each update, now.
     """
 
-    def __init__(self, usual: int, frame_rate: float, settings: PaceSettings) -> None:
+    FRAME_WAIT_S = 0.025  # a sample's wait for each frame more to an update: longer than an update takes
+    WIDEST = 6  # frames to each update, at most: 10 solved each second, on 15 frames of the lag
+    REPORT_S = 2.0  # over which the reported rate is counted; a shorter stretch is not worth a finding
+    RECOVER_S = 5.0  # with all frames solved, before that is reported
+    LEAST_SHARE = 0.8  # of the frames that are solved usually: a hiccup now and then is not worth a finding
+
+    def __init__(self, usual: int, frame_rate: float) -> None:
         self.solve_every = self._usual = usual
-        self._rate, self._settings = frame_rate, settings
-        self._recent = deque[bool](maxlen=max(1, round(settings.told_s * frame_rate)))  # whether frames were solved
+        self._rate = frame_rate
+        self._recent = deque[bool](maxlen=max(1, round(self.REPORT_S * frame_rate)))  # whether frames were solved
         self._begun: float | None = None  # s, when the first frame came
         self._late_at = 0.0  # s, when fewer were solved last
         self._told_from: float | None = None  # s, from when on they are, as was told
@@ -37,12 +40,11 @@ class SolvePace:
             behind_s: that its last sample had waited.
             solved: whether the frame before was.
         """
-        own = self._settings
         self._begun = time if self._begun is None else self._begun
-        self.solve_every = min(self._usual + int(behind_s / own.frame_wait_s), max(own.widest, self._usual))
+        self.solve_every = min(self._usual + int(behind_s / self.FRAME_WAIT_S), max(self.WIDEST, self._usual))
         is_late = self.solve_every > self._usual
         self._late_at = time if is_late else self._late_at
-        if self._recent or not is_late or time - self._begun >= own.recover_s:
+        if self._recent or not is_late or time - self._begun >= self.RECOVER_S:
             self._recent.append(solved)
         return self._findings(time, behind_s)
 
@@ -52,10 +54,10 @@ class SolvePace:
             return []
         rate, begin = self._rate * sum(self._recent) / len(self._recent), self._told_from
         self._least = min(self._least, rate)
-        if begin is None and rate < LEAST_SHARE * self._rate / self._usual:
+        if begin is None and rate < self.LEAST_SHARE * self._rate / self._usual:
             self._told_from, self._least = time, rate
             return [Finding("fewer frames solved", numbers={"begin": time, "rate": rate, "behind": behind_s})]
-        if begin is not None and time - self._late_at >= self._settings.recover_s:
+        if begin is not None and time - self._late_at >= self.RECOVER_S:
             self._told_from = None
             numbers = {"begin": begin, "end": time, "rate": rate, "least": self._least}
             return [Finding("frames solved again", numbers=numbers)]

@@ -28,6 +28,7 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.errors import SolveError, VipFactorsError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
+from vip_factors.initialise.sensor_assignment import LEAST_NATS
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
 from vip_factors.live.settings import LiveSettings
@@ -50,6 +51,7 @@ from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
 from vip_factors.stages.solver import Solver, silent
 
+FRAMES = 30  # that tracking goes on from
 SETTLING_S = 9.0  # of data in which sensors in each other's places are looked for, and rivals of starts solved
 NO_PRIOR = np.pi  # radians, of headings and mountings: what is known of them, the information says
 
@@ -70,20 +72,22 @@ def recalibrate(
         RecordingError: if the sensors say too little.
         SolveError: if the problem is not determined.
     """
-    own = settings.recalibration
-    thinning = np.ceil(len(stretch.time) / settings.coarse_factor / own.most_frames)
+    # Spread over the data: of 40 s every 0.27 s. Neighbours carry nearly the same information.
+    most_frames = 150
+    thinning = np.ceil(len(stretch.time) / settings.coarse_factor / most_frames)
+    inflation = 2.0  # of standard deviations: on foreign scenes mountings are off by 1.4 sigma
     batch = replace(
         settings,
-        calibration=own.calibration,
+        calibration=settings.recalibration.calibration,
         calibration_rate=settings.calibration_rate / thinning,
         solve=replace(settings.solve, relative_decrease=settings.fusion.relative_decrease),
     )
     with threadpool_limits(limits=1, user_api="blas"):
-        coarse, end = solve_stretch(stretch, batch, earlier, before), stretch.tail(own.frames)
+        coarse, end = solve_stretch(stretch, batch, earlier, before), stretch.tail(FRAMES)
         model, state, spreads = coarse.at_full_rate(end, batch)
         wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
         found = tracking_start(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
-        information = information_of(coarse.fused, found.problem.layout, own.inflation)
+        information = information_of(coarse.fused, found.problem.layout, inflation)
         exchanges, in_place = list[Finding](), before is not None and before.in_place
         if stretch.seconds >= SETTLING_S:
             coarse = _with_rivals_solved(coarse, batch)
@@ -107,12 +111,11 @@ def _with_rivals_solved(coarse: StretchSolution, settings: LiveSettings) -> Stre
 def _exchanges(coarse: StretchSolution, settings: LiveSettings) -> tuple[list[Finding], bool]:
     """About sensors in each other's places; and whether each exchange is as unlikely as those told are likely."""
     own = Settings(calibration=settings.calibration)
-    least = own.assignment.least
-    found = [(one, exchange) for one in coarse.scene.wearers for exchange in exchanges_of(one, own, -least)]
+    found = [(one, exchange) for one in coarse.scene.wearers for exchange in exchanges_of(one, own, -LEAST_NATS)]
     told = [
         exchange_finding(recording, exchange, False, "exchange them in the placement")
         for recording, exchange in found
-        if exchange.nats >= least
+        if exchange.nats >= LEAST_NATS
     ]
     return told, not found
 
@@ -306,6 +309,13 @@ class Recalibrator:
         waited_s: seconds spent waiting, in all.
     """
 
+    SETTLED_S = 2.0  # of data: poses by a calibration from less are marked as preliminary
+    # By which a quarter of the sensors must have turned before: a held pose does not show which way sensors point.
+    MOVING_DEG = 20.0
+    STILL_S = 5.0  # of data: after so much it is found anyway, however still somebody sits
+    GROWTH = 2.0  # each time with so many times as much data: what is left to learn halves with it
+    DELAY_SHARE = 0.5  # of the data's length, where that is less than the delay
+
     def __init__(self, head: Scene, settings: LiveSettings, real_time: bool) -> None:
         self._head, self._settings, self._real_time = head, settings, real_time
         own = settings.recalibration
@@ -355,7 +365,7 @@ class Recalibrator:
         if not len(both):
             return False
         cosine = (np.einsum("sij,sij->s", first.R_inertial_sensor[both], now.R_inertial_sensor[both]) - 1) / 2
-        turned = cosine < np.cos(np.deg2rad(self._settings.recalibration.moving_deg))
+        turned = cosine < np.cos(np.deg2rad(self.MOVING_DEG))
         return bool(turned.mean() >= MOVING_SHARE)
 
     def restart(self, earlier: EarlierCalibration | None) -> None:
@@ -372,7 +382,7 @@ class Recalibrator:
         self._moved.update(columns)
         self._before = None
         if not self._is_urgent:  # else one that moves ever again would keep the calibration from being found
-            self._since, self._due_s, self._is_urgent = number, own.first_s * own.growth, True
+            self._since, self._due_s, self._is_urgent = number, own.first_s * self.GROWTH, True
 
     def begin(self, newest: FrameState) -> None:
         """Have what was measured solved, if it is time; ``newest`` is the last frame as it is tracked."""
@@ -385,14 +395,14 @@ class Recalibrator:
         if self._process is None:
             self._process = RecalibrationProcess()
         is_moving = not self._still and self._measurements[-1].frame >= self._moving_from
-        if unchanged_s < self._due_s or (not is_moving and unchanged_s < own.still_s):
+        if unchanged_s < self._due_s or (not is_moving and unchanged_s < self.STILL_S):
             return
         stretch = self._stretch()
         earlier = self._earlier if stretch.first <= self._began else None  # older than all that is forgotten: so is it
         before = self._before if earlier is None else None
         answer = self._process.submit(stretch, self._settings, earlier, before)
         self._job, self._is_stale, self._is_urgent, self._moved = _Job(stretch, newest, answer), False, False, set()
-        self._due_s += min((own.growth - 1) * self._due_s, own.longest_s)
+        self._due_s += min((self.GROWTH - 1) * self._due_s, own.longest_s)
 
     def _stretch(self) -> MeasuredStretch:
         measurements = [self._without_moved(one) for one in self._measurements]
@@ -419,7 +429,7 @@ class Recalibrator:
         own, job = self._settings.recalibration, self._job
         if job is None:
             return None
-        delay_s = min(own.delay_s, own.delay_share * job.stretch.seconds)
+        delay_s = min(own.delay_s, self.DELAY_SHARE * job.stretch.seconds)
         if newest < job.stretch.measurements[-1].frame + delay_s * self._settings.frame_rate:
             return None
         if self._real_time and not job.answer.done():
@@ -440,7 +450,7 @@ class Recalibrator:
             return None
         if not self._moved:
             self._before = replace(start, frames=[], states=[], associated=(), information=None)
-        video = job.stretch.tail(own.frames).video
+        video = job.stretch.tail(FRAMES).video
         return Recalibration(start, job.at_find, job.stretch.seconds, video, tuple(self._moved))
 
     def give_up(self) -> None:

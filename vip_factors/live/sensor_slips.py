@@ -14,9 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.live.settings import SlipSettings, WatchSettings
 
-IMPACT = 3  # sensors knocked together: a landing
 NONE = np.zeros(0, int)
 
 
@@ -32,14 +30,21 @@ class KnockDetector:
 
     Args:
         sensors: how many.
-        settings: of the watch.
         rate: frames per second.
-        begin: number of the frame that tracking began with.
+        begin: number of the first frame that is judged.
     """
 
-    def __init__(self, sensors: int, settings: WatchSettings, rate: float, begin: int) -> None:
-        self._settings, self._rate, S = settings, rate, sensors
-        self._since = np.full(S, begin + round(settings.settle_s * rate))
+    KNOCK_DEG_S2 = 40_000.0  # of one sensor from frame to frame; a kick reaches 20 000, ringing tissue 160 000
+    MOVED_DEG = 30.0  # by which a knocked sensor that has moved is still turned when it is quiet
+    IMPACT, IMPACT_S = 3, 0.2  # sensors knocked together within so long: a landing, for straps slip one by one
+    QUIET_S = 0.07  # without a knock: tissue rings at 8 Hz and more
+    RINGING_S = 0.5  # and no longer than that
+    STEADY_S = 0.05  # over which a limb's turning is averaged
+    REST_S = 3.0  # until the same sensor is judged again: estimating it anew takes so long
+
+    def __init__(self, sensors: int, rate: float, begin: int) -> None:
+        self._rate, S = rate, sensors
+        self._since = np.full(S, begin)
         self._last_turn, self._moving = np.zeros((S, 3)), np.zeros(S, bool)  # from frame to frame; whether it is known
         # Turning before a knock and in quiet frames after it, and in all frames since; frames since, −1: no knock.
         self._before, self._after, self._net = np.zeros((S, 3)), np.zeros((S, 3)), np.zeros((S, 3))
@@ -57,23 +62,22 @@ class KnockDetector:
             R_before, R_now: ``(S, 3, 3)`` orientations in the sensors' inertial frames.
             both: ``(S,)`` whether both were measured.
         """
-        settings = self._settings
         ringing = self._follow(number, log(R_now @ transpose(R_before)), both)
         if not ringing.any():
             return Knocks(NONE, NONE)
-        ended = self._quiet >= settings.quiet_s * self._rate
-        over = ringing & (ended | (self._frames > settings.ringing_s * self._rate))
-        lately = number - self._frames - settings.impact_s * self._rate
-        alone = np.sum(self._knock[:, None] >= lately, axis=0) < IMPACT
-        far = np.linalg.norm(self._excess(), axis=1) > np.deg2rad(settings.knock_deg)
+        ended = self._quiet >= self.QUIET_S * self._rate
+        over = ringing & (ended | (self._frames > self.RINGING_S * self._rate))
+        lately = number - self._frames - self.IMPACT_S * self._rate
+        alone = np.sum(self._knock[:, None] >= lately, axis=0) < self.IMPACT
+        far = np.linalg.norm(self._excess(), axis=1) > np.deg2rad(self.MOVED_DEG)
         moved = np.flatnonzero(over & far & alone & (number >= self._since))
         self._frames[over] = -1
-        self._since[moved] = number + round(settings.rest_s * self._rate)
+        self._since[moved] = number + round(self.REST_S * self._rate)
         return Knocks(np.flatnonzero(ringing & ~over), moved)
 
     def _follow(self, number: int, turn: Array, both: np.ndarray) -> np.ndarray:
         """Sum up turns from frame to frame ``(S, 3)``, radians; which sensors ``(S,)`` ring from a knock."""
-        limit = np.deg2rad(self._settings.knock_deg_s2) / self._rate**2
+        limit = np.deg2rad(self.KNOCK_DEG_S2) / self._rate**2
         knocked = both & self._moving & (np.linalg.norm(turn - self._last_turn, axis=1) > limit)
         ringing = both & (knocked | (self._frames >= 0))
         if ringing.any():
@@ -86,7 +90,7 @@ class KnockDetector:
             self._quiet[quiet] += 1
             self._after[quiet] += turn[quiet]
         steady = both & ~ringing
-        share = 1 - np.exp(-1 / (self._settings.steady_s * self._rate))
+        share = 1 - np.exp(-1 / (self.STEADY_S * self._rate))
         # One frame late: the one before a knock may belong to it.
         self._before[steady] += share * (self._last_turn[steady] - self._before[steady])
         self._last_turn[both], self._moving = turn[both], both
@@ -110,23 +114,31 @@ class SlipTest:
     Args:
         columns: of each sensor in the vector that all frames share, heading first, then its mounting: ``(n, 4)``.
         process_noise: ``(4,)`` how far each of them may wander, per √second.
-        settings: of the test.
         rate: frames per second.
         begin: number of the first frame whose estimates can be trusted.
     """
 
-    def __init__(
-        self, columns: np.ndarray, process_noise: Array, settings: SlipSettings, rate: float, begin: int
-    ) -> None:
-        self._columns, self._wander, self._settings, self._rate = columns, np.diag(process_noise**2), settings, rate
-        self._model = np.deg2rad(settings.model_deg) ** 2 * np.eye(4)
+    # Data that a calibration is found from, before anything is judged by it: that of five seconds is 40° off at times.
+    LEARNT_S = 9.0
+    WINDOWS_S = (1.0, 2.0, 4.0)  # a gesture shows a slip within one; a slow motion takes longer
+    LEAST_SHARE = 0.2  # directions in which the last seconds add less than this share of what is known are not judged
+    MODEL_DEG = 7.0  # error of models while somebody moves in one way: soft tissue turns sensors by 4 to 7°
+    EVIDENCE = 20.0  # squared standard deviations, with that: a turn of 31° at least
+    ANGLE_DEG = 20.0  # of the mounting or heading, by the last seconds alone
+    CONFIRMED_S = 1.0  # a suspect is estimated anew at once, and has moved if it is elsewhere by then
+    CONFIRMING = 16.0  # squared standard deviations of a suspect; steps of feet reach 4
+    REST_S = 1.0  # until a sensor that is estimated anew is judged again
+
+    def __init__(self, columns: np.ndarray, process_noise: Array, rate: float, begin: int) -> None:
+        self._columns, self._wander, self._rate = columns, np.diag(process_noise**2), rate
+        self._model = np.deg2rad(self.MODEL_DEG) ** 2 * np.eye(4)
         self._past: deque[_Estimate] = deque()
         self._suspects: dict[int, tuple[int, _Estimate]] = {}  # by sensor: since which frame; what was known by then
         self._since = np.full(len(columns), begin)
 
     def restart(self, sensors: Sequence[int], number: int) -> None:
         """These sensors' calibrations are estimated anew from a frame on, or depend on one that is."""
-        self._since[list(sensors)] = number + round(self._settings.rest_s * self._rate)
+        self._since[list(sensors)] = number + round(self.REST_S * self._rate)
 
     def suspect(self, sensor: int, number: int) -> None:
         """A sensor may have moved in a frame, and is estimated anew: see where it goes."""
@@ -143,13 +155,13 @@ class SlipTest:
         """
         found, now = list[int](), self._estimate(number, shared, covariance)
         for sensor, (since, before) in list(self._suspects.items()):
-            if number < since + self._settings.confirmed_s * self._rate:
+            if number < since + self.CONFIRMED_S * self._rate:
                 continue
             del self._suspects[sensor]
             turn, both = now.value[sensor] - before.value[sensor], now.covariance[sensor] + before.covariance[sensor]
             angle = max(abs(turn[0]), float(np.linalg.norm(turn[1:])))
             evidence = turn @ np.linalg.solve(both + self._model, turn)
-            if angle > np.deg2rad(self._settings.angle_deg) and evidence > self._settings.confirming:
+            if angle > np.deg2rad(self.ANGLE_DEG) and evidence > self.CONFIRMING:
                 found.append(sensor)
         return found
 
@@ -157,7 +169,7 @@ class SlipTest:
         """The sensor that seems to have slipped, if there is one, a suspect now: the surest. Arguments as above."""
         newest = self._estimate(number, shared, covariance)
         evidence, before = np.zeros(len(self._columns)), [newest] * len(self._columns)
-        for seconds in self._settings.windows_s:
+        for seconds in self.WINDOWS_S:
             begin = number - round(seconds * self._rate)
             past = next((one for one in reversed(self._past) if one.number <= begin), None)
             if past is not None:
@@ -166,10 +178,10 @@ class SlipTest:
                 before = [past if more else one for more, one in zip(own > evidence, before, strict=True)]
                 evidence = np.maximum(evidence, own)
         self._past.append(newest)
-        while self._past[0].number < number - (max(self._settings.windows_s) + 1.0) * self._rate:
+        while self._past[0].number < number - (max(self.WINDOWS_S) + 1.0) * self._rate:
             self._past.popleft()
         surest = int(np.argmax(evidence))
-        if evidence[surest] <= self._settings.evidence:
+        if evidence[surest] <= self.EVIDENCE:
             return None
         self._suspects.setdefault(surest, (number, before[surest]))
         return surest
@@ -185,11 +197,11 @@ class SlipTest:
         step = np.linalg.solve(root, (newest.value - past.value)[..., None])[..., 0]
         left = np.linalg.solve(root, np.linalg.solve(root, newest.covariance).swapaxes(1, 2))
         learnt, axes = np.linalg.eigh(np.eye(root.shape[1]) - (left + left.swapaxes(1, 2)) / 2)
-        share = np.maximum(learnt, self._settings.share)
-        alone = np.where(learnt > self._settings.share, np.einsum("nij,ni->nj", axes, step) / share, 0.0)
+        share = np.maximum(learnt, self.LEAST_SHARE)
+        alone = np.where(learnt > self.LEAST_SHARE, np.einsum("nij,ni->nj", axes, step) / share, 0.0)
         axes = root @ axes
         turn = np.einsum("nij,nj->ni", axes, alone)
         noise = (axes / share[:, None, :]) @ axes.swapaxes(1, 2)
         angle = np.maximum(np.abs(turn[:, 0]), np.linalg.norm(turn[:, 1:], axis=1))
         sure = np.einsum("ni,ni->n", turn, np.linalg.solve(noise + self._model, turn[..., None])[..., 0])
-        return np.where(angle > np.deg2rad(self._settings.angle_deg), sure, 0.0)
+        return np.where(angle > np.deg2rad(self.ANGLE_DEG), sure, 0.0)

@@ -109,7 +109,7 @@ class Stream:
     def take(self, item: LiveItem, waited_s: float = 0.0) -> list[LiveEstimate]:
         """What a source brings: a sample, or a sentence about those that were lost, which the next answer carries.
 
-        Of samples that have waited for too long, in a stream in real time, fewer frames are solved (``settings.pace``).
+        Of samples that have waited for too long, in a stream in real time, fewer frames are solved.
         """
         if isinstance(item, LiveFinding):
             if isinstance(item, LiveLoss):

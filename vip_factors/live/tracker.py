@@ -19,6 +19,7 @@ from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, vide
 from vip_factors.live.pace import SolvePace
 from vip_factors.live.prediction import continued, corrections
 from vip_factors.live.recalibrator import Recalibration, Recalibrator
+from vip_factors.live.sensor_slips import SlipTest
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import EarlierCalibration, TrackingStart, start_tracking
@@ -67,7 +68,7 @@ class FixedLagTracker:
         self._earlier: EarlierCalibration | None = None
         self._estimates = EstimateBuilder(head, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
-        self._next_try, self._patience = 0, settings.camera_retry_s  # frame, seconds
+        self._next_try, self._patience = 0, 0.5  # frame, seconds; rarer with every try in vain
         self._doubts: set[tuple[str, ...]] = set()  # of the last calibration found anew
         self._doubts_told: set[tuple[str, ...]] = set()
         self._found: Recalibration | None = None  # a calibration to go on with as soon as the wearers are seen
@@ -76,7 +77,7 @@ class FixedLagTracker:
         self._next_continuation = 0  # frame
         self._learnt_s = 0.0  # of data that calibration and bodies were found from
         self._recalibrator = Recalibrator(head, settings, real_time)
-        self._pace = SolvePace(settings.solve_every, rate, settings.pace)
+        self._pace = SolvePace(settings.solve_every, rate)
         self._real_time, self._behind_s = real_time, 0.0
         # Finding the libraries takes longer than an update: once.
         self._blas = ThreadpoolController().select(user_api="blas")
@@ -171,7 +172,7 @@ class FixedLagTracker:
                 self._estimates.reset()
                 if not self._is_preliminary:  # after the next update: tracking has gone on by one iteration so far
                     self._before_recalibration = self._found.seconds, smoother
-                if self._found.seconds >= self.settings.slip.learnt_s:
+                if self._found.seconds >= SlipTest.LEARNT_S:
                     self._tell_of_doubts(self._found.start)
                 self._learnt_s = max(self._learnt_s, self._found.seconds)
                 tracking, self._found = again, None
@@ -195,7 +196,7 @@ class FixedLagTracker:
     @property
     def _is_preliminary(self) -> bool:
         """Whether the calibration is that of so little data that it will be corrected."""
-        return self.settings.recalibration.use and self._learnt_s < self.settings.recalibration.settled_s
+        return self.settings.recalibration.use and self._learnt_s < Recalibrator.SETTLED_S
 
     def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> EarlierCalibration:
         """What tracking has taught, of wearers at ``(W, 3)`` metres."""

@@ -42,6 +42,11 @@ class Tracking:
         moved: columns of the sensors that were found to have moved in the last step.
     """
 
+    COVARIANCE_EVERY = 12  # frames between covariances of the smoothed pose, which cost 4 ms
+    SETTLE_S = 2.0  # after a start no sensor is judged: mountings are still being found
+    SPREAD_SHARE = 0.02  # weight of one video frame in the scatter of detections: two seconds of them count
+    START_ITERATIONS = 2  # over the first frames, from where the batch stages put them
+
     def __init__(
         self, head: Scene, settings: LiveSettings, start: TrackingStart, video: Sequence[PlacedVideoFrame],
         extra: ExtraFactors | None = None, unseen: Sequence[PlacedVideoFrame] = (),
@@ -72,14 +77,15 @@ class Tracking:
         if is_continued and standing and not self._is_anybody_seen():
             raise SolveError("no camera shows a wearer in the frames that tracking goes on from")
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
-        for _ in range(1 if is_continued else settings.start_iterations):
+        for _ in range(1 if is_continued else self.START_ITERATIONS):
             self.smoother.update(begin)
         anew = settings.recalibration
         if anew.use and not is_continued:  # a start of a second is too rough to judge sensors by
             begin += round((anew.first_s + anew.delay_s) * rate)
-        self._watches = [KnockDetector(len(one.sensors), settings.watch, rate, begin) for one in start.problem.wearers]
+        judged = begin + round(self.SETTLE_S * rate)
+        self._watches = [KnockDetector(len(wearer.sensors), rate, judged) for wearer in start.problem.wearers]
         self._sensors = [(w, s) for w, one in enumerate(start.problem.wearers) for s in range(len(one.sensors))]
-        self._slips = None if anew.use and learnt_s < settings.slip.learnt_s else self._slip_test(begin)
+        self._slips = None if anew.use and learnt_s < SlipTest.LEARNT_S else self._slip_test(begin)
         # Frames; apart, as long as a frame is solved each time.
         self._next_lesson, self._next_test = 0, self.smoother.numbers[-1] + 2 * PATIENCE
         self._measured = start.frames[-1].orientation_valid  # which sensors were, in the last frame
@@ -100,7 +106,7 @@ class Tracking:
         if any(len(own) < CALIBRATION for own in columns):
             return None
         wander = layout.per_column("process_noise")[columns[0]]
-        return SlipTest(np.stack(columns), wander, self._settings.slip, self._settings.frame_rate, begin)
+        return SlipTest(np.stack(columns), wander, self._settings.frame_rate, begin)
 
     def _gathered(self, start: TrackingStart, video: Sequence[PlacedVideoFrame]) -> list[CameraObserver]:
         """The observers, told who is who in the frames of the start."""
@@ -109,7 +115,7 @@ class Tracking:
             camera = next(one for one in self._head.cameras if one.name == each.camera.name)
             settings = self._settings
             soles = [settings.factors.sole.of(one.sole) for one in start.shared.wearers]
-            observer = CameraObserver(camera, skeletons, soles, spreads, settings.online_association, settings.camera)
+            observer = CameraObserver(camera, skeletons, soles, spreads, settings.camera)
             own = [one for one in video if one.video.camera == camera.name]
             for one in sorted(own, key=lambda one: one.video.time):
                 index = int(np.searchsorted(each.detections.time, one.video.time))
@@ -193,8 +199,8 @@ class Tracking:
 
     def _estimate_sensor_anew(self, wearer: int, sensor: int) -> None:
         """Let a sensor sit anew behind the newest frame."""
-        settings, newest = self._settings.watch, self.smoother.numbers[-1]
-        self.smoother.inflate_sensor_sigmas(wearer, sensor, settings.heading_sigma_deg, settings.mounting_sigma_deg)
+        newest, heading_sigma_deg, mounting_sigma_deg = self.smoother.numbers[-1], 40.0, 30.0  # straps slip so far
+        self.smoother.inflate_sensor_sigmas(wearer, sensor, heading_sigma_deg, mounting_sigma_deg)
         if self._slips is not None:
             self._slips.restart([self._sensors.index((wearer, sensor))], newest)
 
@@ -300,7 +306,7 @@ class Tracking:
         smoother, newest = self.smoother, self.smoother.numbers[-1]
         if self._slips is None or newest < self._next_test + self._patience:
             return []
-        self._next_test = newest + self._settings.covariance_every
+        self._next_test = newest + self.COVARIANCE_EVERY
         estimate = newest, smoother.shared_coordinates, smoother.shared_covariance()
         found = [self._sensors[at] for at in self._slips.confirmed(*estimate)]
         slipped = self._slips.slipped(*estimate)
@@ -331,4 +337,4 @@ class Tracking:
                 if count:
                     at = WearerEvaluation(number, wearer, own, body)
                     residual = whitened_reprojections(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
-                    observer.learn_spread(number, residual, view, 1 - (1 - self._settings.spread_share) ** count)
+                    observer.learn_spread(number, residual, view, 1 - (1 - self.SPREAD_SHARE) ** count)

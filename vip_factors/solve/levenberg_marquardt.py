@@ -45,16 +45,16 @@ class Objective(Protocol[State]):
         ...
 
 
+INITIAL_DAMPING = 1e-3  # of the diagonal: near Gauss–Newton, for starts are good
+MAX_DAMPING = 1e6  # beyond it steps have no length left
+
+
 @dataclass(frozen=True)
 class SolveSettings:
     """When to stop, and how far to trust the linearisation."""
 
     max_iterations: int = 30  # IT and SIP settle in 5–20; the thesis used 20
     relative_decrease: float = 1e-3  # steps below it move joints by a millimetre in all and take half of the time
-    initial_damping: float = 1e-3  # of the diagonal: near Gauss–Newton, for starts are good
-    damping_factor: float = 5.0  # up on a rejected step, down on a good one
-    min_damping: float = 1e-4  # small against every measurement, and quick to climb back from
-    max_damping: float = 1e6  # beyond it the step has no length left
 
 
 def levenberg_marquardt(
@@ -77,7 +77,9 @@ def levenberg_marquardt(
         SolveError: if the cost at the start is not finite, or no damping makes the system solvable.
     """
     begin = time.perf_counter()
-    state, damping = start, settings.initial_damping
+    state, damping = start, INITIAL_DAMPING
+    damping_factor = 5.0  # up on a rejected step, down on a good one
+    min_damping = 1e-4  # small against every measurement, and quick to climb back from
     costs = initial = dict(objective.cost(state))
     if not np.isfinite(sum(costs.values())):
         raise SolveError(f"{stage}: the cost at the start is not finite: {costs}")
@@ -103,13 +105,13 @@ def levenberg_marquardt(
             if accepted:
                 break
             rejected = True
-            damping *= settings.damping_factor
-            if damping > settings.max_damping:
+            damping *= damping_factor
+            if damping > MAX_DAMPING:
                 break
         undetermined = delta is None
         del system, delta  # before the next one is made, to which a step refers: there is room for one
         if bold and not rejected:  # after a rejection the damping rests for one step: no up and down in turn
-            damping = max(damping / settings.damping_factor, settings.min_damping)
+            damping = max(damping / damping_factor, min_damping)
         iterations.append(Iteration(after if accepted else before, used, accepted, clock.seconds))
         if not accepted:
             if undetermined:

@@ -12,6 +12,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration, orientation_at_start
 from vip_factors.initialise.sensor_tree import sensor_tree
+from vip_factors.initialise.start_candidates import BONE_SIGMA, START_RATE
 from vip_factors.initialise.start_search import SensorPrior, Starts, StartSearch
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording
@@ -59,13 +60,10 @@ def start_search(
 ) -> StartSearch:  # fmt: skip
     """The search over the frames of a stretch, evenly spaced, of a recording's placed sensors."""
     sites = [recording.placement.site(name) for name in stretch.sensors]
-    bones, body, start = [site.bone_index for site in sites], recording.subject.body(), settings.calibration.start
-    stated = settings.factors.agreeing_headings.sigma_deg
-    if stated is not None:
-        start = replace(start, agree_deg=stated)
+    bones, body = [site.bone_index for site in sites], recording.subject.body()
     links = sensor_tree(
         bones, np.stack([site.p_bone_sensor for site in sites]), body, load_pose_prior(), load_joint_limits(),
-        np.deg2rad(start.bone_sigma_deg),
+        BONE_SIGMA,
     )  # fmt: skip
     prior = SensorPrior(
         links,
@@ -74,7 +72,8 @@ def start_search(
         np.stack([_along(body, bone) for bone in bones]),
         np.isin(bones, UPRIGHT),
     )
-    return StartSearch(stretch, prior, start, known_mountings)
+    search, stated = StartSearch(stretch, prior, known_mountings), settings.factors.agreeing_headings.sigma_deg
+    return search if stated is None else replace(search, agree_deg=stated)
 
 
 def _along(body: Skeleton, bone: int) -> Array:
@@ -89,7 +88,7 @@ def _along(body: Skeleton, bone: int) -> Array:
 
 def brisk_stretch(recording: Recording, frames: ImuFrames, settings: CommonSettings) -> ImuFrames:
     """Frames of the first stretch that is half as brisk as the briskest, or of everything that is shorter."""
-    seconds, rate = settings.calibration.start.stretch_s, settings.calibration.start.rate
+    seconds, rate = 30.0, START_RATE
     begin, end = float(frames.time[0]), float(frames.time[-1])
     if end - begin > seconds:
         both = frames.orientation_valid[1:] & frames.orientation_valid[:-1]

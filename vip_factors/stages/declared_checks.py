@@ -18,7 +18,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import POSES
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.sensor_assignment import Exchange, Pair, exchanged
+from vip_factors.initialise.sensor_assignment import LEAST_NATS, SECONDS, Exchange, Pair, exchanged
 from vip_factors.initialise.start_search import Start
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import ImuFrames, resample_streams
@@ -83,7 +83,7 @@ def against_declared(
     as_declared = _start(recording, looked, settings)
     if not np.isfinite(as_declared.cost):
         return None, None
-    least = settings.assignment.least
+    least = LEAST_NATS
     likeliest = [_likeliest(recording, limbs, own, looked, as_declared, settings) for limbs, own in pairs.items()]
     together = sum(one.gain for one in likeliest)
     found = [one for one in likeliest if one.gain >= least] or (likeliest if together >= least else [])
@@ -143,7 +143,7 @@ def _with(recording: Recording, pairs: Sequence[Pair]) -> Recording:
 
 def _times(recording: Recording, settings: Settings) -> Array:
     start, end = recording.interval
-    seconds = min(end - start, settings.assignment.seconds)
+    seconds = min(end - start, SECONDS)
     return start + np.arange(int(seconds * settings.calibration_rate)) / settings.calibration_rate
 
 

@@ -9,6 +9,7 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between
+from vip_factors.initialise.start_candidates import SETTLED_NATS
 from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState, seconds_late
 from vip_factors.problem.variables import CAMERA
@@ -362,7 +363,7 @@ def _reconsidered(
     (cost, best), (rival_cost, rival) = sorted(
         ((_cost(one, solution), one) for one in (solution, other)), key=lambda pair: pair[0]
     )
-    if rival_cost - cost > settings.calibration.start.settled:
+    if rival_cost - cost > SETTLED_NATS:
         return best
     return replace(best, findings=tuple(_rival_findings(best, rival, rival_cost - cost)))
 

@@ -19,6 +19,7 @@ from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, first_poses
+from vip_factors.initialise.sensor_faults import CLOCK_SECONDS
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -151,7 +152,7 @@ def with_sensors_checked(
     _, _, together = _calibrating(recording, plan)
     compared = together
     if not plan.all_calibrate:
-        (start, end), half = recording.interval, settings.sensor_clocks.seconds / 2
+        (start, end), half = recording.interval, CLOCK_SECONDS / 2
         middle = recording.between((start + end) / 2 - half, (start + end) / 2 + half)
         compared = replace(together, imus=dict(middle))
     corrections, findings = sensor_corrections(together, compared, settings)

@@ -16,6 +16,7 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.initialise.start_candidates import START_RATE
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
@@ -125,7 +126,7 @@ def _headings_in(
 ) -> Array:  # fmt: skip
     """Headings ``(S,)`` that explain a stretch; those ``before`` where those do as well."""
     start, end = stretch.interval
-    time = np.arange(start, end, 1 / settings.calibration.start.rate)
+    time = np.arange(start, end, 1 / START_RATE)
     frames = frames_of(stretch.imus, names, time)
     turn = rotation_z(before.headings)
     frames = replace(

@@ -9,6 +9,8 @@ import numpy as np
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.findings import Finding
 from vip_factors.initialise.sensor_assignment import (
+    LEAST_NATS,
+    SECONDS,
     TURN_FRAMES,
     Exchange,
     exchanged,
@@ -17,6 +19,7 @@ from vip_factors.initialise.sensor_assignment import (
 )
 from vip_factors.initialise.sensor_faults import joint_signal
 from vip_factors.initialise.sensor_tree import Link, sensor_tree
+from vip_factors.initialise.start_candidates import BONE_SIGMA
 from vip_factors.sensors.calibration import Placement, SensorSite, site_name
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
@@ -34,7 +37,7 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
     placements, findings, exchanges = list[Placement](), list[Finding](), 0
     for one in source.wearers:
         start, end = one.interval
-        until = min(end, start + settings.assignment.seconds)
+        until = min(end, start + SECONDS)
         spare = (end - until) / 2
         head = replace(one.head, imus=dict(one.between(start + spare, end - spare)))
         found = exchanges_of(head, settings)
@@ -56,14 +59,13 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
     return source, tuple(findings)
 
 
-def exchanges_of(recording: Recording, settings: Settings, least: float | None = None) -> tuple[Exchange, ...]:
-    """Exchanges of placed sensors, by their numbers, that explain a recording better: by ``least`` nats, if given."""
+def exchanges_of(recording: Recording, settings: Settings, least: float = LEAST_NATS) -> tuple[Exchange, ...]:
+    """Exchanges of placed sensors, by their numbers, that explain a recording better, by ``least`` nats."""
     if len(recording.placed) < 2:
         return ()
     links = [(one.parent, one.child) for one in placed_links(recording, settings) if one.p_parent is not None]
     signals = [joint_signal(recording.imus[name]) for name in recording.placed]
-    asked = settings.assignment if least is None else replace(settings.assignment, least=least)
-    return exchanged_sensors(signals, links, asked)
+    return exchanged_sensors(signals, links, least)
 
 
 # RMS by which sensors of thigh and shank turn against each other: 9.7° or more in 58 recordings and scenes; two on one
@@ -101,7 +103,7 @@ def placed_links(recording: Recording, settings: Settings) -> tuple[Link, ...]:
     return sensor_tree(
         [site.bone_index for site in sites], np.stack([site.p_bone_sensor for site in sites]),
         recording.subject.body(), load_pose_prior(), load_joint_limits(),
-        np.deg2rad(settings.calibration.start.bone_sigma_deg),
+        BONE_SIGMA,
     )  # fmt: skip
 
 

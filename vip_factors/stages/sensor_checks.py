@@ -1,7 +1,7 @@
 """Sensors looked over before anything is estimated: accelerometers by themselves, clocks against one another."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,12 +10,12 @@ from vip_factors.findings import Finding
 from vip_factors.initialise.sensor_clock_steps import ClockStep, clock_step
 from vip_factors.initialise.sensor_faults import (
     INVERTED,
-    AccelerometerSettings,
     SensorClockSettings,
     SensorDelay,
     accelerometer_scale,
     clipped_samples,
     force_in_wrong_axes,
+    is_scale_wrong,
     joint_signal,
     longest_repeat,
     range_ends,
@@ -76,19 +76,17 @@ class SensorCorrection:
         scale: that its specific force has too much.
         reversed_axis: whose specific force has the wrong sign, if one has.
         late: seconds that its times are late.
-        settings: of the look at accelerometers.
     """
 
     ends: tuple[tuple[int, float], ...] = ()
     scale: float = 1.0
     reversed_axis: str = ""
     late: float = 0.0
-    settings: AccelerometerSettings = field(default_factory=AccelerometerSettings)
 
     def of(self, stream: ImuStream) -> ImuStream:
         """The stream with these errors taken out."""
         if self.ends:
-            clipped = clipped_samples(stream, self.ends, self.settings)
+            clipped = clipped_samples(stream, self.ends)
             stream = replace(stream, force_measured=stream.force_measured_mask & ~clipped)
         if self.reversed_axis and stream.specific_force is not None:
             signs = np.where(np.array(list("xyz")) == self.reversed_axis, -1.0, 1.0)
@@ -149,7 +147,7 @@ def sensor_corrections(
         for name in recording.placed:
             if (seconds := longest_repeat(recording.imus[name])) > STUCK_S:
                 findings.append(Finding("sensor stuck", wearer, subject=name, numbers={"seconds": seconds}))
-            correction, found = _accelerometer(wearer, recording.imus[name], settings.accelerometers)
+            correction, found = _accelerometer(wearer, recording.imus[name])
             if found:
                 corrections[name] = correction
             findings += found
@@ -177,13 +175,11 @@ def _refuse_inverted(recording: Recording) -> None:
         )
 
 
-def _accelerometer(
-    wearer: str, stream: ImuStream, settings: AccelerometerSettings
-) -> tuple[SensorCorrection, list[Finding]]:
-    findings, correction = list[Finding](), SensorCorrection(range_ends(stream, settings), settings=settings)
+def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, list[Finding]]:
+    findings, correction = list[Finding](), SensorCorrection(range_ends(stream))
     if correction.ends:
         largest = max(abs(end) for _, end in correction.ends)
-        count = np.count_nonzero(clipped_samples(stream, correction.ends, settings))
+        count = np.count_nonzero(clipped_samples(stream, correction.ends))
         numbers = {"largest": largest, "samples": float(count)}
         findings.append(Finding("accelerometer range", wearer, subject=stream.name, numbers=numbers))
     if stream.specific_force is not None and (spikes := np.count_nonzero(~stream.force_measured_mask)):
@@ -194,8 +190,8 @@ def _accelerometer(
         findings.append(Finding("accelerometer axis", wearer, subject=stream.name, words={"axis": axis}))
         correction = replace(correction, reversed_axis=axis)
         stream = replace(correction, ends=()).of(stream)
-    measured = accelerometer_scale(stream, settings)
-    if measured is None or abs(measured[0] - 1) <= max(settings.scale_error, settings.deviations * measured[1]):
+    measured = accelerometer_scale(stream)
+    if measured is None or not is_scale_wrong(*measured):
         return correction, findings
     scale, _ = measured
     gravity = 9.81 * scale
@@ -217,7 +213,7 @@ def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay
         return (), None
     bones = [recording.placement.site(name).bone_index for name in names]
     links, signals = placed_links(recording, settings), [joint_signal(recording.imus[name]) for name in names]
-    return sensor_delays(signals, bones, links, settings.sensor_clocks), clock_step(signals, links)
+    return sensor_delays(signals, bones, links), clock_step(signals, links)
 
 
 def _clock_jumped(wearer: str, name: str, late: float) -> Finding:

@@ -4,6 +4,7 @@ Whatever goes wrong in between, an interrupt from the keyboard included, leaves 
 file of a stream, which grows for long, is called NAME.partial.SUFFIX until it is complete, and is kept in any case.
 """
 
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -56,6 +57,21 @@ def atomic_open(path: str | os.PathLike[str], mode: str = "w", overwrite: bool =
     text = {} if "b" in mode else {"encoding": "utf-8", "newline": "\n"}
     with atomic_path(path, overwrite) as temporary, open(temporary, mode, **text) as file:  # type: ignore[call-overload]
         yield file
+
+
+def check_complete(written: int, wanted: int, unit: str) -> None:
+    """Check what a library wrote that does not tell of errors: a full disk ends its file early.
+
+    Args:
+        written: how many bytes or frames can be read back.
+        wanted: how many there have to be at least.
+        unit: what they are.
+
+    Raises:
+        OSError: if there are fewer.
+    """
+    if written < wanted:
+        raise OSError(errno.EIO, f"only {written} of {wanted} {unit} could be written: is the disk full?")
 
 
 def check_target(path: str | os.PathLike[str], overwrite: bool = False) -> Path:

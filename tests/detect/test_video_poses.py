@@ -121,6 +121,20 @@ def test_the_overlay_shows_them_in_the_frames_looked_at(video: Path, tmp_path: P
         write_overlay(tmp_path / "o.mp4", poses)
 
 
+@pytest.mark.parametrize("most_bytes", [100, 4000])
+def test_a_full_disk_is_told_and_leaves_no_overlay(video: Path, tmp_path: Path, most_bytes: int) -> None:
+    resource = pytest.importorskip("resource")
+    poses = detect_video(video, tracker(People({"a": (150, 120)})), DetectSettings())
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, hard))
+    try:
+        with pytest.raises(OSError, match=r"o\.mp4|frames could be written"):
+            write_overlay(tmp_path / "o.mp4", poses)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert list(tmp_path.iterdir()) == []
+
+
 KEYPOINTS = keypoint_set("coco17")
 REACH = 8
 

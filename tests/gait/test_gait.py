@@ -237,6 +237,8 @@ def test_files_hold_it_all(gait: Gait, tmp_path: Path) -> None:
     plain = replace(gait, curves=())
     two = write_gait([plain, replace(plain, name="Bea")], folder)
     assert {one.name for one in two} >= {"walker.strides.csv", "Bea.gait.json"}
+    alike = write_gait([replace(plain, name="a/b"), replace(plain, name="A_b")], tmp_path / "alike")
+    assert {one.name for one in alike} >= {"a_b.strides.csv", "A_b-2.strides.csv"}
     with pytest.raises(InputError, match="different names"):
         write_gait([gait, gait], folder)
 

@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from vip_factors.cli.options import UNPREFIXED, ManyOptions
-from vip_factors.cli.terminal import say, waiting
+from vip_factors.cli.terminal import note, say, waiting
 from vip_factors.errors import InputError
 from vip_factors.io.settings import ExportSettings
 
@@ -43,6 +43,6 @@ def main(options: ExportOptions) -> None:
         estimate = read_estimate(source)
     for target in targets:
         with waiting(f"writing {target.name}"):
-            written = export(estimate, target, options.settings, options.overwrite)
+            written = export(estimate, target, options.settings, options.overwrite, note)
         for path in written:
             say(path)

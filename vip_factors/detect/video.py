@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.atomic import atomic_path
+from vip_factors.atomic import atomic_path, check_complete
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.detect import blazepose as blazepose_models
 from vip_factors.detect import model_files, tracks
@@ -279,6 +279,7 @@ def write_overlay(
         writer = cv2.VideoWriter(str(temporary), code, facts.rate / looked.step, size)
         if not writer.isOpened():
             raise InputError(f"{path}: OpenCV cannot write such a video: give a name that ends in .mp4")
+        count = 0
         try:
             for index, _, image in iterate_frames(facts.path, facts.time, looked.step, looked.start, looked.stop):
                 small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -286,9 +287,13 @@ def write_overlay(
                     pixels = one.pixels * [size[0] / facts.width, size[1] / facts.height]
                     draw_pose(small, limbs, pixels, one.confidence, one.track - 1, str(one.track))
                 writer.write(cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
+                count += 1
                 on_progress(index + 1 - looked.start, looked.stop - looked.start)
         finally:
             writer.release()
+        read_back = cv2.VideoCapture(str(temporary))  # the writer tells of no error
+        check_complete(int(read_back.get(cv2.CAP_PROP_FRAME_COUNT)), count, "frames")
+        read_back.release()
 
 
 def poses_summary(poses: VideoPoses, seconds: float) -> list[str]:

@@ -24,6 +24,7 @@ from vip_factors.evaluate.table import json_text
 from vip_factors.gait.analysis import CYCLE, Curve, Gait
 from vip_factors.gait.strides import QUANTITIES
 from vip_factors.geometry.rotations import Array
+from vip_factors.names import distinct_file_names
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, Figure, page, panel, save, write
 from vip_factors.viz.colours import hexadecimal
 
@@ -58,8 +59,8 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
         raise InputError(f"{folder} is a file: expected a folder for the tables")
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for gait in gaits:
-        begin = f"{gait.name.replace('/', '_')}." if len(gaits) > 1 else ""
+    for gait, part in zip(gaits, distinct_file_names(names), strict=True):
+        begin = f"{part}." if len(gaits) > 1 else ""
         strides, figures, curves, whole, picture = paths = [folder / f"{begin}{name}" for name in NAMES]
         for path in paths:
             check_target(path, overwrite)

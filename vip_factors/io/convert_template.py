@@ -16,6 +16,7 @@ from vip_factors.io.importers.maker_tables import column_map
 from vip_factors.io.importers.shared import candidates, likely_sites
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, number, read_text_table, split
 from vip_factors.io.typed_files import toml_text
+from vip_factors.names import one_line
 from vip_factors.sensors.calibration import SITES, site_axes
 
 MOST_SENSORS = 64  # of different words in a column that is to name sensors
@@ -140,7 +141,8 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
     first = next(iter(entries.values()))
     one_clock = len({(entry.time, entry.time_unit) for entry in entries.values()}) == 1
     lines = [
-        f"# What the columns of {path} mean: a first guess from their names and numbers. Please check every line.",
+        f"# What the columns of {one_line(str(path))} mean: a first guess from their names and numbers. Please check "
+        "every line.",
         "",
         *(_time_lines(first) if one_clock else ()),
     ]
@@ -150,7 +152,7 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
     if columns.sensor_column is not None:
         lines.append(f"sensor_column = {toml_text(columns.sensor_column)}  # names the sensor of each row")
     for name, entry in entries.items():
-        lines += ["", *(f"# {reason}" for reason in reasons.get(name, ()))]
+        lines += ["", *(f"# {one_line(reason)}" for reason in reasons.get(name, ()))]
         if name:
             lines.append(f"[sensors.{toml_text(name)}]")
         if entry.file is not None:
@@ -183,13 +185,14 @@ def _time_lines(entry: SensorColumns) -> list[str]:
 
 def placement_text(path: Path, sensors: list[str], files: Templates) -> str:
     """A placement file with the sites that the sensors' names suggest, and all sites explained."""
-    command = f"vip-factors convert {path} RECORDING.mcap"
-    command += f" --columns {files.columns}" if files.columns is not None else ""
+    command = f"vip-factors convert {one_line(str(path))} RECORDING.mcap"
+    command += f" --columns {one_line(str(files.columns))}" if files.columns is not None else ""
     sites = likely_sites(sensors)
     width = max((len(toml_text(name)) for name in sensors), default=0)
     lines = [
-        f"# Where the sensors of {path} sat: a first guess from their names. Please check every line, then:",
-        f"# {command} --placement {files.placement}",
+        f"# Where the sensors of {one_line(str(path))} sat: a first guess from their names. Please check every line, "
+        "then:",
+        f"# {command} --placement {one_line(str(files.placement))}",
         "",
         "# Of the wearer; remove the # of what you know. Stature tells most of the body.",
         '# subject = "S01"',

@@ -12,6 +12,7 @@ from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
 from vip_factors.evaluate.table import json_text
+from vip_factors.names import table_cell
 from vip_factors.repetitions.repetitions import Measured, Repetition, WearerRepetitions
 from vip_factors.repetitions.signals import SIDES
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, page, panel, save, seconds_axis, write
@@ -84,7 +85,7 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
     numbers, whole, picture = paths = [folder / name for name in NAMES]
     for path in paths:
         check_target(path, overwrite)
-    lines = [{"wearer": one.name, **as_columns(each)} for one in wearers for each in one.repetitions]
+    lines = [{"wearer": table_cell(one.name), **as_columns(each)} for one in wearers for each in one.repetitions]
     with atomic_open(numbers, "w", overwrite) as file:
         writer = csv.DictWriter(file, list(dict.fromkeys(["wearer", *(key for one in lines for key in one)])))
         writer.writeheader()

@@ -10,6 +10,7 @@ from urllib.parse import quote
 from vip_factors import __version__
 from vip_factors.atomic import atomic_open
 from vip_factors.findings import Severity
+from vip_factors.names import table_cell
 
 FAILED = "failed"
 WEIGHTS = (FAILED, *reversed(Severity), "")  # of a row, the worst first
@@ -78,7 +79,8 @@ def write_overview(title: str, rows: Sequence[Row], path: Path) -> None:
         table = csv.DictWriter(file, [one.name for one in fields(Row)])
         table.writeheader()
         for row in rows:
-            table.writerow(asdict(row) | {"findings": "; ".join(row.findings), "seconds": f"{row.seconds:.1f}"})
+            cells = asdict(row) | {"findings": "; ".join(row.findings), "seconds": f"{row.seconds:.1f}"}
+            table.writerow({name: table_cell(cell) if isinstance(cell, str) else cell for name, cell in cells.items()})
     text = environment().get_template("overview.html").render(
         title=title, rows=sorted(rows, key=lambda one: one.rank), folder=path.parent, version=__version__,
         counts=[(weight, sum(one.weight == weight for one in rows)) for weight in WEIGHTS if weight],

@@ -1,5 +1,7 @@
 """Estimates at another frame rate."""
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +12,7 @@ from animated import any_pose, filmed
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
 from vip_factors.geometry.rotations import angle_between
-from vip_factors.io.export.files import export, resampled
+from vip_factors.io.export.files import FORMATS, export, resampled
 from vip_factors.io.settings import ExportSettings
 
 
@@ -77,3 +79,59 @@ def test_one_frame_can_be_written_at_any_rate(suffix: str, tmp_path: Path) -> No
 def test_a_rate_must_be_positive(rate: float) -> None:
     with pytest.raises(InputError, match="positive"):
         resampled(filmed()[1], rate)
+
+
+NAMES = ("a/b", "a_b", "Ada", "ada", "Ada", "Bea: 2", "..", "\u00e9", "e\u0301", "C\nD")
+FILES = ("a_b", "a_b-2", "Ada", "ada-2", "Ada-3", "Bea_ 2", "_", "\u00e9", "e\u0301-2", "C_D")
+
+
+def test_wearers_whose_names_make_one_file_name_get_files_of_their_own(tmp_path: Path) -> None:
+    one = any_pose()
+    wearers = tuple(replace(one.wearers[0], name=name) for name in NAMES)
+    told: list[str] = []
+    written = export(replace(one, wearers=wearers), tmp_path / "walk.mot", on_message=told.append)
+    assert [path.name for path in written] == [f"walk.{name}.mot" for name in FILES]
+    assert len({path.read_bytes() for path in written}) == 1
+    assert len(list(tmp_path.iterdir())) == len(NAMES)
+    assert "wearer 'a_b' is written as walk.a_b-2.mot" in told
+    assert len(told) == sum(name != file for name, file in zip(NAMES, FILES, strict=True))
+
+
+@pytest.mark.parametrize("suffix", [".bvh", ".csv", ".trc", ".mot", ".sto"])
+def test_names_of_several_lines_leave_tables_as_they_are(suffix: str, tmp_path: Path) -> None:
+    plain, odd = any_pose(), any_pose()
+    odd = replace(odd, name="=1+1\t,x\nMOTION", wearers=(replace(odd.wearers[0], name="=1+1\t,x\nMOTION"),))
+    texts = []
+    for number, estimate in enumerate((plain, odd)):
+        (path,) = export(estimate, tmp_path / f"{number}{suffix}")
+        texts.append(path.read_text().splitlines())
+    assert len(texts[0]) == len(texts[1])
+    assert [line.count("\t") for line in texts[0]] == [line.count("\t") for line in texts[1]]
+    assert sum(before != after for before, after in zip(*texts, strict=True)) == (suffix == ".trc")
+
+
+LIMITED = """
+import resource, sys
+from pathlib import Path
+sys.path[:0] = {folders!r}
+from animated import any_pose
+from vip_factors.io.export.files import export
+resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))
+export(any_pose(frames=300), Path({path!r}))
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no limit of files' sizes")
+@pytest.mark.parametrize("suffix", [suffix for suffix in FORMATS if suffix != ".fbx"])  # Blender's own process
+def test_a_full_disk_is_told_and_leaves_nothing(suffix: str, tmp_path: Path) -> None:
+    """The whole file but for a byte fits: libraries that tell of no error are found out."""
+    (whole,) = export(any_pose(frames=300), tmp_path / f"whole{suffix}")
+    size = whole.stat().st_size
+    whole.unlink()
+    folders = [str(Path(__file__).parent), str(Path(__file__).parents[2])]
+    for limit in (size // 2, size - 1):
+        program = LIMITED.format(folders=folders, size=limit, path=str(tmp_path / f"a{suffix}"))
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+        assert done.returncode == 1
+        assert "OSError" in done.stderr, done.stderr
+        assert list(tmp_path.iterdir()) == []

@@ -49,11 +49,6 @@ def test_plain_numpy_finds_the_joints_where_the_estimate_has_them(tmp_path: Path
     assert np.abs(found - known)[:, :22].max() < TENTH_MM / 1000
 
 
-def test_a_wearers_name_may_hold_what_file_names_cannot(tmp_path: Path) -> None:
-    written = export(_scene("Ada/1", "Bea: 2"), tmp_path / "walk.npz")
-    assert [path.name for path in written] == ["walk.Ada_1.npz", "walk.Bea_ 2.npz"]
-
-
 def test_each_wearer_gets_a_file(tmp_path: Path) -> None:
     written = export(_scene("Ada", "Bea"), tmp_path / "walk.npz")
     assert [path.name for path in written] == ["walk.Ada.npz", "walk.Bea.npz"]

@@ -2,7 +2,6 @@
 the file, whatever its format; and the turn to a world with Y up.
 """
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
@@ -21,12 +20,11 @@ from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, Weare
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.settings import ExportSettings
+from vip_factors.names import distinct_file_names
 
 DEFAULT = ExportSettings()
 R_YUP_WORLD = R_WORLD_ISB.T
 """x stays, z becomes y, y becomes -z: what Blender and glTF do. At rest a body then faces z, its left along x."""
-
-FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')  # in names of files, on one system or another
 
 Writer = Callable[[Estimate, Path, ExportSettings], None]
 """Writes all wearers of an estimate (one, if the format holds one person only) into a file."""
@@ -85,7 +83,11 @@ def export_format(path: Path) -> ExportFormat:
 
 
 def export(
-    estimate: Estimate, path: Path, settings: ExportSettings = DEFAULT, overwrite: bool = False
+    estimate: Estimate,
+    path: Path,
+    settings: ExportSettings = DEFAULT,
+    overwrite: bool = False,
+    on_message: Callable[[str], None] = lambda sentence: None,
 ) -> tuple[Path, ...]:
     """Write an estimate into the format that the suffix of ``path`` names.
 
@@ -94,6 +96,7 @@ def export(
         path: the file; of several wearers in a format that holds one, ``walk.bvh`` becomes ``walk.Ada.bvh`` …
         settings: what is written.
         overwrite: whether files that exist may be replaced.
+        on_message: called with the file of each wearer whose name is no name for a file, or that of another's.
 
     Returns:
         The files that were written.
@@ -116,14 +119,17 @@ def export(
     for part, target in zip(parts, paths, strict=True):
         with atomic_path(target, overwrite) as temporary:
             write(part, temporary, settings)
+        name = part.wearers[0].name
+        if len(parts) > 1 and not target.stem.endswith(f".{name}"):
+            on_message(f"wearer '{name}' is written as {target.name}")
     return tuple(paths)
 
 
 def file_names(path: Path, parts: Sequence[Estimate]) -> list[Path]:
-    """One name for each part: the path itself, or with the wearer's name before the suffix."""
+    """One name for each part: the path itself, or with the wearer's name, made distinct, before the suffix."""
     if len(parts) == 1:
         return [path]
-    names = [FORBIDDEN.sub("_", part.wearers[0].name) for part in parts]
+    names = distinct_file_names(part.wearers[0].name for part in parts)
     return [path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names]
 
 

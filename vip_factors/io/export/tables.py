@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vip_factors.atomic import check_complete
 from vip_factors.body.joint_angles import R_WORLD_ISB, JointAngles, joint_angles, mirrored, segment_orientations
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
@@ -25,6 +26,7 @@ from vip_factors.geometry.rotations import (
     transpose,
 )
 from vip_factors.io.settings import ExportSettings
+from vip_factors.names import one_line
 
 
 def write_csv(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
@@ -83,7 +85,7 @@ def write_trc(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
               "OrigNumFrames")  # fmt: skip
     rate, frames = f"{motion.rate:.6f}", str(len(motion))
     lines = [
-        f"PathFileType\t4\t(X/Y/Z)\t{estimate.name}.trc",
+        f"PathFileType\t4\t(X/Y/Z)\t{one_line(estimate.name)}.trc",
         "\t".join(stated),
         "\t".join((rate, rate, frames, str(len(points)), "m", rate, "1", frames)),
         "\t".join(("Frame#", "Time", *("\t\t".join((name, "")) for name in points))),
@@ -138,6 +140,7 @@ MILLIMETRES = 1000.0
 # The header counts frames with 16 bits. Longer files state their length in POINT:LONG_FRAMES, which not all readers
 # know, and begin at frame 1.
 HEADER_FRAMES = 65_535
+BLOCK = 512  # bytes, of which all parts of a file are multiples
 
 
 def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
@@ -169,11 +172,16 @@ def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
         ("POINT", "X_SCREEN", ["+X"]),
         ("POINT", "Y_SCREEN", ["+Z"]),  # up, for programs that draw the points
         ("SUBJECTS", "USED", [1]),
-        ("SUBJECTS", "NAMES", [wearer.name]),
+        ("SUBJECTS", "NAMES", [one_line(wearer.name)]),
         ("MANUFACTURER", "SOFTWARE", ["vip-factors"]),
     ):
         file.add_parameter(group, name, value)
-    file.write(str(path))
+    file.write(str(path))  # tells of no error
+    with path.open("rb") as written_file:
+        header = written_file.read(BLOCK)
+    data_start = int.from_bytes(header[16:18], "little")  # block, from 1 on; put in last, unless a write failed before
+    size = path.stat().st_size if data_start > 1 else 0
+    check_complete(size, BLOCK * max(data_start - 1, 1) + 4 * data.size, "bytes")
 
 
 # Vicon's points have no name for the second set of a shoulder's angles, nor for these three of the middle.

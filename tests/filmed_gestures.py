@@ -11,8 +11,7 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import FusionSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import from_time, placed
 
 QUICK = Settings(frame_rate=15.0)

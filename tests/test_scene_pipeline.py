@@ -16,7 +16,7 @@ from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, CameraMount, Scene
 from vip_factors.settings import Settings
-from vip_factors.simulate.scene_settings import CameraKind
+from vip_factors.simulate.settings import CameraKind
 from vip_factors.terms.video_clock import VideoClockSettings
 
 TRACKER = replace(QUICK, acceleration=False)

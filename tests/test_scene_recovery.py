@@ -17,8 +17,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import SceneSettings, SimulateSettings
 from vip_factors.terms.camera_acceleration import CameraAccelerationSettings
 from vip_factors.terms.camera_orientation import CameraOrientationSettings
 from vip_factors.terms.camera_velocity import CameraVelocitySettings

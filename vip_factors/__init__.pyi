@@ -41,6 +41,5 @@ from .sensors.live import ImuSample as ImuSample, VideoFrame as VideoFrame, live
 from .sensors.recording import Recording as Recording, Subject as Subject
 from .sensors.scene import Camera as Camera, Scene as Scene
 from .settings import Settings as Settings
-from .simulate.scene_settings import SceneSettings as SceneSettings
-from .simulate.settings import SimulateSettings as SimulateSettings
+from .simulate.settings import SceneSettings as SceneSettings, SimulateSettings as SimulateSettings
 from .workflow import DetectorOptions as DetectorOptions, RunOptions as RunOptions, run as run

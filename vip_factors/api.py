@@ -24,7 +24,7 @@ from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+from vip_factors.simulate.settings import CameraKind, SceneSettings
 
 if TYPE_CHECKING:  # these take a while, and not every command that calls a function of this page needs them
     from vip_factors.evaluate.evaluation import Evaluation

@@ -16,7 +16,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import smooth_process
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import from_time, placed
 
 STATURES = (1.70, 1.82, 1.75, 1.62, 1.78, 1.68)

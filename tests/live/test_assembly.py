@@ -17,8 +17,7 @@ from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import SceneSettings, SimulateSettings
 
 # Longer than any gap of a simulated stream: then both ends of the gap are known when its first frame is made.
 PATIENT = AssemblySettings(patience=0.3)

@@ -23,7 +23,7 @@ from vip_factors.sensors.live import LiveSample, VideoFrame, live_samples, strea
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import placed
 from vip_factors.terms.ground_contact import ContactFrom
 from vip_factors.terms.reprojection import AdaptiveBiweightSettings

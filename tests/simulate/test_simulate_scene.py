@@ -16,8 +16,7 @@ from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import GRAVITY, simulate_recording
 from vip_factors.simulate.scene import CAMERA_IMU, Performer, simulate_scene
-from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
-from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
+from vip_factors.simulate.settings import CameraKind, DetectorSettings, SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import from_time, placed, staged
 
 CAMERAS: tuple[CameraKind, ...] = ("fixed", "hand-held", "walking")

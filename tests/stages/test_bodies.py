@@ -22,8 +22,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import SceneSettings, SimulateSettings
 from vip_factors.stages.inertial import inertial_tracker
 from vip_factors.stages.solver import Solver
 

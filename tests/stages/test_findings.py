@@ -19,7 +19,7 @@ from vip_factors.initialise.camera import Sightings, leaps
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.scene_settings import CameraKind
+from vip_factors.simulate.settings import CameraKind
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.findings import confirmed_leaps
 from vip_factors.stages.reporting import precision_findings

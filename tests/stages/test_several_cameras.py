@@ -15,7 +15,7 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import placed
 
 

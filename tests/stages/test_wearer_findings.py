@@ -22,7 +22,7 @@ from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 from vip_factors.stages.wearer_findings import body_findings, common_scale, knee_findings, posture_findings
 
 

@@ -27,7 +27,7 @@ from vip_factors.settings import CalibrationSettings, Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import with_initial_pose
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.decode import motion_of

@@ -17,7 +17,7 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.recording import smooth_process
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+from vip_factors.simulate.settings import CameraKind, SceneSettings
 from vip_factors.simulate.staging import path_of_standing_feet, staged
 
 SHORTEST_CLIP_S = 3.0  # that can be repeated

@@ -16,7 +16,7 @@ from vip_factors.problem.layout import ROOT, Owner, OwnerId
 from vip_factors.problem.state import CameraState
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import PRESETS
-from vip_factors.simulate.scene_settings import CameraKind
+from vip_factors.simulate.settings import CameraKind
 from vip_factors.solve.chain_elimination import chain_marginals
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 from vip_factors.stages.decode import static_covariance

@@ -42,8 +42,7 @@ from vip_factors.sensors.camera_path import move_motion
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.simulate.scene_settings import SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import floor_height
 
 JUMPING = 0.03  # share of frames off the ground from which on a clip is one of those that the paper leaves out

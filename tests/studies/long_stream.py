@@ -38,8 +38,7 @@ from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import with_initial_pose
 
 REST_POSE, REST_S, BLEND_S = "n-pose", 1.0, 1.0  # at the end of the scene

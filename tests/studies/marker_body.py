@@ -22,7 +22,7 @@ from vip_factors.sensors.scene import Camera, Scene, SceneTruth
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
 from vip_factors.simulate.scene import camera_motion, camera_mount
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 
 SIDES = ("left", "right")
 LEGS = tuple(f"{side}_{name}" for name in ("hip", "knee", "ankle") for side in SIDES)

@@ -21,8 +21,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import from_time, lasting, with_initial_pose
 
 POSE, HOLD_S, BLEND_S = "t-pose", 2.0, 1.0  # TotalCapture's subjects start in a T-pose

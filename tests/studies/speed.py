@@ -24,7 +24,7 @@ from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import from_time, placed, with_initial_pose
 
 THESIS_S = 450.0  # 3.4.1: 1,000 frames of six sensors, 20 iterations in MATLAB, one core

@@ -23,7 +23,7 @@ from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
-from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
+from vip_factors.simulate.settings import CameraKind, SceneSettings
 from vip_factors.simulate.staging import lasting
 
 UNTIL_FAULT_S = 4.0  # before it, over which errors are compared

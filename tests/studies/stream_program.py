@@ -39,7 +39,7 @@ from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import LiveSample, VideoFrame
 from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.scene_settings import CameraKind
+from vip_factors.simulate.settings import CameraKind
 from vip_factors.viz.viewer import is_whole
 
 COMMAND = (sys.executable, "-m", "vip_factors")

@@ -38,8 +38,7 @@ from vip_factors.sensors.calibration import PRESETS, SITES, Calibration, SensorC
 from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.simulate.scene_settings import CameraKind, SceneSettings
-from vip_factors.simulate.settings import SimulateSettings
+from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
 
 SIX = frozenset(SITES[site].bone for site in PRESETS["sip6"])
 NOMINAL, TRUE, FOUND = "nominal pose", "true pose", "as VIP found it"

@@ -16,7 +16,7 @@ from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
 if TYPE_CHECKING:
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
-    from vip_factors.simulate.scene_settings import SceneSettings
+    from vip_factors.simulate.settings import SceneSettings
 
 PresetName = Literal["sip6", "tnt10", "totalcapture13", "mvn17"]
 CameraName = Literal["none", "fixed", "hand-held", "walking"]
@@ -130,7 +130,7 @@ def simulated_scene(options: SimulateOptions) -> "Scene":
 
 
 def _scene_settings(options: SimulateOptions) -> "SceneSettings":
-    from vip_factors.simulate.scene_settings import SceneSettings
+    from vip_factors.simulate.settings import SceneSettings
 
     video = options.video
     perfect = options.noise_free

@@ -28,7 +28,7 @@ from vip_factors.simulate.dense import DenseMotion, dense_motion
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
 from vip_factors.simulate.recording import record, simulate_sensor, smooth_process
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 
 GRID_HZ = 120.0  # of the nodes of the splines
 AIM_HEIGHT_M = 0.95  # of the middle of a standing person

@@ -41,7 +41,7 @@ from vip_factors.sensors.scene import Scene, Video
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
-from vip_factors.simulate.scene_settings import SceneSettings
+from vip_factors.simulate.settings import SceneSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.viz.film import film_file
 from vip_factors.viz.images import jpeg_bytes, png_bytes

@@ -46,11 +46,14 @@ def progress_bar() -> "Iterator[ProgressCallback]":
     )
 
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), TaskProgressColumn(), TimeElapsedColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True) as progress:
+    # Results stay on standard output, which may be a pipe.
+    with Progress(
+        *columns, TimeRemainingColumn(), console=Console(stderr=True), transient=True, redirect_stdout=False
+    ) as progress:
         task = progress.add_task("starting", total=1.0)
 
         def update(stage: str, share: float) -> None:
-            if progress.tasks[task].description != stage:
+            if progress.tasks[task].description != printable(stage):
                 progress.reset(task, description=printable(stage))
             progress.update(task, completed=share)
 

@@ -95,7 +95,7 @@ def test_ctrl_c_leaves_nothing_half_written(run, files, tmp_path: Path, monkeypa
     assert told.err.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
-    monkeypatch.setattr("vip_factors.viz.rerun_view.log_body", interrupted)
+    monkeypatch.setattr("vip_factors.viz.rerun_view.log_skin", interrupted)
     assert run("view", files.estimate, "--save", tmp_path / "a.rrd").code == 130
     assert list(tmp_path.iterdir()) == []
 

@@ -30,7 +30,6 @@ def test_simulate(run, tmp_path: Path, words: tuple[str, ...], said: str) -> Non
 def test_other_commands(run, files, tmp_path: Path) -> None:
     out = tmp_path / "a.mcap"
     assert_one_sentence(run("smooth", files.recording, "--out", out, "--frame-rate", "1e308"), "--frame-rate is 1e+308")
-    assert_one_sentence(run("stream", files.recording, "--rerun-serve", "-1"), "--rerun-serve is -1")
     assert_one_sentence(run("view", files.estimate, "--serve", "--port", "65535"), "65534 at most")
     assert_one_sentence(run("graph", files.recording, "--frame", "-1"), "--frame is -1")
     assert_one_sentence(run("export", files.estimate, tmp_path / "a.bvh", "--frame-rate", "0"), "--frame-rate is 0")

@@ -28,7 +28,6 @@ from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, live_samples
-from vip_factors.viz.live_rerun import LiveRerunSink
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"
 FRAMES = 61  # of a second
@@ -250,22 +249,19 @@ def test_a_full_disk_is_told_with_the_file(tmp_path: Path) -> None:
         assert len(read_estimate(partial).wearers) == 2
 
 
-@pytest.mark.usefixtures("stubbed")
-def test_a_rerun_file_that_is_lost_is_no_success(
-    run: Callable, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    finish = LiveRerunSink.close
-
-    def close(sink: LiveRerunSink) -> tuple[str, ...]:
-        if sink._queue is not None:
-            sink._process.kill()
-            sink._process.join()
-        return finish(sink)
-
-    monkeypatch.setattr(LiveRerunSink, "close", close)
-    done = run("stream", scene, "--rerun-save", tmp_path / "e.rrd")
-    assert done.code == 2
-    assert f"{tmp_path / 'e.rrd'}: it was not written whole" in done.err
+def test_a_rerun_file_that_is_lost_is_no_success(tmp_path: Path) -> None:
+    scene = scene_file(tmp_path)
+    command = [sys.executable, "-c", LIMITED, "200000", str(STUB), str(scene), "stream", str(scene)]
+    done = subprocess.run(
+        [*command, "--rerun-save", str(tmp_path / "e.rrd")], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2, done.stderr
+    assert "e.rrd: Rerun could not write it: is the disk, or what you may use of it, full?" in done.stderr
+    assert done.stderr.splitlines()[-1] == (
+        f"vip-factors: {tmp_path / 'e.rrd'}: it was not written whole; what there is of it is in "
+        f"{tmp_path / 'e.partial.rrd'}"
+    )
+    assert "Traceback" not in done.stderr
     assert not (tmp_path / "e.rrd").exists()
 
 

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from vip_factors.sensors.scene import Scene
     from vip_factors.viz.live_rerun import LiveRerunSink
 
-INSTEAD_OF_A_WINDOW = "--rerun-serve PORT, --rerun-save FILE.rrd or --rerun-connect URL instead of --rerun"
+INSTEAD_OF_A_WINDOW = "--rerun-save FILE.rrd or --rerun-connect URL instead of --rerun"
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,7 @@ class StreamOptions(SettingsOptions, ManyOptions):
     rerun_save: Annotated[Path | None, RERUN_FILE] = None
     """Rerun file (.rrd) to write."""
     rerun_connect: str | None = None
-    """Show it in a viewer that runs already, at rerun+http://host:9876/proxy say."""
-    rerun_serve: Port | None = None
-    """Port on which Rerun's viewers may connect."""
-    rerun_host: str = "127.0.0.1"
-    """Address of it: 127.0.0.1 for viewers on this machine, 0.0.0.0 for those in all its networks."""
+    """Show it in a viewer or a server of Rerun's that runs already, at rerun+http://127.0.0.1:9876/proxy say."""
     web: Port | None = None
     """Port of a live page for browsers; /stream there is a WebSocket with the answers as JSON."""
     web_host: str = "127.0.0.1"
@@ -135,6 +131,10 @@ def _check(options: StreamOptions) -> None:
         import_module("vip_factors.io.live.network")
     if options.lsl is not None:
         import_module("vip_factors.io.live_lsl")
+    if _wants_rerun(options):
+        from vip_factors.viz.live_rerun import prepare
+
+        prepare()
 
 
 def _run(
@@ -206,21 +206,23 @@ def _file(options: StreamOptions, settings: LiveSettings, setup: "Scene", stack:
     return stack.enter_context(sink)
 
 
-def _viewers(options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack) -> "list[LiveRerunSink]":
-    from vip_factors.viz.live_rerun import LiveRerunSink, LiveTarget
+def _wants_rerun(options: StreamOptions) -> bool:
+    return options.rerun or options.rerun_save is not None or options.rerun_connect is not None
 
-    targets = [LiveTarget()] if options.rerun else []
+
+def _viewers(options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack) -> "list[LiveRerunSink]":
+    if not _wants_rerun(options):
+        return []
+    from vip_factors.viz.live_rerun import LiveRerunSink
+
+    viewers = [LiveRerunSink(setup, settings.frame_rate)] if options.rerun else []
     if options.rerun_save is not None:
-        targets.append(LiveTarget(save=options.rerun_save, overwrite=options.overwrite))
+        save, overwrite = options.rerun_save, options.overwrite
+        viewers.append(LiveRerunSink(setup, settings.frame_rate, save=save, overwrite=overwrite))
     if options.rerun_connect is not None:
-        targets.append(LiveTarget(connect=options.rerun_connect))
-    if options.rerun_serve is not None:
-        targets.append(LiveTarget(serve=options.rerun_serve, host=options.rerun_host))
-    viewers = []
-    for target in targets:
-        viewer = LiveRerunSink(setup, target, settings.frame_rate)
+        viewers.append(LiveRerunSink(setup, settings.frame_rate, connect=options.rerun_connect))
+    for viewer in viewers:
         stack.callback(viewer.close)
-        viewers.append(viewer)
     return viewers
 
 

@@ -10,7 +10,7 @@ import tyro
 from vip_factors.atomic import check_target
 from vip_factors.cli.files import Opened, open_all, open_one
 from vip_factors.cli.options import RERUN_FILE, Flag, Output, WritingOptions
-from vip_factors.cli.terminal import note, say, waiting
+from vip_factors.cli.terminal import note, say
 from vip_factors.errors import InputError
 from vip_factors.ranges import Port
 from vip_factors.viz.viewer import check_display
@@ -40,8 +40,6 @@ class ViewOptions(WritingOptions):
     """Where --serve listens: this machine alone, or 0.0.0.0 for everybody who can reach it."""
     port: Port = 9090
     """Of the page that --serve serves; its data come from the port after it."""
-    screenshot: Annotated[Path | None, Output(".png")] = None
-    """Write a picture (.png) of Rerun's view; needs Vulkan, in software (Mesa) if need be."""
     picture: Annotated[Path | None, Output(".png")] = None
     """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
     chart: Annotated[Path | None, Output(".png")] = None
@@ -55,14 +53,14 @@ def main(options: ViewOptions) -> None:
     """Run the command."""
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
-    targets = (options.save, options.screenshot, options.picture, options.chart)
+    targets = (options.save, options.picture, options.chart)
     for wanted in targets:
         if wanted is not None:
             check_target(wanted, options.overwrite)
     if options.chart is not None:
         _chart(options.files, options.chart, options.overwrite)
         say(options.chart)
-        others = (options.save, options.screenshot, options.picture)
+        others = (options.save, options.picture)
         if not options.serve and all(one is None for one in others):
             return
     opened = open_all(options.files)
@@ -75,9 +73,6 @@ def main(options: ViewOptions) -> None:
 
         filmstrip(_drawn(opened), options.picture, overwrite=options.overwrite)
         say(options.picture)
-    if options.screenshot is not None:
-        _screenshot(opened, options.screenshot, options)
-        say(options.screenshot)
     if options.save is not None:
         _show(opened, options.save, options)
         say(options.save)
@@ -119,17 +114,6 @@ def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
     from vip_factors.viz.rerun_view import show
 
     show(_drawn(opened, options.compare), save, options.overwrite)
-
-
-def _screenshot(opened: Opened, png: Path, options: ViewOptions) -> None:
-    from tempfile import TemporaryDirectory
-
-    from vip_factors.viz.viewer import screenshot
-
-    with TemporaryDirectory() as folder, waiting("rendering"):
-        rrd = Path(folder) / "view.rrd"
-        _show(opened, rrd, options)
-        screenshot(rrd, png, overwrite=options.overwrite)
 
 
 def _serve(opened: Opened, options: ViewOptions) -> None:

@@ -29,7 +29,7 @@ LINE_COLOURS = ("#3e6ebe", "#289650", "#e27828", "#965abe", "#c83c50", "#5a6473"
 WIDTH, MARGIN, TEXT = 1600, 60, 16.0
 CURVES_HEIGHT = 300
 SVG_DPI = 108  # of what is drawn as pixels within: half as many again as the page has
-ROW_HEIGHT, HEAD_HEIGHT, FOOT_HEIGHT, NAME_WIDTH, BLOCK_WIDTH, GAP = 28, 64, 44, 190, 760, 60  # of headings
+ROW_HEIGHT, HEAD_HEIGHT, FOOT_HEIGHT, NAME_WIDTH, GAP = 28, 64, 44, 190, 60  # of headings
 # A bar that is longer than the first says "unknown" as well as one that fills the panel.
 WIDEST_ERROR_DEG, NARROWEST_ERROR_DEG = 90.0, 2.0
 LEGEND_COLUMNS, LEGEND_ROW_PX, LEGEND_PAPER = 5, 40, "#101113"  # dark as the plots of Rerun that it explains
@@ -255,18 +255,6 @@ def _rows(axes: Axes, values: Array, sigma: Array, span: float, label: str, colo
     axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 2.5, 5, 10]))
     axes.xaxis.set_major_formatter("{x:g}")
     axes.set_title(label, loc="left", size=TEXT, color=SOFT_INK, pad=8)
-
-
-def headings_image(drawn: DrawnScene) -> bytes | None:
-    """All wearers' headings side by side as a PNG; None if nothing is estimated."""
-    blocks = [(wearer, rows) for wearer in drawn.wearers if (rows := rows_of(wearer))]
-    if not blocks:
-        return None
-    figure = page(BLOCK_WIDTH * len(blocks) + 20, 20 + max(headings_height(rows) for _, rows in blocks))
-    for column, (wearer, rows) in enumerate(blocks):
-        corner = (20.0 + BLOCK_WIDTH * column, 10.0)
-        draw_headings(figure, corner, BLOCK_WIDTH - 30, wearer.name, rows, wearer_colour(wearer.index))
-    return png(figure)
 
 
 def scene_charts(estimates: Mapping[str, DrawnScene], path: Path, *, overwrite: bool = False) -> None:

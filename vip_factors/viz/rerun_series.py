@@ -1,6 +1,6 @@
-"""Curves in Rerun: errors, residuals, headings, what sensors measured, and how sure a stream is of them."""
+"""Curves in Rerun: errors, residuals, headings and measured norms of recordings; headings and sigmas of streams."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import rerun as rr
@@ -14,13 +14,15 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import sensor_colours, wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, heading_paths, implied_headings
 from vip_factors.viz.rerun_body import time_column
-from vip_factors.viz.rerun_camera import CAMERA_COLOUR
 
-LEGEND, HEADINGS_IMAGE = "legend/sensors", "charts/headings"
+LEGEND = "/legend/sensors"
+GREY: Colour = (120, 120, 120)
+YELLOW: Colour = (240, 210, 90)
+BLUE: Colour = (120, 170, 240)
 
 
 def log_legend(stream: rr.RecordingStream, colours: Mapping[str, Colour]) -> bool:
-    """Log the legend of the sensors' colours for ever; returns whether there is any sensor to tell of."""
+    """Log the legend of the sensors' colours; returns whether there is any sensor to tell of."""
     if colours:
         from vip_factors.viz.charts import colour_legend, png
 
@@ -29,172 +31,168 @@ def log_legend(stream: rr.RecordingStream, colours: Mapping[str, Colour]) -> boo
     return bool(colours)
 
 
-def log_curve(
-    stream: rr.RecordingStream, entity: str, time: Array, values: Array, colour: Colour, name: str, gaps: bool = False
-) -> None:
-    """Log one curve; over values that are not finite it is drawn through, or with ``gaps`` interrupted."""
-    stream.log(entity, rr.SeriesLines(colors=[colour], names=[name], widths=[1.5]), static=True)
-    log_points(stream, entity, time, values, gaps)
-
-
-def log_points(stream: rr.RecordingStream, entity: str, time: Array, values: Array, gaps: bool = False) -> None:
-    """Log more points of a curve."""
-    good = np.isfinite(values)
-    if np.any(good):
-        time, values = (time, values) if gaps else (time[good], values[good])
-        stream.send_columns(entity, indexes=[time_column(time)], columns=rr.Scalars.columns(scalars=values))
-
-
-KIND_TITLES = {
-    "joint_error_mm": "Joint error (mm)",
-    "orientation_deg": "Orientation residual (°)",
-    "acceleration_m_s2": "Acceleration residual (m/s²)",
-    "specific_force_m_s2": "Specific force (m/s²)",
-    "angular_rate_rad_s": "Angular rate (rad/s)",
-}
-
-
-def _log_sensors(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Mapping[str, Colour]) -> dict[str, str]:
-    """Log residuals of every kind and sensor, and norms of what was measured; returns entities and titles."""
-    titles: dict[str, str] = {}
-    estimate, recording = wearer.estimate, wearer.recording
-    for kind, values in estimate.residuals.items() if estimate is not None else ():
-        for sensor, column in zip(estimate.sensors if estimate is not None else (), values.T, strict=True):
-            assert estimate is not None
-            entity = f"plots/residual/{kind}/{rr.escape_entity_path_part(sensor)}"
-            log_curve(stream, entity, estimate.motion.time, column, colours[sensor], sensor)
-        titles[f"plots/residual/{kind}"] = KIND_TITLES.get(kind, kind)
-    for sensor, imu in recording.imus.items() if recording is not None else ():
-        for kind, measured in (("specific_force_m_s2", imu.specific_force), ("angular_rate_rad_s", imu.angular_rate)):
-            if measured is not None:
-                entity = f"plots/imu/{kind}/{rr.escape_entity_path_part(sensor)}"
-                log_curve(stream, entity, imu.time, np.linalg.norm(measured, axis=1), colours[sensor], sensor)
-                titles[f"plots/imu/{kind}"] = KIND_TITLES[kind]
-    return titles
-
-
-def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[str, Colour]) -> dict[str, str]:
-    """Log all curves that can be drawn below ``plots/``; returns their entities and titles, the main ones first.
-
-    ``colours`` are the sensors'.
-    """
-    titles: dict[str, str] = {}
-    for wearer in drawn.wearers:
-        part, colour = rr.escape_entity_path_part(wearer.name), wearer_colour(wearer.index)
-        pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
-        if pixels is not None and drawn.detections is not None:
-            entity = f"plots/reprojection_px/{part}"
-            log_curve(stream, entity, drawn.detections.time, pixels, colour, wearer.name, gaps=True)
-            titles["plots/reprojection_px"] = "Reprojection error (px)"
-        if wearer.error_mm is not None and wearer.motion is not None:
-            log_curve(stream, f"plots/joint_error_mm/{part}", wearer.motion.time, wearer.error_mm, colour, wearer.name)
-            titles["plots/joint_error_mm"] = KIND_TITLES["joint_error_mm"]
-        if drawn.one_alone:
-            titles |= _log_sensors(stream, wearer, colours)
-    _log_camera_error(stream, drawn, titles)
-    _log_headings(stream, drawn, titles, colours)
-    from vip_factors.viz.charts import headings_image
-
-    picture = headings_image(drawn)
-    if picture is not None:
-        stream.log(HEADINGS_IMAGE, rr.EncodedImage(contents=picture, media_type="image/png"), static=True)
-    return titles
-
-
-def _log_camera_error(stream: rr.RecordingStream, drawn: DrawnScene, titles: dict[str, str]) -> None:
-    if drawn.path is None or drawn.true_path is None:
-        return
-    time = drawn.path.time if len(drawn.path) > 1 else drawn.true_path.time
-    one, other = drawn.path.at(time), drawn.true_path.at(time)
-    metres = np.linalg.norm(one.p_world_camera - other.p_world_camera, axis=1)
-    degrees = np.rad2deg(angle_between(one.R_world_camera, other.R_world_camera))
-    log_curve(stream, "plots/camera_error/cm", time, 100 * metres, CAMERA_COLOUR, "position (cm)")
-    log_curve(stream, "plots/camera_error/degrees", time, degrees, (120, 170, 240), "rotation (°)")
-    titles["plots/camera_error"] = "Camera error (cm, °)"
-
-
-def _log_headings(
-    stream: rr.RecordingStream, drawn: DrawnScene, titles: dict[str, str], colours: Mapping[str, Colour]
-) -> None:
-    for wearer in drawn.wearers:
-        implied = implied_headings(wearer)
-        if implied is None or not implied[1]:
-            continue
-        part = rr.escape_entity_path_part(wearer.name)
-        for sensor, degrees in implied[1].items():
-            entity = f"plots/heading/{part}/{rr.escape_entity_path_part(sensor)}"
-            log_curve(stream, entity, implied[0], degrees, colours[sensor], sensor, gaps=True)
-        for sensor, (time, degrees) in heading_paths(wearer).items():
-            entity = f"plots/heading/{part}/{rr.escape_entity_path_part(f'{sensor}_estimated')}"
-            log_curve(stream, entity, time, degrees, colours.get(sensor, (120, 120, 120)), f"{sensor}, estimated")
-        titles[f"plots/heading/{part}"] = f"Heading over time, {wearer.name} (° off the estimate)"
-
-
-HEADINGS, HEADING_SIGMAS = "plots/heading", "plots/heading_sigma"
-POSE_SIGMAS, UPDATE_MS = "plots/pose_sigma", "plots/update_ms"
-EVERY_S = 0.1  # seconds between points of a heading: they change slowly, and there are many
-UPDATE_COLOUR: Colour = (120, 170, 240)
-
-
-class LiveSeries:
-    """Draws the curves of a stream; each one's looks are sent with its first point."""
-
-    def __init__(self, stream: rr.RecordingStream, setup: Scene) -> None:
-        self._stream = stream
-        self._parts = [rr.escape_entity_path_part(name) for name in setup.names]
-        self._names = setup.names
-        self._colours = colours_of(setup.wearers)
-        self._known: set[str] = set()
-        self._headings = -EVERY_S  # when the last points were sent
-
-    def log(self, estimates: list[LiveEstimate]) -> None:
-        """Log the points of frames that follow each other."""
-        time = np.array([one.time for one in estimates])
-        self._curve(UPDATE_MS, "update", UPDATE_COLOUR, time, np.array([1e3 * one.seconds for one in estimates]))
-        for index, name in enumerate(self._names):
-            sure = [one for one in estimates if one.wearers[index].newest.joint_covariance is not None]
-            if sure:
-                degrees = np.array([_sigma_deg(one.wearers[index]) for one in sure])
-                at = np.array([one.time for one in sure])
-                self._curve(f"{POSE_SIGMAS}/{self._parts[index]}", name, wearer_colour(index), at, degrees)
-        calibrated = [one for one in estimates if any(wearer.calibration for wearer in one.wearers)]
-        if calibrated and calibrated[-1].time - self._headings >= EVERY_S:
-            self._headings = calibrated[-1].time
-            for index, wearer in enumerate(calibrated[-1].wearers):
-                self._log_headings(index, wearer, np.array([calibrated[-1].time]))
-
-    def _log_headings(self, index: int, wearer: LiveWearerEstimate, time: Array) -> None:
-        for sensor, one in wearer.calibration.items():
-            colour = self._colours.get(sensor, UPDATE_COLOUR)
-            below = f"{self._parts[index]}/{rr.escape_entity_path_part(sensor)}"
-            heading = np.rad2deg(np.angle(np.exp(1j * one.heading_at(time))))
-            self._curve(f"{HEADINGS}/{below}", sensor, colour, time, heading)
-            self._curve(f"{HEADING_SIGMAS}/{below}", sensor, colour, time, np.rad2deg([one.heading_sigma]))
-
-    def _curve(self, entity: str, name: str, colour: Colour, time: Array, values: Array) -> None:
-        if entity in self._known:
-            log_points(self._stream, entity, time, values)
-        elif np.isfinite(values).any():
-            self._known.add(entity)
-            log_curve(self._stream, entity, time, values, colour, name)
-
-
-def colours_of(
+def sensor_colours_of(
     wearers: Iterable[Recording | None], estimates: Iterable[WearerEstimate | None] = ()
 ) -> dict[str, Colour]:
     """One colour for sensors of the same name, whoever wears them."""
     names: dict[str, None] = {}
-    for one in wearers:
-        if one is not None:
-            names |= dict.fromkeys([*(site.sensor for site in one.placement.sites), *one.imus])
+    for recording in wearers:
+        if recording is not None:
+            names |= dict.fromkeys([*(site.sensor for site in recording.placement.sites), *recording.imus])
     for estimate in estimates:
         if estimate is not None:
             names |= dict.fromkeys([*estimate.calibration, *estimate.sensors])
     return sensor_colours(list(names))
 
 
+def log_curves(
+    stream: rr.RecordingStream, entity: str, time: Array, values: Array, curves: Mapping[str, Colour]
+) -> None:
+    """Log curves with the same times: values ``(T, n)``, and the ``n`` names with their colours."""
+    log_curve_style(stream, entity, curves)
+    log_points(stream, entity, time, values)
+
+
+def log_curve_style(stream: rr.RecordingStream, entity: str, curves: Mapping[str, Colour]) -> None:
+    """Log names and colours of the curves of an entity."""
+    style = rr.SeriesLines(colors=list(curves.values()), names=list(curves), widths=[1.5] * len(curves))
+    stream.log(entity, style, static=True)
+
+
+def log_points(stream: rr.RecordingStream, entity: str, time: Array, values: Array) -> None:
+    """Log points ``(T, n)`` of curves, all of them or the next ones; curves are interrupted where they are NaN."""
+    if np.any(np.isfinite(values)):
+        columns = rr.Scalars.columns(scalars=values.reshape(-1)).partition([values.shape[1]] * len(values))
+        stream.send_columns(entity, indexes=[time_column(time)], columns=columns)
+
+
+def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[str, Colour]) -> dict[str, str]:
+    """Log all curves that can be drawn below ``/plots``; returns their entities and titles, the main ones first.
+
+    ``colours`` are the sensors'.
+    """
+    titles: dict[str, str] = {}
+    for wearer in drawn.wearers:
+        part, curve = rr.escape_entity_path_part(wearer.name), {wearer.name: wearer_colour(wearer.index)}
+        pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
+        if pixels is not None and drawn.detections is not None:
+            entity = "/plots/reprojection_px"
+            log_curves(stream, f"{entity}/{part}", drawn.detections.time, pixels[:, None], curve)
+            titles[entity] = "Reprojection error (px)"
+        if wearer.error_mm is not None and wearer.motion is not None:
+            entity = "/plots/joint_error_mm"
+            log_curves(stream, f"{entity}/{part}", wearer.motion.time, wearer.error_mm[:, None], curve)
+            titles[entity] = "Joint error (mm)"
+        if drawn.one_alone:
+            titles |= _log_residuals(stream, wearer, colours) | _log_samples(stream, wearer, colours)
+    titles |= _log_camera_error(stream, drawn)
+    for wearer in drawn.wearers:
+        titles |= _log_headings(stream, wearer, colours)
+    return titles
+
+
+def _log_residuals(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Mapping[str, Colour]) -> dict[str, str]:
+    estimate = wearer.estimate
+    if estimate is None:
+        return {}
+    names = {
+        "orientation_deg": "Orientation residual (°)",
+        "acceleration_m_s2": "Acceleration residual (m/s²)",
+    }  # fmt: skip
+    titles = {}
+    for kind, values in estimate.residuals.items():
+        entity = f"/plots/residual/{kind}"
+        curves = {sensor: colours[sensor] for sensor in estimate.sensors}
+        log_curves(stream, entity, estimate.motion.time, values, curves)
+        titles[entity] = names.get(kind, kind)
+    return titles
+
+
+def _log_samples(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Mapping[str, Colour]) -> dict[str, str]:
+    """Log the norms of what each sensor measured, which has times of its own."""
+    titles = {}
+    for sensor, imu in wearer.recording.imus.items() if wearer.recording is not None else ():
+        for kind, title, samples in (
+            ("specific_force_m_s2", "Specific force (m/s²)", imu.specific_force),
+            ("angular_rate_rad_s", "Angular rate (rad/s)", imu.angular_rate),
+        ):
+            if samples is not None:
+                entity = f"/plots/imu/{kind}"
+                norm = np.linalg.norm(samples, axis=1, keepdims=True)
+                path = f"{entity}/{rr.escape_entity_path_part(sensor)}"
+                log_curves(stream, path, imu.time, norm, {sensor: colours[sensor]})
+                titles[entity] = title
+    return titles
+
+
+def _log_camera_error(stream: rr.RecordingStream, drawn: DrawnScene) -> dict[str, str]:
+    if drawn.path is None or drawn.true_path is None:
+        return {}
+    time = drawn.path.time if len(drawn.path) > 1 else drawn.true_path.time
+    estimate, truth = drawn.path.at(time), drawn.true_path.at(time)
+    centimetres = 100 * np.linalg.norm(estimate.p_world_camera - truth.p_world_camera, axis=1)
+    degrees = np.rad2deg(angle_between(estimate.R_world_camera, truth.R_world_camera))
+    entity, curves = "/plots/camera_error", {"position (cm)": YELLOW, "rotation (°)": BLUE}
+    log_curves(stream, entity, time, np.stack([centimetres, degrees], axis=1), curves)
+    return {entity: "Camera error (cm, °)"}
+
+
+def _log_headings(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Mapping[str, Colour]) -> dict[str, str]:
+    """Log what single frames say of each heading, and beside it a heading that is estimated over time."""
+    implied = implied_headings(wearer)
+    if implied is None or not implied[1]:
+        return {}
+    time, degrees = implied
+    entity = f"/plots/heading/{rr.escape_entity_path_part(wearer.name)}"
+    curves = {sensor: colours[sensor] for sensor in degrees}
+    log_curves(stream, entity, time, np.stack(list(degrees.values()), axis=1), curves)
+    for sensor, (knots, path) in heading_paths(wearer).items():
+        curve = {f"{sensor}, estimated": colours.get(sensor, GREY)}
+        log_curves(stream, f"{entity}/{rr.escape_entity_path_part(sensor)}", knots, path[:, None], curve)
+    return {entity: f"Heading over time, {wearer.name} (° off the estimate)"}
+
+
+HEADINGS, HEADING_SIGMAS = "/plots/heading", "/plots/heading_sigma"
+POSE_SIGMAS, UPDATE_MS = "/plots/pose_sigma", "/plots/update_ms"
+
+
+class LiveSeries:
+    """Curves of a stream: its updates, and standard deviations of poses and headings."""
+
+    def __init__(self, stream: rr.RecordingStream, setup: Scene, colours: Mapping[str, Colour]) -> None:
+        self._stream = stream
+        self._parts = [rr.escape_entity_path_part(name) for name in setup.names]
+        self._sensors = [[site.sensor for site in wearer.placement.sites] for wearer in setup.wearers]
+        log_curve_style(stream, UPDATE_MS, {"update": BLUE})
+        for index, (part, sensors) in enumerate(zip(self._parts, self._sensors, strict=True)):
+            log_curve_style(stream, f"{POSE_SIGMAS}/{part}", {setup.names[index]: wearer_colour(index)})
+            for entity in (HEADINGS, HEADING_SIGMAS):
+                log_curve_style(stream, f"{entity}/{part}", {sensor: colours[sensor] for sensor in sensors})
+
+    def log(self, estimates: Sequence[LiveEstimate]) -> None:
+        """Log the points of the next frames; of headings, which change slowly, the last ones."""
+        time = np.array([estimate.time for estimate in estimates])
+        milliseconds = 1e3 * np.array([[estimate.seconds] for estimate in estimates])
+        log_points(self._stream, UPDATE_MS, time, milliseconds)
+        for index, part in enumerate(self._parts):
+            wearers = [estimate.wearers[index] for estimate in estimates]
+            sigmas = np.array([[_sigma_deg(wearer)] for wearer in wearers])
+            log_points(self._stream, f"{POSE_SIGMAS}/{part}", time, sigmas)
+            self._log_headings(part, self._sensors[index], time[-1:], wearers[-1])
+
+    def _log_headings(self, part: str, sensors: Sequence[str], time: Array, wearer: LiveWearerEstimate) -> None:
+        values = np.full((2, 1, len(sensors)), np.nan)
+        for column, sensor in enumerate(sensors):
+            if sensor in wearer.calibration:
+                calibration = wearer.calibration[sensor]
+                heading = np.angle(np.exp(1j * calibration.heading_at(time)))[0]
+                values[:, 0, column] = np.rad2deg([heading, calibration.heading_sigma])
+        log_points(self._stream, f"{HEADINGS}/{part}", time, values[0])
+        log_points(self._stream, f"{HEADING_SIGMAS}/{part}", time, values[1])
+
+
 def _sigma_deg(wearer: LiveWearerEstimate) -> float:
-    """Root mean square standard deviation of all joints of the newest pose."""
+    """Root mean square standard deviation of all joints of the newest pose; NaN if unknown."""
     covariance = wearer.newest.joint_covariance
     if covariance is None:
         return float("nan")

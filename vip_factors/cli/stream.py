@@ -132,6 +132,7 @@ def _check(options: StreamOptions) -> None:
     if options.lsl is not None:
         import_module("vip_factors.io.live_lsl")
     if _wants_rerun(options):
+        os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a viewer that was closed, line after line
         from vip_factors.viz.live_rerun import prepare
 
         prepare()

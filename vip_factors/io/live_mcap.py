@@ -41,8 +41,7 @@ MOST_FINDINGS = 200  # different sentences kept for the estimate; all of them ar
 
 class LiveMcapSink:
     """Writes ``NAME.partial.mcap`` and calls it ``NAME.mcap`` at a normal end. A context manager, whose end after an
-    exception (but not after Ctrl-C) leaves the partial file, readable up to there. So does a disk that is full: the
-    file is cut after the last whole chunk.
+    exception (but not after Ctrl-C) leaves the partial file, readable up to the last whole chunk. So does a full disk.
 
     Args:
         path: of the file.
@@ -77,12 +76,11 @@ class LiveMcapSink:
         self._findings: dict[str, Finding] = {}  # ordered, each once
         self._written_info: tuple[int, int] = (0, 0)  # wearers and findings in the last EstimateInfo of the whole
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
-        self._good_bytes = 0  # up to the end of the last whole chunk
         self._writer = MessageWriter(self._file, CHUNK_BYTES)
         prefixes = wearer_topics(names, SINGLE, WEARER)
         self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, None, MODEST_FRAMES)
         self._has_camera = False  # whether its poses have begun
-        with self._or_cut():
+        with self._closed_on_error():
             self._writer.flush()
             self._file.flush()
         self._flushed = time.monotonic()
@@ -102,7 +100,7 @@ class LiveMcapSink:
         Raises:
             OSError: if the file cannot be written; it names the partial file, which is closed then.
         """
-        with self._or_cut():
+        with self._closed_on_error():
             if self._waiting and estimate.frame != self._waiting[-1].frame + 1:
                 self._write_waiting()  # the frames of a batch follow each other
             self._waiting.append(estimate)
@@ -122,7 +120,6 @@ class LiveMcapSink:
                 self._out.write_calibration(index, answer.calibration, end_ns)
         self._writer.flush()
         self._file.flush()
-        self._good_bytes = self._file.tell()
         self._flushed, self._unflushed = time.monotonic(), 0
 
     def close(self) -> None:
@@ -140,23 +137,21 @@ class LiveMcapSink:
             os.replace(self.partial, self.path)
 
     @contextmanager
-    def _or_cut(self) -> Iterator[None]:
-        """Errors name the file; it is closed then, without the chunk that did not become whole."""
+    def _closed_on_error(self) -> Iterator[None]:
+        """Errors name the file; it is closed then, and removed if it has no frame."""
         try:
             with naming_file(self.partial):
                 yield
         except OSError:
             with suppress(OSError):  # what is in its buffer still cannot be written
                 self._file.close()
-            with suppress(OSError):
-                os.truncate(self.partial, self._good_bytes)
-                if not self._good_bytes:
-                    self.partial.unlink()
+            if not self.frames:
+                self.partial.unlink()
             raise
 
     def _complete(self) -> None:
         """All of the file, still under its partial name; nothing is left of one without frames."""
-        with self._or_cut(), self._file:
+        with self._closed_on_error(), self._file:
             self._flush()
             self._out.finish()
             if self._out.wearer_count:

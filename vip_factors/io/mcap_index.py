@@ -13,7 +13,6 @@ from mcap.reader import SeekingReader
 from mcap.records import Chunk, ChunkIndex
 from mcap.summary import Summary
 
-from vip_factors.errors import FileFormatError
 from vip_factors.io.mcap_chunks import RECORD_HEAD, records_of
 from vip_factors.io.mcap_reader import READ_ERRORS, McapChannel, McapContents, McapPass, open_file, read_contents
 
@@ -86,10 +85,9 @@ class McapByTime:
             needed |= {one.chunk_start_offset: one for one in (ends if sampled(messages.channel) else own)}
         try:
             _take_chunks(reading, [needed[start] for start in sorted(needed)])
-        except FileFormatError:
-            raise
         except READ_ERRORS:
             return None
+        reading.check_size()
         counts = summary.statistics.channel_message_counts
         few = (number for number, one in reading.gathered.items() if not sampled(one.channel))
         if reading.contents.damage or any(len(reading.gathered[one].data) != counts.get(one, 0) for one in few):

@@ -55,6 +55,11 @@ class McapMessages:
     sequences: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
 
+    def clear(self) -> None:
+        """Forget them."""
+        for values in (self.log_times, self.publish_times, self.sequences, self.data):
+            values.clear()
+
     def rows(self, rows: Sequence[int]) -> "McapMessages":
         """Some of them, by their places in the lists."""
         log_times, publish_times, sequences = (
@@ -99,6 +104,7 @@ class McapPass:
     Attributes:
         contents: what has been read.
         gathered: the messages of wanted channels, by channel id.
+        refusals: sentences about chunks that were larger than they may be.
 
     Args:
         path: of the file.
@@ -111,6 +117,7 @@ class McapPass:
     def __init__(self, path: Path, wanted: Callable[[McapChannel], bool]) -> None:
         self.contents = McapContents(path)
         self.gathered: dict[int, McapMessages] = {}
+        self.refusals: list[str] = []
         self._wanted, self._largest = wanted, largest_chunk()
         self._schemas: dict[int, Schema] = {}
         self._nameless = 0  # messages of channels that the file never describes
@@ -123,7 +130,7 @@ class McapPass:
             largest_record: bytes of a record at most.
 
         Raises:
-            FileFormatError: if it is no MCAP file, or a chunk is larger than it may be.
+            FileFormatError: if it is no MCAP file.
         """
         check_magic(self.contents.path, file.read(len(MAGIC)))
         reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=largest_record)
@@ -139,11 +146,7 @@ class McapPass:
             self.end_early(file, at)
 
     def take(self, record: McapRecord) -> None:
-        """Take in a record that stands outside of chunks.
-
-        Raises:
-            FileFormatError: for a chunk larger than it may be.
-        """
+        """Take in a record that stands outside of chunks."""
         if isinstance(record, Chunk):
             self.take_chunk(record)
         elif isinstance(record, Message):
@@ -156,18 +159,12 @@ class McapPass:
             self.contents.metadata.append(record)
 
     def take_chunk(self, chunk: Chunk) -> None:
-        """Take in the records of a chunk; a damaged one is left out.
-
-        Raises:
-            FileFormatError: for a chunk larger than it may be.
-        """
+        """Take in the records of a chunk; one that is damaged or larger than it may be is left out."""
         try:
             data = chunk_data(chunk, self._largest)
-        except LargeChunkError as error:
-            self.refuse(str(error))
-            return
         except ChunkError as error:
-            self.report(f"{error}: its messages are left out")
+            sentences = self.refusals if isinstance(error, LargeChunkError) else self.contents.damage
+            sentences.append(f"{error}: its messages are left out")
             return
         for opcode, start, end in records_of(data):
             if opcode == MESSAGE and end - start >= MESSAGE_HEAD.size:
@@ -178,7 +175,7 @@ class McapPass:
                 try:
                     self._describe(kind.read(ReadDataStream(BytesIO(data[start:end]))))
                 except READ_ERRORS:
-                    self.report("the description of a channel is malformed: its messages are left out")
+                    self.contents.damage.append("the description of a channel is malformed: its messages are left out")
 
     def know(self, channel: McapChannel) -> None:
         """Take in a channel, unless it is known: chunks and the end of the file repeat them."""
@@ -199,17 +196,23 @@ class McapPass:
         elif number not in self.contents.messages:
             self._nameless += 1
 
-    def report(self, sentence: str) -> None:
-        """Take note of what could not be read."""
-        self.contents.damage.append(sentence)
+    def take_messages(self) -> list[tuple[int, bytes]]:
+        """Channel and data of the messages gathered since the last time, in the order of their log times."""
+        taken = [
+            (log_time, number, data)
+            for number, messages in self.gathered.items()
+            for log_time, data in zip(messages.log_times, messages.data, strict=True)
+        ]
+        for messages in self.gathered.values():
+            messages.clear()
+        return [(number, data) for _, number, data in sorted(taken, key=lambda message: message[0])]
 
-    def refuse(self, sentence: str) -> None:
-        """Stop reading because of a chunk that is larger than it may be.
-
-        Raises:
-            FileFormatError: with the sentence.
-        """
-        raise FileFormatError(f"{self.contents.path}: {sentence}")
+    def take_complaints(self) -> list[str]:
+        """What could not be read since the last time, and what was refused."""
+        complaints = [*self.contents.damage, *self.refusals]
+        self.contents.damage.clear()
+        self.refusals.clear()
+        return complaints
 
     def end_early(self, file: IO[bytes], at: int) -> None:
         """Take note of a file whose records end at a byte before they should."""
@@ -221,12 +224,26 @@ class McapPass:
         where = f"cut off at byte {size}" if is_cut else f"damaged at byte {at}"
         self.contents.damage.insert(0, f"the file is {where} ({upto}); what follows is lost")
 
-    def warn(self) -> None:
-        """Tell of the damage in a file that was read to its end."""
+    def close(self) -> None:
+        """Warn of the damage in a file that was read to its end.
+
+        Raises:
+            FileFormatError: if a chunk was larger than it may be.
+        """
+        self.check_size()
         if self._nameless:
-            self.report(f"{self._nameless} messages belong to no channel of the file: left out")
+            self.contents.damage.append(f"{self._nameless} messages belong to no channel of the file: left out")
         for sentence in self.contents.damage:
             warnings.warn(McapWarning(f"{self.contents.path}: {sentence}"), stacklevel=3)
+
+    def check_size(self) -> None:
+        """Check that no chunk was larger than it may be.
+
+        Raises:
+            FileFormatError: if one was.
+        """
+        if self.refusals:
+            raise FileFormatError(f"{self.contents.path}: {self.refusals[0]}")
 
     def _describe(self, record: Schema | Channel) -> None:
         if isinstance(record, Schema):
@@ -255,7 +272,7 @@ def read_contents(
     with open_file(Path(path)) as file:
         for _ in reading.records(file, os.fstat(file.fileno()).st_size):
             pass
-    reading.warn()
+    reading.close()
     return reading.contents
 
 

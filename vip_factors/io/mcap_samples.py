@@ -78,10 +78,7 @@ def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) ->
 
 
 def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) -> ImuStream:
-    times = [
-        one.seconds if one.HasField("seconds") else (time_ns_of(one.timestamp) - start_ns) / NS_PER_S for one in samples
-    ]
-    time = np.array(times)
+    time = np.array([sample_time(one, start_ns) for one in samples])
     force = _measured(samples, "specific_force", "xyz")
     rate = _measured(samples, "angular_rate", "xyz")
     R = rotations_where_finite(_measured(samples, "orientation_wxyz", "wxyz"), Order.WXYZ)
@@ -92,6 +89,11 @@ def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) 
     if len(stream) < len(samples):
         warn(path, f"sensor '{name}': {len(samples) - len(stream)} incomplete samples are left out")
     return stream
+
+
+def sample_time(sample: ImuSample, start_ns: int) -> float:
+    """Seconds from the recording's start."""
+    return sample.seconds if sample.HasField("seconds") else (time_ns_of(sample.timestamp) - start_ns) / NS_PER_S
 
 
 def _measured(samples: Sequence[ImuSample], field: str, axes: str) -> Array | None:

@@ -10,13 +10,13 @@ import numpy as np
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.codec import NS_PER_S
+from vip_factors.io.codec import NS_PER_S, time_ns_of
 from vip_factors.io.mcap_camera import CameraTopics, camera_of
 from vip_factors.io.mcap_index import McapByTime, logged_interval, read_summary
 from vip_factors.io.mcap_messages import Topics, is_ours, naming, parsed
 from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, TRUTH_POSE, recording_of, wearer_prefixes
-from vip_factors.io.mcap_samples import detections_of, read_streams
+from vip_factors.io.mcap_samples import detections_of, read_streams, sample_time
 from vip_factors.io.scene_building import read_scenes
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
@@ -60,21 +60,6 @@ class WearerFile(RecordingInMemory):
     def channels(self, contents: McapContents) -> list[McapMessages]:
         """The wearer's samples among some messages."""
         return [one for one in contents.messages.values() if one.channel.topic.startswith(self.prefix + IMU)]
-
-    @property
-    def is_found_by_time(self) -> bool:
-        """Whether the ends are whole, and were logged at their samples' own times."""
-        for messages in self.channels(self.file.contents):
-            for stream in read_streams(self.file.contents.path, [messages], self.head.start_ns).values():
-                if len(stream) < len(messages.data):
-                    return False
-                logged = np.array([self._seconds(one) for one in messages.log_times])
-                if np.max(np.abs(logged - stream.time)) > CLOCK_SLACK_S:
-                    return False
-        return True
-
-    def _seconds(self, log_time: int) -> float:
-        return (log_time - self.head.start_ns) / NS_PER_S
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
         """What was measured from one instant to another.
@@ -140,19 +125,6 @@ class SceneFile(UnfilmedSource):
                 count += len(one.people) * (start <= one.seconds + clock.late(one.seconds) < until)
             start = until
         return count
-
-    @property
-    def is_found_by_time(self) -> bool:
-        """Whether video frames were logged at their own times, and all that is said of the cameras is there."""
-        topics = Topics(self.file.contents)
-        for camera, topic in zip(self.scene.cameras, self.topics, strict=True):
-            for logged in topics.channels(topic("detections"), Detections2D):
-                seen = parsed(topics.path, logged, Detections2D)
-                own = camera.clock.at(np.array([one.seconds for one in seen]))
-                there = np.array([(one - self._start_ns) / NS_PER_S for one in logged.log_times])
-                if len(own) and np.max(np.abs(own - there)) > CLOCK_SLACK_S:
-                    return False
-        return True
 
     @property
     def _start_ns(self) -> int:
@@ -237,7 +209,7 @@ def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
                 WearerFile(recording_of(file.contents, prefix, has_truth=False), file, prefix)
                 for prefix in wearer_prefixes(file.contents, info)
             )
-            if not (wearers and all(one.is_found_by_time for one in wearers)):
+            if not wearers or not _is_logged_in_time(file.contents, wearers[0].head.start_ns):
                 return None
     except RecordingError:  # what the ends lack the rest may have
         return None
@@ -252,8 +224,25 @@ def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
     known = tuple(one for one in cameras if one is not None)
     if len(known) < len(topics):
         return None
-    scene = SceneFile(Scene(name, heads, known[0], None, known[1:]), wearers, file, tuple(topics))
-    return scene if scene.is_found_by_time else None
+    return SceneFile(Scene(name, heads, known[0], None, known[1:]), wearers, file, tuple(topics))
+
+
+def _is_logged_in_time(contents: McapContents, start_ns: int) -> bool:
+    """Whether the first and last samples and video frames of all channels are usable, and were logged when measured."""
+    for messages in contents.messages.values():
+        if is_ours(messages.channel, ImuSample):
+            usable = sum(map(len, read_streams(contents.path, [messages], start_ns).values()))
+            samples = parsed(contents.path, messages, ImuSample)
+            own_ns = [start_ns + sample_time(one, start_ns) * NS_PER_S for one in samples]
+        elif is_ours(messages.channel, Detections2D):
+            own_ns = [time_ns_of(one.timestamp) for one in parsed(contents.path, messages, Detections2D)]
+            usable = len(own_ns)
+        else:
+            continue
+        late = (abs(own - logged) for own, logged in zip(own_ns, messages.log_times, strict=True))
+        if usable < len(messages.data) or max(late, default=0) > CLOCK_SLACK_S * NS_PER_S:
+            return False
+    return True
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 from vip_factors.errors import FileFormatError
 from vip_factors.io.codec import time_ns_of
-from vip_factors.io.live.growing_file import CAMERA, GrowingPass, OnFinding, Route, open_when_it_comes
+from vip_factors.io.live.growing_file import CAMERA, OnFinding, Route, followed_messages, open_when_it_comes
 from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import FindingReporter
 from vip_factors.io.live.source import LiveSource
@@ -51,9 +51,9 @@ class GrowingFileSource(LiveSource):
         def on_finding(kind: str, sentence: str) -> None:
             reporter.report(kind, f"{self._path}: {sentence}")
 
-        head, early = _Head(on_finding), list[tuple[Route, Any]]()  # samples before the set-up is whole
+        head, early = _Head(on_finding), list[tuple[Route, Any]]()  # samples before the set-up is complete
         with open_when_it_comes(self._path, self._settings, self._stop) as file:
-            for route, message in GrowingPass(self._path, self._stop, on_finding).messages(file):
+            for route, message in followed_messages(self._path, file, self._stop, on_finding):
                 if self._stop.is_set():
                     return
                 if self._setup is not None:
@@ -62,7 +62,7 @@ class GrowingFileSource(LiveSource):
                 head.take(route, message)
                 if route.kind in SAMPLES:
                     early.append((route, message))
-                if head.whole or len(early) > self._settings.queue_limit:
+                if head.is_complete or len(early) > self._settings.queue_limit:
                     self._begin(head)
                     self._put_samples(head, early)
         reporter.close()
@@ -82,48 +82,43 @@ class GrowingFileSource(LiveSource):
 
 
 class _Head:
-    """Takes the messages that come once, says when the set-up is whole, and then turns messages into samples."""
+    """Takes the messages that come once, says when the set-up is complete, and then turns messages into samples.
+
+    A file without a SceneInfo before its first sample is a recording of one wearer.
+    """
 
     def __init__(self, on_finding: OnFinding) -> None:
         self._on_finding = on_finding
         self._scene: SceneInfo | None = None
-        self._of: dict[str, dict[str, Any]] = {}  # by owner, then by the message's name; the first pose of a camera
-        self._samples = False
+        self._once: dict[tuple[str, str], Any] = {}  # by owner and name of the message; the first pose of a camera
+        self._has_samples = False
         self._names: dict[str, str] = {}  # of carriers, by what the topics begin with
         self._clocks: dict[str, VideoClock] = {}
         self._cameras: dict[str, Camera] = {}
         self._start_ns = 0
 
     def take(self, route: Route, message: Any) -> None:
-        """One message, a sample's too."""
+        """Take in a message, a sample's too."""
         if route.kind is SceneInfo:
             self._scene = message
         elif route.kind in SAMPLES:
-            self._samples = True
-            self._of.setdefault(route.owner, {})
+            self._has_samples = True
         else:
-            self._of.setdefault(route.owner, {}).setdefault(route.kind.DESCRIPTOR.name, message)
+            self._once.setdefault((route.owner, route.kind.DESCRIPTOR.name), message)
 
     @property
     def missing(self) -> list[str]:
-        """What a set-up needs still, in words; without a SceneInfo, nobody knows before the first sample."""
-        lacks = [f"{INFO} of {owner or 'the wearer'}" for owner in self.wearers if INFO not in self._of.get(owner, {})]
-        lacks += [
-            f"{kind} on {owner}"
-            for owner in self.cameras
-            for kind in (CAMERA_INFO, CALIBRATION)
-            if kind not in self._of.get(owner, {})
-        ]
-        if not lacks and self._scene is None and not self._samples:
-            lacks.append("SceneInfo, or a sample")
-        return lacks
+        """What a set-up still needs, in words."""
+        needed = [(owner, INFO) for owner in self._wearer_topics]
+        needed += [(owner, kind) for owner in self._camera_topics for kind in (CAMERA_INFO, CALIBRATION)]
+        lacks = [f"{kind} of {owner or 'the wearer'}" for owner, kind in needed if (owner, kind) not in self._once]
+        return lacks or ([] if self._scene or self._has_samples else ["SceneInfo, or a sample"])
 
     @property
-    def whole(self) -> bool:
+    def is_complete(self) -> bool:
         """Whether nothing is missing, nor the known pose of a camera that stands still yet to come."""
-        if self.missing:
-            return False
-        return all(POSE in self._of[owner] for owner, info in self.camera_infos.items() if _stands_known(info))
+        standing = [owner for owner, info in self._camera_infos.items() if _stands_known(info)]
+        return not self.missing and all((owner, POSE) in self._once for owner in standing)
 
     def setup(self) -> Scene:
         """The set-up, which names carriers and clocks; what of the cameras cannot be used ahead of time is told.
@@ -133,14 +128,14 @@ class _Head:
         """
         if self.missing:
             raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
-        recordings = [self._of[owner][INFO] for owner in self.wearers]
-        infos, first = self.camera_infos, recordings[0]
+        recordings = [self._once[owner, INFO] for owner in self._wearer_topics]
+        infos, first = self._camera_infos, recordings[0]
         name = self._scene.name if self._scene is not None else first.name
         self._start_ns = time_ns_of(first.start)
         wearers = [wearer_of(name, one.subject, one.placement, one.initial_pose, self._start_ns) for one in recordings]
-        self._cameras = {owner: self._camera(owner) for owner in self.cameras}
+        self._cameras = {owner: self._camera(owner) for owner in infos}
         setup = head_of(name, wearers, list(self._cameras.values()))
-        self._names = dict(zip(self.wearers, [one.subject.name for one in wearers], strict=True))
+        self._names = dict(zip(self._wearer_topics, [one.subject.name for one in wearers], strict=True))
         self._names |= {owner: one.name for owner, one in self._cameras.items()}
         self._clocks = {owner: VideoClock(info.time_offset_s, info.time_drift) for owner, info in infos.items()}
         for info in infos.values():
@@ -153,30 +148,27 @@ class _Head:
         return setup
 
     @property
-    def wearers(self) -> list[str]:
+    def _wearer_topics(self) -> list[str]:
         """What the topics of each wearer begin with."""
-        if self._scene is not None and self._scene.wearer_topics:
-            return list(self._scene.wearer_topics)
-        return [owner for owner in self._of if not owner.startswith(CAMERA)] or [""]
+        return [""] if self._scene is None else list(self._scene.wearer_topics)
 
     @property
-    def cameras(self) -> list[str]:
+    def _camera_topics(self) -> list[str]:
         """What the topics of each camera begin with."""
-        if self._scene is not None:
-            return [*([CAMERA] if self._scene.has_camera else []), *self._scene.further_camera_topics]
-        found = [owner for owner in self._of if owner.startswith(CAMERA)]
-        return sorted(found, key=lambda owner: owner != CAMERA)  # the first camera first, then as they came
+        if self._scene is None:
+            return []
+        return [*([CAMERA] if self._scene.has_camera else []), *self._scene.further_camera_topics]
 
     @property
-    def camera_infos(self) -> dict[str, CameraInfo]:
+    def _camera_infos(self) -> dict[str, CameraInfo]:
         """Of the cameras of which it has come."""
-        found = {owner: self._of.get(owner, {}).get(CAMERA_INFO) for owner in self.cameras}
-        return {owner: info for owner, info in found.items() if info is not None}
+        known = {owner: self._once.get((owner, CAMERA_INFO)) for owner in self._camera_topics}
+        return {owner: info for owner, info in known.items() if info is not None}
 
     def _camera(self, owner: str) -> Camera:
-        of = self._of[owner]
-        pose = of.get(POSE) if _stands_known(of[CAMERA_INFO]) else None
-        return camera_of(of[CAMERA_INFO], of[CALIBRATION], None if pose is None else path_of([pose], self._start_ns))
+        info, calibration = self._once[owner, CAMERA_INFO], self._once[owner, CALIBRATION]
+        pose = self._once.get((owner, POSE)) if _stands_known(info) else None
+        return camera_of(info, calibration, None if pose is None else path_of([pose], self._start_ns))
 
     def sample(self, route: Route, message: Any) -> LiveSample | None:
         """A sample; None for other messages, and for one that cannot be used, which is told."""

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from io import BufferedReader, FileIO
 from pathlib import Path
 from threading import Event
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any
 
 from mcap.records import DataEnd
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.mcap_chunks import largest_chunk
-from vip_factors.io.mcap_messages import PROTOBUF
+from vip_factors.io.mcap_messages import PROTOBUF, is_ours
 from vip_factors.io.mcap_reader import McapChannel, McapPass
 from vip_factors.io.mcap_recording import IMU, INFO, SCENE_INFO, WEARER
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
@@ -106,98 +106,67 @@ class Route:
     kind: type[Any]
 
 
-class GrowingPass(McapPass):
-    """A pass over a growing file that decodes the messages of a scene as they come.
+def followed_messages(path: Path, file: GrowingFile, stop: Event, on_finding: OnFinding) -> Iterator[tuple[Route, Any]]:
+    """The messages of a scene, decoded, until the file's data or its growth ends.
 
     Args:
         path: of the file.
+        file: it, open.
         stop: set when nothing more is wanted.
         on_finding: is told what cannot be read or used.
+
+    Raises:
+        FileFormatError: if it is no MCAP file, or becomes shorter.
     """
+    routes: dict[int, Route] = {}
 
-    def __init__(self, path: Path, stop: Event, on_finding: OnFinding) -> None:
-        super().__init__(path, lambda channel: False)
-        self._stop, self._on_finding = stop, on_finding
-        self._routes: dict[int, Route | None] = {}
-        self._first_channels: dict[str, McapChannel] = {}  # by topic
-        self._received: list[tuple[Route, Any]] = []
+    def is_wanted(channel: McapChannel) -> bool:
+        route = _route(channel, on_finding)
+        if route is not None:
+            routes[channel.id] = route
+        return route is not None
 
-    def messages(self, file: GrowingFile) -> Iterator[tuple[Route, Any]]:
-        """The messages that belong to a scene, decoded, until the file's data or its growth ends.
-
-        Raises:
-            FileFormatError: if it is no MCAP file, or becomes shorter.
-        """
-        for record in self.records(BufferedReader(file), largest_chunk()):
-            received, self._received = self._received, []
-            yield from received
-            if isinstance(record, DataEnd):
-                return
-
-    def know(self, channel: McapChannel) -> None:
-        """Take in a channel, whose schema is that of its topic's first."""
-        if channel.id in self._routes:
+    reading = McapPass(path, is_wanted)
+    for record in reading.records(BufferedReader(file), largest_chunk()):
+        for sentence in reading.take_complaints():
+            on_finding("chunk", sentence)
+        for number, data in reading.take_messages():
+            message = _decoded(routes[number], data, on_finding)
+            if message is not None:
+                yield routes[number], message
+        if isinstance(record, DataEnd):
             return
-        super().know(channel)
-        first = self._first_channels.setdefault(channel.topic, channel)
-        if (first.schema_name, first.schema_data) == (channel.schema_name, channel.schema_data):
-            self._routes[channel.id] = self._route(channel)
-            return
-        self._routes[channel.id] = None
-        self._on_finding(
+    if file.has_ended and not stop.is_set():
+        on_finding("end", f"it has not grown for {file.growth_wait:g} s: taken as its end")
+    elif not stop.is_set():
+        for sentence in reading.take_complaints():
+            on_finding("end", sentence)
+
+
+def _decoded(route: Route, data: bytes, on_finding: OnFinding) -> Any:
+    from google.protobuf.message import DecodeError
+
+    try:
+        return route.kind.FromString(data)
+    except DecodeError as error:
+        name = route.kind.DESCRIPTOR.full_name
+        on_finding("message", f"a message on {route.channel.topic} is no {name} ({error}): it is left out")
+        return None
+
+
+def _route(channel: McapChannel, on_finding: OnFinding) -> Route | None:
+    owner = _owner(channel.topic)
+    if owner is None:
+        return None
+    topics, kind = owner
+    if not is_ours(channel, kind):
+        on_finding(
             f"schema of {channel.topic}",
-            f"{channel.topic}: the schema changes mid-way (to {channel.schema_name or 'none'}); the messages are left "
-            "out from here on",
+            f"channel {channel.topic} has {channel.schema_name or 'no schema'} ({channel.encoding}): expected "
+            f"{kind.DESCRIPTOR.full_name} ({PROTOBUF}); its messages are left out",
         )
-
-    def add(self, number: int, sequence: int, log_time: int, publish_time: int, data: bytes) -> None:
-        """Decode a message."""
-        from google.protobuf.message import DecodeError
-
-        if number not in self._routes:
-            self._on_finding("nameless", f"a message belongs to no channel of the file ({number}): it is left out")
-        route = self._routes.get(number)
-        if route is None:
-            return
-        try:
-            self._received.append((route, route.kind.FromString(data)))
-        except DecodeError as error:
-            self._on_finding(
-                "message",
-                f"a message on {route.channel.topic} is no {route.kind.DESCRIPTOR.full_name} ({error}): it is left out",
-            )
-
-    def report(self, sentence: str) -> None:
-        """Tell at once."""
-        self._on_finding("chunk", sentence)
-
-    def refuse(self, sentence: str) -> None:
-        """Leave out a chunk: the stream goes on."""
-        self._on_finding("size", f"{sentence}: its messages are left out")
-
-    def end_early(self, file: IO[bytes], at: int) -> None:
-        """Tell why what follows a byte is not read."""
-        raw = file.raw if isinstance(file, BufferedReader) else file
-        if isinstance(raw, GrowingFile) and raw.has_ended:
-            if not self._stop.is_set():
-                self._on_finding("end", f"it has not grown for {raw.growth_wait:g} s: taken as its end")
-        else:
-            self._on_finding("end", f"it is damaged at byte {at:,}: what follows is lost")
-
-    def _route(self, channel: McapChannel) -> Route | None:
-        found = _owner(channel.topic)
-        if found is None:
-            return None
-        owner, kind = found
-        name = kind.DESCRIPTOR.full_name
-        if (channel.schema_name, channel.encoding, channel.schema_encoding) != (name, PROTOBUF, PROTOBUF):
-            self._on_finding(
-                f"schema of {channel.topic}",
-                f"channel {channel.topic} has {channel.schema_name or 'no schema'} ({channel.encoding}): expected "
-                f"{name} ({PROTOBUF}); its messages are left out",
-            )
-            return None
-        return Route(channel, owner, kind)
+        return None
+    return Route(channel, topics, kind)
 
 
 def _owner(topic: str) -> tuple[str, type[Any]] | None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from vip_factors.errors import InputError
-from vip_factors.stages.solver import ProgressCallback
+from vip_factors.progress import ProgressCallback
 from vip_factors.steps import Result, Step, take
 
 

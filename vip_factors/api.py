@@ -17,6 +17,7 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.scene_building import CameraOptions
 from vip_factors.io.settings import ExportSettings
+from vip_factors.progress import ProgressCallback
 from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
 from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.report.settings import ReportSettings
@@ -33,7 +34,6 @@ if TYPE_CHECKING:  # these take a while, and not every command that calls a func
     from vip_factors.gait.analysis import Gait
     from vip_factors.io.live_server import LiveServer
     from vip_factors.settings import Settings
-    from vip_factors.stages.solver import ProgressCallback
 
 StrPath = str | PathLike[str]
 Moved = Motion | WearerEstimate | Estimate
@@ -154,7 +154,7 @@ def detect(
     model: StrPath | None = None,
     keypoints: str | None = None,
     overwrite: bool = False,
-    progress: "ProgressCallback | None" = None,
+    progress: ProgressCallback | None = None,
 ) -> Detections:
     """The 2D poses of everybody in a video, followed from frame to frame: what a :class:`Camera` holds.
 
@@ -276,7 +276,7 @@ def _played(source: Played, seconds: float | None, number: int) -> Motion:
 def smooth(
     recording: Recording | Scene,
     settings: "Settings | None" = None,
-    progress: "ProgressCallback | None" = None,
+    progress: ProgressCallback | None = None,
     *,
     extra_factors: "ExtraFactors | None" = None,
 ) -> Estimate:

@@ -20,6 +20,7 @@ from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.findings import Finding
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.progress import ProgressCallback, silent
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource
@@ -34,7 +35,7 @@ from vip_factors.stages.inertial_windows import smooth_wearer
 from vip_factors.stages.reporting import with_model_errors
 from vip_factors.stages.restarts import in_own_frames, with_restarts
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
-from vip_factors.stages.solver import ProgressCallback, Solver, silent
+from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import Each, scene_plan
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]

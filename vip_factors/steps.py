@@ -9,7 +9,7 @@ import msgspec
 
 from vip_factors import __version__
 from vip_factors.errors import InputError, VipFactorsError
-from vip_factors.stages.solver import ProgressCallback, silent
+from vip_factors.progress import ProgressCallback, silent
 
 
 @dataclass(frozen=True)

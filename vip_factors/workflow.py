@@ -15,8 +15,8 @@ from vip_factors.errors import InputError
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.files import export_format
 from vip_factors.io.scene_building import CameraOptions
+from vip_factors.progress import ProgressCallback, silent
 from vip_factors.settings import Settings
-from vip_factors.stages.solver import ProgressCallback, silent
 from vip_factors.steps import Result, Step, take
 
 if TYPE_CHECKING:

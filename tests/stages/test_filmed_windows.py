@@ -24,13 +24,13 @@ from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
+from vip_factors.progress import ProgressCallback
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.filmed_windows import smooth_filmed
-from vip_factors.stages.solver import ProgressCallback
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each
 

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
+from vip_factors.progress import ProgressCallback
+
 if TYPE_CHECKING:
     from rich.live import Live
-
-    from vip_factors.stages.solver import ProgressCallback
 
 # C0 and C1 controls (ESC moves cursors and sets titles), separators of lines, marks that turn text round, surrogates.
 CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -30,7 +30,7 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def progress_bar() -> "Iterator[ProgressCallback]":
+def progress_bar() -> Iterator[ProgressCallback]:
     """Show the stages of some work as bars, which are gone at its end; where stderr is no terminal, as lines."""
     if not sys.stderr.isatty():
         yield _progress_lines()
@@ -60,7 +60,7 @@ def progress_bar() -> "Iterator[ProgressCallback]":
         yield update
 
 
-def _progress_lines() -> "ProgressCallback":
+def _progress_lines() -> ProgressCallback:
     begin = spoken = time.monotonic()
 
     def update(stage: str, share: float) -> None:

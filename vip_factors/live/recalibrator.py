@@ -43,13 +43,14 @@ from vip_factors.live.start import (
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.progress import silent
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.solve.chain_elimination import last_covariance
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
-from vip_factors.stages.solver import Solver, silent
+from vip_factors.stages.solver import Solver
 
 FRAMES = 30  # that tracking goes on from
 SETTLING_S = 9.0  # of data in which sensors in each other's places are looked for, and rivals of starts solved

@@ -18,6 +18,7 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.progress import silent
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.recording import Recording
@@ -29,7 +30,7 @@ from vip_factors.stages.fusion import FusionSolution, at_full_rate, fuse_in_roun
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames, find_start, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
-from vip_factors.stages.solver import Solver, silent
+from vip_factors.stages.solver import Solver
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
 # By which a start from nothing may differ from the calibration found before that is gone on from: nearer than to any

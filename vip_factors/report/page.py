@@ -25,6 +25,7 @@ from vip_factors.describe.table import joint_words
 from vip_factors.estimate import Estimate
 from vip_factors.io.live_json import VERSION
 from vip_factors.io.video import with_video
+from vip_factors.progress import ProgressCallback, silent
 from vip_factors.report import fit, movement
 from vip_factors.report.joint_angles import PAIRED, TRUNK, angle_section
 from vip_factors.report.motion_data import body_data, corners, mesh_data, motion_data, poses_data
@@ -35,8 +36,6 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.viz.images import png_bytes
 from vip_factors.viz.picture import pose_picture
 
-Progress = Callable[[str, float], None]
-"""Called with the name of the stage and the fraction of it that is done."""
 ROOM = "vip_factors.report"
 
 
@@ -58,7 +57,7 @@ def write_report(
     truth: Scene | None = None,
     settings: ReportSettings | None = None,
     overwrite: bool = False,
-    progress: Progress | None = None,
+    progress: ProgressCallback | None = None,
     video: bool | str | os.PathLike[str] = False,
 ) -> None:
     """Write an estimate as one HTML page, with a film beside it if one is wanted.
@@ -88,28 +87,24 @@ def write_report(
 
 
 def write_film(
-    data: ReportData, path: Path, settings: ReportSettings, overwrite: bool, progress: Progress | None
+    data: ReportData, path: Path, settings: ReportSettings, overwrite: bool, progress: ProgressCallback | None
 ) -> ShownFilm:
     """Write the film of a page; see :func:`write_report`."""
     from vip_factors.viz.film import film
 
     times, rate = film(
         data.drawn, path, settings.video_height, settings.video_seconds, overwrite=overwrite,
-        on_progress=progress or no_progress,
+        on_progress=progress or silent,
     )  # fmt: skip
     pace = float(times[-1] - times[0]) * rate / (len(times) - 1) if len(times) > 1 else 1.0
     return ShownFilm(path.name, float(times[0]), pace)
 
 
-def no_progress(stage: str, fraction: float) -> None:
-    """Tell nobody."""
-
-
 def report_page(
-    data: ReportData, settings: ReportSettings, progress: Progress | None = None, film: ShownFilm | None = None
+    data: ReportData, settings: ReportSettings, progress: ProgressCallback | None = None, film: ShownFilm | None = None
 ) -> str:
     """The page as HTML, which links to the film beside it; see :func:`write_report`."""
-    report_progress, wearers, sections = progress or no_progress, data.wearers, dict[str, object]()
+    report_progress, wearers, sections = progress or silent, data.wearers, dict[str, object]()
     with_camera = data.estimate.camera is not None
     makers: dict[str, Callable[[], object]] = {
         "angles": lambda: [angle_section(wearer) for wearer in wearers],

@@ -13,6 +13,7 @@ from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import Finding, MergedFindings
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.problem.scene import ExtraTerms
+from vip_factors.progress import ProgressCallback, silent
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings, flatten
@@ -20,7 +21,7 @@ from vip_factors.stages.drift import clock_findings, drift_findings
 from vip_factors.stages.filmed_window import CoarseWindow, solve_coarsely
 from vip_factors.stages.inertial_windows import numbered
 from vip_factors.stages.scene_calibration import SceneCalibration, calibrate_scene, fusion_solve_settings
-from vip_factors.stages.solver import ProgressCallback, Solver, silent
+from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each, WindowPlan, scene_plan
 

@@ -23,6 +23,7 @@ from vip_factors.initialise.sensor_faults import CLOCK_SECONDS
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.progress import ProgressCallback, silent
 from vip_factors.sensors.frames import ImuFrames, in_stretches
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
@@ -50,7 +51,7 @@ from vip_factors.stages.inertial_model import (
 )
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_checks import CorrectedSamples, sensor_corrections
-from vip_factors.stages.solver import ProgressCallback, Solver, silent
+from vip_factors.stages.solver import Solver
 from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each, WindowPlan

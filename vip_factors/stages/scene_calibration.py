@@ -17,6 +17,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.progress import silent
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.camera_path import CameraPath
@@ -37,7 +38,7 @@ from vip_factors.stages.inertial import InertialSolution, inertial_trackers
 from vip_factors.stages.reporting import at_nearest, scene_estimate, who_is_who
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.sensor_checks import Corrections, checked_scene, corrected_elsewhere
-from vip_factors.stages.solver import Solver, silent
+from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow
 from vip_factors.stages.windows import Each, WindowPlan
 

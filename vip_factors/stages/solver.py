@@ -9,14 +9,9 @@ from vip_factors.factor_graph.graph import optimise_with_gtsam
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.progress import ProgressCallback
 from vip_factors.settings import SolverName
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-
-ProgressCallback = Callable[[str, float], None]
-
-
-def silent(stage: str, fraction: float) -> None:
-    """Progress that nobody looks at; unlike a lambda, it may be sent to another process."""
 
 
 @dataclass

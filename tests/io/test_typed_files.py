@@ -26,6 +26,7 @@ class Lamp(msgspec.Struct, forbid_unknown_fields=True):
 class Street(msgspec.Struct, forbid_unknown_fields=True):
     lamps: list[Lamp]
     name: str | None = None
+    trees: dict[str, dict[str, Lamp | str]] = {}
 
 
 @pytest.mark.parametrize(
@@ -40,6 +41,8 @@ class Street(msgspec.Struct, forbid_unknown_fields=True):
         ("lamps = 3", "lamps: expected list, got whole number"),
         ("lamps = []\nname = 3", "name: expected text in quotes, got whole number"),
         ("lamps = []\nnam = 'x'", "unknown key 'nam'; did you mean 'name'"),
+        ("lamps = []\n[trees]\na.b = 'x'\noak.c = 'x'\noak.d.watts = 'y'", r"trees\.oak\.d\.watts: expected number"),
+        ("lamps = []\n[trees]\noak.c = 3", r"trees\.oak\.c: expected text in quotes or table, got whole number"),
         ("lamps = [", "expected a street"),
     ],
 )

@@ -40,7 +40,7 @@ from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, 
 from vip_factors.errors import InputError, nearest
 from vip_factors.estimate import WearerEstimate
 from vip_factors.io.placement_file import PlacementFile
-from vip_factors.io.typed_files import Number, Vector, convert_entries, correlation_matrix, read_toml, toml_text
+from vip_factors.io.typed_files import Number, Vector, correlation_matrix, read_toml, toml_text
 from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
@@ -142,11 +142,11 @@ class _Hinge(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 class _Content(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str
-    skeleton: dict[str, object]
-    lengths: dict[str, object]
-    correlations: dict[str, object]
-    landmarks: dict[str, object] = {}
-    hinges: dict[str, object] = {}
+    skeleton: dict[str, Vector]
+    lengths: dict[str, _Length]
+    correlations: dict[str, tuple[Number, ...]]
+    landmarks: dict[str, _Point] = {}
+    hinges: dict[str, _Hinge] = {}
     provenance: str = ""
 
 
@@ -161,18 +161,17 @@ def read_body_file(path: str | Path) -> BodyFile:
     path = Path(path)
     content = read_toml(path, _Content, "a body file (TOML; vip-factors body writes one)")
     skeleton = _skeleton(path, content)
-    hinges = convert_entries(path, "hinges", content.hinges, _Hinge)
     return BodyFile(
         content.name,
         skeleton,
         _length_prior(path, content, skeleton),
-        tuple(_hinge_estimate(path, joint, hinge) for joint, hinge in hinges.items()),
+        tuple(_hinge_estimate(path, joint, hinge) for joint, hinge in content.hinges.items()),
         content.provenance,
     )
 
 
 def _skeleton(path: Path, content: _Content) -> Skeleton:
-    joints: dict[str, Vector] = convert_entries(path, "skeleton", content.skeleton, Vector)  # type: ignore[arg-type]
+    joints = content.skeleton
     if (wrong := sorted(set(JOINT_NAMES) ^ set(joints))) != []:
         state = "unknown" if wrong[0] in joints else "missing"
         raise InputError(f"{path}: skeleton.{wrong[0]} is {state}: expected all of {', '.join(JOINT_NAMES)}")
@@ -188,7 +187,7 @@ def _skeleton(path: Path, content: _Content) -> Skeleton:
                 f"{path}: skeleton.{name} is not the mirror image of its right twin: expected both sides alike"
             )
     landmarks = {}
-    for name, point in convert_entries(path, "landmarks", content.landmarks, _Point).items():
+    for name, point in content.landmarks.items():
         if point.bone not in JOINT_NAMES:
             raise InputError(f"{path}: landmarks.{name}: unknown bone '{point.bone}'{nearest(point.bone, JOINT_NAMES)}")
         landmarks[name] = Landmark(joint_index(point.bone), np.array(point.p_m))
@@ -196,8 +195,7 @@ def _skeleton(path: Path, content: _Content) -> Skeleton:
 
 
 def _length_prior(path: Path, content: _Content, skeleton: Skeleton) -> LengthPrior:
-    lengths = convert_entries(path, "lengths", content.lengths, _Length)
-    rows = convert_entries(path, "correlations", content.correlations, tuple[Number, ...])
+    lengths, rows = content.lengths, content.correlations
     if set(rows) != set(lengths):
         raise InputError(f"{path}: correlations of {', '.join(rows) or 'nothing'}: expected one row for each length")
     of_skeleton = dict(zip(LENGTHS, lengths_of(skeleton), strict=True))

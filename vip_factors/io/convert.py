@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 import numpy as np
+from msgspec import structs
 
 from vip_factors.body.skeleton import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
@@ -264,7 +265,7 @@ def _given(options: ImportOptions) -> PlacementFile:
     named = ("subject", "stature_m", "mass_kg", "sex", "initial_pose")
     over = {name: getattr(options, name) for name in named if getattr(options, name) is not None}
     lengths = {**content.segment_lengths_m, **options.segment_lengths_m}
-    return replace(content, **over, segment_lengths_m=lengths)
+    return structs.replace(content, **over, segment_lengths_m=lengths)
 
 
 def _cut(imus: Mapping[str, ImuStream], options: ImportOptions, notes: list[str]) -> dict[str, ImuStream]:

@@ -18,7 +18,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import KEYPOINT_SETS, OFFSET_KEYPOINTS, KeypointOffsets
 from vip_factors.errors import InputError, nearest
-from vip_factors.io.typed_files import Vector, convert, convert_entries, read_toml
+from vip_factors.io.typed_files import Vector, convert, read_toml
 
 FARTHEST, WIDEST = 0.15, 0.2  # m: beyond which it is no keypoint of that joint
 
@@ -29,7 +29,7 @@ class _Offset(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _Set(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    offsets: dict[str, object]
+    offsets: dict[str, _Offset]
     people: int = 0
 
 
@@ -45,12 +45,11 @@ def read_keypoint_offsets(path: Path) -> dict[str, KeypointOffsets]:
     for name in content:
         if name not in KEYPOINT_SETS:
             raise InputError(f"{path}: unknown key '{name}'{nearest(name, KEYPOINT_SETS)}")
-    tables = convert_entries(path, "", content, _Set)
+    tables = convert(path, "", content, dict[str, _Set])
     return {name: _offsets(path, f"{name}.offsets", table.offsets) for name, table in tables.items()}
 
 
-def _offsets(path: Path, where: str, entries: dict[str, object]) -> KeypointOffsets:
-    offsets = convert_entries(path, where, entries, _Offset)
+def _offsets(path: Path, where: str, offsets: dict[str, _Offset]) -> KeypointOffsets:
     if (wrong := sorted(set(OFFSET_KEYPOINTS) ^ set(offsets))) != []:
         state = "unknown" if wrong[0] in offsets else "missing"
         raise InputError(f"{path}: {where}.{wrong[0]} is {state}: expected all of {', '.join(OFFSET_KEYPOINTS)}")

@@ -19,7 +19,7 @@ the sensors' names tell.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 from xml.etree import ElementTree
@@ -31,9 +31,8 @@ from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import BONE_ALIASES, JOINT_NAMES, Skeleton
 from vip_factors.errors import FileFormatError, InputError, nearest
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.geometry.rotations import Array
 from vip_factors.io.importers.shared import ImportedLog, site_of_name
-from vip_factors.io.typed_files import Number, Vector, convert, convert_entries, read_json, read_text, read_toml
+from vip_factors.io.typed_files import Number, Vector, convert, read_json, read_text, read_toml
 from vip_factors.sensors.calibration import (
     CARELESS_MOUNTING_SIGMA,
     PRESETS,
@@ -49,58 +48,16 @@ INITIAL_POSES = ("t-pose", "n-pose", "none")
 MOST_SENSORS = 1000
 
 
-@dataclass(frozen=True)
-class SensorEntry:
+class SensorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where one sensor sits: at a named site, or anywhere on a bone.
 
     Attributes:
         site: one of :data:`~vip_factors.sensors.calibration.SITES`, or None if a bone is given.
         bone: SMPL joint name or alias, or None if a site is given.
-        position_m: ``(3,)`` in the bone's frame; from the site, or the bone's joint, if None.
-        R_bone_sensor: ``(3, 3)`` mounting; from the site if None.
+        position_m: in the bone's frame; from the site, or the bone's joint, if None.
+        mounting_wxyz: ``R_bone_sensor`` as a quaternion; from the site if None.
         sigma_deg: of the mounting; 15° for a mounting that was given and 40° for one that was not, if None.
     """
-
-    site: str | None = None
-    bone: str | None = None
-    position_m: Array | None = None
-    R_bone_sensor: Array | None = None
-    sigma_deg: float | None = None
-
-    def on(self, skeleton: Skeleton, sensor: str) -> SensorSite:
-        """The sensor's site on a skeleton.
-
-        Raises:
-            InputError: for an unknown site or bone.
-        """
-        given = self.R_bone_sensor is not None
-        sigma = CARELESS_MOUNTING_SIGMA if given else STRAPPED_MOUNTING_SIGMA
-        if self.sigma_deg is not None:
-            sigma = float(np.deg2rad(self.sigma_deg))
-        if self.site is not None:
-            usual = sensor_site(self.site, skeleton, sensor)
-        else:
-            usual = SensorSite(sensor, str(self.bone), np.zeros(3), np.eye(3))
-        position = usual.p_bone_sensor if self.position_m is None else self.position_m
-        R = usual.R_bone_sensor if self.R_bone_sensor is None else self.R_bone_sensor
-        return SensorSite(sensor, usual.bone, position, R, sigma)
-
-
-@dataclass(frozen=True)
-class PlacementFile:
-    """Content of a placement file; everything is optional."""
-
-    subject: str | None = None
-    stature_m: float | None = None
-    mass_kg: float | None = None
-    sex: str | None = None
-    initial_pose: str | None = None
-    segment_lengths_m: Mapping[str, float] = field(default_factory=dict)
-    sensors: Mapping[str, SensorEntry] = field(default_factory=dict)
-
-
-class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Entry of a sensor; the fields are those of :class:`SensorEntry`."""
 
     site: str | None = None
     bone: str | None = None
@@ -108,17 +65,36 @@ class _Entry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mounting_wxyz: tuple[Number, Number, Number, Number] | None = None
     sigma_deg: Annotated[float, msgspec.Meta(gt=0, le=180)] | None = None
 
+    def on(self, skeleton: Skeleton, sensor: str) -> SensorSite:
+        """The sensor's site on a skeleton.
 
-class _Content(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Content of the file; the fields are those of :class:`PlacementFile`."""
+        Raises:
+            InputError: for an unknown site or bone, or a quaternion that is not of unit length.
+        """
+        sigma = STRAPPED_MOUNTING_SIGMA if self.mounting_wxyz is None else CARELESS_MOUNTING_SIGMA
+        if self.sigma_deg is not None:
+            sigma = float(np.deg2rad(self.sigma_deg))
+        if self.site is not None:
+            usual = sensor_site(self.site, skeleton, sensor)
+        else:
+            usual = SensorSite(sensor, str(self.bone), np.zeros(3), np.eye(3))
+        position = usual.p_bone_sensor if self.position_m is None else np.array(self.position_m)
+        R = usual.R_bone_sensor
+        if self.mounting_wxyz is not None:
+            R = matrix_from_quaternion(np.array(self.mounting_wxyz), Order.WXYZ)
+        return SensorSite(sensor, usual.bone, position, R, sigma)
+
+
+class PlacementFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Content of a placement file; everything is optional."""
 
     subject: str | None = None
     stature_m: Number | None = None
     mass_kg: Number | None = None
     sex: str | None = None
     initial_pose: str | None = None
-    segment_lengths_m: dict[str, object] = {}
-    sensors: dict[str, object] = {}
+    segment_lengths_m: dict[str, Number] = {}
+    sensors: dict[str, SensorEntry] = {}
 
 
 def placement_from_file(path: str | Path) -> PlacementFile:
@@ -132,40 +108,36 @@ def placement_from_file(path: str | Path) -> PlacementFile:
     if path.suffix.lower() == ".xml":
         return PlacementFile(sensors={name: SensorEntry(site) for name, site in sites_of_mappings(path).items()})
     read = read_json if path.suffix.lower() == ".json" else read_toml
-    content = read(path, _Content, "a placement file (TOML or JSON with [sensors] …)")
+    table = read(path, dict[str, object], "a placement file (TOML or JSON with [sensors] …)")
+    entries = table.get("sensors")
+    if isinstance(entries, dict):  # text stands for a table with a site
+        table["sensors"] = {name: {"site": site} if isinstance(site, str) else site for name, site in entries.items()}
+    content = convert(path, "", table, PlacementFile)
     pose = content.initial_pose
     if pose is not None and pose not in INITIAL_POSES:
         raise InputError(f"{path}: initial_pose '{pose}'{nearest(pose, INITIAL_POSES)}")
     if len(content.sensors) > MOST_SENSORS:
         raise InputError(f"{path}: {len(content.sensors)} sensors: expected at most {MOST_SENSORS} on a body")
-    return PlacementFile(
-        content.subject,
-        content.stature_m,
-        content.mass_kg,
-        content.sex,
-        content.initial_pose,
-        convert_entries(path, "segment_lengths_m", content.segment_lengths_m, Number),
-        {name: _sensor_entry(path, f"sensors.{name}", entry) for name, entry in content.sensors.items()},
-    )
+    for name, entry in content.sensors.items():
+        _check_entry(f"{path}: sensors.{name}", entry)
+    return content
 
 
-def _sensor_entry(path: Path, where: str, value: object) -> SensorEntry:
-    entry = convert(path, where, {"site": value} if isinstance(value, str) else value, _Entry)
+def _check_entry(where: str, entry: SensorEntry) -> None:
     if (entry.site is None) == (entry.bone is None):
-        raise InputError(f"{path}: {where}: expected either a site, such as 'left_thigh', or a bone")
+        raise InputError(f"{where}: expected either a site, such as 'left_thigh', or a bone")
     if entry.site is not None and entry.site not in SITES:
-        raise InputError(f"{path}: {where}: unknown site '{entry.site}'{nearest(entry.site, SITES)}")
+        raise InputError(f"{where}: unknown site '{entry.site}'{nearest(entry.site, SITES)}")
     bones = [*JOINT_NAMES, *BONE_ALIASES]
     if entry.bone is not None and entry.bone not in bones:
-        raise InputError(f"{path}: {where}: unknown bone '{entry.bone}'{nearest(entry.bone, bones)}")
+        raise InputError(f"{where}: unknown bone '{entry.bone}'{nearest(entry.bone, bones)}")
     if entry.bone is not None and entry.mounting_wxyz is None:
-        raise InputError(f"{path}: {where}: a bone needs mounting_wxyz too, R_bone_sensor as a quaternion w, x, y, z")
-    try:
-        R = None if entry.mounting_wxyz is None else matrix_from_quaternion(np.array(entry.mounting_wxyz), Order.WXYZ)
-    except InputError as error:
-        raise InputError(f"{path}: {where}.mounting_wxyz: {error}") from error
-    position = None if entry.position_m is None else np.array(entry.position_m)
-    return SensorEntry(entry.site, entry.bone, position, R, entry.sigma_deg)
+        raise InputError(f"{where}: a bone needs mounting_wxyz too, R_bone_sensor as a quaternion w, x, y, z")
+    if entry.mounting_wxyz is not None:
+        try:
+            matrix_from_quaternion(np.array(entry.mounting_wxyz), Order.WXYZ)
+        except InputError as error:
+            raise InputError(f"{where}.mounting_wxyz: {error}") from error
 
 
 def sites_of_mappings(path: Path) -> dict[str, str]:
@@ -287,7 +259,7 @@ def _of_user(
         )
     return [
         _mounted(entry.on(skeleton, sensor), of_log)
-        if entry.R_bone_sensor is None and entry.sigma_deg is None
+        if entry.mounting_wxyz is None and entry.sigma_deg is None
         else entry.on(skeleton, sensor)
         for sensor, entry in entries.items()
         if sensor in log.imus

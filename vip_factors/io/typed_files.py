@@ -6,7 +6,7 @@ too deep are refused before they are parsed.
 
 import json
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from enum import EnumType
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
@@ -69,7 +69,7 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
         return msgspec.convert(value, kind, dec_hook=_path)
     except msgspec.ValidationError as error:
         message, _, place = str(error).partition(" - at `$")
-        place = (where + place.rstrip("`")).lstrip(".")
+        place = (where + _named_place(value, kind, place.rstrip("`"))).lstrip(".")
         unknown = re.fullmatch(r"Object contains unknown field `(.*)`", message, re.DOTALL)
         missing = re.fullmatch(r"Object missing required field `(.*)`", message)
         if unknown is not None:
@@ -101,9 +101,31 @@ def _choices(kind: object) -> list[str]:
     return [choice for part in get_args(kind) for choice in _choices(part)]
 
 
-def convert_entries(path: Path, where: str, table: Mapping[str, object], kind: type[Declared]) -> dict[str, Declared]:
-    """Convert each value of a table whose keys are free, as :func:`convert` does."""
-    return {name: convert(path, _key(where, name), value, kind) for name, value in table.items()}
+def _named_place(value: object, kind: object, place: str) -> str:
+    """Place of an error with the keys of free tables, which msgspec writes as ``[...]``.
+
+    The entries of such a table are tried one at a time; the table is left with the wrong one alone.
+    """
+    named, table = "", value
+    for field, index in re.findall(r"\.([^.\[]+)|\[(\d+|\.\.\.)\]", place):
+        name = field or index
+        if index == "..." and isinstance(table, dict):
+            for name, entry in dict(table).items():
+                table.clear()
+                table[name] = entry
+                if not _converts(value, kind):
+                    break
+        named += f"[{name}]" if isinstance(table, list) else f".{name}"
+        table = table[int(name)] if isinstance(table, list) else table[name] if isinstance(table, dict) else None
+    return named
+
+
+def _converts(value: object, kind: object) -> bool:
+    try:
+        msgspec.convert(value, kind, dec_hook=_path)
+    except msgspec.ValidationError:
+        return False
+    return True
 
 
 def _key(where: str, name: str) -> str:

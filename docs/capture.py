@@ -220,7 +220,7 @@ def capture_live_page(browser: Browser, folder: Path) -> None:
     """The page of a stream while it goes on."""
     path = folder / "live.mcap"
     command("simulate", "gestures", path, *LIVE)
-    words = [sys.executable, "-m", "vip_factors", "stream", path, "--real-time", "--web", str(PORT)]
+    words = [sys.executable, "-m", "vip_factors", "stream", path, "--web", str(PORT)]
     with Popen(words, stdout=DEVNULL, stderr=DEVNULL) as stream:
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
         while True:
@@ -228,9 +228,12 @@ def capture_live_page(browser: Browser, folder: Path) -> None:
                 tab.goto(f"http://127.0.0.1:{PORT}/")
                 break
             except Error:  # it does not listen yet
+                if stream.poll() is not None:
+                    raise
                 sleep(0.2)
         while float((tab.locator("#clock").text_content() or "0").strip(" s") or 0) < SHOWN_S:
             tab.wait_for_timeout(100)
+        tab.get_by_role("button", name="front").click()
         tab.screenshot(path=DOCS / "live-page.png")
         stream.terminate()
 

@@ -54,8 +54,7 @@ FENCED = {
     "tyro": {"cli"},
     "rich": {"cli"},
     "distributed": {"cli"},
-    "fsspec": {"cli"},
-    "psutil": {"cli"},
+    "upath": {"cli"},
 }
 
 

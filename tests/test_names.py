@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from vip_factors.cli.multi_file import Row, write_summary
 from vip_factors.names import one_line, table_cell
-from vip_factors.report.overview import Row, write_overview
 
 
 @pytest.mark.parametrize("name", ["=1+1", "+49", "-2", "@sum", "\t=1", "\r=1", "=a,b\nc", '="x"'])
@@ -27,6 +27,6 @@ def test_lines_end_only_where_they_should() -> None:
 
 
 def test_the_table_of_many_files_holds_no_formula(tmp_path: Path) -> None:
-    write_overview("=1", [Row("=cmd()", "@out", "done", findings=("+1", "b\nc"), error="-1\tx")], tmp_path / "a.csv")
+    write_summary([Row("=cmd()", "@out", "done", findings=("+1", "b\nc"), error="-1\tx")], tmp_path / "a.csv")
     (row,) = csv.DictReader((tmp_path / "a.csv").read_text().splitlines())
     assert [row[name] for name in ("input", "output", "findings", "error")] == ["'=cmd()", "'@out", "'+1; b c", "'-1 x"]

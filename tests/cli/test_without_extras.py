@@ -13,11 +13,11 @@ EXTRAS = (
     "av",
     "distributed",
     "ezc3d",
-    "fsspec",
     "onnxruntime",
     "pygltflib",
     "pylsl",
     "pythonosc",
+    "upath",
     "websockets",
 )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import ManyOptions, Output
+from vip_factors.cli.options import Output, WritingOptions
 from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class EvaluateOptions(ManyOptions):
+class EvaluateOptions(WritingOptions):
     """Compare an estimate with the truth: positions, orientations, path, headings, mountings, honesty.
 
     Of scenes also the camera, who was assigned to what, and how the wearers stand to each other. The first five

@@ -6,14 +6,14 @@ from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.options import UNPREFIXED, ManyOptions
+from vip_factors.cli.options import UNPREFIXED, WritingOptions
 from vip_factors.cli.terminal import note, say, waiting
 from vip_factors.errors import InputError
 from vip_factors.io.settings import ExportSettings
 
 
 @dataclass(frozen=True)
-class ExportOptions(ManyOptions):
+class ExportOptions(WritingOptions):
     """Write an estimate into files of other programs; the suffix tells the format.
 
     .bvh, .glb and .fbx (through Blender) are for animation programs; .npz holds poses as AMASS has them, .pkl poses,

@@ -90,14 +90,12 @@ def _dispatched(words: Sequence[str]) -> int:
     try:
         if not words or words[0] not in COMMANDS:
             _run_without_command(words)
-        from vip_factors.cli.many_tasks import is_many
+        from vip_factors.cli import multi_file
         from vip_factors.cli.options import run_command
 
         command, *words = words
-        if is_many(command, words):
-            from vip_factors.cli import many
-
-            return many.main(command, f"{PROGRAM} {command}", words)
+        if multi_file.is_multi_file(command, words):
+            return multi_file.main(command, f"{PROGRAM} {command}", words)
         run_command(command, f"{PROGRAM} {command}", words)
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0

@@ -143,14 +143,14 @@ class WritingOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class ManyOptions(WritingOptions):
-    """Options of the commands that work on folders, globs and lists (@list.txt) of files too."""
+    """Options of the commands that work on folders and globs of recordings too."""
 
     jobs: Annotated[int, Range(least=1)] = 1
-    """Processes at a time, for many files or long ones."""
+    """Processes at a time, for many recordings or long ones."""
     cluster: str | None = None
     """Dask scheduler: tcp://host:8786, or its file."""
     summary: Annotated[Path | None, Output()] = None
-    """Table (.csv) of many files, and page beside it."""
+    """Table (.csv) of many recordings."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import UNPREFIXED, FailOn, ManyOptions, Output, beside, fail_on
+from vip_factors.cli.options import UNPREFIXED, FailOn, Output, WritingOptions, beside, fail_on
 from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.errors import InputError
 from vip_factors.report.settings import ReportSettings
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class ReportOptions(ManyOptions):
+class ReportOptions(WritingOptions):
     """Write an estimate as one HTML page: what was found, how sure it is, what it means, and the motion to turn around.
 
     The page needs no network. With the recording it also tells of sensors, gaps and video.

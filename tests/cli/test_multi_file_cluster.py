@@ -2,7 +2,6 @@
 
 import csv
 import os
-import shutil
 import signal
 import subprocess
 import sys
@@ -12,8 +11,6 @@ from pathlib import Path
 
 import pytest
 from cli.conftest import SMALL
-
-from vip_factors.cli.main import main
 
 BUCKET = "s3://lab"
 START_S = 120.0  # for servers to come up on a busy machine
@@ -28,19 +25,16 @@ def until(true: Callable[[], object], what: str) -> None:
 
 @pytest.fixture
 def scheduler(tmp_path: Path) -> Iterator[Path]:
-    """A scheduler and four workers, one of which has hardly any memory; the file that tells its address."""
+    """A scheduler and four workers; the file that tells its address."""
     distributed = pytest.importorskip("distributed")
     file = tmp_path / "scheduler.json"
     dask, common = [sys.executable, "-m", "dask"], ["--no-dashboard", "--scheduler-file", str(file)]
     environment = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": "600s"}  # a machine may be busy
-    # A worker takes some memory itself: that of its children alone is to matter.
-    environment |= {f"DASK_DISTRIBUTED__WORKER__MEMORY__{what}": "False" for what in ("PAUSE", "TERMINATE")}
     started = [subprocess.Popen([*dask, "scheduler", "--port", "0", "--host", "127.0.0.1", *common], env=environment)]
     try:
         until(file.exists, "no scheduler")
         for number in range(4):
-            limit = "150MB" if number == 0 else "4GB"  # a child that has but imported NumPy takes 100 MB
-            words = ["worker", *common, "--nthreads", "1", "--name", f"w{number}", "--memory-limit", limit]
+            words = ["worker", *common, "--nthreads", "1", "--name", f"w{number}"]
             started.append(subprocess.Popen([*dask, *words, "--local-directory", str(tmp_path)], env=environment))
         with distributed.Client(scheduler_file=str(file)) as client:
             client.wait_for_workers(4, timeout=START_S)
@@ -101,13 +95,10 @@ def test_files_on_s3_are_fetched_and_put_back(run, files, s3: Path, tmp_path: Pa
     assert told.code == 0, told.err
     assert sorted(uploads(s3, ".estimate.mcap")) == ["out/b.estimate.mcap", "out/monday/a.estimate.mcap"]
     assert "0 done, 2 there already" in run(*words).out
-    told = run("report", f"{BUCKET}/out/**/*.estimate.mcap", "--recording", f"{BUCKET}/in", "--summary", summary)
-    assert told.code == 0, told.err
-    assert system.exists("lab/out/monday/a.estimate.html")
 
 
 @pytest.mark.slow
-def test_killed_and_starved_workers_lose_nothing(files, s3: Path, scheduler: Path, tmp_path: Path) -> None:
+def test_killed_workers_lose_nothing(files, s3: Path, scheduler: Path, tmp_path: Path) -> None:
     """Sixteen recordings, or as many as VIP_FACTORS_MANY says; each is put in place once."""
     import fsspec
 
@@ -133,7 +124,6 @@ def test_killed_and_starved_workers_lose_nothing(files, s3: Path, scheduler: Pat
     assert code == 0, [row["error"] for row in rows if row["error"]]
     assert len({row["input"] for row in rows}) == len(rows) == count
     assert len(uploads(s3, ".estimate.mcap")) == len(set(uploads(s3, ".estimate.mcap"))) == count
-    assert "it took more than its share of its worker's (0.15 GB); once more" in told.read_text()
 
 
 def kill_at_work(scheduler: Path, name: str) -> None:
@@ -152,19 +142,3 @@ def kill_at_work(scheduler: Path, name: str) -> None:
         assert client.processing([before])[before]
         os.kill(number, signal.SIGKILL)
         until(lambda: address() != before, f"{name} lives")
-
-
-@pytest.mark.slow
-def test_a_recording_that_fits_no_worker_is_told(files, scheduler: Path, tmp_path: Path) -> None:
-    from distributed import Client
-
-    (tmp_path / "in").mkdir()
-    shutil.copy(files.recording, tmp_path / "in" / "a.mcap")
-    with Client(scheduler_file=str(scheduler)) as client:
-        workers = client.scheduler_info(n_workers=-1)["workers"]
-        client.retire_workers([address for address, info in workers.items() if info["name"] != "w0"])
-    assert main(["smooth", str(tmp_path / "in"), "--cluster", str(scheduler), *SMALL]) != 0
-    with open(tmp_path / "in" / "smooth.summary.csv", newline="", encoding="utf-8") as file:
-        (row,) = csv.DictReader(file)
-    assert "out of memory" in row["error"]
-    assert not (tmp_path / "in" / "a.estimate.mcap").exists()

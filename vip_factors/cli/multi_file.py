@@ -1,0 +1,188 @@
+"""``smooth`` and ``stream`` over many recordings: an estimate for each, and one table of all.
+
+Estimates that are there are kept, so that a run that was interrupted continues; a recording that cannot be used costs
+itself alone.
+"""
+
+import csv
+import time
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Future, as_completed
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields, replace
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+from vip_factors.atomic import atomic_open
+from vip_factors.cli.options import FAILED as DOUBTED
+from vip_factors.cli.options import options_of, parse
+from vip_factors.cli.storage import fetched, is_several, is_url, location, put, reaching, recordings
+from vip_factors.cli.terminal import note, progress_bar, say
+from vip_factors.cli.workers import run_child, workers, working_folder
+from vip_factors.errors import InputError, VipFactorsError
+from vip_factors.findings import Severity
+from vip_factors.names import table_cell
+
+ENDINGS = {"smooth": ".estimate.mcap", "stream": ".live.estimate.mcap"}
+DONE, THERE, FAILED = "done", "there already", "failed"
+
+
+@dataclass(frozen=True)
+class Task:
+    """A recording, its estimate, and the words of the command that makes it, anew if it may be overwritten."""
+
+    source: Path
+    output: Path
+    words: tuple[str, ...]
+    overwrite: bool
+
+
+@dataclass(frozen=True)
+class Row:
+    """What became of one recording.
+
+    Attributes:
+        state: done, there already, or failed.
+        verdict: GOOD, CARE or DOUBT, and what decides; empty if it is not known.
+        frames: number of frames of all wearers.
+        seconds: time that the work took.
+    """
+
+    input: str
+    output: str
+    state: str = FAILED
+    exit_code: int = 2
+    verdict: str = ""
+    findings: tuple[str, ...] = ()
+    frames: int = 0
+    seconds: float = 0.0
+    error: str = ""
+
+
+def is_multi_file(command: str, words: Sequence[str]) -> bool:
+    """Whether a command is asked to work on many recordings, or on such that are elsewhere."""
+    if command not in ENDINGS or any(word in ("-h", "--help") for word in words):
+        return False
+    options = {word.partition("=")[0] for word in words}
+    if "--summary" in options or (command != "smooth" and options & {"--jobs", "--cluster"}):
+        return True
+    return any(map(is_several, _names(words))) or is_url(_taken(words, "--out")[0] or "")
+
+
+def main(command: str, prog: str, words: Sequence[str]) -> int:
+    """Run a command over many recordings; what fails is told, and the rest goes on.
+
+    Returns:
+        The worst exit code.
+
+    Raises:
+        InputError: for options that do not fit, or where there is nothing to work on.
+    """
+    names = _names(words)
+    out, rest = _taken(words[len(names) :], "--out")
+    options = parse(options_of(command), prog, ["some.mcap", *rest])
+    for option in ("--jobs", "--cluster", "--summary", "--fail-on"):
+        rest = _taken(rest, option)[1]
+    files, rows, begun = _files(names, out, ENDINGS[command]), dict[Path, Row](), time.monotonic()
+    tasks = [Task(source, output, (command, *rest), options.overwrite) for output, source in files.items()]
+    folder = out or next((name for name in names if Path(name).is_dir()), ".")
+    summary = options.summary or Path("." if is_url(folder) else folder) / f"{command}.summary.csv"
+    try:
+        with workers(options.jobs, options.cluster) as submit, progress_bar() as progress:
+            futures: dict[Future[Row], Task] = {submit(work, task): task for task in tasks}
+            for future in as_completed(futures):
+                task = futures[future]
+                row = rows[task.output] = _row_of(future, task)
+                if row.error:
+                    note(f"note: {row.input}: {row.error}")
+                progress(f"{len(rows)} of {len(tasks)} recordings", len(rows) / len(tasks))
+    finally:
+        if rows:
+            write_summary((rows[output] for output in files if output in rows), summary)
+    states = [row.state for row in rows.values()]
+    counts = ", ".join(f"{states.count(state)} {state}" for state in (DONE, THERE, FAILED))
+    say(f"{len(rows)} recordings in {time.monotonic() - begun:.0f} s: {counts}\n{summary}")
+    levels = [Severity(row.verdict.partition(",")[0].lower()) for row in rows.values() if row.verdict]
+    limit = options.fail_on
+    is_bad = limit != "never" and any(level.reaches(Severity(limit)) for level in levels)
+    return max([DOUBTED * is_bad, *(row.exit_code for row in rows.values())])
+
+
+def _files(names: Sequence[str], out: str | None, ending: str) -> dict[Path, Path]:
+    """Recordings by the estimates that are made of them."""
+    sources = dict[Path, Path]()
+    for source, root in recordings(names):
+        stem = str(source.relative_to(root)).removesuffix(".mcap")
+        output = (root if out is None else location(out)) / (stem + ending)
+        if (other := sources.setdefault(output, source)) != source:
+            raise InputError(f"{other} and {source} would both be written to {output}: give them in two runs")
+    if not sources:
+        raise InputError(f"no recordings (*.mcap) in {', '.join(names) or 'nothing'}")
+    return sources
+
+
+def write_summary(rows: Iterable[Row], path: Path) -> None:
+    """Write the table (.csv), over one that is there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_open(path, overwrite=True) as file:
+        table = csv.DictWriter(file, [field.name for field in fields(Row)])
+        table.writeheader()
+        for row in rows:
+            cells = asdict(row) | {"findings": "; ".join(row.findings), "seconds": f"{row.seconds:.1f}"}
+            table.writerow({name: table_cell(str(cell)) for name, cell in cells.items()})
+
+
+def _row_of(future: "Future[Row]", task: Task) -> Row:
+    try:
+        return future.result()
+    except Exception as error:  # of the cluster: a worker that is lost again and again, say
+        return Row(str(task.source), str(task.output), exit_code=1, error=f"{type(error).__name__}: {error}")
+
+
+def work(task: Task, is_stopped: Callable[[], bool] = lambda: False) -> Row:
+    """Do a task, if its estimate is not there."""
+    row, begun = Row(str(task.source), str(task.output)), time.monotonic()
+    try:
+        with reaching(task.source):
+            if not task.overwrite and task.output.exists():
+                return replace(row, state=THERE, exit_code=0, **_facts(task.output))
+            with working_folder() as folder:
+                words = [*task.words, "--out", str(folder / "made.mcap")]
+                words.insert(1, str(fetched(task.source, folder)))
+                code, error = run_child(words, folder, is_stopped)
+                row = replace(row, exit_code=code, error=error)
+                if code == 0:
+                    put(folder / "made.mcap", task.output)
+                    row = replace(row, state=DONE, **_facts(folder / "made.mcap"))
+    except (VipFactorsError, OSError) as failure:
+        row = replace(row, error=" ".join(str(failure).split()))
+    return replace(row, seconds=time.monotonic() - begun)
+
+
+def _facts(path: Path) -> dict[str, Any]:
+    """Verdict, findings and frames of an estimate's file; nothing of one that is elsewhere or cannot be read."""
+    from vip_factors.io.mcap_estimate import read_head
+
+    if isinstance(path, Path):
+        with suppress(VipFactorsError, OSError):
+            head, frames = read_head(path)
+            return {"verdict": str(head.verdict), "findings": tuple(map(str, head.all_findings)), "frames": frames}
+    return {}
+
+
+def _names(words: Sequence[str]) -> list[str]:
+    """The words before the first option."""
+    return list(takewhile(lambda word: not word.startswith("-"), words))
+
+
+def _taken(words: Sequence[str], option: str) -> tuple[str | None, list[str]]:
+    """The last value of ``--option value`` or ``--option=value``, and the words without it."""
+    value, rest, iterator = None, list[str](), iter(words)
+    for word in iterator:
+        name, equals, text = word.partition("=")
+        if name == option:
+            value = text if equals else next(iterator, None)
+        else:
+            rest.append(word)
+    return value, rest

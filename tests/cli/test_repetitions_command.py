@@ -16,7 +16,6 @@ from vip_factors.repetitions.files import write_repetitions
 from vip_factors.repetitions.repetitions import all_repetitions
 from vip_factors.report.page import report_page
 from vip_factors.report.report_data import report_data
-from vip_factors.report.settings import ReportSettings
 
 KINDS = ("squat", "squat", "jump")
 
@@ -51,8 +50,8 @@ def test_two_of_one_name_are_refused(made: Estimate, tmp_path: Path) -> None:
 
 
 def test_the_report_has_a_section_only_of_those_who_exercise(made: Estimate) -> None:
-    text = report_page(report_data(made), ReportSettings())
+    text = report_page(report_data(made))
     assert "<p>2 squats, 1 jump.</p>" in text
     assert text.count("<td>squat</td>") == 2
     standing = Estimate.of_one(WearerEstimate("a", "SIP", walk(0.5), {}))
-    assert 'id="repetitions"' not in report_page(report_data(standing), ReportSettings())
+    assert 'id="repetitions"' not in report_page(report_data(standing))

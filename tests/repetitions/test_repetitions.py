@@ -12,7 +12,6 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import PoseCovariance, WearerEstimate
-from vip_factors.repetitions.files import table
 from vip_factors.repetitions.repetitions import Repetition
 from vip_factors.simulate.gestures import gestures
 
@@ -42,7 +41,6 @@ def test_each_is_found_once(found: Sequence[Repetition]) -> None:
         assert one.start == pytest.approx(BEGIN + number * CYCLE, abs=0.3)
         assert one.start < one.turn < one.end < one.start + CYCLE
     assert {one.side for one in found if one.kind == "lunge"} == {"left"}
-    assert table(found).count("\n") == len(found)
 
 
 def test_they_are_counted_by_kind(motion: Motion) -> None:
@@ -76,7 +74,6 @@ def test_height_of_jumps(found: Sequence[Repetition]) -> None:
 def test_without_a_covariance_nothing_is_said_of_spreads() -> None:
     one = found_in(exercises(("squat",) * 2))[0]
     assert np.isnan(one.depth_m.sigma)
-    assert "±" not in table([one])
 
 
 def test_one_bow_is_no_exercise() -> None:

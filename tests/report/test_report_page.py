@@ -14,11 +14,12 @@ from scene_sample import Injected, estimate_of, scene_sample
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding, bare
+from vip_factors.report.motion_data import motion_data
 from vip_factors.report.page import report_page, write_report
 from vip_factors.report.report_data import report_data
-from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.calibration import Placement, SensorCalibration
 from vip_factors.sensors.scene import Scene, Video
+from vip_factors.simulate.gestures import gestures
 
 ALWAYS = {"summary", "motion-section", "angles", "fit", "found", "recorded", "made"}
 ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
@@ -72,7 +73,7 @@ class Page(HTMLParser):
 
 
 def page_of(estimate: Estimate, scene: Scene | None = None) -> str:
-    return report_page(report_data(estimate, scene), ReportSettings())
+    return report_page(report_data(estimate, scene))
 
 
 def motion_of(text: str) -> dict:
@@ -169,9 +170,13 @@ def test_nothing_is_asked_of_a_network(estimate: Estimate, scene: Scene) -> None
     assert "iframe" not in page.elements
 
 
-def test_long_motions_are_thinned(estimate: Estimate) -> None:
-    text = report_page(report_data(estimate), ReportSettings(most_poses=10))
-    assert motion_of(text)["frames"] == 5
+def test_long_motions_are_thinned() -> None:
+    motion = gestures(0.5)
+    every = np.arange(40_000) % len(motion)
+    long = replace(motion, R_parent_child=motion.R_parent_child[every], p_world_pelvis=motion.p_world_pelvis[every])
+    shown = motion_data(report_data(Estimate.of_one(WearerEstimate("long", "SIP", long, {}))))
+    assert shown["frames"] == 9000
+    assert shown["rate"] == pytest.approx(motion.rate * 8999 / 39_999)
 
 
 def test_the_file_is_written_whole_and_never_by_accident(estimate: Estimate, tmp_path: Path) -> None:

@@ -28,15 +28,17 @@ class RepetitionOptions(WritingOptions):
 
 def main(options: RepetitionOptions) -> None:
     """Run the command."""
+    from vip_factors.cli.tables import print_tables
     from vip_factors.io.mcap_estimate import read_estimate
-    from vip_factors.repetitions.files import table, write_repetitions
+    from vip_factors.repetitions.files import repetition_table, write_repetitions
     from vip_factors.repetitions.repetitions import all_repetitions
 
     with waiting(f"reading {options.estimate.name}"):
-        found = all_repetitions(read_estimate(options.estimate), options.settings)
-    for one in found:
-        say(one.summary()[0])
-        if one.repetitions:
-            say(table(one.repetitions))
-    for path in write_repetitions(found, options.out or beside(options.estimate, ".repetitions"), options.overwrite):
+        wearers = all_repetitions(read_estimate(options.estimate), options.settings)
+    for wearer in wearers:
+        if wearer.repetitions:
+            print_tables([repetition_table(wearer)])
+        else:
+            say(wearer.summary()[0])
+    for path in write_repetitions(wearers, options.out or beside(options.estimate, ".repetitions"), options.overwrite):
         say(path)

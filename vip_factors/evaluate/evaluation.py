@@ -52,8 +52,6 @@ from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene, SceneTruth
 from vip_factors.summarised import Summarised
 
-SHOWN = 3  # names of sensors in a sentence
-
 
 class EvaluationWarning(UserWarning):
     """Something that could not be compared, and why."""
@@ -164,7 +162,8 @@ def evaluate(
 
 
 def _some(names: Collection[str]) -> str:
-    return ", ".join(list(names)[:SHOWN]) + (" …" if len(names) > SHOWN else "")
+    shown = 3  # names of sensors in a sentence
+    return ", ".join(list(names)[:shown]) + (" …" if len(names) > shown else "")
 
 
 def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:

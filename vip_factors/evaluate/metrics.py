@@ -102,15 +102,15 @@ def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion, slic
 
 
 MM, CM = 1e3, 1e2
-LEAST_JOINTS = 3  # fewer fix no alignment
 
 
 def align_frames(estimate: Motion, truth: Motion, scale: bool = False, compared: Compared = EVERYTHING) -> Alignment:
     """Rigid motion (or similarity) of every frame that takes the estimate's 14 joints onto the truth's."""
     _same_frames(estimate, truth)
     joints = compared.positions(POSITION_JOINTS)
-    if len(joints) < LEAST_JOINTS:
-        raise InputError(f"the truth knows {len(joints)} of the compared joints: expected at least {LEAST_JOINTS}")
+    least_joints = 3  # fewer fix no alignment
+    if len(joints) < least_joints:
+        raise InputError(f"the truth knows {len(joints)} of the compared joints: expected at least {least_joints}")
     align = align_similarity if scale else align_rigid
     return align(estimate.state.p_world_joint[:, joints], truth.state.p_world_joint[:, joints])
 
@@ -191,8 +191,6 @@ def _same_frames(estimate: Motion, truth: Motion) -> None:
 
 
 CHUNK = 100  # frames, as WHAM and its successors take
-STILL_M = 0.01  # per frame: a true foot slower than this stands
-PATH_MIN_M = 0.1  # a root that moves less has no path to take a percentage of
 
 
 def root_translation_error(estimate: Motion, truth: Motion) -> tuple[float, float]:
@@ -203,7 +201,8 @@ def root_translation_error(estimate: Motion, truth: Motion) -> tuple[float, floa
     points, reference = estimate.state.p_world_joint[:, 0], truth.state.p_world_joint[:, 0]
     error = np.linalg.norm(align_rigid(points, reference).apply(points) - reference, axis=-1).mean()
     length = np.linalg.norm(np.diff(reference, axis=0), axis=-1).sum()
-    return float(CM * error), float(100 * error / length) if length > PATH_MIN_M else float("nan")
+    path_min_m = 0.1  # a root that moves less has no path to take a percentage of
+    return float(CM * error), float(100 * error / length) if length > path_min_m else float("nan")
 
 
 def yaw_aligned_position_error(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
@@ -259,12 +258,9 @@ def foot_sliding(estimate: Motion, truth: Motion, compared: Compared = EVERYTHIN
     moved, reference = (
         np.linalg.norm(np.diff(motion.state.p_world_joint[:, feet], axis=0), axis=-1) for motion in (estimate, truth)
     )
-    still = reference < STILL_M
+    still_m = 0.01  # per frame: a true foot slower than this stands
+    still = reference < still_m
     return float(MM * moved[still].mean()) if np.any(still) else float("nan")
-
-
-STANCE_SPEED, STANCE_HEIGHT = 0.08, 0.04  # m/s, and m above the lowest: a true heel or ball that is below both stands
-STANCE_S = 0.3  # over which slide is measured: at single frames it would be noise
 
 
 @dataclass(frozen=True)
@@ -295,8 +291,11 @@ def stance(motion: Motion, truth: Motion, compared: Compared = EVERYTHING) -> St
     points, reference = np.stack(own, axis=1), np.stack(true, axis=1)
     speed = np.linalg.norm(np.gradient(reference, 1 / truth.rate, axis=0), axis=-1)
     ground = np.quantile(reference[..., 2].min(axis=1), 0.1)
-    stands = (speed < STANCE_SPEED) & (reference[..., 2] < ground + STANCE_HEIGHT)
-    step = max(round(STANCE_S * truth.rate), 1)
+    # m/s, and m above the lowest: a true heel or ball that is below both stands.
+    stance_speed, stance_height = 0.08, 0.04
+    stands = (speed < stance_speed) & (reference[..., 2] < ground + stance_height)
+    stance_s = 0.3  # over which slide is measured: at single frames it would be noise
+    step = max(round(stance_s * truth.rate), 1)
     both = stands[step:] & stands[:-step]
     moved = np.linalg.norm((points[step:] - points[:-step])[..., :2], axis=-1)[both] * truth.rate / step
     heights = points[..., 2][stands]

@@ -171,9 +171,6 @@ def _pixels(name: str, distances: list[Array]) -> dict[str, Metric]:
     }
 
 
-NOBODY = -1
-
-
 def label_metrics(labels: np.ndarray, truth: np.ndarray) -> dict[str, Metric]:
     """How right labels ``(N,)`` of detections are against the true ones: index of the wearer, −1 for nobody.
 
@@ -181,7 +178,8 @@ def label_metrics(labels: np.ndarray, truth: np.ndarray) -> dict[str, Metric]:
     Swapped are labels that name another wearer, strangers those given to bystanders or nobody, missed wearers'
     detections that were given to nobody.
     """
-    given, is_true = labels != NOBODY, truth != NOBODY
+    nobody = -1
+    given, is_true = labels != nobody, truth != nobody
     correct = is_true & (labels == truth)
     shares = {"precision": given, "recall": is_true}
     counts = {"labels": given, "swapped": given & is_true & ~correct, "strangers": given & ~is_true,
@@ -217,10 +215,6 @@ def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment
     }
 
 
-LITTLE = 0.9  # of the estimate's time: a truth that begins late or ends early has more
-SAME_START_S = 60.0  # clocks of computers that record together differ by less
-
-
 def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:
     """What speaks against it, as one sentence; empty if nothing does. ``start_ns``: of the estimate's t = 0, 0 if not
     known.
@@ -231,8 +225,10 @@ def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:
         *(one.name for one in estimate.wearers),
     }:
         found.append(f"the estimate is of '{estimate.name}', the truth of '{scene.name}'")
-    if start_ns and begins and (apart := abs(start_ns - begins) / 1e9) > SAME_START_S:
+    same_start_s = 60.0  # clocks of computers that record together differ by less
+    if start_ns and begins and (apart := abs(start_ns - begins) / 1e9) > same_start_s:
         found.append(f"they begin {apart:.0f} s apart")
+    little = 0.9  # of the estimate's time: a truth that begins late or ends early has more
     for one, wearer in zip(estimate.wearers, scene.wearers, strict=False):
         who = f" of {wearer.subject.name}" if len(scene.wearers) > 1 else ""
         strange = sorted(set(one.sensors) - set(wearer.imus)) if wearer.imus else []
@@ -243,6 +239,6 @@ def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:
         if wearer.truth is not None and len(one.motion) and len(wearer.truth.motion):
             time, truth = one.motion.time, wearer.truth.motion.time
             common, whole = min(time[-1], truth[-1]) - max(time[0], truth[0]), time[-1] - time[0]
-            if common < LITTLE * whole:
+            if common < little * whole:
                 found.append(f"of {whole:.1f} s of the estimate the truth covers {max(common, 0.0):.1f} s")
     return f"is this the truth of the same recording? {'; '.join(found)}" if found else ""

@@ -19,23 +19,14 @@ from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.sensors.imu_stream import ImuStream
 
 SIDES = ("left", "right")
-EVENT_S = (
-    0.02  # what strikes and toe-offs are off by together, one standard deviation, as walks with a reference showed
-)
-SWING_HZ, EVENT_HZ = 6.0, 12.0  # of low passes: what a swing is made of, and what its ends are
-LEAST_SWING_DEG = (
-    20.0  # that toes turn up by in a swing: three quarters of a right angle in a walk, less when shuffling
-)
+# What strikes and toe-offs are off by together, one standard deviation, as walks with a reference showed.
+EVENT_S = 0.02
 # How far from the last zero of the rate to its next extreme a strike is, and from the extreme to zero a toe-off. Of
 # three data sets (force plates, hand-checked markers, markers of a shoe) medians are within 35 ms at either end of
 # the way, and at these shares within 25 ms in each.
 STRIKE_SHARE, OFF_SHARE = 0.25, 0.6
-PUSH_S, LANDING_S, NEAR_S = 0.3, 0.15, 0.12  # longest from fastest push-off to swing, from swing to fastest landing
-STRIKE_LATE_S = 0.02  # after the heel was furthest before the pelvis: it goes back a little before it lands
-LEAST_REACH_M = 0.15  # that a heel or ball goes forward and back by, against the pelvis, in a step
 REST_S = 0.06  # over which a foot rests most, between strike and toe-off
 LEAST_RATE_HZ = 20.0  # of samples: slower ones do not tell a landing from a swing
-LONGEST_STANCE_S = 1.5  # in which a foot that is not seen to leave rests after its strike
 
 
 @dataclass(frozen=True)
@@ -73,10 +64,13 @@ def events_of_sensor(
     if len(time) < rate:
         return None
     turning = interpolate_points(*angular_rate(stream), time) @ R_bone_sensor.T
-    swing, toes_up = (_low_passed(-turning[:, 0], hz, rate) for hz in (SWING_HZ, EVENT_HZ))
+    swing_hz, event_hz = 6.0, 12.0  # of low passes: what a swing is made of, and what its ends are
+    swing, toes_up = (_low_passed(-turning[:, 0], hz, rate) for hz in (swing_hz, event_hz))
     off, strike = [], []
+    # Toes turn up by three quarters of a right angle in a swing of a walk, by less when shuffling.
+    least_swing_deg = 20.0
     for start, stop in _runs(swing > 0):
-        if np.sum(swing[start:stop]) / rate >= np.deg2rad(LEAST_SWING_DEG):
+        if np.sum(swing[start:stop]) / rate >= np.deg2rad(least_swing_deg):
             ends = _swing_ends(time, toes_up, start, stop, rate, shares)
             if ends is not None:
                 off.append(ends[0])
@@ -100,16 +94,17 @@ def angular_rate(stream: ImuStream) -> tuple[Array, Array]:
 def _swing_ends(
     time: Array, toes_up: Array, start: int, stop: int, rate: float, shares: tuple[float, float]
 ) -> tuple[float, float] | None:
-    near, last = round(NEAR_S * rate), len(time) - 1
+    push_s, landing_s, near_s = 0.3, 0.15, 0.12  # longest from fastest push-off to swing, from swing to fastest landing
+    near, last = round(near_s * rate), len(time) - 1
     sign = toes_up > 0
     rises = [k for k in range(max(start - near, 0), min(start + near, last)) if not sign[k] and sign[k + 1]]
     falls = [k for k in range(max(stop - near, 0), min(stop + near, last)) if sign[k] and not sign[k + 1]]
     if not rises or not falls:
         return None
     rise, fall = min(rises, key=lambda k: abs(k - start)), min(falls, key=lambda k: abs(k - stop))
-    before = max(rise - round(PUSH_S * rate), 0)
+    before = max(rise - round(push_s * rate), 0)
     push = before + int(np.argmin(toes_up[before : rise + 1]))
-    landing = fall + int(np.argmin(toes_up[fall : fall + round(LANDING_S * rate) + 1]))
+    landing = fall + int(np.argmin(toes_up[fall : fall + round(landing_s * rate) + 1]))
     up, down = _zero(time, toes_up, rise), _zero(time, toes_up, fall)
     off = _between(_extreme(time, -toes_up, push), up, shares[0])
     return off, _between(down, _extreme(time, -toes_up, landing), shares[1])
@@ -124,7 +119,8 @@ def events_of_motion(motion: Motion, side: str) -> FootEvents:
     pelvis = state.p_world_joint[:, 0]
     heels, balls = (state.point(bone, point) for point in (heel, ball))
     before, behind = (np.sum((one - pelvis)[:, :2] * forward, axis=1) for one in (heels, balls))
-    strikes, offs = _peaks(motion.time, before) + STRIKE_LATE_S, _peaks(motion.time, -behind)
+    strike_late_s = 0.02  # after the heel was furthest before the pelvis: it goes back a little before it lands
+    strikes, offs = _peaks(motion.time, before) + strike_late_s, _peaks(motion.time, -behind)
     off, strike = list[float](), list[float]()
     for one in strikes:  # each with the last toe-off since the strike before
         own = offs[(offs < one) & (offs > (strike[-1] if strike else -np.inf))]
@@ -141,14 +137,16 @@ def _peaks(time: Array, values: Array) -> Array:
         return np.zeros(0)
     from scipy.signal import find_peaks  # late: it takes long to import
 
-    found, _ = find_peaks(values, prominence=LEAST_REACH_M)
+    least_reach_m = 0.15  # that a heel or ball goes forward and back by, against the pelvis, in a step
+    found, _ = find_peaks(values, prominence=least_reach_m)
     return np.array([_extreme(time, values, int(k)) for k in found])
 
 
 def _events(off: list[float], strike: list[float], time: Array, restless: Array, by_sensor: bool) -> FootEvents:
     rest = []
+    longest_stance_s = 1.5  # in which a foot that is not seen to leave rests after its strike
     for k, one in enumerate(strike):
-        until = off[k + 1] if k + 1 < len(off) else one + LONGEST_STANCE_S
+        until = off[k + 1] if k + 1 < len(off) else one + longest_stance_s
         first, last = np.searchsorted(time, [one, max(until, one)])
         last = min(last, len(time) - 1)
         rest.append(float(time[first + np.argmin(restless[first : last + 1])]) if first < last else float(time[last]))

@@ -31,8 +31,6 @@ from vip_factors.viz.colours import hexadecimal
 SOURCE = "Grouvel et al. 2023, doi 10.1038/s41597-023-02077-3, CC BY 4.0"
 FILE = "data/reference.csv"
 REFERENCE_COLUMNS = ("pace", "speed_m_s", "people", "strides", "angle", "percent", "mean_deg", "sd_deg")
-DECIMALS = 5  # of numbers in JSON
-FARTHEST_M_S = 0.3  # from a reference's speed: curves of another pace are no reference
 NAMES = ("strides.csv", "figures.csv", "curves.csv", "gait.json", "gait.png")
 DRAWN = (
     "hip_flexion", "knee_flexion", "ankle_dorsiflexion", "hip_adduction", "hip_internal_rotation", "ankle_inversion",
@@ -68,7 +66,7 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
         _write_table(figures, _figure_rows(gait), overwrite)
         _write_table(curves, _curve_rows(gait), overwrite)
         with atomic_open(whole, "w", overwrite) as file:
-            file.write(json_text(as_json(gait), DECIMALS))
+            file.write(json_text(as_json(gait), decimals=5))
         written += paths[:-1]
         figure = curves_figure(gait)
         if figure is not None:
@@ -217,4 +215,5 @@ def reference_at(speed: float, angle: str, curves: Iterable[ReferenceCurve] | No
     plain = angle.removeprefix("left_").removeprefix("right_")
     near = [one for one in (references() if curves is None else curves) if one.angle == plain]
     best = min(near, key=lambda one: abs(one.speed - speed), default=None)
-    return best if best is not None and abs(best.speed - speed) <= FARTHEST_M_S else None
+    farthest_m_s = 0.3  # from a reference's speed: curves of another pace are no reference
+    return best if best is not None and abs(best.speed - speed) <= farthest_m_s else None

@@ -15,9 +15,6 @@ from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, wrap_angle
 
 TURN_DEG = 20.0  # that a foot or the pelvis turns by in a stride: straight on it is some 5, half a turn takes three
-LEAST_M = 0.2  # that a foot gains: less is shifting about
-LONGEST_S = 2.5  # the slowest walks have strides of two seconds
-PAUSE = 1.6  # times as long as usual: somebody stood in between
 
 
 @dataclass(frozen=True)
@@ -90,7 +87,8 @@ def strides_of(motion: Motion, feet: Mapping[str, FootEvents]) -> tuple[Stride, 
 
 
 def _without_pause(one: Stride, usual: float) -> Stride:
-    if one.left_out or not one.values["time"] > PAUSE * usual:
+    pause = 1.6  # times as long as usual: somebody stood in between
+    if one.left_out or not one.values["time"] > pause * usual:
         return one
     return Stride(**{**vars(one), "left_out": "pause"})
 
@@ -130,6 +128,8 @@ class _Feet:
 
 def _of_foot(feet: _Feet) -> Iterator[Stride]:
     own, other = feet.events, feet.other
+    least_m = 0.2  # that a foot gains: less is shifting about
+    longest_s = 2.5  # the slowest walks have strides of two seconds
     for k in range(len(own) - 1):
         start, off, end = float(own.strike[k]), float(own.off[k + 1]), float(own.strike[k + 1])
         other_off, other_strike = _within(other.off, start, end), _within(other.strike, start, end)
@@ -142,7 +142,7 @@ def _of_foot(feet: _Feet) -> Iterator[Stride]:
         alternate = start <= other_off <= other_strike <= off
         reason = (
             "feet do not take turns" if not alternate else "turn" if turn > TURN_DEG else "no step"
-            if not values["length"] >= LEAST_M else "pause" if values["time"] > LONGEST_S else ""
+            if not values["length"] >= least_m else "pause" if values["time"] > longest_s else ""
         )  # fmt: skip
         yield Stride(feet.side, start, off, end, values, turn, reason)
 

@@ -25,8 +25,6 @@ from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 
 LEAST_RATE_HZ = 60.0  # of samples of a foot: at 30 to 47 Hz lengths were off by decimetres, toe-offs by 20 to 40 ms
-LONGEST_S = 3.0  # between two rests: errors grow with the square of it
-WIDEST_GAP_S = 0.05  # of lost samples in between
 GRAVITY = np.array([0.0, 0.0, 9.81])
 
 
@@ -121,7 +119,9 @@ def _samples(stream: ImuStream, at: Array) -> np.ndarray:
 
 
 def _is_whole(time: Array) -> bool:
-    return len(time) >= 3 and time[-1] - time[0] <= LONGEST_S and bool(np.max(np.diff(time)) <= WIDEST_GAP_S)
+    longest_s = 3.0  # between two rests: errors grow with the square of it
+    widest_gap_s = 0.05  # of lost samples in between
+    return len(time) >= 3 and time[-1] - time[0] <= longest_s and bool(np.max(np.diff(time)) <= widest_gap_s)
 
 
 def _travelled(time: Array, acceleration: Array) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
+from vip_factors.describe.table import Quantity, Row, Table
 from vip_factors.errors import InputError
 from vip_factors.evaluate.table import json_text
 from vip_factors.names import table_cell
@@ -21,52 +22,38 @@ from vip_factors.viz.colours import hexadecimal
 NAMES = ("repetitions.csv", "repetitions.json", "repetitions.png")
 KIND_COLOURS = {"squat": "#3e6ebe", "lunge": "#965abe", "jump": "#e27828", "curl": "#289650"}
 COLOURS = {"left": hexadecimal(ESTIMATE_COLOURS[Side.LEFT]), "right": hexadecimal(ESTIMATE_COLOURS[Side.RIGHT])}
-DECIMALS = 5  # of numbers in JSON
-UNKNOWN_CELL = "\u2013"  # a dash
 WIDTH, ROW_HEIGHT, MARGIN = 1400.0, 210.0, 90.0
 
 
-HEAD = ("", "kind", "side", "from s", "to s", "down / hold / up s", "depth cm", "flexed °", "left less right °",
-        "flight s", "height cm by flight", "by rise")  # fmt: skip
+def repetition_table(wearer: WearerRepetitions) -> Table:
+    """Table for people, a row each; every kind is numbered for itself."""
+    head = ("", "kind", "side", "from s", "to s", "down / hold / up s", "depth cm", "flexed °", "left less right °",
+            "flight s", "height cm by flight", "by rise")  # fmt: skip
+    rows: list[Row] = []
+    for number, repetition in numbered(wearer.repetitions):
+        tempo = (repetition.down_s, repetition.hold_s, repetition.up_s)
+        rows.append((
+            str(number), repetition.kind, repetition.side, Quantity(repetition.start, decimals=1),
+            Quantity(repetition.end, decimals=1), " / ".join(str(Quantity(seconds, decimals=1)) for seconds in tempo),
+            _centimetres(repetition.depth_m), _degrees(repetition.depth_deg), _degrees(repetition.left_less_right_deg),
+            Quantity(repetition.flight_s, decimals=2), _centimetres(repetition.flight_height_m),
+            _centimetres(repetition.rise_m),
+        ))  # fmt: skip
+    return Table(head, rows, f"{wearer.name or 'wearer'}: {wearer.counts}", words=3)
 
 
-def rows(repetitions: Sequence[Repetition]) -> list[tuple[str, ...]]:
-    """Cells of a table for people, a row each, below :data:`HEAD`; each kind is numbered for itself."""
-    told = list[tuple[str, ...]]()
-    for number, one in numbered(repetitions):
-        tempo = " / ".join(_short(value, 1) for value in (one.down_s, one.hold_s, one.up_s))
-        told.append((
-                str(number), one.kind, one.side, f"{one.start:.1f}", f"{one.end:.1f}", tempo,
-                measured_words(one.depth_m, 100), measured_words(one.depth_deg),
-                measured_words(one.left_less_right_deg), _short(one.flight_s, 2),
-                measured_words(one.flight_height_m, 100), measured_words(one.rise_m, 100),
-            ))  # fmt: skip
-    return told
+def _centimetres(length: Measured) -> Quantity:
+    return Quantity(100 * length.value, 100 * length.sigma)
+
+
+def _degrees(angle: Measured) -> Quantity:
+    return Quantity(angle.value, angle.sigma)
 
 
 def numbered(repetitions: Sequence[Repetition]) -> Iterator[tuple[int, Repetition]]:
     """Each with its number among those of its kind, from 1."""
-    for position, one in enumerate(repetitions):
-        yield sum(other.kind == one.kind for other in repetitions[: position + 1]), one
-
-
-def table(repetitions: Sequence[Repetition]) -> str:
-    """For a terminal: columns under each other."""
-    lines = [HEAD, *rows(repetitions)]
-    widths = [max(len(line[column]) for line in lines) for column in range(len(HEAD))]
-    return "\n".join(
-        "  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)).rstrip() for line in lines
-    )
-
-
-def measured_words(one: Measured, times: float = 1.0) -> str:
-    """``35 ± 2``; the ± is left out where it is not known, a dash stands for what there is not."""
-    text = _short(times * one.value, 0)
-    return f"{text} ± {times * one.sigma:.0f}" if np.isfinite(one.sigma) and np.isfinite(one.value) else text
-
-
-def _short(value: float, decimals: int) -> str:
-    return f"{value:z.{decimals}f}" if np.isfinite(value) else UNKNOWN_CELL
+    for position, repetition in enumerate(repetitions):
+        yield sum(other.kind == repetition.kind for other in repetitions[: position + 1]), repetition
 
 
 def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwrite: bool = False) -> list[Path]:
@@ -91,7 +78,7 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
         writer.writeheader()
         writer.writerows(lines)
     with atomic_open(whole, "w", overwrite) as file:
-        file.write(json_text({one.name: [asdict(each) for each in one.repetitions] for one in wearers}, DECIMALS))
+        file.write(json_text({one.name: [asdict(each) for each in one.repetitions] for one in wearers}, decimals=5))
     draw_repetitions(wearers, picture, overwrite)
     return paths
 

@@ -24,9 +24,6 @@ from vip_factors.summarised import Summarised
 Kind = Literal["squat", "lunge", "jump", "curl"]
 Side = Literal["left", "right", "both"]
 GRAVITY = 9.81  # m/s²
-BEGUN, HELD = 0.98, 0.1  # of a low's depth below its rim: where it begins and ends; where it is held
-MOVING = 0.05  # of a way's greatest speed: what is slower is not on the way yet
-FEWEST = 3  # frames: with fewer nothing is higher than what is beside it
 UNKNOWN = float("nan")
 
 
@@ -123,15 +120,16 @@ def repetitions_of(wearer: WearerEstimate, settings: RepetitionSettings) -> Wear
     if not len(wearer.motion):
         raise InputError(f"estimate of '{name}' has no frames: expected a motion to look for repetitions in")
     signals = signals_of(wearer)
-    if len(wearer.motion) < FEWEST:
+    fewest = 3  # frames: with fewer nothing is higher than what is beside it
+    if len(wearer.motion) < fewest:
         return WearerRepetitions(name, signals, ())
     lows = _lows(-signals.reach, 0.25 * settings.least_depth * signals.legs, signals.motion.rate)
     jumps = [_jump(signals, one, lows) for one in _flights(signals, settings.least_fall_s)]
     deep = [one for one in lows if one.depth >= settings.least_depth * signals.legs]
     dips = [dip for one in deep if (dip := _dip(signals, one, settings)) is not None]
     free = [one for one in dips if not any(jump.start <= one.turn <= jump.end for jump in jumps)]
-    sets = [_sets([one for one in free if one.kind == kind], settings) for kind in ("squat", "lunge")]
-    curls = _sets(list(_curls(signals, settings)), settings)
+    sets = [_sets([one for one in free if one.kind == kind]) for kind in ("squat", "lunge")]
+    curls = _sets(list(_curls(signals, settings)))
     found = sorted([*jumps, *sets[0], *sets[1], *curls], key=lambda one: one.start)
     return WearerRepetitions(name, signals, tuple(found))
 
@@ -140,12 +138,11 @@ def _lows(values: Array, least: float, rate: float) -> list[_Low]:
     """Highs of ``values`` ``(T,)`` that stand out by ``least`` at least."""
     from scipy.signal import find_peaks, peak_widths  # late: it takes long to load
 
-    peaks, found = find_peaks(values, prominence=least)
-    depths = found["prominences"]
-    prominence = (depths, found["left_bases"], found["right_bases"])
-    (starts, ends), (down, up), (held, left) = (
-        peak_widths(values, peaks, share, prominence)[2:] for share in (BEGUN, 0.5, HELD)
-    )
+    peaks, properties = find_peaks(values, prominence=least)
+    depths = properties["prominences"]
+    prominence = (depths, properties["left_bases"], properties["right_bases"])
+    shares = (0.98, 0.5, 0.1)  # of a low's depth below its rim: it begins and ends; half; it is held
+    (starts, ends), (down, up), (held, left) = (peak_widths(values, peaks, share, prominence)[2:] for share in shares)
     speed = np.abs(np.gradient(values, 1 / rate))
     lows = list[_Low]()
     for depth, start, half, hold, turn, leave, back, end in zip(
@@ -168,7 +165,8 @@ def _moves_from(speed: Array, half: int, rim: int, step: int) -> float:
     way = np.arange(half, rim + step, step)
     if not len(way):
         return float(rim)
-    slow = np.flatnonzero(speed[way] < MOVING * speed[way].max())
+    moving = 0.05  # of a way's greatest speed: what is slower is not on the way yet
+    slow = np.flatnonzero(speed[way] < moving * speed[way].max())
     return float(way[slow[0]] if len(slow) else rim)
 
 
@@ -178,17 +176,19 @@ def _dip(signals: Signals, low: _Low, settings: RepetitionSettings) -> Repetitio
     hips = [signals.flexion(side, "hip")[low.turn] for side in SIDES]
     level = abs(signals.height("left_foot")[low.turn] - signals.height("right_foot")[low.turn]) / signals.legs
     apart = signals.apart[low.turn] / signals.legs
-    is_lunge = abs(apart) >= settings.lunge_apart
-    bent = min(knees) >= settings.least_knee_deg and (max(hips) if is_lunge else min(hips)) >= LEAST_HIP_DEG
-    if not bent or level > FEET_LEVEL or low.width < settings.least_dip_s * signals.motion.rate:
+    lunge_apart = 0.4  # lengths of a leg between the ankles, fore and aft: squats 0.2 at most, lunges 0.6 and more
+    feet_level = 0.25  # lengths of a leg between the balls of both feet on the floor: soles roll, and estimates err
+    least_hip_deg = 30.0  # who sinks without bending the hips leans back, kneels or lies down
+    # Beyond half of the depth: quick squats 0.69 s and more; before and after jumps, and boxers 0.57 at most. The
+    # geometric mean of both; with any one recording left out, the limit that the others give still tells it.
+    least_dip_s = 0.63
+    is_lunge = abs(apart) >= lunge_apart
+    bent = min(knees) >= settings.least_knee_deg and (max(hips) if is_lunge else min(hips)) >= least_hip_deg
+    if not bent or level > feet_level or low.width < least_dip_s * signals.motion.rate:
         return None
     side: Side = "both" if not is_lunge else "left" if apart > 0 else "right"
     sunk = _repetition(signals, "lunge" if is_lunge else "squat", side, low, "knee")
     return replace(sunk, depth_m=_depth(signals, low))
-
-
-FEET_LEVEL = 0.25  # lengths of a leg, between the balls of both feet on the floor: soles roll, and estimates err
-LEAST_HIP_DEG = 30.0  # who sinks without bending the hips leans back, kneels or lies down
 
 
 def _repetition(signals: Signals, kind: Kind, side: Side, low: _Low, joint: str) -> Repetition:
@@ -199,7 +199,7 @@ def _repetition(signals: Signals, kind: Kind, side: Side, low: _Low, joint: str)
     )
     sides = SIDES if side == "both" or joint == "knee" else (side,)
     names = [f"{one}_{angle}" for angle in PRINCIPAL[joint] for one in sides]
-    margin = EARLIER_S * signals.motion.rate
+    margin = 0.2 * signals.motion.rate  # joints begin to bend before the pelvis sinks to be seen
     window = slice(max(0, int(low.start - margin)), int(np.ceil(low.end + margin)) + 1)
     ranges = {name: _range(signals, name, window) for name in names}
     bends = [f"{one}_{joint}_flexion" for one in sides]
@@ -215,7 +215,6 @@ def _repetition(signals: Signals, kind: Kind, side: Side, low: _Low, joint: str)
     )  # fmt: skip
 
 
-EARLIER_S = 0.2  # joints begin to bend before the pelvis sinks to be seen
 PRINCIPAL = {"knee": ("hip_flexion", "knee_flexion", "ankle_dorsiflexion"), "elbow": ("elbow_flexion",)}
 
 
@@ -265,20 +264,18 @@ def _leaves_floor(signals: Signals, top: int, step: int) -> tuple[float, float] 
     """The frame, between two, before (``step`` −1) or after (1) the highest of a jump at which the lower foot is as
     high over its lowest there as feet are when toes leave the floor, and how sure that is; None if it never is so low.
     """
-    way = signals.sole[top::step][: round(FLOOR_S * signals.motion.rate)]
+    # Metres of the ball's centre when the toes leave the floor: the heel has rolled up. Of 2, 3, 4, 5 and 6 cm the one
+    # that flights of known length in recordings of foreign bodies agree with, whichever of the recordings is left out.
+    rise, sigma = 0.03, 0.015
+    longest_s = 1.2  # before and after a jump's highest moment: the longest flights of people take half of it
+    way = signals.sole[top::step][: round(longest_s * signals.motion.rate)]
     height = way - way.min()
-    low = np.flatnonzero(height < FOOT_RISE)
+    low = np.flatnonzero(height < rise)
     if not len(low) or low[0] == 0:
         return None
     last = int(low[0]) - 1
     speed = height[last] - height[last + 1]
-    return top + step * (last + (height[last] - FOOT_RISE) / speed), FOOT_SIGMA / speed
-
-
-# Metres of the ball's centre when the toes leave the floor: the heel has rolled up. Of 2, 3, 4, 5 and 6 cm the one that
-# flights of known length in recordings of foreign bodies agree with, whichever of the recordings is left out.
-FOOT_RISE, FOOT_SIGMA = 0.03, 0.015
-FLOOR_S = 1.2  # before and after a jump's highest moment: the longest flights of people take half of it
+    return top + step * (last + (height[last] - rise) / speed), sigma / speed
 
 
 def _jump(signals: Signals, flight: _Flight, lows: Sequence[_Low]) -> Repetition:
@@ -290,7 +287,7 @@ def _jump(signals: Signals, flight: _Flight, lows: Sequence[_Low]) -> Repetition
     after = next((one for one in lows if one.turn > flight.end and one.start < flight.end + near), None)
     low = before or _Low(0.0, 0.0, flight.begin, flight.begin, int(flight.begin), flight.begin, flight.begin)
     whole = replace(low, end=flight.end if after is None else after.end)
-    stand = slice(max(0, int(low.start - STANDS_S * rate)), max(1, int(low.start)))
+    stand = slice(max(0, int(low.start - 0.5 * rate)), max(1, int(low.start)))  # half a second before the jump
     rise = signals.mass_height[flight.top] - np.median(signals.mass_height[stand])
     sigma = np.hypot(signals.height_sigma[flight.top], np.median(signals.height_sigma[stand]))
     found, lowest = _repetition(signals, "jump", "both", whole, "knee"), float(time[low.turn])
@@ -302,15 +299,12 @@ def _jump(signals: Signals, flight: _Flight, lows: Sequence[_Low]) -> Repetition
     )  # fmt: skip
 
 
-STANDS_S = 0.5  # before a jump, for its height to be counted from
-
-
 def _curls(signals: Signals, settings: RepetitionSettings) -> Iterator[Repetition]:
     """Bends of elbows whose upper arms hang; those of both arms at a time are one."""
     found: dict[str, list[_Low]] = {}
     for side in SIDES:
         bends = _lows(signals.flexion(side, "elbow"), settings.least_curl_deg, signals.motion.rate)
-        found[side] = [one for one in bends if _is_curl(signals, side, one, settings)]
+        found[side] = [one for one in bends if _is_curl(signals, side, one)]
     pairs = {}
     for number, one in enumerate(found["left"]):
         near = [k for k, other in enumerate(found["right"]) if other.start < one.turn < other.end]
@@ -323,22 +317,26 @@ def _curls(signals: Signals, settings: RepetitionSettings) -> Iterator[Repetitio
             yield _repetition(signals, "curl", "right", one, "elbow")
 
 
-def _is_curl(signals: Signals, side: str, low: _Low, settings: RepetitionSettings) -> bool:
+def _is_curl(signals: Signals, side: str, low: _Low) -> bool:
     arm = signals.upper_arm(side)[int(low.start) : int(np.ceil(low.end)) + 1]
     hangs = np.rad2deg(np.arccos(np.clip(-arm[:, 1], -1, 1)))
     turns = np.rad2deg(np.arccos(np.clip(arm @ signals.upper_arm(side)[low.turn], -1, 1)))
-    calm = max(turns.max(), hangs.max()) <= settings.most_arm_deg
-    return bool(calm and low.width >= settings.least_curl_s * signals.motion.rate)
+    most_arm_deg = 45.0  # turned against the chest and away from hanging: pouring and washing 48 and more, curls 20
+    least_s = 0.83  # beyond half of its depth: dribbling 0.64 at most, curls 1.07 and more; the geometric mean
+    calm = max(turns.max(), hangs.max()) <= most_arm_deg
+    return bool(calm and low.width >= least_s * signals.motion.rate)
 
 
-def _sets(repetitions: Sequence[Repetition], settings: RepetitionSettings) -> list[Repetition]:
+def _sets(repetitions: Sequence[Repetition]) -> list[Repetition]:
     """Those with one alike beside them."""
     repetitions = sorted(repetitions, key=lambda one: one.start)
+    least_share = 0.5  # of a neighbour's depth: people's repetitions differ by a third
+    longest_pause_s = 5.0  # 2 within a set; two dips of a dancer or footballer lay 7 apart
 
     def alike(one: Repetition, other: Repetition) -> bool:
         depths = [_size(one), _size(other)]
         pause = max(one.start, other.start) - min(one.end, other.end)
-        return min(depths) >= settings.alike * max(depths) and pause <= settings.longest_pause_s
+        return min(depths) >= least_share * max(depths) and pause <= longest_pause_s
 
     return [
         one for k, one in enumerate(repetitions)

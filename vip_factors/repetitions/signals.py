@@ -13,7 +13,6 @@ from vip_factors.geometry.rotations import Array, transpose
 
 SIDES = ("left", "right")
 MOVEMENT_HZ = 6.0  # people's limbs move below it (Winter, Biomechanics and Motor Control of Human Movement, 4th ed.)
-FORCE_HZ = 12.0  # the push and the landing of a jump last for a tenth of a second
 # Share of the body's mass, and where its centre lies from the first joint to the second (de Leva 1996, J. Biomech. 29,
 # men; women's centres of the whole body differ by millimetres). The head's lies at its joint's height plus the skull's,
 # which is taken as the joint's own; hands go with the forearms.
@@ -104,7 +103,8 @@ def signals_of(wearer: WearerEstimate) -> Signals:
         sigmas = joint_angle_sigmas(motion, covariance.joints)
         height_sigma = np.sqrt(covariance.root[:, 2, 2])
     sole = np.min([raw[:, joint_index(f"{side}_foot"), 2] for side in SIDES], axis=0)
-    mass_height, sole = (low_passed(one, motion.rate, FORCE_HZ) for one in (_mass_height(raw), sole))
+    force_hz = 12.0  # the push and the landing of a jump last for a tenth of a second
+    mass_height, sole = (low_passed(one, motion.rate, force_hz) for one in (_mass_height(raw), sole))
     p = low_passed(raw, motion.rate, MOVEMENT_HZ)
     return Signals(motion, motion.time, angles, sigmas, p, mass_height, sole, height_sigma)
 
@@ -113,12 +113,10 @@ def low_passed(values: Array, rate: float, cut_hz: float) -> Array:
     """Values ``(T, …)`` without what is quicker, nowhere delayed; as they are if there is nothing quicker in them."""
     from scipy.signal import butter, sosfiltfilt  # late: it takes long to load
 
-    if cut_hz >= 0.5 * rate or len(values) < _SHORTEST:
+    shortest = 16  # frames: the filter runs in over fewer, at both ends
+    if cut_hz >= 0.5 * rate or len(values) < shortest:
         return values
     return np.asarray(sosfiltfilt(butter(2, cut_hz, fs=rate, output="sos"), values, axis=0))
-
-
-_SHORTEST = 16  # frames: the filter runs in over fewer, at both ends
 
 
 def _mass_height(p: Array) -> Array:

@@ -14,13 +14,10 @@ from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.report.charts import side_colours, wearer_mark
 from vip_factors.report.report_data import ReportData
-from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.viz.colours import hexadecimal
 from vip_factors.viz.compare import floor_height
 from vip_factors.viz.drawn_scene import DrawnWearer
-
-UNIT = 32767  # of a quaternion's numbers: 0.002° at worst
 
 
 @dataclass(frozen=True)
@@ -36,15 +33,17 @@ class _Body:
     wearer: DrawnWearer | None = None
 
 
-def motion_data(data: ReportData, settings: ReportSettings) -> dict[str, object]:
+def motion_data(data: ReportData) -> dict[str, object]:
     """What the script gets as JSON; see ``viewer/viewer.js``."""
     bodies = list(_bodies(data))
     estimated = [body.motion for body in bodies if not body.is_ghost]
     start = min(float(body.motion.time[0]) for body in bodies)
     end = max(float(body.motion.time[-1]) for body in bodies)
-    rate = min(settings.rate, max(body.motion.rate for body in bodies))
+    fastest = 30.0  # Hz, as films: faster is not seen, and would double the file
+    most_poses = 9000  # 2.4 MB: five minutes of one wearer; longer motions are shown at a lower rate
+    rate = min(fastest, max(body.motion.rate for body in bodies))
     frames = int((end - start) * rate + 1e-6) + 1
-    most = max(2, settings.most_poses // len(bodies))
+    most = max(2, most_poses // len(bodies))
     if frames > most:
         rate, frames = (most - 1) / (end - start), most
     time = start + np.arange(frames) / rate
@@ -146,7 +145,8 @@ def poses_data(R: Array, p: Array) -> dict[str, object]:
 
 
 def _quaternions(R: Array) -> str:
-    return _base64(np.round(UNIT * quaternion_from_matrix(R, Order.XYZW)).astype("<i2"))
+    unit = 32767  # of a quaternion's numbers: 0.002° at worst
+    return _base64(np.round(unit * quaternion_from_matrix(R, Order.XYZW)).astype("<i2"))
 
 
 def _camera(data: ReportData, time: Array) -> dict[str, object] | None:

@@ -1,13 +1,13 @@
 """How somebody walked, and the squats, lunges, jumps and curls of somebody who exercises."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from vip_factors.describe.table import UNKNOWN, Cell, Quantity, Row, Table, count
 from vip_factors.findings import Finding
 from vip_factors.gait.analysis import Gait, gait_of
 from vip_factors.gait.files import curves_figure
 from vip_factors.gait.strides import QUANTITIES
-from vip_factors.repetitions.files import HEAD, rows
+from vip_factors.repetitions import files
 from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.report.report_data import ReportWearer
@@ -78,6 +78,6 @@ def _side_table(gait: Gait) -> Table:
 
 
 def repetition_table(wearer: ReportWearer) -> Table:
-    """A row of each repetition, below how many there are of each kind."""
+    """A row of each repetition."""
     exercises = repetitions_of(wearer.estimate, RepetitionSettings())
-    return Table(HEAD, rows(exercises.repetitions), exercises.counts, words=3)
+    return replace(files.repetition_table(exercises), title=exercises.counts)

@@ -67,7 +67,7 @@ def write_report(
         path: of the page.
         scene: what it was made from: then the page tells of sensors and video.
         truth: a scene whose truth counts, if it is not ``scene``'s own.
-        settings: how much goes into the page.
+        settings: of the film.
         overwrite: whether an existing file may be replaced.
         progress: called with the name of the stage and the fraction of it done.
         video: a film of skeletons over the camera's pictures is to be beside the page: of the recording's own video,
@@ -81,7 +81,7 @@ def write_report(
         scene = with_video(scene, Path(video))
     data, settings = report_data(estimate, scene, truth), settings or ReportSettings()
     film = write_film(data, Path(path).with_suffix(".mp4"), settings, overwrite, progress) if video else None
-    text = report_page(data, settings, progress, film)
+    text = report_page(data, progress, film)
     with atomic_open(path, "w", overwrite) as file:
         file.write(text)
 
@@ -100,9 +100,7 @@ def write_film(
     return ShownFilm(path.name, float(times[0]), pace)
 
 
-def report_page(
-    data: ReportData, settings: ReportSettings, progress: ProgressCallback | None = None, film: ShownFilm | None = None
-) -> str:
+def report_page(data: ReportData, progress: ProgressCallback | None = None, film: ShownFilm | None = None) -> str:
     """The page as HTML, which links to the film beside it; see :func:`write_report`."""
     report_progress, wearers, sections = progress or silent, data.wearers, dict[str, object]()
     with_camera = data.estimate.camera is not None
@@ -115,7 +113,7 @@ def report_page(
         "truth_charts": lambda: fit.truth_charts(data),
         "drifts": lambda: [fit.drift_charts(wearer) for wearer in wearers],
         "strip": lambda: _strip(data),
-        "motion": lambda: motion_data(data, settings),
+        "motion": lambda: motion_data(data),
     }
     for number, (name, make) in enumerate(makers.items()):
         report_progress("report", number / len(makers))

@@ -27,8 +27,6 @@ from vip_factors.viz.drawn_scene import DrawnScene, HeadingRow, rows_of
 INK, SOFT_INK, GRID, ERROR = "#282e3a", "#66707e", "#e4e7ec", "#c44854"
 LINE_COLOURS = ("#3e6ebe", "#289650", "#e27828", "#965abe", "#c83c50", "#5a6473")
 WIDTH, MARGIN, TEXT = 1600, 60, 16.0
-CURVES_HEIGHT = 300
-SVG_DPI = 108  # of what is drawn as pixels within: half as many again as the page has
 ROW_HEIGHT, HEAD_HEIGHT, FOOT_HEIGHT, NAME_WIDTH, GAP = 28, 64, 44, 190, 60  # of headings
 # A bar that is longer than the first says "unknown" as well as one that fills the panel.
 WIDEST_ERROR_DEG, NARROWEST_ERROR_DEG = 90.0, 2.0
@@ -120,10 +118,11 @@ def svg(drawing: Figure | Axes) -> str:
     figure = drawing if isinstance(drawing, Figure) else drawing.figure
     assert isinstance(figure, Figure), "axes of a part of a figure"
     file = BytesIO()
+    svg_dpi = 108  # of what is drawn as pixels within: half as many again as the page has
     with mpl.rc_context(
         {"svg.fonttype": "none", "svg.hashsalt": "vip_factors"}
     ):  # text stays text, a file stays itself
-        figure.savefig(file, format="svg", dpi=SVG_DPI, metadata=dict.fromkeys(("Date", "Creator", "Type", "Format")))
+        figure.savefig(file, format="svg", dpi=svg_dpi, metadata=dict.fromkeys(("Date", "Creator", "Type", "Format")))
     return file.getvalue().decode()
 
 
@@ -275,15 +274,16 @@ def scene_charts(estimates: Mapping[str, DrawnScene], path: Path, *, overwrite: 
     blocks = [(wearer, rows) for wearer in last.wearers if (rows := rows_of(wearer))]
     if not errors and not blocks:
         raise InputError("no chart to draw: expected an estimate with headings, or the truth to compare it with")
+    curves_height = 300
     figure = page(
-        WIDTH, 90 + (CURVES_HEIGHT + 70) * len(errors) + sum(headings_height(rows) + 20 for _, rows in blocks)
+        WIDTH, 90 + (curves_height + 70) * len(errors) + sum(headings_height(rows) + 20 for _, rows in blocks)
     )
     write(figure, (MARGIN, 56), last.name, 28, weight="bold")
     top = 90.0
     for name, curves in errors.items():
-        axes = panel(figure, (MARGIN + 40, top + 50, WIDTH - MARGIN, top + CURVES_HEIGHT))
+        axes = panel(figure, (MARGIN + 40, top + 50, WIDTH - MARGIN, top + curves_height))
         draw_curves(axes, curves, f"{name}: joint error, mm (mean)" if name else "joint error, mm (mean)")
-        top += CURVES_HEIGHT + 70
+        top += curves_height + 70
     for wearer, rows in blocks:
         title = f"Headings of {wearer.name}" + (f", {list(estimates)[-1]}" if len(estimates) > 1 else "")
         draw_headings(figure, (MARGIN, top), WIDTH - 2 * MARGIN, title, rows, wearer_colour(wearer.index))

@@ -21,10 +21,6 @@ GHOST_COLOUR: Colour = (92, 98, 108)  # in the viewer what a body is compared wi
 UNCLAIMED: Colour = (206, 210, 217)  # detections that are nobody's, over a picture: a lighter grey than on paper
 
 
-# Hues in golden steps and three lightnesses: seventeen sensors can be told apart.
-_HUE_STEP, _LIGHTNESS = 0.381966, (0.42, 0.56, 0.68)
-
-
 def mixed(colour: Colour, other: Colour, share: float) -> Colour:
     """``share`` of another colour in a colour."""
     red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(colour, other, strict=True))
@@ -39,8 +35,10 @@ def hexadecimal(colour: Colour) -> str:
 def sensor_colours(sensors: Sequence[str]) -> dict[str, Colour]:
     """A colour per sensor, the same in every plot."""
     colours: dict[str, Colour] = {}
+    # Hues in golden steps and three lightnesses: seventeen sensors can be told apart.
+    hue_step, lightness = 0.381966, (0.42, 0.56, 0.68)
     for index, sensor in enumerate(sensors):
-        red, green, blue = hls_to_rgb((0.58 + index * _HUE_STEP) % 1.0, _LIGHTNESS[index % 3], 0.65)
+        red, green, blue = hls_to_rgb((0.58 + index * hue_step) % 1.0, lightness[index % 3], 0.65)
         colours[sensor] = (round(255 * red), round(255 * green), round(255 * blue))
     return colours
 

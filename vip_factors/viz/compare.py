@@ -129,7 +129,6 @@ def floor_height(motion: Motion) -> float:
 
 
 APART_M = 1.4  # between pelvises at least: arms held out may touch, bodies do not
-STEP_M = 0.2  # by which a wearer is moved on until nobody is in the way
 APART = "The wearers are set apart: without a camera, where they stood beside each other is unknown."
 APART_TITLE = "wearers set apart: their places are unknown"
 
@@ -141,12 +140,13 @@ def set_apart(motions: Sequence[Motion]) -> list[Array]:
     """
     shifts: list[Array] = []
     paths: list[tuple[Array, Array]] = []
+    step_m = 0.2  # by which a wearer is moved on until nobody is in the way
     for motion in motions:
         shift = motions[0].p_world_pelvis[0] - motion.p_world_pelvis[0]
         shift[1] += APART_M * len(shifts)
         shift[2] = floor_height(motions[0]) - floor_height(motion)
         while any(_nearest(motion.time, motion.p_world_pelvis + shift, *other) < APART_M - 1e-9 for other in paths):
-            shift = shift + np.array([0.0, STEP_M, 0.0])
+            shift = shift + np.array([0.0, step_m, 0.0])
         shifts.append(shift)
         paths.append((motion.time, motion.p_world_pelvis + shift))
     return shifts

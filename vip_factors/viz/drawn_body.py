@@ -15,7 +15,6 @@ from vip_factors.viz.colours import mixed
 
 AXES = (("x", "#c8443c"), ("y", "#2f8f4e"), ("z", "#2f5fc4"))
 HALO = {"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.8}  # below text: legible over the body
-LETTER_GAP_PX = 9.0
 
 
 def standing_body(pose: str, stature_m: float = 1.75) -> Motion:
@@ -53,8 +52,9 @@ def draw_arrow(axes: Axes, start: Point, end: Point, colour: str, letter: str = 
         return
     style = {"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 11}
     axes.annotate("", end, start, arrowprops=style)
+    letter_gap_px = 9.0
     if letter:
-        x, y = np.array(end) + LETTER_GAP_PX * way / length
+        x, y = np.array(end) + letter_gap_px * way / length
         write(axes, (x, y + 4.5), letter, 13, colour, "center", bold=True)
 
 
@@ -68,13 +68,10 @@ def write(
 
 
 WIDTH, HEIGHT, MARGIN = 860, 1470, 30.0
-TOPS = (116.0, 960.0)  # of the panels, one above the other
 PLATE_M = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * np.array([0.024, 0.016, 0.0])
 PITCH = np.deg2rad(16.0)
 FRONT = view_from(np.deg2rad(30.0), PITCH, (430.0, 890.0), 415.0)
 BACK = view_from(np.deg2rad(150.0), PITCH, (425.0, 1375.0), 480.0, (0.0, 0.0, 1.0))
-ARROW_M = 0.12
-LEADER_PX = 125.0  # a name further off than this has a line to its sensor
 # Each site, and where its name is written: pixels right of and below the sensor, and what of it stands there.
 SEEN_FROM_THE_FRONT = {
     "sternum": (-110, 76, "right"), "belly": (-110, 30, "right"), "left_forearm": (0, 74, "center"),
@@ -100,9 +97,10 @@ def sites_picture(stature_m: float = 1.75) -> str:
     frames = "T-pose, palms down. z points out of the skin. Orange is the wearer's left, blue the right."
     write(axes, (MARGIN, 74), frames, 14, SOFT_INK)
     body = standing_body("t-pose", stature_m)
+    tops = (116.0, 960.0)  # of the panels, one above the other
     for title, top, view, names in (
-        ("From the front left", TOPS[0], FRONT, SEEN_FROM_THE_FRONT),
-        ("From the back left", TOPS[1], BACK, SEEN_FROM_THE_BACK),
+        ("From the front left", tops[0], FRONT, SEEN_FROM_THE_FRONT),
+        ("From the back left", tops[1], BACK, SEEN_FROM_THE_BACK),
     ):
         axes.hlines(top - 12, MARGIN, WIDTH - MARGIN, color=GRID)
         write(axes, (MARGIN, top + 14), title, 15, bold=True)
@@ -119,11 +117,13 @@ def _draw_site(axes: Axes, view: View, name: str, beside: tuple[float, float, st
     p_world_sensor = state.p_world_joint[0, site.bone_index] + R_world_bone @ site.p_bone_sensor
     plate = view.project(p_world_sensor + PLATE_M @ R_world_sensor.T)
     axes.fill(*plate.T, facecolor="#f6de78", edgecolor=INK, lw=1.2, zorder=2)
-    draw_axes(axes, view, p_world_sensor, R_world_sensor, ARROW_M)
+    arrow_m = 0.12
+    draw_axes(axes, view, p_world_sensor, R_world_sensor, arrow_m)
     right, down, anchor = beside
     sensor = pixel(view, p_world_sensor)
     x, y = np.add(sensor, (right, down))
-    if np.hypot(right, down) > LEADER_PX:
+    leader_px = 125.0  # a name further off than this has a line to its sensor
+    if np.hypot(right, down) > leader_px:
         axes.plot([x + 6, sensor[0]], [y - 6, sensor[1]], color=SOFT_INK, lw=1.1)
     write(axes, (x, y), name, 15, anchor=anchor, bold=True)
     write(axes, (x, y + 17), site_axes(name).split("; ")[1], 13, SOFT_INK, anchor)

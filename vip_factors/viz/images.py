@@ -21,11 +21,6 @@ def limb_pairs(keypoints: KeypointSet) -> np.ndarray:
     return np.array(found, dtype=int).reshape(-1, 2)
 
 
-LEAST_CONFIDENCE = 0.1  # below it the reconstruction uses no keypoint (reprojection.least_confidence)
-FAINT = 0.5  # keypoints of less confidence are drawn hollow, limbs thin
-SUB, SHIFT = 8, 3  # OpenCV draws at eighths of pixels, given as integers
-
-
 def draw_pose(
     image: np.ndarray, limbs: np.ndarray, pixels: Array, confidence: Array, index: int, label: str, broad: float = 1.0
 ) -> None:
@@ -40,20 +35,23 @@ def draw_pose(
         label: written above the person.
         broad: how broad lines are, as a multiple of the usual.
     """
-    shown = confidence >= LEAST_CONFIDENCE
+    least_confidence = 0.1  # below it the reconstruction uses no keypoint (reprojection.least_confidence)
+    shown = confidence >= least_confidence
     if not np.any(shown):
         return
     colour = wearer_colour(index)
     width = max(1, round(broad * min(image.shape[:2]) / 360))
-    points = np.round(np.nan_to_num(pixels) * SUB).astype(int)
+    sub, shift = 8, 3  # OpenCV draws at eighths of pixels, given as integers
+    points = np.round(np.nan_to_num(pixels) * sub).astype(int)
+    faint = 0.5  # keypoints of less confidence are drawn hollow, limbs thin
     for a, b in limbs:
         if shown[a] and shown[b]:
-            thick = width if min(confidence[a], confidence[b]) >= FAINT else max(1, width // 2)
-            cv2.line(image, points[a].tolist(), points[b].tolist(), colour, thick, cv2.LINE_AA, SHIFT)
+            thick = width if min(confidence[a], confidence[b]) >= faint else max(1, width // 2)
+            cv2.line(image, points[a].tolist(), points[b].tolist(), colour, thick, cv2.LINE_AA, shift)
     for at in np.flatnonzero(shown):
-        filled = -1 if confidence[at] >= FAINT else 1
-        cv2.circle(image, points[at].tolist(), (width + 1) * SUB, (255, 255, 255), filled, cv2.LINE_AA, SHIFT)
-        cv2.circle(image, points[at].tolist(), width * SUB, colour, filled, cv2.LINE_AA, SHIFT)
+        filled = -1 if confidence[at] >= faint else 1
+        cv2.circle(image, points[at].tolist(), (width + 1) * sub, (255, 255, 255), filled, cv2.LINE_AA, shift)
+        cv2.circle(image, points[at].tolist(), width * sub, colour, filled, cv2.LINE_AA, shift)
     _label(image, pixels[shown], label, colour)
 
 

@@ -1,5 +1,6 @@
 """What the user can mend ends in one line on stderr and exit code 2; nothing half-written is ever left."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -117,3 +118,97 @@ def test_a_truncated_recording_gives_what_it_holds_and_says_so(run, files, tmp_p
     assert "left_forearm" in told.out
     assert "vip-factors: note: " in told.err
     assert ".py" not in told.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--seed", "-1"), "--seed is -1: expected a finite number, 0 or more"),
+        (("--seconds", "-1"), "--seconds is -1.0: expected a finite number, more than 0"),
+        (("--seconds", "1e308"), "86400 at most"),
+        (("--imu-rate", "1e308"), "10000 at most"),
+        (("--camera", "fixed", "--video-rate", "1e308"), "--video-rate is 1e+308"),
+        (("--camera", "fixed", "--distance-m", "1e308"), "--distance-m is 1e+308"),
+    ],
+)
+def test_simulate_refuses_numbers_out_of_range(run, tmp_path: Path, words: tuple[str, ...], said: str) -> None:
+    assert_one_sentence(run("simulate", "gestures", tmp_path / "a.mcap", *words), said)
+
+
+def test_other_commands_refuse_them_too(run, files, tmp_path: Path) -> None:
+    out = tmp_path / "a.mcap"
+    assert_one_sentence(run("smooth", files.recording, "--out", out, "--frame-rate", "1e308"), "--frame-rate is 1e+308")
+    assert_one_sentence(run("view", files.estimate, "--serve", "--port", "65535"), "65534 at most")
+    assert_one_sentence(run("graph", files.recording, "--frame", "-1"), "--frame is -1")
+    assert_one_sentence(run("export", files.estimate, tmp_path / "a.bvh", "--frame-rate", "0"), "--frame-rate is 0")
+    assert_one_sentence(run("report", files.estimate, "--out", tmp_path / "a\0.html"), "the name of a file")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_run_looks_at_all_its_words_first(run, files, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = ("run", "--log", files.recording, "--out", tmp_path / "made")
+    assert_one_sentence(run(*log, "--smooth-options", '"'), "No closing quotation")
+    assert_one_sentence(run(*log, "--export", tmp_path / "a.xyz"), "a.xyz", ".bvh")
+    assert_one_sentence(run(*log, "--export", files.recording), files.recording.name)
+    assert_one_sentence(run(*log, "--out", files.recording), "is a file: expected a folder")
+    assert list(tmp_path.iterdir()) == []
+    here = tmp_path / "here"
+    here.mkdir()
+    monkeypatch.chdir(here)
+    assert_one_sentence(run("run", "--log", "."), "not a sensor log of a known format")
+
+
+def test_a_folder_is_no_settings_file(run, files, tmp_path: Path) -> None:
+    assert_one_sentence(run("smooth", files.recording, "--overwrite", "--settings", tmp_path), "Is a directory")
+
+
+def test_no_input_is_written_over(run, files, tmp_path: Path) -> None:
+    before = {path: path.read_bytes() for path in (files.recording, files.estimate)}
+    again = tmp_path / "other.mcap"
+    again.symlink_to(files.recording)
+    recording, estimate = files.recording, files.estimate
+    for words in (
+        ("smooth", recording, "--out", again),
+        ("convert", recording, f"{recording.parent}/./{recording.name}"),
+        ("stream", recording, "--out", recording),
+        ("simulate", recording, recording),
+        ("evaluate", estimate, "--truth", recording, "--json", estimate),
+        ("report", estimate, "--recording", recording, "--out", recording),
+        ("export", estimate, tmp_path / "a.bvh", estimate),
+    ):
+        assert_one_sentence(run(*words, "--overwrite"), "is read, and would be written over: choose another name")
+    assert {path: path.read_bytes() for path in before} == before
+    assert [path.name for path in tmp_path.iterdir()] == ["other.mcap"]
+
+
+def test_two_outputs_have_two_names(run, files, tmp_path: Path) -> None:
+    picture = tmp_path / "a.png"
+    assert_one_sentence(run("view", files.estimate, "--picture", picture, "--chart", picture), "named twice")
+    assert_one_sentence(run("export", files.estimate, tmp_path / "a.bvh", tmp_path / "a.bvh"), "named twice")
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "name", "suffix"),
+    [
+        ("smooth", "--out", "a.bvh", ".mcap"),
+        ("stream", "--out", "a", ".mcap"),
+        ("graph", "--picture", "a.png", ".svg"),
+        ("view", "--picture", "a.mcap", ".png"),
+        ("view", "--save", "a.bvh", ".rrd"),
+        ("sync", "--out", "a.toml", ".mcap"),
+    ],
+)
+def test_a_suffix_tells_what_is_in_it(run, files, tmp_path: Path, command, option, name, suffix) -> None:
+    told = run(command, files.recording, option, tmp_path / name)
+    assert_one_sentence(told, name, f"expected a name that ends in {suffix}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_devices_and_pipes_are_no_files(run, files, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe.mcap")
+    for command in ("smooth", "info", "graph", "stream"):
+        assert_one_sentence(run(command, tmp_path / "pipe.mcap"), "is a device or a pipe")
+    assert_one_sentence(run("graph", tmp_path), "is a folder: expected an MCAP file")
+    told = run("smooth", files.recording, "--overwrite", "--out", tmp_path / "pipe.mcap")
+    assert_one_sentence(told, "is a device or a pipe: give the name of a file to write")
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe.mcap"]

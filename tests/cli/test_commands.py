@@ -5,17 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.cli.main import COMMANDS
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import read_scene
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_help_of_every_command(run, command: str) -> None:
-    told = run(command, "--help")
-    assert told.code == 0
-    assert f"usage: vip-factors {command}" in told.out
-    assert command in run("--help").out
 
 
 def test_version(run) -> None:

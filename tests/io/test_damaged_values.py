@@ -26,7 +26,6 @@ from vip_factors.io.importers.mvnx_document import read_document
 from vip_factors.io.mcap_chunks import RECORD_HEAD
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.motions.amass import read_amass, read_smpl_pickle
-from vip_factors.io.motions.asf_amc import read_asf
 from vip_factors.io.motions.bvh import read_bvh
 from vip_factors.io.placement_file import placement_from_file
 from vip_factors.sensors.camera_model import VideoClock
@@ -40,7 +39,6 @@ CAMERA_TOML = "width = {}\nheight = 480\nfx = 500\nfy = 500\ncx = 320\ncy = 240\
 CAMERA_JSON = '{{"camera_matrix": [[{}, 0, 1], [0, 1, 1], [0, 0, 1]], "image_size": [{}, 480]}}'
 CAMERA_YAML = "%YAML:1.0\n---\nimage_width: []\nimage_height: 480\ncamera_matrix: [1,0,1,0,1,1,0,0,1]\n"
 NO_TIME = "x\nTest,1\nNot,Time\nTime,Opal/Acceleration/X,Opal/Acceleration/Y,Opal/Acceleration/Z\ninf,1,2,3\n"
-BONE = ":bonedata\n  begin\n    id 1\n    name hip\n    direction {}\n"
 
 
 def read_all_settings(path: Path) -> object:
@@ -62,8 +60,6 @@ def read_all_settings(path: Path) -> object:
         ("a.csv", "Format=7,,1,a,2,b\nTime,Accelerometer\n,X,Y,Z\n1,2,3,4\n", APDM.read, "lines 2 and 3"),
         ("a.csv", NO_TIME, APDM.read, "time"),
         ("a.csv", "x\nTime,Opal/Acceleration/X\ns,m/s^2,deg/s,deg/s\nx,1\n", APDM.read, "line 4"),
-        *(("a.asf", f":units\n  length {one}\n", read_asf, "line 2.*above zero") for one in ("0", "-1", "nan", "inf")),
-        *(("a.asf", BONE.format(one), read_asf, "line 5.*three numbers") for one in ("0 1", "0 1 nan")),
         ("a.mvnx", '<?xml version="1.0" encoding="none"?><mvnx/>', read_document, "encoding"),
         *(
             ("a.bvh", f"HIERARCHY\n{one}\n", read_bvh, "line 2: .* before the first ROOT")

@@ -20,7 +20,6 @@ import numpy as np
 
 from tests.io import mvnx_samples, totalcapture_samples
 from tests.io.camera_samples import GOOD, PLAIN, POSE2SIM, write_opencv
-from tests.io.motion_samples import write_amc
 from tests.io.pose_files import person, write_alphapose, write_coco, write_mmpose, write_openpose
 from tests.io.ros2_samples import imu, write_ros2
 from tests.io.table_samples import (
@@ -191,7 +190,7 @@ def written_motions(motion: Motion) -> dict[str, bytes]:
 
 
 def _file_cases() -> list[Case]:
-    motions = written_motions(gestures(0.05)) | written(lambda folder: write_amc(folder / "07_01.amc", [{}, {}, {}]))
+    motions = written_motions(gestures(0.05))
     poses, prepared = written(_write_poses), written(_write_bodies)
     numbers = [f"{name} = {value}" for name, value in flatten(Settings()).items() if _is_number(value)]
     convert = "vip-factors convert RECORDING.mcap out.mcap"
@@ -216,7 +215,6 @@ def _file_cases() -> list[Case]:
     return [
         case("bvh", some(motions, "a.bvh"), motion, "vip-factors info ", 2),
         case("amass", some(motions, "a.npz"), motion, "vip-factors info ", 2),
-        case("asf-amc", some(motions, "07_01.amc", "07.asf"), motion, "vip-factors info ", 5),
         *(
             case(kind, {one: data for one, data in poses.items() if one.startswith(kind)},
                  lambda path: read_detections(path, 30.0),

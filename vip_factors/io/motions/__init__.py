@@ -1,4 +1,4 @@
-"""Motion files of other people, brought onto our skeleton: BVH, ASF/AMC, AMASS. One door to them, by their suffix."""
+"""Motion files of other people, brought onto our skeleton: BVH, AMASS. One door to them, by their suffix."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -6,12 +6,11 @@ from pathlib import Path
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.io.motions.amass import read_amass
-from vip_factors.io.motions.asf_amc import read_amc
 from vip_factors.io.motions.bvh import read_bvh
 
-__all__ = ["MOTION_SUFFIXES", "motion_files", "read_amass", "read_amc", "read_bvh", "read_motion"]
+__all__ = ["MOTION_SUFFIXES", "motion_files", "read_amass", "read_bvh", "read_motion"]
 
-READERS: dict[str, Callable[[Path], Motion]] = {".bvh": read_bvh, ".amc": read_amc, ".npz": read_amass}
+READERS: dict[str, Callable[[Path], Motion]] = {".bvh": read_bvh, ".npz": read_amass}
 MOTION_SUFFIXES = tuple(READERS)
 
 
@@ -25,7 +24,7 @@ def read_motion(path: str | Path) -> Motion:
     path = Path(path)
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise InputError(f"{path}: expected a motion file that ends in {', '.join(MOTION_SUFFIXES)}")
+        raise InputError(f"{path}: expected a motion as BVH (.bvh) or AMASS (.npz)")
     return reader(path)
 
 

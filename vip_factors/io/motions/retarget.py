@@ -163,9 +163,8 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap) -> Array:
                 C[joint] = C[PARENTS[joint]]
         elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes and not table.straight:
             # The foot stands flat on the floor at rest, so its slope is its shape; only its toeing-out is a turn.
-            spread = C[PARENTS[joint]] if table.feet_follow_legs else np.eye(3)
-            foot = spread.T @ (clip.rest(nodes[f"{name[:-6]}_foot"]) - clip.rest(nodes[name]))
-            C[joint] = spread @ _between(np.array([0.0, 0.0, 1.0]), np.array([foot[0], 0.0, foot[2]]))
+            foot = clip.rest(nodes[f"{name[:-6]}_foot"]) - clip.rest(nodes[name])
+            C[joint] = _between(np.array([0.0, 0.0, 1.0]), np.array([foot[0], 0.0, foot[2]]))
         elif name.endswith(("_wrist", "_hand", "_foot")):
             C[joint] = C[PARENTS[joint]]
     arms = [

@@ -53,7 +53,6 @@ class SkeletonMap:
         exact: the rest pose is ours already, so that no bone direction is to be corrected.
         straight: the rest pose stands for straight legs (along the shanks) and arms (along the upper arms), although
             the figure's are a little bent.
-        feet_follow_legs: legs and feet are spread as one at rest; otherwise the feet stand on the floor.
         settle_s: seconds after a rest pose put before the take during which the converter blends from it.
         arms_turned_deg: how far the bones of the arms are turned about their long axis against ours, whose elbows bend
             about y: the hinges of a source are lined up with these.
@@ -64,7 +63,6 @@ class SkeletonMap:
     landmarks: Mapping[str, str] = field(default_factory=dict)
     exact: bool = False
     straight: bool = False
-    feet_follow_legs: bool = False
     settle_s: float = 0.0
     arms_turned_deg: float = 0.0
 
@@ -126,23 +124,6 @@ MOTIONBUILDER = SkeletonMap(
     {"head_top": "Head/end"} | both_sides({"toe_tip": "{}ToeBase/end"}, "Left", "Right"),
 )
 
-CMU_ASF = SkeletonMap(
-    "CMU ASF",
-    {
-        "pelvis": "root", "spine1": "lowerback", "spine2": "upperback", "spine3": "thorax", "neck": "lowerneck",
-        "head": "head",
-    } | both_sides(
-        {
-            "hip": "{}femur", "knee": "{}tibia", "ankle": "{}foot", "foot": "{}toes", "collar": "{}clavicle",
-            "shoulder": "{}humerus", "elbow": "{}radius", "wrist": "{}hand", "hand": "{}fingers",
-        }, "l", "r",
-    ),
-    {"head_top": "head/end"}
-    | both_sides({"toe_tip": "{}toes/end", "fingertip": "{}fingers/end"}, "l", "r"),
-    feet_follow_legs=True,
-    arms_turned_deg=CMU_ARMS_TURNED_DEG,
-)  # fmt: skip
-
 SMPL = SkeletonMap(
     "SMPL",
     {name: name for name in JOINT_NAMES},
@@ -151,7 +132,7 @@ SMPL = SkeletonMap(
     exact=True,
 )  # fmt: skip
 
-MAPS = (SMPL, CGSPEED, MVN, MOTIONBUILDER, CMU_ASF)
+MAPS = (SMPL, CGSPEED, MVN, MOTIONBUILDER)
 
 
 def find_map(names: tuple[str, ...], path: str) -> SkeletonMap:

@@ -57,17 +57,18 @@ class ByteSink(Protocol):
         """Send what was written."""
 
 
-def live_messages(scene: Scene, speed: float | None = None) -> Iterator[bytes]:
+def live_messages(scene: Scene, real_time: bool = False) -> Iterator[bytes]:
     """The header and then every sample, serialised.
 
     Args:
         scene: with the samples.
-        speed: each sample comes when it is due, at this multiple of its own time; None: as fast as it goes.
+        real_time: whether each sample comes when it is due; else as fast as it goes.
     """
     setup = stream_head(scene)
     yield header_message(setup).SerializeToString()
     frames: Counter[str] = Counter()
-    for sample in when_due(live_samples(scene), speed, time.sleep):
+    samples = live_samples(scene)
+    for sample in when_due(samples, time.sleep) if real_time else samples:
         number = 0
         if isinstance(sample, VideoFrame):
             number = frames[sample.camera]
@@ -75,19 +76,19 @@ def live_messages(scene: Scene, speed: float | None = None) -> Iterator[bytes]:
         yield sample_message(sample, setup.start_ns, number).SerializeToString()
 
 
-def write_messages(scene: Scene, stream: ByteSink, speed: float | None = None) -> int:
+def write_messages(scene: Scene, stream: ByteSink, real_time: bool = False) -> int:
     """Send a scene as a delimited stream; how many messages that were.
 
     Args:
         scene: to be sent.
         stream: that a live source reads at its other end.
-        speed: as in :func:`live_messages`.
+        real_time: as in :func:`live_messages`.
     """
     count = 0
-    for message in live_messages(scene, speed):
+    for message in live_messages(scene, real_time):
         count += 1
         stream.write(delimited(message))
-        if speed is not None:
+        if real_time:
             stream.flush()
     stream.flush()
     return count

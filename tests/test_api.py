@@ -58,7 +58,7 @@ FUNCTIONS = {
     "gait": "estimate recording out overwrite",
     "joint_angles": "motion",
     "live_samples": "scene",
-    "open_source": "text follow real_time speed settings on_finding token",
+    "open_source": "text follow real_time settings on_finding token",
     "picture": "shown path recording title poses overwrite",
     "read": "path then",
     "read_estimate": "path",

@@ -2,7 +2,7 @@
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -34,8 +34,6 @@ from vip_factors.viz.viewer import check_display
 if TYPE_CHECKING:
     from vip_factors.cli.stream_session import Interrupts, Session, Sink
     from vip_factors.io.live.source import LiveSource
-    from vip_factors.io.live_mcap import LiveMcapSink
-    from vip_factors.io.live_vmc import LiveVmcSink
     from vip_factors.sensors.scene import Scene
     from vip_factors.viz.live_rerun import LiveRerunSink
 
@@ -144,7 +142,6 @@ def _run(
     """Track until the end; returns what was counted, and what is to be said at last."""
     from vip_factors.cli.stream_session import Session
     from vip_factors.io.live.open import open_source, read_token
-    from vip_factors.io.live_json import LiveJsonSink
 
     with ExitStack() as stack:
         source: LiveSource = open_source(
@@ -161,12 +158,8 @@ def _run(
         played = Path(options.source).is_file() and not options.real_time  # as fast as it can be tracked
         tracker = FixedLagTracker(setup, settings, real_time=not played or options.follow)
         interrupts.on_asked = tracker.give_up
-        file = _file(options, settings, setup, stack)
+        sinks = list(_sinks(options, settings, setup, stack, line))
         viewers = _viewers(options, settings, setup, stack)
-        avatars = _avatars(options, setup, stack, line)
-        others = _others(options, settings, setup, stack, line)
-        json = [LiveJsonSink(sys.stdout, setup)] if options.json else []
-        sinks: list[Sink] = [*json, *([file] if file is not None else []), *avatars, *others]
         session = Session(tracker, sinks, viewers, line, _lasts_s(options))
         for item in interrupts.until_asked(iter(source)):
             session.take(item, source.waited_s)
@@ -174,10 +167,7 @@ def _run(
                 _silence_stdout()
                 break
         session.finish()
-        if file is not None:
-            file.close()
         told = [sentence for viewer in viewers for sentence in viewer.close()]
-        told += [sentence for avatar in avatars for sentence in avatar.close()]
         session.lost = [viewer.lost for viewer in viewers if viewer.lost]
         dropped = sum(viewer.dropped for viewer in viewers)
         if dropped:
@@ -195,16 +185,6 @@ def _lasts_s(options: StreamOptions) -> float | None:
         with suppress(VipFactorsError):  # a damaged index: the samples may be read all the same
             interval = logged_interval(read_summary(path))
     return None if interval is None else (interval[1] - interval[0]) / NS_PER_S
-
-
-def _file(options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack) -> "LiveMcapSink | None":
-    if options.out is None:
-        return None
-    from vip_factors.io.live_mcap import LiveMcapSink
-    from vip_factors.settings import flatten
-
-    sink = LiveMcapSink(options.out, setup, settings.frame_rate, flatten(settings), options.overwrite)
-    return stack.enter_context(sink)
 
 
 def _wants_rerun(options: StreamOptions) -> bool:
@@ -227,36 +207,41 @@ def _viewers(options: StreamOptions, settings: LiveSettings, setup: "Scene", sta
     return viewers
 
 
-def _avatars(options: StreamOptions, setup: "Scene", stack: ExitStack, line: "StatusLine") -> "list[LiveVmcSink]":
-    if options.vmc is None:
-        return []
-    from vip_factors.io.live_vmc import LiveVmcSink
-
-    sink = LiveVmcSink(options.vmc, setup, options.sent_pose)
-    stack.callback(sink.close)
-    if len(sink.ports) > 1:
-        line.note(f"note: VMC messages: {', '.join(f'{name} on port {port}' for name, port in sink.ports.items())}")
-    return [sink]
-
-
-def _others(
+def _sinks(
     options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack, line: "StatusLine"
-) -> "list[Sink]":
-    """The live page, and the outlet for labs."""
-    sinks: list[Sink] = []
+) -> "Iterator[Sink]":
+    """Where answers go, beside Rerun's viewers."""
+    from vip_factors.io.live_json import LiveJsonSink
+
+    if options.json:
+        yield LiveJsonSink(sys.stdout, setup)
+    if options.out is not None:
+        from vip_factors.io.live_mcap import LiveMcapSink
+        from vip_factors.settings import flatten
+
+        sink = LiveMcapSink(options.out, setup, settings.frame_rate, flatten(settings), options.overwrite)
+        yield stack.enter_context(sink)
+    if options.vmc is not None:
+        from vip_factors.io.live_vmc import LiveVmcSink
+
+        avatars = LiveVmcSink(options.vmc, setup, options.sent_pose)
+        stack.callback(lambda: list(map(line.note, avatars.close())))
+        if len(avatars.ports) > 1:
+            line.note(
+                f"note: VMC messages: {', '.join(f'{name} on port {port}' for name, port in avatars.ports.items())}"
+            )
+        yield avatars
     if options.web is not None:
         from vip_factors.api import serve
         from vip_factors.io.live.open import read_token
 
-        token = read_token(options.token_file)
-        server = stack.enter_context(serve(setup, options.web, options.web_host, token))
+        server = stack.enter_context(serve(setup, options.web, options.web_host, read_token(options.token_file)))
         line.note(f"note: {server.listens}")
-        sinks.append(server)
+        yield server
     if options.lsl is not None:
         from vip_factors.io.live_lsl import LiveLslSink
 
-        sinks.append(LiveLslSink(options.lsl, setup, settings.frame_rate, options.sent_pose))
-    return sinks
+        yield LiveLslSink(options.lsl, setup, settings.frame_rate, options.sent_pose)
 
 
 def _conclude(

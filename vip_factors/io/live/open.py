@@ -46,7 +46,6 @@ class RecordingSource(LiveSource):
     Args:
         scene: to be played back.
         real_time: whether each sample comes when it is due.
-        speed: multiple of the scene's own time.
         settings, on_finding: as of every source.
     """
 
@@ -54,34 +53,28 @@ class RecordingSource(LiveSource):
         self,
         scene: Scene,
         real_time: bool = False,
-        speed: float = 1.0,
         settings: LiveSourceSettings = DEFAULT,
         on_finding: Callable[[LiveFinding], None] | None = None,
     ) -> None:
-        if not 0 < speed < float("inf"):
-            raise InputError(f"speed {speed}: expected a positive multiple of the recording's own time")
         super().__init__(f"recording '{scene.name}'", settings, drops=real_time, on_finding=on_finding)
         self._scene = scene
-        self._speed = speed if real_time else None
+        self._real_time = real_time
 
     def _read(self) -> None:
         samples = live_samples(self._scene)
         self._announce(stream_head(self._scene))
-        for sample in when_due(samples, self._speed, self._stop.wait):
+        for sample in when_due(samples, self._stop.wait) if self._real_time else samples:
             if self._stop.is_set():
                 return
             self._put(sample)
 
 
-def when_due(
-    samples: Iterable[LiveSample], speed: float | None, wait: Callable[[float], object]
-) -> Iterator[LiveSample]:
-    """Each sample when it is due, at a multiple of its own time; at once without one."""
-    begun, first = time.monotonic(), None
+def when_due(samples: Iterable[LiveSample], wait: Callable[[float], object]) -> Iterator[LiveSample]:
+    """Each sample when it is due, after the first."""
+    begun: float | None = None
     for sample in samples:
-        if speed is not None:
-            first = sample.time if first is None else first
-            wait(max(0.0, begun + (sample.time - first) / speed - time.monotonic()))
+        begun = time.monotonic() - sample.time if begun is None else begun
+        wait(max(0.0, begun + sample.time - time.monotonic()))
         yield sample
 
 
@@ -95,7 +88,6 @@ def open_source(
     text: str | os.PathLike[str],
     follow: bool = False,
     real_time: bool = False,
-    speed: float = 1.0,
     settings: LiveSourceSettings = DEFAULT,
     on_finding: Callable[[LiveFinding], None] | None = None,
     token: str = "",
@@ -107,7 +99,6 @@ def open_source(
             127.0.0.1.
         follow: whether another program still writes the file.
         real_time: whether the file is played back in its own time.
-        speed: multiple of its own time.
         settings: limits.
         on_finding: gets the findings that come before the header, at once.
         token: that senders over the network must have; one is made up where other machines are listened to.
@@ -117,23 +108,21 @@ def open_source(
     """
     text = os.fspath(text)
     is_file = text != "-" and "://" not in text
-    if (follow or real_time or speed != 1.0) and not is_file:
+    if (follow or real_time) and not is_file:
         raise InputError(f"{text}: following and playing back in real time are for MCAP files only")
-    if follow and (real_time or speed != 1.0):
+    if follow and real_time:
         raise InputError(f"{text}: a file that is followed comes in its own time: choose following or real time")
     if text == "-":
         return StandardInputSource(settings, on_finding)
     if not is_file:
         return _network(text, settings, on_finding, token)
-    if speed != 1.0 and not real_time:
-        raise InputError(f"{text}: a speed is for playing back in real time: ask for that too")
     if follow:
         from vip_factors.io.live.growing import GrowingFileSource
 
         return GrowingFileSource(text, settings, on_finding)
     from vip_factors.io.mcap_recording import read_scene
 
-    return RecordingSource(read_scene(text), real_time, speed, settings, on_finding)
+    return RecordingSource(read_scene(text), real_time, settings, on_finding)
 
 
 def _network(

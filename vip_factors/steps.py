@@ -40,7 +40,7 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Taken:
+class StepOutcome:
     """Result of a step, and the seconds that it took; None where the files of an earlier run were still right."""
 
     step: Step
@@ -59,7 +59,7 @@ class _Record:
     lines: list[str]
 
 
-def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCallback = silent) -> Taken:
+def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCallback = silent) -> StepOutcome:
     """Take a step, unless its files are there, made with the same parameters from the same inputs.
 
     Args:
@@ -74,7 +74,7 @@ def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCa
     path = folder / f"{step.name.replace(' ', '_')}.json"
     record = _read_record(path)
     if record is not None and _is_fresh(step, record):
-        return Taken(step, Result(tuple(map(Path, record.files)), tuple(record.lines)), None)
+        return StepOutcome(step, Result(tuple(map(Path, record.files)), tuple(record.lines)), None)
     begin = time.perf_counter()
     try:
         result = step.make(overwrite or record is not None, progress)
@@ -87,7 +87,7 @@ def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCa
     )
     folder.mkdir(parents=True, exist_ok=True)
     path.write_bytes(msgspec.json.format(msgspec.json.encode(record)) + b"\n")
-    return Taken(step, result, time.perf_counter() - begin)
+    return StepOutcome(step, result, time.perf_counter() - begin)
 
 
 def _read_record(path: Path) -> _Record | None:

@@ -116,8 +116,8 @@ def check(options: RunOptions) -> None:
         check_target(target, overwrite=True)  # whether an earlier run wrote it is not known yet
 
 
-def steps(options: RunOptions, each: "Each" = map) -> Iterator[Step]:
-    """All steps in order; ``each`` solves the windows of a long recording, in other processes say."""
+def steps(options: RunOptions, map_fn: "Each" = map) -> Iterator[Step]:
+    """All steps in order; ``map_fn`` solves the windows of a long recording, in other processes say."""
     folder, camera = options.out, options.camera
     if camera is not None and options.detector is not None:
         assert camera.video is not None
@@ -142,7 +142,7 @@ def steps(options: RunOptions, each: "Each" = map) -> Iterator[Step]:
         recording = synced
     estimate, page = folder / ESTIMATE, folder / "report.html"
     settings = replace(options.settings, covariance=True)  # how sure it is comes first in the report
-    yield Step("smooth", (recording,), settings, partial(_smooth, recording, estimate, settings, each))
+    yield Step("smooth", (recording,), settings, partial(_smooth, recording, estimate, settings, map_fn))
     if options.report:
         yield Step("report", (estimate, recording), None, partial(_report, estimate, recording, page))
     for target in options.exports:
@@ -208,15 +208,15 @@ def _sync(recording: Path, out: Path, overwrite: bool, progress: ProgressCallbac
 
 
 def _smooth(
-    recording: Path, out: Path, settings: Settings, each: "Each", overwrite: bool, progress: ProgressCallback
+    recording: Path, out: Path, settings: Settings, map_fn: "Each", overwrite: bool, progress: ProgressCallback
 ) -> Result:
-    estimate, frames = smooth_file((recording,), out, settings, progress, each=each, overwrite=overwrite)
+    estimate, frames = smooth_file((recording,), out, settings, progress, map_fn=map_fn, overwrite=overwrite)
     return Result((out,), tuple(estimate_lines(estimate, frames)))
 
 
 def smooth_file(
     recordings: Sequence[Path], out: Path, settings: Settings, progress: ProgressCallback = silent,
-    *, each: "Each" = map, overwrite: bool = False,
+    *, map_fn: "Each" = map, overwrite: bool = False,
 ) -> "tuple[Estimate, Sequence[int]]":  # fmt: skip
     """Reconstruct a recording into a file, window by window if it is long, in the memory of one.
 
@@ -225,7 +225,7 @@ def smooth_file(
         out: file to write.
         settings: of the reconstruction.
         progress: called with the name of a stage and the fraction of it that is done.
-        each: maps a function over windows, in other processes say.
+        map_fn: maps a function over windows, in other processes say.
         overwrite: whether the file may be replaced.
 
     Returns:
@@ -242,7 +242,7 @@ def smooth_file(
     has_windows = settings.windows.use and not settings.calibration.from_truth
     source = open_source(recordings, settings.windows.above_s if has_windows else float("inf"))
     reports: list[SolveReport] = []
-    estimate = smooth_chunks(source, settings, progress, each=each)
+    estimate = smooth_chunks(source, settings, progress, each=map_fn)
     reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
     write_estimate(reported, out, overwrite, start_ns=source.wearers[0].head.start_ns)
     head = estimate.head if estimate.closed is None else estimate.closed()

@@ -52,25 +52,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         143 after SIGTERM.
         Anything unforeseen is raised, with its traceback.
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    words = list(sys.argv[1:] if arguments is None else arguments)
     open_streams()
-    with ending() as asked:
+    with ending() as signalled:
         try:
-            return _run(given)
+            return _run(words)
         except KeyboardInterrupt:
             pass
         except ImportError:  # what compiled modules make of a signal that comes while they are loaded
-            if not asked.number:
+            if not signalled.number:
                 raise
     print(f"{PROGRAM}: interrupted; nothing half-written is left", file=sys.stderr)
-    return asked.exit_code
+    return signalled.exit_code
 
 
-def _run(given: list[str]) -> int:
+def _run(words: list[str]) -> int:
     try:
         with warnings.catch_warnings():
             warnings.showwarning = _Notes().show
-            code = _dispatched(given)
+            code = _dispatched(words)
             sys.stdout.flush()
             return code
     except BrokenPipeError:  # the reader of our output, ``head`` say, has seen enough
@@ -183,15 +183,15 @@ class Ending:
 @contextmanager
 def ending() -> Iterator[Ending]:
     """Take the signals that ask for the end; those that somebody else takes, or ignores, are left to them."""
-    found, before = Ending(), {}
+    end, handlers = Ending(), {}
     if threading.current_thread() is threading.main_thread():
         for number in ENDING:
             if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-                before[number] = signal.signal(number, found.ask)
+                handlers[number] = signal.signal(number, end.ask)
     try:
-        yield found
+        yield end
     finally:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
 

@@ -208,19 +208,20 @@ def _same(path: Path, other: Path) -> bool:
 def _marked_files(options: Any) -> Iterator[tuple[Path, Input | Output | None]]:
     """Every path among options with its mark, and text that is marked."""
     hints = get_type_hints(type(options), include_extras=True)
-    for one in fields(options):
-        value = getattr(options, one.name)
+    for field in fields(options):
+        value = getattr(options, field.name)
         if is_dataclass(value):
             yield from _marked_files(value)
             continue
-        mark = _mark(hints[one.name])
-        for single in value if isinstance(value, tuple) else (value,):
-            if isinstance(single, Path) or (isinstance(single, str) and mark is not None):
-                yield Path(single), mark
+        mark = _mark(hints[field.name])
+        for name in value if isinstance(value, tuple) else (value,):
+            if isinstance(name, Path) or (isinstance(name, str) and mark is not None):
+                yield Path(name), mark
 
 
 def _mark(hint: Any) -> Input | Output | None:
-    for one in getattr(hint, "__metadata__", ()):
-        if isinstance(one, Input | Output):
-            return one
-    return next((found for inner in get_args(hint) if (found := _mark(inner)) is not None), None)
+    for mark in getattr(hint, "__metadata__", ()):
+        if isinstance(mark, Input | Output):
+            return mark
+    marks = map(_mark, get_args(hint))
+    return next((mark for mark in marks if mark is not None), None)

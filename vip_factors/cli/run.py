@@ -13,12 +13,12 @@ from vip_factors.cli.convert import ConvertOptions, camera_options, import_optio
 from vip_factors.cli.detect import DetectOptions
 from vip_factors.cli.options import FailOn, Flag, Options, Output, fail_on, parse
 from vip_factors.cli.smooth import SmoothOptions
-from vip_factors.cli.terminal import printable, progress_bar, say
+from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
-    from vip_factors.steps import Taken
+    from vip_factors.steps import StepOutcome
     from vip_factors.workflow import DetectorOptions
     from vip_factors.workflow import RunOptions as Run
 
@@ -92,11 +92,11 @@ def main(options: RunOptions) -> None:
     run.out.mkdir(parents=True, exist_ok=True)
     if options.video is not None and options.camera is None:
         guess_camera(options.video, options.field_of_view_deg, run.out / "camera.toml")
-    with windows_elsewhere(smooth.jobs, smooth.cluster) as each:
-        for step in steps(run, each):
+    with windows_elsewhere(smooth.jobs, smooth.cluster) as map_fn:
+        for step in steps(run, map_fn):
             with progress_bar() as progress:
-                taken = take(step, run.out / "steps", run.overwrite, progress)
-            _print_taken(taken)
+                outcome = take(step, run.out / "steps", run.overwrite, progress)
+            _print_outcome(outcome)
     say(f"{time.perf_counter() - begin:.1f} s in all, files in {run.out}")
     fail_on(options.fail_on, read_estimate(run.out / ESTIMATE).verdict)
 
@@ -115,9 +115,9 @@ def _check(options: RunOptions) -> None:
         poses = options.detections is not None
         of_poses = () if poses else ("camera", "static_camera", "time_offset_s", "video_rate")
         of_video = (*of_poses, "field_of_view_deg", "overlay")
-        given = [f"--{name.replace('_', '-')}" for name in of_video if getattr(options, name) != getattr(usual, name)]
-        if given:
-            raise InputError(f"{', '.join(given)} given without --video{'' if poses else ' or --detections'}")
+        names = [f"--{name.replace('_', '-')}" for name in of_video if getattr(options, name) != getattr(usual, name)]
+        if names:
+            raise InputError(f"{', '.join(names)} given without --video{'' if poses else ' or --detections'}")
         if poses and options.camera is None:
             raise InputError("--detections given without --video: its camera is not known, give --camera FILE.toml")
     if options.detections is not None and (options.overlay or options.detect_options):
@@ -157,7 +157,7 @@ def run_options(options: RunOptions) -> "Run":
         for log, placement in zip(options.log, placements, strict=True)
     ]  # fmt: skip
     return Run(
-        logs=tuple((log, import_options(one)) for log, one in zip(options.log, converted, strict=True)),
+        logs=tuple((log, import_options(parsed)) for log, parsed in zip(options.log, converted, strict=True)),
         out=folder,
         camera=camera_options(converted[0]) if filmed else None,
         detector=_detector_options(options, folder),
@@ -212,8 +212,8 @@ def _words(text: str) -> list[str]:
         raise InputError(f"{text}: expected options as on a command line; {error}") from error
 
 
-def _print_taken(taken: "Taken") -> None:
-    when = "as before" if taken.seconds is None else f"{taken.seconds:.1f} s"
-    say(f"{taken.step.name:<16} {when:>9}  {'  '.join(map(str, taken.result.files))}")
-    for line in taken.result.lines:
-        say(f"  {printable(line)}")
+def _print_outcome(outcome: "StepOutcome") -> None:
+    when = "as before" if outcome.seconds is None else f"{outcome.seconds:.1f} s"
+    say(f"{outcome.step.name:<16} {when:>9}  {'  '.join(map(str, outcome.result.files))}")
+    for line in outcome.result.lines:
+        say(f"  {line}")

@@ -47,9 +47,9 @@ def main(options: SmoothOptions) -> None:
         raise InputError("no RECORDING.mcap to smooth is named")
     out = options.out or beside(options.recording[0], ".estimate.mcap")
     check_target(out, options.overwrite)
-    with progress_bar() as progress, windows_elsewhere(options.jobs, options.cluster) as each:
+    with progress_bar() as progress, windows_elsewhere(options.jobs, options.cluster) as map_fn:
         estimate, frames = smooth_file(
-            options.recording, out, options.settings, progress, each=each, overwrite=options.overwrite
+            options.recording, out, options.settings, progress, map_fn=map_fn, overwrite=options.overwrite
         )
     for line in estimate_lines(estimate, frames):
         say(line)

@@ -91,11 +91,17 @@ def test_sentences_with_dots_are_no_keys(tmp_path: Path) -> None:
         ("a.toml", "[sensors]\n" + "".join(f'n{i} = "pelvis"\n' for i in range(20_000)), placement_from_file),
         ("a.toml", "x = " + "[" * 400_000, read_camera_file),
         ("a.json", '{"camera_matrix": ' + "[" * 400_000, read_camera_file),
+        ("a.yaml", "%YAML:1.0\n---\na: " + "[" * 400_000, read_camera_file),
+        ("a.yaml", "%YAML:1.0\n---\na: " + "{a: " * 200_000, read_camera_file),
+        ("a.yaml", "%YAML:1.0\n---\n" + "a:" * 400_000, read_camera_file),
+        ("a.yaml", "%YAML:1.0\n---\nb:\n  " + "-" * 400_000, read_camera_file),
+        ("a.xml", "<opencv_storage>" + "<a>" * 200_000, read_camera_file),
+        ("a.yaml", "%YAML:1.0\n---\ncamera_matrix: [" + "1," * 300_000 + "1]", read_camera_file),
         ("a.csv", ",".join(["t", *(f"s{i}_acc_x" for i in range(1_000_000))]) + "\n0,0,0\n1,0,0\n", read_text_table),
         ("a.csv", "t,a\n" + ("0.5," * 1_000_000 + "1\n") * 4, guess),
         ("a.sto", "endheader\n" + "time\t" * 1_000_000 + "\n" + "0\t" * 1_000_000 + "\n", read_text_table),
     ],
-    ids=["sensors", "fewer sensors", "deep TOML", "deep JSON", "wide header", "wide rows", "wide STO"],
+    ids=lambda value: getattr(value, "__name__", str(value)[:30]),
 )
 def test_what_is_too_large_or_too_deep_is_refused_in_a_sentence(
     tmp_path: Path, name: str, text: str, read: Callable[[Path], object]

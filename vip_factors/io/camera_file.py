@@ -22,6 +22,7 @@ how the numbers were found and is read by people only. OpenCV's own files (``cam
 Pose2Sim's calibration, a table for each camera of a lab, the one that is named after a colon: ``Calib.toml:cam_01``.
 """
 
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated
@@ -42,6 +43,7 @@ DISTORTION = ("dist_coeffs", "distortion_coefficients", "Distortion_Coefficients
 WIDTH, HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
 SIZE = ("image_size", "img_size", "imageSize")  # width, height
 USED_COEFFICIENTS = 8  # beyond them OpenCV has thin prisms and tilted sensors
+MOST_NUMBERS = 100  # under one name
 FARTHEST_PIXEL = 1e6  # a million pixels wide is no image
 Pixels = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
 
@@ -241,10 +243,23 @@ def _json_numbers(path: Path) -> Numbers:
     return numbers
 
 
+def _may_be_deep(text: str) -> bool:
+    """Whether lists, tables or elements may stand in one another so deep that OpenCV's recursive parser crashes.
+
+    That takes some 20,000 levels: brackets and tags are counted, and what YAML nests in one line without brackets.
+    """
+    in_line = (re.split(r"[,\[\]{}]", line) for line in text.splitlines() if not line.lstrip().startswith("#"))
+    return sum(map(text.count, "[{<")) > 2000 or any(
+        part.count(":") + part.count("-") > 50 for parts in in_line for part in parts
+    )
+
+
 def _storage_numbers(path: Path) -> Numbers:
     import cv2
 
     text = read_text(path, "a camera file (TOML, or OpenCV's YAML)", strict=True)
+    if _may_be_deep(text):
+        raise FileFormatError(f"{path}: too many lists or tables in one another: expected a camera_matrix")
     if path.suffix.lower() != ".xml" and not text.lstrip().startswith("%YAML"):
         text = "%YAML:1.0\n---\n" + text.replace("---\n", "", 1)  # ROS writes no header, and OpenCV insists on one
     try:
@@ -258,6 +273,8 @@ def _storage_numbers(path: Path) -> Numbers:
         try:
             for node in map(storage.getNode, names):
                 data = node.getNode("data") if node.isMap() else node
+                if data.isSeq() and data.size() > MOST_NUMBERS:  # reading each takes as long as all before it
+                    raise InputError(f"{path}: {data.size()} numbers where camera_matrix and the like should be")
                 if data.isSeq() and (data.size() or not node.isMap()):
                     return np.array([data.at(index).real() for index in range(data.size())])
                 if data.isReal() or data.isInt():

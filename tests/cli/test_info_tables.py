@@ -28,6 +28,15 @@ def test_a_narrow_terminal_breaks_lines_and_loses_nothing() -> None:
     assert terminal_text([facts("", ("note", words))]).count("\n") == 0
 
 
+@pytest.mark.parametrize("width", [40, 80])
+def test_columns_are_folded_and_names_stay_whole(width: int) -> None:
+    rows = [(f"left_upper_arm_{row}", *(f"{row}.{column} ± {'7' * 6}°" for column in range(6))) for row in range(3)]
+    text = terminal_text([Table(("sensor", *"abcdef"), rows)], width)
+    assert max(map(len, text.splitlines())) <= width
+    assert all((row[0] in text) == (width == 80) for row in rows)
+    assert text.count("7") == 3 * 6 * 6
+
+
 @pytest.mark.parametrize("name", ["\x1b[2J\x07", "[bold]", ":smile:", "a\nb", "\u202egnp"])
 def test_names_steer_no_terminal(name: str) -> None:
     text = terminal_text([facts(name, (name, name)), Table((name, ""), [(name, name)])])

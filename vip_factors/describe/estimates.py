@@ -146,7 +146,7 @@ def calibration_table(wearer: WearerEstimate, recording: Recording | None = None
             mounting = str(degrees(turn))
         where = bone_words(bone if site is None else site.bone) or UNKNOWN
         rows.append((name, where, heading_text(sensor), _drift_text(sensor), mounting, _mounting_sigma_text(sensor)))
-    turned = "mounting on the bone, wxyz" if recording is None else "turned against its site"
+    turned = "mounting, wxyz" if recording is None else "turned against its site"
     return Table(("sensor", "on", "heading", "drift to the end", turned, "known to"), rows, words=2)
 
 
@@ -166,7 +166,7 @@ def heading_text(sensor: SensorCalibration) -> str:
 
 def _drift_text(sensor: SensorCalibration) -> str:
     path = np.rad2deg(sensor.heading_path)
-    return f"{path[-1] - path[0]:+z.1f}°" if len(path) else "none looked for"
+    return f"{path[-1] - path[0]:+z.1f}°" if len(path) else UNKNOWN
 
 
 def _mounting_sigma_text(sensor: SensorCalibration) -> str:

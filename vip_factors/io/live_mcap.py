@@ -65,9 +65,9 @@ class LiveMcapSink:
         self.path = check_target(path, overwrite)
         self.partial = check_partial(self.path, overwrite)
         self._setup, self._settings, self._overwrite = setup, dict(settings or {}), overwrite
-        names = [one.subject.name for one in setup.wearers]
+        names = [wearer.subject.name for wearer in setup.wearers]
         self._newest = [prefix + POSE for prefix in wearer_topics(names, LIVE, LIVE_WEARER)]
-        self._wearers = [_SmoothedPoses(one, rate) for one in setup.wearers]
+        self._wearers = [_SmoothedPoses(wearer, rate) for wearer in setup.wearers]
         self.frames = 0  # taken in so far
         self._waiting: list[LiveEstimate] = []
         self._last: LiveEstimate | None = None
@@ -170,7 +170,7 @@ class LiveMcapSink:
         for estimate in estimates:
             self._add_findings(estimate.findings)
         for index, smoothed in enumerate(self._wearers):
-            for chunk, missing in smoothed.chunks([one.wearers[index] for one in estimates]):
+            for chunk, missing in smoothed.chunks([estimate.wearers[index] for estimate in estimates]):
                 self._add_findings(missing)
                 if chunk.motion.start == smoothed.start:
                     self._out.begin_wearer(index, chunk.frames(slice(0, 0)))
@@ -183,20 +183,20 @@ class LiveMcapSink:
 
     def _newest_poses(self, estimates: list[LiveEstimate]) -> Iterator[Iterable[TimedMessage]]:
         """Poses at the newest frames, which follow one another."""
-        first, start_ns = estimates[0].frame, self._setup.start_ns
+        first_frame, start_ns = estimates[0].frame, self._setup.start_ns
         for index, (topic, smoothed) in enumerate(zip(self._newest, self._wearers, strict=True)):
-            chunk = smoothed.estimate([one.wearers[index].newest for one in estimates], estimates[0].time)
-            yield pose_messages(self._writer, topic, chunk.motion, start_ns, chunk.covariance, first)
-        poses = [one.camera for one in estimates if one.camera is not None]
+            chunk = smoothed.estimate([estimate.wearers[index].newest for estimate in estimates], estimates[0].time)
+            yield pose_messages(self._writer, topic, chunk.motion, start_ns, chunk.covariance, first_frame)
+        poses = [estimate.camera for estimate in estimates if estimate.camera is not None]
         if poses and self._setup.camera is not None:
-            first = next(one.frame for one in estimates if one.camera is not None)
+            first_frame = next(estimate.frame for estimate in estimates if estimate.camera is not None)
             path = camera_estimate(self._setup.camera, poses)
-            yield camera_pose_messages(self._writer, LIVE_CAMERA, path.path, start_ns, path.covariance, first)
+            yield camera_pose_messages(self._writer, LIVE_CAMERA, path.path, start_ns, path.covariance, first_frame)
 
     def _write_camera(self, estimates: list[LiveEstimate]) -> None:
         """Smoothed poses of the camera; one that is known to stand still has a single pose."""
         camera = self._setup.camera
-        smoothed = [one.smoothed_camera for one in estimates if one.smoothed_camera is not None]
+        smoothed = [estimate.smoothed_camera for estimate in estimates if estimate.smoothed_camera is not None]
         if camera is None or not smoothed:
             return
         stands = not camera.moving and camera.known_path is not None
@@ -209,13 +209,16 @@ class LiveMcapSink:
     def _updates(self, estimates: list[LiveEstimate]) -> list[TimedMessage]:
         channel = self._writer.channel(LIVE_UPDATE, LiveUpdate)
         messages = []
-        for one in estimates:
-            seen = [-1 if wearer.detection is None else wearer.detection for wearer in one.wearers]
+        for estimate in estimates:
+            detections = [-1 if wearer.detection is None else wearer.detection for wearer in estimate.wearers]
             message = LiveUpdate(
-                frame=one.frame, update_s=one.seconds, detection_of_wearer=seen, findings=sentences(one.findings),
-                preliminary=one.preliminary,
-            )  # fmt: skip
-            time_ns = nanoseconds_of(one.time, self._setup.start_ns)
+                frame=estimate.frame,
+                update_s=estimate.seconds,
+                detection_of_wearer=detections,
+                findings=sentences(estimate.findings),
+                preliminary=estimate.preliminary,
+            )
+            time_ns = nanoseconds_of(estimate.time, self._setup.start_ns)
             set_timestamp(message.timestamp, time_ns)
             messages.append((time_ns, channel, message.SerializeToString()))
         return messages
@@ -249,7 +252,7 @@ class _SmoothedPoses:
     def chunks(self, answers: Sequence[LiveWearerEstimate]) -> Iterator[tuple[WearerEstimate, list[Finding]]]:
         """Poses a frame apart, and how many frames are missing before them."""
         run: list[LivePose] = []
-        first, missing = self._next_frame, 0
+        first_frame, missing = self._next_frame, 0
         for answer in answers:
             self._skeleton = answer.skeleton or self._skeleton
             pose = answer.smoothed
@@ -260,24 +263,24 @@ class _SmoothedPoses:
             frame = round((pose.time - self.start) * self._rate)
             if frame > self._next_frame:
                 if run:
-                    yield self._chunk(run, first, missing)
-                run, first, missing = [], frame, frame - self._next_frame
+                    yield self._chunk(run, first_frame, missing)
+                run, first_frame, missing = [], frame, frame - self._next_frame
             if frame >= self._next_frame:
                 run.append(pose)
                 self._next_frame = frame + 1
         if run:
-            yield self._chunk(run, first, missing)
+            yield self._chunk(run, first_frame, missing)
 
-    def _chunk(self, poses: list[LivePose], first: int, missing: int) -> tuple[WearerEstimate, list[Finding]]:
+    def _chunk(self, poses: list[LivePose], first_frame: int, missing: int) -> tuple[WearerEstimate, list[Finding]]:
         numbers = {"frames": missing, "until": poses[0].time}
         findings = [Finding("frames missing", self._wearer.subject.name, numbers=numbers)] if missing else []
-        return self.estimate(poses, self.start + first / self._rate), findings
+        return self.estimate(poses, self.start + first_frame / self._rate), findings
 
     def estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
         """An estimate of poses a frame apart, the first of them at ``start`` seconds."""
         name, sensors = self._wearer.subject.name, tuple(site.sensor for site in self._wearer.placement.sites)
-        R = np.array([one.R_parent_child for one in poses], float).reshape(-1, JOINT_COUNT, 3, 3)
-        p = np.array([one.p_world_pelvis for one in poses], float).reshape(-1, 3)
+        R = np.array([pose.R_parent_child for pose in poses], float).reshape(-1, JOINT_COUNT, 3, 3)
+        p = np.array([pose.p_world_pelvis for pose in poses], float).reshape(-1, 3)
         joints, roots = _if_all(poses, "joint_covariance"), _if_all(poses, "root_covariance")
         covariance = None if joints is None or roots is None else PoseCovariance(joints, roots)
         motion = Motion(self._skeleton, R, p, self._rate, start, name)
@@ -286,16 +289,16 @@ class _SmoothedPoses:
 
 def camera_estimate(camera: Camera, poses: Sequence[LiveCameraPose]) -> CameraEstimate:
     """The estimate of a camera at some poses."""
-    time = np.array([one.time for one in poses])
-    R = np.array([one.R_world_camera for one in poses])
-    path = CameraPath(time, R, np.array([one.p_world_camera for one in poses]))
+    time = np.array([pose.time for pose in poses])
+    R = np.array([pose.R_world_camera for pose in poses])
+    path = CameraPath(time, R, np.array([pose.p_world_camera for pose in poses]))
     return CameraEstimate(camera.name, camera.model, path, covariance=_if_all(poses, "covariance"))
 
 
 def _if_all(poses: Sequence[LivePose | LiveCameraPose], name: str) -> Array | None:
     """An attribute of poses as an array; None if one of them has none."""
-    values = [getattr(one, name) for one in poses]
-    return None if any(one is None for one in values) else np.array(values, float)
+    values = [getattr(pose, name) for pose in poses]
+    return None if any(value is None for value in values) else np.array(values, float)
 
 
 def nanoseconds_of(seconds: float, start_ns: int) -> int:

@@ -72,10 +72,10 @@ def path_messages(writer: MessageWriter, topic: str, path: CameraPath, start_ns:
 
     def messages() -> Iterator[PoseInFrame]:
         message = PoseInFrame(frame_id=WORLD)
-        turn, at = message.pose.orientation, message.pose.position
+        turn, position = message.pose.orientation, message.pose.position
         for q, p in zip(xyzw, path.p_world_camera.tolist(), strict=True):
             turn.x, turn.y, turn.z, turn.w = q
-            at.x, at.y, at.z = p
+            position.x, position.y, position.z = p
             yield message
 
     return writer.stamped(topic, PoseInFrame, nanoseconds(path.time, start_ns), messages())
@@ -85,10 +85,10 @@ def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
     """The path of ``foxglove.PoseInFrame``, times to the nanosecond; None if there are none."""
     if not poses:
         return None
-    time = np.array([(time_ns_of(one.timestamp) - start_ns) / NS_PER_S for one in poses])
-    turns = [one.pose.orientation for one in poses]
+    time = np.array([(time_ns_of(pose.timestamp) - start_ns) / NS_PER_S for pose in poses])
+    turns = [pose.pose.orientation for pose in poses]
     xyzw = np.array([(q.x, q.y, q.z, q.w) for q in turns])
-    places = [one.pose.position for one in poses]
+    places = [pose.pose.position for pose in poses]
     p_world_camera = np.array([(p.x, p.y, p.z) for p in places])
     return CameraPath(time, matrix_from_quaternion(xyzw, Order.XYZW), p_world_camera)
 
@@ -102,12 +102,14 @@ HEAD = DataclassCodec(CameraInfo, Camera, {"time_offset_s": "time_offset", "moun
 TRUTH = DataclassCodec(CameraInfo, SceneTruth, {"time_offset_s": "time_offset"})
 
 
-def camera_info_message(camera: Camera, **given: Any) -> CameraInfo:
+def camera_info_message(camera: Camera, **attributes: Any) -> CameraInfo:
     """What a camera is, and the keypoints of its detector; with the attributes given besides."""
     poses = 0 if camera.known_path is None else len(camera.known_path)
-    given["mounting"] = None if camera.mount is None else MOUNT.encode(camera.mount, imu=camera.mount.imu.name)
-    seen = camera.keypoints
-    return HEAD.encode(camera, known_poses=poses, keypoint_set=seen.name, keypoints=seen.keypoints, **given)
+    attributes["mounting"] = None if camera.mount is None else MOUNT.encode(camera.mount, imu=camera.mount.imu.name)
+    keypoints = camera.keypoints
+    return HEAD.encode(
+        camera, known_poses=poses, keypoint_set=keypoints.name, keypoints=keypoints.keypoints, **attributes
+    )
 
 
 def _recorded_info(camera: Camera, mcap_path: Path) -> CameraInfo:
@@ -141,7 +143,7 @@ def image_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: 
 def video_of(message: CameraInfo.Video, images: Sequence[Any], mcap_path: Path) -> Video:
     """The video of a message and the ``foxglove.CompressedImage`` of its embedded frames."""
     path = mcap_path.parent / message.path if message.path else None  # an absolute path stays as it is
-    return Video(path, {int(index): one.data for index, one in zip(message.image_frames, images, strict=False)})
+    return Video(path, {int(index): image.data for index, image in zip(message.image_frames, images, strict=False)})
 
 
 def frame_times(time: Array, index: np.ndarray) -> Array:
@@ -149,8 +151,8 @@ def frame_times(time: Array, index: np.ndarray) -> Array:
     if len(time) == 0:
         return np.asarray(index, float)
     step = float(np.median(np.diff(time))) if len(time) > 1 else 1.0
-    beyond = np.maximum(index - (len(time) - 1), 0)
-    return time[np.minimum(index, len(time) - 1)] + beyond * step
+    excess = np.maximum(index - (len(time) - 1), 0)
+    return time[np.minimum(index, len(time) - 1)] + excess * step
 
 
 def _stored_path(video: Path, mcap_path: Path) -> str:
@@ -197,45 +199,48 @@ def camera_messages(
         head = TRUTH.encode(truth, known_poses=len(truth.camera), has_true_pixels=truth.pixels is not None)
         writer.write(topics.truth("info"), head, start_ns)
         if truth.camera_calibration is not None:
-            one = codecs.CALIBRATION.encode({camera.name: truth.camera_calibration})
-            writer.write(topics.truth("calibration"), one, start_ns)
+            calibration = codecs.CALIBRATION.encode({camera.name: truth.camera_calibration})
+            writer.write(topics.truth("calibration"), calibration, start_ns)
         streams.append(path_messages(writer, topics.truth("pose"), truth.camera, start_ns))
     return streams
 
 
-def camera_of(topics: Topics, own: CameraTopics, start_ns: int) -> tuple[Camera | None, DetectionTruth | None]:
+def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int) -> tuple[Camera | None, DetectionTruth | None]:
     """The camera of a file and who is known to be who; None, and a warning, if too little of it is left."""
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
     path = topics.path
-    info, intrinsics = topics.last(own("info"), CameraInfo), topics.last(own("calibration"), CameraCalibration)
+    info, intrinsics = (
+        topics.last(topic_of("info"), CameraInfo),
+        topics.last(topic_of("calibration"), CameraCalibration),
+    )
     if info is None or intrinsics is None:
-        expected = own("info"), own("calibration")
-        found = expected[0] if info is not None else expected[1] if intrinsics is not None else "neither"
-        warn(path, f"the camera is left out: expected topics {' and '.join(expected)}, found {found}")
+        expected = topic_of("info"), topic_of("calibration")
+        present = expected[0] if info is not None else expected[1] if intrinsics is not None else "neither"
+        warn(path, f"the camera is left out: expected topics {' and '.join(expected)}, found {present}")
         return None, None
-    seen = topics.all(own("detections"), Detections2D)
-    if len(seen) < info.frames:
-        warn(path, f"camera '{info.name}': {len(seen)} of {info.frames} video frames are left")
-    detections, wearers = detections_of(info, seen)
-    images = topics.all(own("image"), CompressedImage)
+    frames = topics.all(topic_of("detections"), Detections2D)
+    if len(frames) < info.frames:
+        warn(path, f"camera '{info.name}': {len(frames)} of {info.frames} video frames are left")
+    detections, wearers = detections_of(info, frames)
+    images = topics.all(topic_of("image"), CompressedImage)
     camera = Camera(
         model=intrinsics_of(intrinsics),
         detections=detections,
-        mount=_mount_left(topics, own, info, start_ns),
-        known_path=path_of(topics.all(own("pose"), PoseInFrame), start_ns),
+        mount=_mount_left(topics, topic_of, info, start_ns),
+        known_path=path_of(topics.all(topic_of("pose"), PoseInFrame), start_ns),
         video=video_of(info.video, images, path) if info.HasField("video") else None,
         **HEAD.values(info),
     )
     return camera, wearers
 
 
-def _mount_left(topics: Topics, own: CameraTopics, info: CameraInfo, start_ns: int) -> CameraMount | None:
+def _mount_left(topics: Topics, topic_of: CameraTopics, info: CameraInfo, start_ns: int) -> CameraMount | None:
     if not info.HasField("mount"):
         return None
-    streams = read_streams(topics.path, topics.channels(own("imu"), ImuSample), start_ns)
+    streams = read_streams(topics.path, topics.channels(topic_of("imu"), ImuSample), start_ns)
     if info.mount.imu not in streams:
         warn(topics.path, f"camera '{info.name}': no sample of its sensor '{info.mount.imu}' is left")
         return None
@@ -243,20 +248,20 @@ def _mount_left(topics: Topics, own: CameraTopics, info: CameraInfo, start_ns: i
 
 
 def camera_truth_of(
-    topics: Topics, own: CameraTopics, start_ns: int, wearers: DetectionTruth | None
+    topics: Topics, topic_of: CameraTopics, start_ns: int, wearers: DetectionTruth | None
 ) -> SceneTruth | None:
     """What a file knows of a camera and of who is who before it; None if it does not, or too little is left."""
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
-    info = topics.last(own.truth("info"), CameraInfo)
+    info = topics.last(topic_of.truth("info"), CameraInfo)
     if info is None or wearers is None:
         return None
-    poses = path_of(topics.all(own.truth("pose"), PoseInFrame), start_ns)
+    poses = path_of(topics.all(topic_of.truth("pose"), PoseInFrame), start_ns)
     if poses is None:
-        warn(topics.path, f"no pose is left on {own.truth('pose')}: the truth of the camera is left out")
+        warn(topics.path, f"no pose is left on {topic_of.truth('pose')}: the truth of the camera is left out")
         return None
     if len(poses) < info.known_poses:
         warn(topics.path, f"{len(poses)} of {info.known_poses} true poses of the camera are left")
-    calibration = topics.object(own.truth("calibration"), codecs.CALIBRATION) or {}
+    calibration = topics.object(topic_of.truth("calibration"), codecs.CALIBRATION) or {}
     pixels = wearers.pixels if info.has_true_pixels else None
     return SceneTruth(poses, wearers.wearer, pixels, next(iter(calibration.values()), None), **TRUTH.values(info))

@@ -70,7 +70,7 @@ CAMERA_HEAD = DataclassCodec(
 
 def _findings(estimate: WearerEstimate | Estimate) -> dict[str, Any]:
     """Sentences for every reader, and beside each its kind."""
-    return {"findings": sentences(estimate.findings), "finding_kinds": [one.kind for one in estimate.findings]}
+    return {"findings": sentences(estimate.findings), "finding_kinds": [finding.kind for finding in estimate.findings]}
 
 
 def _findings_of(message: EstimateInfo) -> dict[str, Any]:
@@ -106,7 +106,7 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
         if info is None:
             return Estimate.of_one(_wearer_of(contents))
         return Estimate(
-            wearers=tuple(_wearer_of(contents, one) for one in info.wearer_topics),
+            wearers=tuple(_wearer_of(contents, prefix) for prefix in info.wearer_topics),
             camera=_camera(topics),
             reports=topics.objects(SCENE_REPORT, codecs.REPORT),
             **SCENE_HEAD.values(info),
@@ -119,21 +119,21 @@ def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
     Raises:
         InputError, FileFormatError: as :func:`read_estimate`.
     """
-    many = (POSE, RESIDUALS, CAMERA_POSE, CAMERA_INFO)
-    contents = read_few(path, lambda channel: is_read(channel) and not channel.topic.endswith(many))
+    left_out = (POSE, RESIDUALS, CAMERA_POSE, CAMERA_INFO)
+    contents = read_few(path, lambda channel: is_read(channel) and not channel.topic.endswith(left_out))
     with warnings.catch_warnings():  # that frames are missing
         warnings.simplefilter("ignore")
         head = read_estimate(contents)
     topics = Topics(contents)
     infos = [topics.last(topic, EstimateInfo) for topic in contents.topics if topic.endswith(INFO)]
-    return head, sum(one.motion.frames for one in infos if one is not None)
+    return head, sum(info.motion.frames for info in infos if info is not None)
 
 
 def read_start(path: str | os.PathLike[str]) -> int:
     """Absolute time in nanoseconds of an estimate's t = 0; 0 if it is not known."""
-    contents = read_few(path, lambda one: one.topic.startswith(ESTIMATE) and is_ours(one, EstimateInfo))
+    contents = read_few(path, lambda channel: channel.topic.startswith(ESTIMATE) and is_ours(channel, EstimateInfo))
     topics = Topics(contents)
-    infos = [one for topic in contents.topics if topic.endswith(INFO) for one in topics.all(topic, EstimateInfo)]
+    infos = [info for topic in contents.topics if topic.endswith(INFO) for info in topics.all(topic, EstimateInfo)]
     return time_ns_of(infos[0].start) if infos else 0
 
 
@@ -150,10 +150,10 @@ def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
             raise FileFormatError(
                 f"{path} is a recording: expected an estimate, which vip-factors smooth makes of a recording"
             )
-        found = ", ".join(contents.topics) or "none"
+        topic_names = ", ".join(contents.topics) or "none"
         damage = f" ({contents.damage[0]})" if contents.damage else ""
         raise FileFormatError(
-            f"{path}: expected an estimate, with a motion on topic {prefix + INFO}; found topics {found}{damage}"
+            f"{path}: expected an estimate, with a motion on topic {prefix + INFO}; found topics {topic_names}{damage}"
         )
     motion, covariance = motion_of(path, info.motion, topics.all(POSE, BodyPose))
     return WearerEstimate(

@@ -72,8 +72,8 @@ def write_estimate(
     chunk_bytes, errors = LONG_CHUNK_BYTES, None
     if isinstance(estimate, Estimate):
         errors = None if estimate.camera is None else estimate.camera.residual_px
-        for one in estimate.wearers:
-            _check_residuals(one)
+        for wearer in estimate.wearers:
+            _check_residuals(wearer)
         estimate, chunk_bytes = EstimateChunks.of(estimate), CHUNK_BYTES
     head, frames = estimate.head, estimate.frames
     with _estimate_file(path, overwrite, append_to, start_ns, chunk_bytes) as (writer, start_ns):
@@ -146,7 +146,7 @@ def _check_residuals(estimate: WearerEstimate) -> None:
 
 def _wearer_prefixes(estimate: Estimate) -> list[str]:
     """What each wearer's topics begin with: the motion's name, or where two have the same, their numbers."""
-    names = [one.motion.name for one in estimate.wearers]
+    names = [wearer.motion.name for wearer in estimate.wearers]
     if len(set(names)) < len(names):
         names = [str(number) for number in range(len(names))]
     return wearer_topics(names, on.SINGLE, on.WEARER)
@@ -267,16 +267,16 @@ class _WearerTopics:
         """The messages of the next frames, which are numbered by the chunk's start."""
         writer, prefix, start_ns, motion = self._writer, self._prefix, self._start_ns, chunk.motion
         start = self._head.motion.start
-        first = round((motion.start - start) * motion.rate)
-        self.next_frame = first + len(motion)
+        first_frame = round((motion.start - start) * motion.rate)
+        self.next_frame = first_frame + len(motion)
         self._head = replace(self._head, motion=replace(motion.frames(slice(0, 0)), start=start))
         for report in chunk.reports:
             writer.write(prefix + on.REPORT, codecs.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
-        yield pose_messages(writer, prefix + on.POSE, motion, start_ns, chunk.covariance, first)
+        yield pose_messages(writer, prefix + on.POSE, motion, start_ns, chunk.covariance, first_frame)
         if chunk.residuals:
-            yield residual_messages(writer, prefix + on.RESIDUALS, motion.time, chunk.residuals, start_ns, first)
-        if first < self._shown_frames:
-            shown = replace(motion.frames(slice(-first % shown_step(motion), None)), name=self._name)
+            yield residual_messages(writer, prefix + on.RESIDUALS, motion.time, chunk.residuals, start_ns, first_frame)
+        if first_frame < self._shown_frames:
+            shown = replace(motion.frames(slice(-first_frame % shown_step(motion), None)), name=self._name)
             yield transform_messages(writer, prefix + on.TRANSFORMS, shown, start_ns)
 
 
@@ -315,7 +315,10 @@ class _CameraTopics:
             yield path_messages(writer, on.CAMERA_PATH, path, self._start_ns)
             self._next_pose += len(path)
         if residual is not None:
-            time = next((one for one in (path.time, motion_time) if len(one) == len(residual)), motion_time[:1])
+            time = next(
+                (candidate for candidate in (path.time, motion_time) if len(candidate) == len(residual)),
+                motion_time[:1],
+            )
             time, kinds = np.resize(time, len(residual)), {REPROJECTION: residual}
             yield residual_messages(writer, on.CAMERA_RESIDUALS, time, kinds, self._start_ns, self._next_residual)
             self._next_residual += len(residual)

@@ -41,13 +41,13 @@ def pose_messages(
     motion: Motion,
     start_ns: int,
     covariance: PoseCovariance | None = None,
-    first: int = 0,
+    first_frame: int = 0,
 ) -> Iterator[TimedMessage]:
     """The frames of a motion, serialised, in the order of time; the first of them has the number ``first``."""
     wxyz = quaternion_from_matrix(motion.R_parent_child, Order.WXYZ).reshape(len(motion), 4 * JOINT_COUNT)
     messages = (
         BodyPose(
-            frame=first + row,
+            frame=first_frame + row,
             joint_rotations_wxyz=wxyz[row],
             p_world_pelvis=vector_message(p_world_pelvis),
             joint_covariance=() if covariance is None else covariance.joints[row].ravel(),
@@ -68,8 +68,8 @@ def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[
     """
     poses = _held_over_gaps(path, info, poses)
     frames = len(poses)
-    wxyz = _rows("joint rotations", [one.joint_rotations_wxyz for one in poses], (JOINT_COUNT, 4))
-    root = [(one.p_world_pelvis.x, one.p_world_pelvis.y, one.p_world_pelvis.z) for one in poses]
+    wxyz = _rows("joint rotations", [pose.joint_rotations_wxyz for pose in poses], (JOINT_COUNT, 4))
+    root = [(pose.p_world_pelvis.x, pose.p_world_pelvis.y, pose.p_world_pelvis.z) for pose in poses]
     motion = Motion(
         R_parent_child=matrix_from_quaternion(wxyz, Order.WXYZ),
         p_world_pelvis=np.array(root, float).reshape(-1, 3),
@@ -77,29 +77,28 @@ def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[
     )
     if frames < info.frames:
         warn(path, f"motion '{info.name}': {frames} of {info.frames} frames are left")
-    if not poses or not all(one.joint_covariance and one.root_covariance for one in poses):
+    if not poses or not all(pose.joint_covariance and pose.root_covariance for pose in poses):
         return motion, None
-    joints = _rows("joint covariances", [one.joint_covariance for one in poses], (JOINT_COUNT, 3, 3))
-    return motion, PoseCovariance(joints, _rows("root covariances", [one.root_covariance for one in poses], (3, 3)))
+    joints = _rows("joint covariances", [pose.joint_covariance for pose in poses], (JOINT_COUNT, 3, 3))
+    return motion, PoseCovariance(joints, _rows("root covariances", [pose.root_covariance for pose in poses], (3, 3)))
 
 
 def _held_over_gaps(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> list[BodyPose]:
     """A pose for each frame from the first on: where a frame has none, the one before it."""
-    held: list[BodyPose] = []
+    filled: list[BodyPose] = []
     missing = 0
     for read, pose in enumerate(poses):
-        gap = pose.frame - len(held)
-        if gap < 0 or (gap and not held) or missing + gap > MOST_HELD:
-            lost = (
-                f"its frames {len(held):,} to {pose.frame - 1:,} are missing: what follows, {len(poses) - read:,} poses"
-            )
-            warn(path, f"motion '{info.name}' ends after {len(held) / info.rate_hz:.2f} s: {lost}, is not read")
+        gap = pose.frame - len(filled)
+        if gap < 0 or (gap and not filled) or missing + gap > MOST_HELD:
+            lost = f"its frames {len(filled):,} to {pose.frame - 1:,} are missing"
+            ends = f"motion '{info.name}' ends after {len(filled) / info.rate_hz:.2f} s: {lost}"
+            warn(path, f"{ends}: what follows, {len(poses) - read:,} poses, is not read")
             break
         missing += gap
-        held += [*held[-1:] * gap, pose]
+        filled += [*filled[-1:] * gap, pose]
     if missing:
         warn(path, f"motion '{info.name}': {missing:,} frames are missing: the last pose before them is held")
-    return held
+    return filled
 
 
 def _rows(what: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
@@ -111,12 +110,12 @@ def _rows(what: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
 
 
 def residual_messages(
-    writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], start_ns: int, first: int = 0
+    writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], start_ns: int, first_frame: int = 0
 ) -> Iterator[TimedMessage]:
     """The residuals of frames at ``time`` ``(T,)``, serialised; the first of them has the number ``first``."""
     messages = (
         Residuals(
-            frame=first + row,
+            frame=first_frame + row,
             kinds=[Residuals.Kind(name=kind, values=values[row]) for kind, values in residuals.items()],
         )
         for row in range(len(time))
@@ -125,21 +124,26 @@ def residual_messages(
 
 
 def camera_pose_messages(
-    writer: MessageWriter, topic: str, path: CameraPath, start_ns: int, covariance: Array | None = None, first: int = 0
+    writer: MessageWriter,
+    topic: str,
+    path: CameraPath,
+    start_ns: int,
+    covariance: Array | None = None,
+    first_frame: int = 0,
 ) -> Iterator[TimedMessage]:
     """The poses of a camera, serialised, in the order of time; the first of them has the number ``first``."""
     times_ns = nanoseconds(path.time, start_ns)
-    return writer.stamped(topic, CameraPose, times_ns, camera_poses(path, start_ns, covariance, first))
+    return writer.stamped(topic, CameraPose, times_ns, camera_poses(path, start_ns, covariance, first_frame))
 
 
 def camera_poses(
-    path: CameraPath, start_ns: int, covariance: Array | None = None, first: int = 0
+    path: CameraPath, start_ns: int, covariance: Array | None = None, first_frame: int = 0
 ) -> Iterator[CameraPose]:
     """The messages of the poses of a camera."""
     turns = quaternion_from_matrix(path.R_world_camera, Order.WXYZ).tolist()
     for row, (time_ns, seconds) in enumerate(zip(nanoseconds(path.time, start_ns), path.time.tolist(), strict=True)):
         message = CameraPose(
-            frame=first + row,
+            frame=first_frame + row,
             seconds=seconds,
             rotation_wxyz=dict(zip("wxyz", turns[row], strict=True)),
             p_world_camera=vector_message(path.p_world_camera[row]),
@@ -170,10 +174,10 @@ def residuals_of(kinds: Iterable[str], columns: int, messages: Sequence[Residual
 
 def camera_path_of(poses: Sequence[CameraPose]) -> CameraPath:
     """The path of poses, one at least."""
-    turns = [one.rotation_wxyz for one in poses]
-    places = [one.p_world_camera for one in poses]
+    turns = [pose.rotation_wxyz for pose in poses]
+    places = [pose.p_world_camera for pose in poses]
     return CameraPath(
-        np.array([one.seconds for one in poses]),
+        np.array([pose.seconds for pose in poses]),
         matrix_from_quaternion([(q.w, q.x, q.y, q.z) for q in turns], Order.WXYZ),
         np.array([(p.x, p.y, p.z) for p in places]),
     )
@@ -181,9 +185,9 @@ def camera_path_of(poses: Sequence[CameraPose]) -> CameraPath:
 
 def camera_covariance_of(poses: Sequence[CameraPose]) -> Array | None:
     """``(T, 6, 6)`` if all poses have one."""
-    if not all(len(one.covariance) == 36 for one in poses):
+    if not all(len(pose.covariance) == 36 for pose in poses):
         return None
-    return np.array([one.covariance for one in poses]).reshape(-1, 6, 6)
+    return np.array([pose.covariance for pose in poses]).reshape(-1, 6, 6)
 
 
 def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence[Residuals]) -> Array | None:

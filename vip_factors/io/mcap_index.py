@@ -80,17 +80,20 @@ class McapByTime:
             reading.take(record)
         needed = dict[int, ChunkIndex]()
         for number, messages in reading.gathered.items():
-            own = [one for one in summary.chunk_indexes if number in one.message_index_offsets]
-            ends = [*own[:1], *own[-1:]]
-            needed |= {one.chunk_start_offset: one for one in (ends if sampled(messages.channel) else own)}
+            chunks = [chunk for chunk in summary.chunk_indexes if number in chunk.message_index_offsets]
+            ends = [*chunks[:1], *chunks[-1:]]
+            needed |= {chunk.chunk_start_offset: chunk for chunk in (ends if sampled(messages.channel) else chunks)}
         try:
             _take_chunks(reading, [needed[start] for start in sorted(needed)])
         except READ_ERRORS:
             return None
         reading.check_size()
         counts = summary.statistics.channel_message_counts
-        few = (number for number, one in reading.gathered.items() if not sampled(one.channel))
-        if reading.contents.damage or any(len(reading.gathered[one].data) != counts.get(one, 0) for one in few):
+        is_complete = all(
+            sampled(messages.channel) or len(messages.data) == counts.get(number, 0)
+            for number, messages in reading.gathered.items()
+        )
+        if reading.contents.damage or not is_complete:
             return None
         for number, messages in reading.gathered.items():
             if sampled(messages.channel) and messages.data:
@@ -98,15 +101,17 @@ class McapByTime:
                 reading.contents.messages[number] = messages.rows(order[:1] + order[1:][-1:])
         return cls(reading.contents, sampled, summary.chunk_indexes, summary.statistics.message_count)
 
-    def between(self, first: int, last: int) -> McapContents:
+    def between(self, start_ns: int, end_ns: int) -> McapContents:
         """The messages of sampled channels with log times from ``first`` to ``last``, nanoseconds, in file order."""
         reading = McapPass(self.contents.path, self.sampled)
         for messages in self.contents.messages.values():
             reading.know(messages.channel)
-        within = [one for one in self.chunks if one.message_start_time <= last and one.message_end_time >= first]
+        within = [
+            chunk for chunk in self.chunks if chunk.message_start_time <= end_ns and chunk.message_end_time >= start_ns
+        ]
         _take_chunks(reading, within)
         for number, messages in reading.gathered.items():
-            rows = [row for row, time in enumerate(messages.log_times) if first <= time <= last]
+            rows = [row for row, time in enumerate(messages.log_times) if start_ns <= time <= end_ns]
             reading.contents.messages[number] = messages.rows(rows)
         return reading.contents
 
@@ -120,7 +125,7 @@ class McapByTime:
         times = dict[int, list[np.ndarray]]()
         for number, logged in self._indexed():
             times.setdefault(number, []).append(logged)
-        of_channel = {number: np.concatenate(own) for number, own in times.items()}
+        of_channel = {number: np.concatenate(pieces) for number, pieces in times.items()}
         return of_channel if sum(map(len, of_channel.values())) == self.message_count else None
 
     def _indexed(self) -> Iterator[tuple[int, np.ndarray]]:
@@ -149,6 +154,6 @@ def read_few(path: str | os.PathLike[str], wanted: Callable[[McapChannel], bool]
 
 def _take_chunks(reading: McapPass, chunks: Sequence[ChunkIndex]) -> None:
     with open(reading.contents.path, "rb") as file:
-        for one in chunks:
-            file.seek(one.chunk_start_offset + RECORD_HEAD.size)
+        for chunk in chunks:
+            file.seek(chunk.chunk_start_offset + RECORD_HEAD.size)
             reading.take_chunk(Chunk.read(ReadDataStream(file)))

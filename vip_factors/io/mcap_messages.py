@@ -55,8 +55,10 @@ def _joints_and_landmarks(skeleton: Skeleton) -> dict[str, Any]:
         for name, parent, offset in zip(JOINT_NAMES, PARENTS, skeleton.p_parent_joint, strict=True)
     ]
     landmarks = [
-        SkeletonMessage.Landmark(name=name, bone=JOINT_NAMES[one.bone], p_bone_point=vector_message(one.p_bone_point))
-        for name, one in skeleton.landmarks.items()
+        SkeletonMessage.Landmark(
+            name=name, bone=JOINT_NAMES[landmark.bone], p_bone_point=vector_message(landmark.p_bone_point)
+        )
+        for name, landmark in skeleton.landmarks.items()
     ]
     return {"joints": joints, "landmarks": landmarks}
 
@@ -66,7 +68,10 @@ def _skeleton(message: SkeletonMessage, read: dict[str, Any]) -> dict[str, Any]:
     missing = [name for name in JOINT_NAMES if name not in offsets]
     if missing:
         raise FileFormatError(f"the skeleton lacks {', '.join(missing)}: expected all of {', '.join(JOINT_NAMES)}")
-    landmarks = {one.name: Landmark(joint_index(one.bone), vector(one.p_bone_point)) for one in message.landmarks}
+    landmarks = {
+        landmark.name: Landmark(joint_index(landmark.bone), vector(landmark.p_bone_point))
+        for landmark in message.landmarks
+    }
     return read | {"p_parent_joint": np.array([offsets[name] for name in JOINT_NAMES]), "landmarks": landmarks}
 
 
@@ -158,18 +163,18 @@ def _keypoint_messages(detector: DetectorEstimate) -> dict[str, Any]:
 def _keypoints(message: DetectorEstimateMessage, read: dict[str, Any]) -> dict[str, Any]:
     rows = message.keypoints
     columns = {
-        attribute: np.array([vector(getattr(one, field)) for one in rows]).reshape(-1, 3)
+        attribute: np.array([vector(getattr(row, field)) for row in rows]).reshape(-1, 3)
         for field, attribute in _PLACE.items()
     }
-    return {"keypoints": tuple(one.keypoint for one in rows), **columns}
+    return {"keypoints": tuple(row.keypoint for row in rows), **columns}
 
 
 CALIBRATION: Codec[CalibrationEstimate, Calibration] = Codec(
     CalibrationEstimate,
     lambda calibration: CalibrationEstimate(
-        sensors=[SENSOR_CALIBRATION.encode(one, sensor=name) for name, one in calibration.items()]
+        sensors=[SENSOR_CALIBRATION.encode(sensor, sensor=name) for name, sensor in calibration.items()]
     ),
-    lambda message: {one.sensor: SENSOR_CALIBRATION.decode(one) for one in message.sensors},
+    lambda message: {sensor.sensor: SENSOR_CALIBRATION.decode(sensor) for sensor in message.sensors},
 )
 """Headings and mountings of all sensors."""
 DETECTOR = DataclassCodec(DetectorEstimateMessage, DetectorEstimate, more=_keypoint_messages, mend=_keypoints)
@@ -179,8 +184,8 @@ DETECTOR = DataclassCodec(DetectorEstimateMessage, DetectorEstimate, more=_keypo
 def is_ours(channel: McapChannel, message_class: "type[Message] | None" = None) -> bool:
     """Whether a channel carries this message, or any of package ``vip_factors``."""
     name = message_class.DESCRIPTOR.full_name if message_class else None
-    ours = channel.schema_name == name if name else channel.schema_name.startswith(PACKAGE)
-    return ours and channel.encoding == channel.schema_encoding == PROTOBUF
+    is_of_schema = channel.schema_name == name if name else channel.schema_name.startswith(PACKAGE)
+    return is_of_schema and channel.encoding == channel.schema_encoding == PROTOBUF
 
 
 def parsed(path: Path, messages: McapMessages, message_class: type[M]) -> list[M]:
@@ -214,13 +219,13 @@ class Topics:
     def __init__(self, contents: McapContents, prefix: str = "") -> None:
         self.contents, self.path, self._prefix = contents, contents.path, prefix
         self._channels = dict[str, list[McapMessages]]()
-        for one in contents.messages.values():
-            self._channels.setdefault(one.channel.topic, []).append(one)
+        for messages in contents.messages.values():
+            self._channels.setdefault(messages.channel.topic, []).append(messages)
 
     def channels(self, topic: str, message_class: "type[Message]") -> list[McapMessages]:
         """The channels of a topic that carry these messages: one, unless several programs wrote the file."""
-        found = self._channels.get(self._prefix + topic, ())
-        return [one for one in found if is_ours(one.channel, message_class)]
+        channels = self._channels.get(self._prefix + topic, ())
+        return [messages for messages in channels if is_ours(messages.channel, message_class)]
 
     def all(self, topic: str, message_class: type[M]) -> list[M]:
         """All messages of one kind on one topic; none if there is no such channel.
@@ -228,13 +233,13 @@ class Topics:
         Raises:
             FileFormatError: if one does not decode.
         """
-        found = self.channels(topic, message_class)
-        return [message for one in found for message in parsed(self.path, one, message_class)]
+        channels = self.channels(topic, message_class)
+        return [message for messages in channels for message in parsed(self.path, messages, message_class)]
 
     def last(self, topic: str, message_class: type[M]) -> M | None:
         """The last of them: of what comes several times the last one counts."""
-        found = self.all(topic, message_class)
-        return found[-1] if found else None
+        messages = self.all(topic, message_class)
+        return messages[-1] if messages else None
 
     def objects(self, topic: str, codec: Codec[Any, T]) -> tuple[T, ...]:
         """The objects of all messages of one kind on one topic.
@@ -242,7 +247,7 @@ class Topics:
         Raises:
             FileFormatError, InputError: for what no such object can be.
         """
-        return tuple(codec.decode(one) for one in self.all(topic, codec.message))
+        return tuple(codec.decode(message) for message in self.all(topic, codec.message))
 
     def object(self, topic: str, codec: Codec[Any, T]) -> T | None:
         """The object of the last of them; raises likewise."""

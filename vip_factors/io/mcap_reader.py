@@ -134,16 +134,16 @@ class McapPass:
         """
         check_magic(self.contents.path, file.read(len(MAGIC)))
         reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=largest_record)
-        at = len(MAGIC)
+        position = len(MAGIC)
         try:
             for record in reader.records:
                 self.take(record)
                 yield record
-                at = file.tell()
+                position = file.tell()
         except FileFormatError:
             raise
         except READ_ERRORS:
-            self.end_early(file, at)
+            self.end_early(file, position)
 
     def take(self, record: McapRecord) -> None:
         """Take in a record that stands outside of chunks."""
@@ -198,14 +198,14 @@ class McapPass:
 
     def take_messages(self) -> list[tuple[int, bytes]]:
         """Channel and data of the messages gathered since the last time, in the order of their log times."""
-        taken = [
+        messages_by_time = [
             (log_time, number, data)
             for number, messages in self.gathered.items()
             for log_time, data in zip(messages.log_times, messages.data, strict=True)
         ]
         for messages in self.gathered.values():
             messages.clear()
-        return [(number, data) for _, number, data in sorted(taken, key=lambda message: message[0])]
+        return [(number, data) for _, number, data in sorted(messages_by_time, key=lambda message: message[0])]
 
     def take_complaints(self) -> list[str]:
         """What could not be read since the last time, and what was refused."""
@@ -214,14 +214,14 @@ class McapPass:
         self.refusals.clear()
         return complaints
 
-    def end_early(self, file: IO[bytes], at: int) -> None:
+    def end_early(self, file: IO[bytes], position: int) -> None:
         """Take note of a file whose records end at a byte before they should."""
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - len(MAGIC), 0))
-        is_cut = size <= at + len(MAGIC) or file.read() != MAGIC
-        last = self.contents.last_log_time
-        upto = "no message is left" if last is None else f"read up to log time {last / 1e9:.3f} s"
-        where = f"cut off at byte {size}" if is_cut else f"damaged at byte {at}"
+        is_cut = size <= position + len(MAGIC) or file.read() != MAGIC
+        last_log_time = self.contents.last_log_time
+        upto = "no message is left" if last_log_time is None else f"read up to log time {last_log_time / 1e9:.3f} s"
+        where = f"cut off at byte {size}" if is_cut else f"damaged at byte {position}"
         self.contents.damage.insert(0, f"the file is {where} ({upto}); what follows is lost")
 
     def close(self) -> None:

@@ -72,20 +72,23 @@ def recording_of(contents: McapContents, prefix: str = "", has_truth: bool = Tru
         FileFormatError: if there is nothing of a recording.
         RecordingError: if its samples are unusable.
     """
-    passed = (ESTIMATE,) if prefix else (ESTIMATE, WEARER, *BEYOND)
+    left_out = (ESTIMATE,) if prefix else (ESTIMATE, WEARER, *BEYOND)
     mine = [
-        one
-        for one in contents.messages.values()
-        if one.channel.topic.startswith(f"{prefix}/" if prefix else "") and not one.channel.topic.startswith(passed)
+        messages
+        for messages in contents.messages.values()
+        if messages.channel.topic.startswith(f"{prefix}/" if prefix else "")
+        and not messages.channel.topic.startswith(left_out)
     ]
-    ours = [one for one in mine if any(is_ours(one.channel, kind) for kind in READ)]
-    foreign = [one.channel for one in mine if one not in ours]
+    readable = [messages for messages in mine if any(is_ours(messages.channel, kind) for kind in READ)]
+    foreign = [messages.channel for messages in mine if messages not in readable]
     if foreign:
-        named = ", ".join(f"{one.topic} ({one.schema_name or one.encoding or 'no schema'})" for one in foreign)
+        named = ", ".join(
+            f"{channel.topic} ({channel.schema_name or channel.encoding or 'no schema'})" for channel in foreign
+        )
         warn(contents.path, f"channels left out, as they hold nothing of a recording: {named}")
-    if not ours:
+    if not readable:
         raise FileFormatError(_nothing_here(contents))
-    samples = [one for one in ours if is_ours(one.channel, ImuSample)]
+    samples = [messages for messages in readable if is_ours(messages.channel, ImuSample)]
     return _recording(Topics(contents, prefix), samples, has_truth)
 
 
@@ -128,15 +131,15 @@ def _nothing_here(contents: McapContents) -> str:
     topics = contents.topics
     if topics and all(topic.startswith(ESTIMATE) for topic in topics):
         return f"{contents.path} is an estimate: expected a recording; give the one that it was made from"
-    found = f"found topics {', '.join(topics)}" if topics else "it has no topics"
+    topics_found = f"found topics {', '.join(topics)}" if topics else "it has no topics"
     advice = ""
     if any(topic.startswith(ESTIMATE) for topic in topics):
         advice = "; it is an estimate: give the recording that it was made from"
-    elif any(is_imu(one.channel) for one in contents.messages.values()):
+    elif any(is_imu(messages.channel) for messages in contents.messages.values()):
         advice = "; it has sensor_msgs/msg/Imu: bring it into a recording with vip-factors convert"
     damage = f" ({contents.damage[0]})" if contents.damage else ""
     expected = f"expected a recording, with messages such as {PACKAGE}ImuSample"
-    return f"{contents.path}: {expected}; {found}{damage}{advice}"
+    return f"{contents.path}: {expected}; {topics_found}{damage}{advice}"
 
 
 def write_recording(content: Recording | Scene, path: str | os.PathLike[str], overwrite: bool = False) -> None:
@@ -158,13 +161,14 @@ def write_recording(content: Recording | Scene, path: str | os.PathLike[str], ov
 def _scene_messages(writer: MessageWriter, scene: Scene, path: Path) -> list[Iterable[TimedMessage]]:
     start_ns, prefixes = scene.wearers[0].start_ns, wearer_topics(scene.names)
     info = SceneInfo(name=scene.name, wearer_topics=prefixes, has_camera=scene.camera is not None)
-    topics = [FIRST_CAMERA, *(CameraTopics.of(one.name) for one in scene.further_cameras)]
-    info.further_camera_topics.extend(one.prefix for one in topics[1:])
+    topics = [FIRST_CAMERA, *(CameraTopics.of(camera.name) for camera in scene.further_cameras)]
+    info.further_camera_topics.extend(camera.prefix for camera in topics[1:])
     writer.write(SCENE_INFO, info, start_ns)
     streams: list[Iterable[TimedMessage]] = []
     truths = (scene.truth, *scene.truth.further) if scene.truth is not None else [None] * len(topics)
-    for own, camera, truth in zip(topics, scene.cameras, truths, strict=False):  # without a camera there is none
-        streams += camera_messages(writer, own, camera, truth, start_ns, path)
+    # Without a camera there is none.
+    for camera_topics, camera, truth in zip(topics, scene.cameras, truths, strict=False):
+        streams += camera_messages(writer, camera_topics, camera, truth, start_ns, path)
     for prefix, recording in zip(prefixes, scene.wearers, strict=True):
         streams += recording_messages(writer, recording, prefix)
     return streams
@@ -191,7 +195,7 @@ def read_scene(path: str | os.PathLike[str] | McapContents) -> Scene:
     topics = Topics(contents)
     info = topics.last(SCENE_INFO, SceneInfo)
     with naming(contents.path):
-        wearers = tuple(recording_of(contents, one) for one in wearer_prefixes(contents, info))
+        wearers = tuple(recording_of(contents, prefix) for prefix in wearer_prefixes(contents, info))
         if not wearers:
             raise FileFormatError(f"expected a scene; found topics {', '.join(contents.topics)}, no wearer among them")
         camera, truth, further = _cameras(topics, info, wearers[0].start_ns)
@@ -202,40 +206,43 @@ def read_scene(path: str | os.PathLike[str] | McapContents) -> Scene:
 
 def is_read(channel: McapChannel) -> bool:
     """Whether a channel may be of a recording or a scene."""
-    beyond = channel.topic.startswith(BEYOND) and channel.encoding == PROTOBUF
-    return beyond or (is_ours(channel) and not channel.topic.startswith(ESTIMATE))
+    is_of_scene = channel.topic.startswith(BEYOND) and channel.encoding == PROTOBUF
+    return is_of_scene or (is_ours(channel) and not channel.topic.startswith(ESTIMATE))
 
 
 def wearer_prefixes(contents: McapContents, info: SceneInfo | None) -> list[str]:
     """What the topics of each wearer begin with of whom something is left; who has nothing is told."""
-    found = {"/".join(topic.split("/")[:3]): None for topic in contents.topics_in_order if topic.startswith(WEARER)}
-    prefixes = list(info.wearer_topics) if info is not None else list(found) or [""]
-    for one in prefixes:
-        if one and one not in found:
-            warn(contents.path, f"nothing of wearer {one.removeprefix(WEARER)} is left")
-            found.pop(one, None)
-    return [one for one in prefixes if not one or one in found]
+    remaining = {"/".join(topic.split("/")[:3]): None for topic in contents.topics_in_order if topic.startswith(WEARER)}
+    prefixes = list(info.wearer_topics) if info is not None else list(remaining) or [""]
+    for prefix in prefixes:
+        if prefix and prefix not in remaining:
+            warn(contents.path, f"nothing of wearer {prefix.removeprefix(WEARER)} is left")
+            remaining.pop(prefix, None)
+    return [prefix for prefix in prefixes if not prefix or prefix in remaining]
 
 
 def _cameras(
     topics: Topics, info: SceneInfo | None, start_ns: int
 ) -> tuple[Camera | None, SceneTruth | None, tuple[Camera, ...]]:
     """The first camera, what is known, and further cameras."""
-    there = any(topic.startswith(f"{FIRST_CAMERA.prefix}/") for topic in topics.contents.topics)
-    if not there and not (info is not None and info.has_camera):
+    has_camera = any(topic.startswith(f"{FIRST_CAMERA.prefix}/") for topic in topics.contents.topics)
+    if not has_camera and not (info is not None and info.has_camera):
         return None, None, ()
     camera, wearers = camera_of(topics, FIRST_CAMERA, start_ns)
     truth = camera_truth_of(topics, FIRST_CAMERA, start_ns, wearers)
     further, truths = [], []
     for prefix in info.further_camera_topics if info is not None and camera is not None else ():
-        own = CameraTopics(prefix)
-        one, wearers = camera_of(topics, own, start_ns)
-        if one is not None and one.known_path is None:
-            warn(topics.path, f"camera '{one.name}' is left out: its known pose on {own('pose')} is not left")
-        elif one is not None:
-            further.append(one)
-            truths.append(camera_truth_of(topics, own, start_ns, wearers) if truth is not None else None)
-    complete = tuple(one for one in truths if one is not None)
+        camera_topics = CameraTopics(prefix)
+        further_camera, wearers = camera_of(topics, camera_topics, start_ns)
+        if further_camera is not None and further_camera.known_path is None:
+            warn(
+                topics.path,
+                f"camera '{further_camera.name}' is left out: its known pose on {camera_topics('pose')} is not left",
+            )
+        elif further_camera is not None:
+            further.append(further_camera)
+            truths.append(camera_truth_of(topics, camera_topics, start_ns, wearers) if truth is not None else None)
+    complete = tuple(truth_of_camera for truth_of_camera in truths if truth_of_camera is not None)
     if truth is not None:
         truth = replace(truth, further=complete) if len(complete) == len(further) else None
     return camera, truth, tuple(further)

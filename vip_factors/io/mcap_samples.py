@@ -68,7 +68,7 @@ def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) ->
         if not samples:
             continue
         name = samples[0].sensor or messages.channel.topic.rpartition("/")[2]
-        if name in streams or any(one.sensor not in ("", name) for one in samples):
+        if name in streams or any(sample.sensor not in ("", name) for sample in samples):
             raise FileFormatError(
                 f"{path}: sensor '{name}' and topic {messages.channel.topic}: expected one topic per sensor and one "
                 "sensor per topic"
@@ -78,13 +78,13 @@ def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) ->
 
 
 def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) -> ImuStream:
-    time = np.array([sample_time(one, start_ns) for one in samples])
+    time = np.array([sample_time(sample, start_ns) for sample in samples])
     force = _measured(samples, "specific_force", "xyz")
     rate = _measured(samples, "angular_rate", "xyz")
     R = rotations_where_finite(_measured(samples, "orientation_wxyz", "wxyz"), Order.WXYZ)
     order = np.argsort(time, kind="stable")  # other writers may log out of order
     stream = ImuStream.from_samples(
-        name, time[order], *(None if one is None else one[order] for one in (force, R, rate))
+        name, time[order], *(None if values is None else values[order] for values in (force, R, rate))
     )
     if len(stream) < len(samples):
         warn(path, f"sensor '{name}': {len(samples) - len(stream)} incomplete samples are left out")
@@ -98,11 +98,11 @@ def sample_time(sample: ImuSample, start_ns: int) -> float:
 
 def _measured(samples: Sequence[ImuSample], field: str, axes: str) -> Array | None:
     """``(N, axes)``, NaN where a message lacks the field; None where all lack it."""
-    present = np.array([one.HasField(field) for one in samples])
+    present = np.array([sample.HasField(field) for sample in samples])
     if not present.any():
         return None
     numbers, of = attrgetter(*axes), attrgetter(field)
-    values = np.array([numbers(of(one)) for one in samples])
+    values = np.array([numbers(of(sample)) for sample in samples])
     values[~present] = np.nan
     return values
 
@@ -140,15 +140,15 @@ def _frames(detections: Detections, truth: SceneTruth | None) -> Iterator[Detect
         true_pixels = truth.pixels.reshape(len(detections), 2 * len(detections.keypoints))
     for frame, seconds in enumerate(detections.time.tolist()):
         message = Detections2D(frame=frame, seconds=seconds)
-        here = detections.of_frame(frame)
-        for one in range(here.start, here.stop):
-            person = message.people.add(pixels=pixels[one], confidence=detections.confidence[one])
-            if colours is not None and np.all(np.isfinite(colours[one])):
-                person.torso_colour.extend(colours[one])
+        rows = detections.of_frame(frame)
+        for row in range(rows.start, rows.stop):
+            person = message.people.add(pixels=pixels[row], confidence=detections.confidence[row])
+            if colours is not None and np.all(np.isfinite(colours[row])):
+                person.torso_colour.extend(colours[row])
             if truth is not None:
-                person.truth_wearer = int(truth.wearer[one])
+                person.truth_wearer = int(truth.wearer[row])
             if true_pixels is not None:
-                person.truth_pixels.extend(true_pixels[one])
+                person.truth_pixels.extend(true_pixels[row])
         yield message
 
 
@@ -164,14 +164,16 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
     """
     keypoints = keypoint_set_of(info)
     K = len(keypoints)
-    last = max((one.frame for one in messages), default=0)
-    if last > MOST_FRAMES:
-        raise FileFormatError(f"detections: video frame {last}: expected at most {MOST_FRAMES:,}; is the file damaged?")
-    frames = np.array([one.frame for one in messages], dtype=int)
+    last_frame = max((message.frame for message in messages), default=0)
+    if last_frame > MOST_FRAMES:
+        raise FileFormatError(
+            f"detections: video frame {last_frame}: expected at most {MOST_FRAMES:,}; is the file damaged?"
+        )
+    frames = np.array([message.frame for message in messages], dtype=int)
     if np.any(np.diff(frames) <= 0):
-        at = int(frames[1:][np.diff(frames) <= 0][0])
-        raise FileFormatError(f"detections: video frame {at} comes twice or late: expected increasing frame numbers")
-    time = np.array([one.seconds for one in messages])
+        frame = int(frames[1:][np.diff(frames) <= 0][0])
+        raise FileFormatError(f"detections: video frame {frame} comes twice or late: expected increasing frame numbers")
+    time = np.array([message.seconds for message in messages])
     if len(frames):
         every = np.arange(frames[-1] + 1)
         time = _filled(frames, time, every)
@@ -193,8 +195,10 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
     if not all(person.HasField("truth_wearer") for _, person in people):
         return detections, None
     wearer = np.array([person.truth_wearer for _, person in people], dtype=int)
-    whole = all(len(person.truth_pixels) == 2 * K for _, person in people)
-    pixels = np.array([person.truth_pixels for _, person in people], dtype=float).reshape(-1, K, 2) if whole else None
+    is_complete = all(len(person.truth_pixels) == 2 * K for _, person in people)
+    pixels = (
+        np.array([person.truth_pixels for _, person in people], dtype=float).reshape(-1, K, 2) if is_complete else None
+    )
     return detections, DetectionTruth(wearer, pixels)
 
 
@@ -215,9 +219,9 @@ def _torso_colours(people: Sequence[Detections2D.Person]) -> Array | None:
 
 def keypoint_set_of(info: CameraInfo) -> KeypointSet:
     """The keypoints that a camera's detector answers with."""
-    ours = KEYPOINT_SETS.get(info.keypoint_set)
-    if ours is not None and ours.keypoints == tuple(info.keypoints):
-        return ours
+    declared = KEYPOINT_SETS.get(info.keypoint_set)
+    if declared is not None and declared.keypoints == tuple(info.keypoints):
+        return declared
     return KeypointSet(info.keypoint_set, tuple(info.keypoints))
 
 

@@ -59,7 +59,9 @@ class WearerFile(RecordingInMemory):
 
     def channels(self, contents: McapContents) -> list[McapMessages]:
         """The wearer's samples among some messages."""
-        return [one for one in contents.messages.values() if one.channel.topic.startswith(self.prefix + IMU)]
+        return [
+            messages for messages in contents.messages.values() if messages.channel.topic.startswith(self.prefix + IMU)
+        ]
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
         """What was measured from one instant to another.
@@ -104,26 +106,26 @@ class SceneFile(UnfilmedSource):
         """
         reach = start - MARGIN_S, end + MARGIN_S
         contents = self._contents(*reach)
-        wearers = tuple(replace(one.head, imus=one.among(contents, *reach)) for one in self.sources)
+        wearers = tuple(replace(source.head, imus=source.among(contents, *reach)) for source in self.sources)
         with naming(contents.path):
             cameras = tuple(
-                self._camera(camera, own, Topics(contents), start, end)
-                for camera, own in zip(self.scene.cameras, self.topics, strict=True)
+                self._camera(camera, camera_topics, Topics(contents), start, end)
+                for camera, camera_topics in zip(self.scene.cameras, self.topics, strict=True)
             )
         return self._scene(wearers, cameras)
 
     def detected(self, start: float, end: float) -> int:
         """How many people were detected between two instants."""
-        first = self.scene.cameras[0]
-        time, clock = first.timed_detections.time, first.clock
+        camera = self.scene.cameras[0]
+        time, clock = camera.timed_detections.time, camera.clock
         if not len(time):
             return 0
         start, end, count = max(start, float(time[0])), min(end, float(np.nextafter(time[-1], np.inf))), 0
         while start < end:
-            until = min(start + COUNTED_S, end)
-            for one in Topics(self._contents(start, until)).all(self.topics[0]("detections"), Detections2D):
-                count += len(one.people) * (start <= one.seconds + clock.late(one.seconds) < until)
-            start = until
+            piece_end = min(start + COUNTED_S, end)
+            for frame in Topics(self._contents(start, piece_end)).all(self.topics[0]("detections"), Detections2D):
+                count += len(frame.people) * (start <= frame.seconds + clock.late(frame.seconds) < piece_end)
+            start = piece_end
         return count
 
     @property
@@ -133,26 +135,26 @@ class SceneFile(UnfilmedSource):
     def _contents(self, start: float, end: float) -> McapContents:
         return self.file.between(*_logged(self._start_ns, start, end))
 
-    def _camera(self, whole: Camera, own: CameraTopics, topics: Topics, start: float, end: float) -> Camera:
+    def _camera(self, camera: Camera, camera_topics: CameraTopics, topics: Topics, start: float, end: float) -> Camera:
         """One camera with what it filmed between two instants, and what the sensor on it measured."""
-        info = Topics(self.file.contents).all(own("info"), CameraInfo)[-1]
-        seen = topics.all(own("detections"), Detections2D)
-        for one in reversed(seen):
-            one.frame -= seen[0].frame
-        detections, _ = detections_of(info, seen)
-        mount = whole.mount
+        info = Topics(self.file.contents).all(camera_topics("info"), CameraInfo)[-1]
+        frames = topics.all(camera_topics("detections"), Detections2D)
+        for frame in reversed(frames):
+            frame.frame -= frames[0].frame
+        detections, _ = detections_of(info, frames)
+        mount = camera.mount
         if mount is not None:
-            streams = read_streams(topics.path, topics.channels(own("imu"), ImuSample), self._start_ns)
+            streams = read_streams(topics.path, topics.channels(camera_topics("imu"), ImuSample), self._start_ns)
             imu = streams.get(mount.imu.name)
             mount = None if imu is None else replace(mount, imu=imu)
-        return camera_between(replace(whole, detections=detections, mount=mount), start, end)
+        return camera_between(replace(camera, detections=detections, mount=mount), start, end)
 
 
 def _logged(start_ns: int, start: float, end: float) -> tuple[int, int]:
     """Log times, nanoseconds, between which everything lies that was measured from one instant to another."""
-    first = 0 if start == -np.inf else start_ns + round((start - CLOCK_SLACK_S) * NS_PER_S)
-    last = np.iinfo(np.int64).max if end == np.inf else start_ns + round((end + CLOCK_SLACK_S) * NS_PER_S)
-    return max(first, 0), int(last)
+    first_ns = 0 if start == -np.inf else start_ns + round((start - CLOCK_SLACK_S) * NS_PER_S)
+    last_ns = np.iinfo(np.int64).max if end == np.inf else start_ns + round((end + CLOCK_SLACK_S) * NS_PER_S)
+    return max(first_ns, 0), int(last_ns)
 
 
 def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -> SceneSource:
@@ -168,32 +170,34 @@ def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -
     long = np.isfinite(longer_than_s) and _logged_s(paths) > longer_than_s
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        found = [_by_time(path) for path in paths] if long else [None]
-        source = _together([one for one in found if one is not None], paths)
-    if source is None or not any(one.interval[1] - one.interval[0] > longer_than_s for one in source.wearers):
+        sources = [_by_time(path) for path in paths] if long else [None]
+        source = _together([part for part in sources if part is not None], paths)
+    if source is None or not any(wearer.interval[1] - wearer.interval[0] > longer_than_s for wearer in source.wearers):
         return SceneInMemory(read_scenes([Path(path) for path in paths]))
-    for one in warned:  # else they come again as the files are read at once
-        warnings.warn(one.message, stacklevel=2)
+    for warning in warned:  # else they come again as the files are read at once
+        warnings.warn(warning.message, stacklevel=2)
     return source
 
 
 def _logged_s(paths: Sequence[str | os.PathLike[str]]) -> float:
     """Seconds from the first to the last message of files; infinite where one of them does not say."""
     intervals = [logged_interval(read_summary(path)) for path in paths]
-    known = [one for one in intervals if one is not None]
-    if len(known) < len(intervals):
+    intervals_known = [interval for interval in intervals if interval is not None]
+    if len(intervals_known) < len(intervals):
         return np.inf
-    return (max(last for _, last in known) - min(first for first, _ in known)) / NS_PER_S + 2 * CLOCK_SLACK_S
+    return (
+        max(end for _, end in intervals_known) - min(start for start, _ in intervals_known)
+    ) / NS_PER_S + 2 * CLOCK_SLACK_S
 
 
-def _together(parts: Sequence[UnfilmedSource], paths: Sequence[str | os.PathLike[str]]) -> UnfilmedSource | None:
+def _together(sources: Sequence[UnfilmedSource], paths: Sequence[str | os.PathLike[str]]) -> UnfilmedSource | None:
     """Parts of one recording as one source; None if one of them is missing, or has a camera beside others."""
-    if len(parts) < len(paths) or (len(parts) > 1 and any(one.scene.cameras for one in parts)):
+    if len(sources) < len(paths) or (len(sources) > 1 and any(part.scene.cameras for part in sources)):
         return None
-    if len(parts) == 1:
-        return parts[0]
-    wearers = wearers_in_parts([one.wearers for one in parts], [str(path) for path in paths])
-    return UnfilmedSource(Scene(parts[0].scene.name, tuple(one.head for one in wearers)), wearers)
+    if len(sources) == 1:
+        return sources[0]
+    wearers = wearers_in_parts([part.wearers for part in sources], [str(path) for path in paths])
+    return UnfilmedSource(Scene(sources[0].scene.name, tuple(wearer.head for wearer in wearers)), wearers)
 
 
 def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
@@ -213,18 +217,18 @@ def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
                 return None
     except RecordingError:  # what the ends lack the rest may have
         return None
-    heads = tuple(one.head for one in wearers)
+    heads = tuple(wearer.head for wearer in wearers)
     name = heads[0].name if info is None else info.name
     if not any(topic.startswith(CAMERA) for topic in file.contents.topics):
         return UnfilmedSource(Scene(name, heads), wearers)
-    topics = [FIRST_CAMERA, *(CameraTopics(one) for one in (() if info is None else info.further_camera_topics))]
+    topics = [FIRST_CAMERA, *(CameraTopics(prefix) for prefix in (() if info is None else info.further_camera_topics))]
     with warnings.catch_warnings(), naming(of_file.path):
         warnings.simplefilter("ignore")  # of video frames there are two; whoever reads all of it says what is lost
-        cameras = [camera_of(of_file, one, heads[0].start_ns)[0] for one in topics]
-    known = tuple(one for one in cameras if one is not None)
-    if len(known) < len(topics):
+        cameras = [camera_of(of_file, camera_topics, heads[0].start_ns)[0] for camera_topics in topics]
+    complete = tuple(camera for camera in cameras if camera is not None)
+    if len(complete) < len(topics):
         return None
-    return SceneFile(Scene(name, heads, known[0], None, known[1:]), wearers, file, tuple(topics))
+    return SceneFile(Scene(name, heads, complete[0], None, complete[1:]), wearers, file, tuple(topics))
 
 
 def _is_logged_in_time(contents: McapContents, start_ns: int) -> bool:
@@ -233,13 +237,13 @@ def _is_logged_in_time(contents: McapContents, start_ns: int) -> bool:
         if is_ours(messages.channel, ImuSample):
             usable = sum(map(len, read_streams(contents.path, [messages], start_ns).values()))
             samples = parsed(contents.path, messages, ImuSample)
-            own_ns = [start_ns + sample_time(one, start_ns) * NS_PER_S for one in samples]
+            measured_ns = [start_ns + sample_time(sample, start_ns) * NS_PER_S for sample in samples]
         elif is_ours(messages.channel, Detections2D):
-            own_ns = [time_ns_of(one.timestamp) for one in parsed(contents.path, messages, Detections2D)]
-            usable = len(own_ns)
+            measured_ns = [time_ns_of(frame.timestamp) for frame in parsed(contents.path, messages, Detections2D)]
+            usable = len(measured_ns)
         else:
             continue
-        late = (abs(own - logged) for own, logged in zip(own_ns, messages.log_times, strict=True))
+        late = (abs(measured - logged) for measured, logged in zip(measured_ns, messages.log_times, strict=True))
         if usable < len(messages.data) or max(late, default=0) > CLOCK_SLACK_S * NS_PER_S:
             return False
     return True
@@ -276,7 +280,7 @@ def indexed_recording(path: str | os.PathLike[str], longer_than_s: float) -> Rec
     if file is None:
         return None
     contents, log_times = file.contents, file.log_times()
-    if log_times is None or any(one.startswith((ESTIMATE, CAMERA)) for one in contents.topics):
+    if log_times is None or any(topic.startswith((ESTIMATE, CAMERA)) for topic in contents.topics):
         return None
     prefixes = wearer_prefixes(contents, Topics(contents).last(SCENE_INFO, SceneInfo))
     if len(prefixes) != 1:
@@ -294,25 +298,29 @@ def indexed_recording(path: str | os.PathLike[str], longer_than_s: float) -> Rec
             truth_frames = len(own_times)
         if not is_ours(messages.channel, ImuSample):
             continue
-        (own,) = read_streams(contents.path, [messages], head.start_ns).values()
+        (stream,) = read_streams(contents.path, [messages], head.start_ns).values()
         logged_s = (own_times - head.start_ns) / NS_PER_S
-        if len(own) < len(messages.data):
+        if len(stream) < len(messages.data):
             return None
-        if np.any(np.diff(logged_s) <= 0) or not np.allclose(own.time, logged_s[[0, -1]][-len(own) :], 0, INDEXED_S):
+        if np.any(np.diff(logged_s) <= 0) or not np.allclose(
+            stream.time, logged_s[[0, -1]][-len(stream) :], 0, INDEXED_S
+        ):
             return None
-        time[own.name] = logged_s
+        time[stream.name] = logged_s
     return RecordingIndex(head, time, truth_frames)
 
 
 def _is_told(channel: McapChannel) -> bool:
-    passed = channel.topic.startswith((ESTIMATE, CAMERA)) or any(is_ours(channel, one) for one in (ImuSample, BodyPose))
-    return is_ours(channel) and not passed
+    is_left_out = channel.topic.startswith((ESTIMATE, CAMERA)) or any(
+        is_ours(channel, kind) for kind in (ImuSample, BodyPose)
+    )
+    return is_ours(channel) and not is_left_out
 
 
 def _comes_once(channel: McapChannel) -> bool:
-    passed = channel.topic.startswith(ESTIMATE) or TRUTH in channel.topic or _comes_in_time(channel)
+    is_left_out = channel.topic.startswith(ESTIMATE) or TRUTH in channel.topic or _comes_in_time(channel)
     of_camera = channel.topic.startswith(CAMERA) and channel.schema_name in CAMERA_SCHEMAS
-    return (is_ours(channel) or of_camera) and not passed
+    return (is_ours(channel) or of_camera) and not is_left_out
 
 
 def _comes_in_time(channel: McapChannel) -> bool:

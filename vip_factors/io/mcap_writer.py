@@ -94,11 +94,17 @@ class MessageWriter:
         """Everything in another file, except for topics that begin with one of ``without``."""
         for metadata in contents.metadata:
             self._writer.add_metadata(metadata.name, metadata.metadata)
-        for one in contents.attachments:
-            self._writer.add_attachment(one.create_time, one.log_time, one.name, one.media_type, one.data)
-        kept = [one for one in contents.messages.values() if not one.channel.topic.startswith(without or ("\0",))]
+        for attachment in contents.attachments:
+            self._writer.add_attachment(
+                attachment.create_time, attachment.log_time, attachment.name, attachment.media_type, attachment.data
+            )
+        wanted = [
+            messages
+            for messages in contents.messages.values()
+            if not messages.channel.topic.startswith(without or ("\0",))
+        ]
         for log_time, publish_time, channel, data, sequence in merge(
-            *(self._copied(messages) for messages in kept), key=lambda message: message[0]
+            *(self._copied(messages) for messages in wanted), key=lambda message: message[0]
         ):
             self._writer.add_message(channel, log_time, data, publish_time, sequence)
 

@@ -44,13 +44,13 @@ def read(path: Path) -> ImportedLog:
         RecordingError: if the samples are unusable.
     """
     contents = read_contents(path, is_imu)
-    topics = [one for one in contents.messages.values() if is_imu(one.channel) and one.data]
+    topics = [messages for messages in contents.messages.values() if is_imu(messages.channel) and messages.data]
     if not topics:
-        there = ", ".join(contents.topics) or "none"
-        raise FileFormatError(f"{contents.path} has no messages of sensor_msgs/msg/Imu: topics found are {there}")
+        topic_names = ", ".join(contents.topics) or "none"
+        raise FileFormatError(f"{contents.path} has no messages of sensor_msgs/msg/Imu: topics found are {topic_names}")
     with naming(contents.path):
         raw = [_Samples(contents.path, messages) for messages in topics]
-        start_ns = min(int(one.time_ns.min()) for one in raw)
+        start_ns = min(int(samples.time_ns.min()) for samples in raw)
         streams = {name: samples.stream(name, start_ns) for name, samples in zip(_names(raw), raw, strict=True)}
         imus = {name: stream for name, stream in streams.items() if stream is not None}
         if not imus:
@@ -59,9 +59,9 @@ def read(path: Path) -> ImportedLog:
 
 
 def _names(raw: Sequence["_Samples"]) -> list[str]:
-    frames = [one.frame_id for one in raw]
+    frames = [samples.frame_id for samples in raw]
     unique = all(frames) and len(set(frames)) == len(frames)
-    return frames if unique else [one.topic.lstrip("/") for one in raw]
+    return frames if unique else [samples.topic.lstrip("/") for samples in raw]
 
 
 class _Samples:
@@ -91,15 +91,15 @@ class _Samples:
         if force is None and R is None:
             warn(self.path, f"topic {self.topic} has neither orientation nor acceleration: left out")
             return None
-        time_ns, first = np.unique(self.time_ns, return_index=True)
-        if len(first) < len(self.time_ns):
+        time_ns, rows = np.unique(self.time_ns, return_index=True)
+        if len(rows) < len(self.time_ns):
             warn(
-                self.path, f"topic {self.topic}: {len(self.time_ns) - len(first)} samples repeat a time stamp: left out"
+                self.path, f"topic {self.topic}: {len(self.time_ns) - len(rows)} samples repeat a time stamp: left out"
             )
         return ImuStream.from_samples(
             name,
             np.asarray((time_ns - start_ns) / 1e9, float),
-            *(None if one is None else one[first] for one in (force, R, rate)),
+            *(None if values is None else values[rows] for values in (force, R, rate)),
         )
 
     def _unless(self, columns: slice, covariance: int) -> Array | None:

@@ -129,14 +129,17 @@ class _Head:
         if self.missing:
             raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
         recordings = [self._once[owner, INFO] for owner in self._wearer_topics]
-        infos, first = self._camera_infos, recordings[0]
-        name = self._scene.name if self._scene is not None else first.name
-        self._start_ns = time_ns_of(first.start)
-        wearers = [wearer_of(name, one.subject, one.placement, one.initial_pose, self._start_ns) for one in recordings]
+        infos, head = self._camera_infos, recordings[0]
+        name = self._scene.name if self._scene is not None else head.name
+        self._start_ns = time_ns_of(head.start)
+        wearers = [
+            wearer_of(name, recording.subject, recording.placement, recording.initial_pose, self._start_ns)
+            for recording in recordings
+        ]
         self._cameras = {owner: self._camera(owner) for owner in infos}
         setup = head_of(name, wearers, list(self._cameras.values()))
-        self._names = dict(zip(self._wearer_topics, [one.subject.name for one in wearers], strict=True))
-        self._names |= {owner: one.name for owner, one in self._cameras.items()}
+        self._names = dict(zip(self._wearer_topics, [wearer.subject.name for wearer in wearers], strict=True))
+        self._names |= {owner: camera.name for owner, camera in self._cameras.items()}
         self._clocks = {owner: VideoClock(info.time_offset_s, info.time_drift) for owner, info in infos.items()}
         for info in infos.values():
             if info.moving and info.known_poses:
@@ -162,8 +165,8 @@ class _Head:
     @property
     def _camera_infos(self) -> dict[str, CameraInfo]:
         """Of the cameras of which it has come."""
-        known = {owner: self._once.get((owner, CAMERA_INFO)) for owner in self._camera_topics}
-        return {owner: info for owner, info in known.items() if info is not None}
+        infos = {owner: self._once.get((owner, CAMERA_INFO)) for owner in self._camera_topics}
+        return {owner: info for owner, info in infos.items() if info is not None}
 
     def _camera(self, owner: str) -> Camera:
         info, calibration = self._once[owner, CAMERA_INFO], self._once[owner, CALIBRATION]

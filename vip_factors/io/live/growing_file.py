@@ -59,7 +59,7 @@ class GrowingFile(FileIO):
         Raises:
             FileFormatError: if the file becomes shorter.
         """
-        since = time.monotonic()
+        waiting_from = time.monotonic()
         while not self.has_ended:
             count = super().readinto(buffer)
             if count:
@@ -67,7 +67,7 @@ class GrowingFile(FileIO):
             if os.fstat(self.fileno()).st_size < self.tell():
                 raise FileFormatError(f"{self._path} has become shorter while it was followed: start anew with it")
             is_stopped = self._stop.wait(LOOK_EVERY)
-            self.has_ended = is_stopped or time.monotonic() - since > self.growth_wait
+            self.has_ended = is_stopped or time.monotonic() - waiting_from > self.growth_wait
         return 0
 
 
@@ -178,8 +178,8 @@ def _owner(topic: str) -> tuple[str, type[Any]] | None:
         kind = _camera_kinds().get(leaf)
     else:
         owner = "/".join(topic.split("/")[:3]) if topic.startswith(WEARER) else ""
-        rest = topic.removeprefix(owner)
-        kind = ImuSample if rest.startswith(IMU) else RecordingInfo if rest == INFO else None
+        leaf_topic = topic.removeprefix(owner)
+        kind = ImuSample if leaf_topic.startswith(IMU) else RecordingInfo if leaf_topic == INFO else None
     return (owner, kind) if kind is not None else None
 
 

@@ -1,4 +1,4 @@
-"""Errors of bodies: lengths, joint centres, hinges, and poses apart from them."""
+"""Errors of bodies: lengths, joint centres, and poses apart from them."""
 
 from dataclasses import replace
 
@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import likely_body
-from vip_factors.body.hinges import HINGES, HingePrior
+from vip_factors.body.hinges import HingePrior
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.model_errors import LENGTH
 from vip_factors.body.skeleton import joint_index
 from vip_factors.estimate import BodyEstimate, WearerEstimate
-from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset, true_axis
+from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.geometry.rotations import exp, rotation_x, rotation_y, rotation_z
 from vip_factors.sensors.recording import Truth
@@ -59,24 +59,9 @@ def test_honest_lengths_have_a_nees_of_one(truth: Motion) -> None:
     assert found["coverage_95_lengths"] == 1.0
 
 
-def test_axes_of_joints_that_bend_are_compared(truth: Motion) -> None:
-    hinge, R = HINGES[0], truth.R_parent_child.copy()
-    axis = exp(np.array([0.0, 0.0, 0.2])) @ hinge.axis
-    bend = np.linspace(0.0, np.deg2rad(80.0), len(truth))
-    for one in HINGES:
-        R[:, one.index] = np.eye(3)
-    R[:, hinge.index] = exp(bend[:, None] * axis) @ exp(np.array([0.0, 0.1, 0.0]))
-    bent = replace(truth, R_parent_child=R)
-    assert abs(true_axis(hinge, bent) @ axis) == pytest.approx(1.0)
-    assert [true_axis(one, bent) for one in HINGES[1:]] == [None] * 3
-    assert evaluate(with_body(bent, {}), Truth(bent))["hinge_axis_error"] == pytest.approx(np.rad2deg(0.2))
-    stiff = replace(truth, R_parent_child=np.where(np.arange(24)[:, None, None] == 0, R, np.eye(3)))
-    assert "hinge_axis_error" not in evaluate(with_body(stiff, {}), Truth(stiff)).metrics
-
-
 def test_without_a_body_that_was_found_there_is_no_honesty(truth: Motion) -> None:
     found = evaluate(replace(with_body(truth, {}), body=None), Truth(truth))
-    assert not {"nees_lengths", "hinge_axis_error"} & found.metrics.keys()
+    assert "nees_lengths" not in found.metrics
     assert found["length_error"] == pytest.approx(0.0, abs=1e-9)
 
 

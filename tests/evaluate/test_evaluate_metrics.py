@@ -196,16 +196,3 @@ def test_foot_sliding_counts_only_while_the_true_foot_stands() -> None:
     assert metrics.foot_sliding(estimate, truth) == pytest.approx(3.0)
     always = sliding(np.cumsum(np.repeat(step, 20, axis=0), axis=0))
     assert np.isnan(metrics.foot_sliding(estimate, always))
-
-
-def test_feet_slide_and_sink_only_while_the_true_ones_stand() -> None:
-    still, step = np.zeros((60, 3)), np.array([[0.02, 0.0, 0.0]])
-    truth = sliding(np.concatenate([still, np.cumsum(np.repeat(step, 60, axis=0), axis=0)]))
-    own, speed, lower = metrics.stance(truth, truth), 0.05, 0.03
-    estimate = replace(truth, p_world_pelvis=np.arange(120)[:, None] / RATE * [speed, 0, 0] - [0, 0, lower])
-    found = metrics.stance(estimate, truth)
-    assert own.slide == pytest.approx(0.0, abs=1e-9)
-    assert found.slide == pytest.approx(100 * speed)
-    assert own.height - found.height == pytest.approx(100 * lower)
-    assert metrics.stance(replace(truth, p_world_pelvis=truth.p_world_pelvis - [0, 0, 9.0]), truth).depth > 700
-    assert np.isnan(metrics.stance(truth, truth, metrics.Compared(frozenset({"pelvis"}))).slide)

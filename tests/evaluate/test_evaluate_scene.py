@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from scene_sample import Injected, camera_path, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
@@ -29,9 +27,9 @@ def test_the_truth_in_another_gauge_is_perfect(moving: bool) -> None:
     scene = scene_sample(0.5, moving)
     result = evaluate_scene(estimate_of(scene, TURNED), scene)
     for name in (
-        "mpjpe", "scene_position_error", "heading_error", "mounting_error", "camera_translation_max",
-        "camera_rotation_max", "camera_heading_error", "camera_mounting_error", "reprojection_rms",
-        "reprojection_from_truth_rms", "time_offset_error", "association_swapped",
+        "mpjpe", "scene_position_error", "heading_error", "mounting_error", "camera_translation_95th",
+        "camera_rotation_95th", "camera_heading_error", "camera_mounting_error", "reprojection_rms",
+        "time_offset_error",
     ):  # fmt: skip
         assert result[name] == pytest.approx(0.0, abs=1e-4), name
     assert result["association_precision"] == result["association_recall"] == 100
@@ -39,12 +37,10 @@ def test_the_truth_in_another_gauge_is_perfect(moving: bool) -> None:
     assert list(result.wearers) == ["ann", "bob"]
 
 
-def test_errors_of_sensors_come_out_feet_and_hands_apart(scene: Scene) -> None:
+def test_errors_of_sensors_come_out(scene: Scene) -> None:
     result = evaluate_scene(estimate_of(scene, replace(TURNED, heading=0.13, mounting=0.05)), scene)
-    assert result["heading_error_rest"] == pytest.approx(0.0, abs=1e-6)
-    assert result["heading_error_feet_hands"] == pytest.approx(np.rad2deg(0.13) / 2)  # one of two feet
     assert result["heading_error"] == pytest.approx(np.rad2deg(0.13) / 13)
-    assert result["mounting_error_rest_95th"] == pytest.approx(np.rad2deg(0.05))
+    assert result["mounting_error_95th"] == pytest.approx(np.rad2deg(0.05))
     assert result["camera_mounting_error"] == pytest.approx(np.rad2deg(0.05))
     assert result.wearers["bob"].sensors["left_foot"]["heading_deg"] == pytest.approx(np.rad2deg(0.13))
     assert result["nees_mounting"] == pytest.approx(1 / 3)
@@ -72,17 +68,6 @@ def test_camera_error_is_what_was_put_in(scene: Scene) -> None:
     result = evaluate_scene(estimate_of(scene, replace(TURNED, camera_m=0.03)), scene)
     assert result["camera_translation"] == pytest.approx(0.02, rel=0.05)
     assert result["reprojection_rms"] > 1
-
-
-def test_instants_with_a_wearer_in_view_are_counted_apart(scene: Scene) -> None:
-    estimate = estimate_of(scene)
-    path, T = estimate.camera.path, len(estimate.camera.path)
-    residual, p = np.full((T, 2), 5.0), path.p_world_camera.copy()
-    residual[20:40], p[20:40, 2] = np.nan, p[20:40, 2] + 0.6
-    camera = replace(estimate.camera, path=replace(path, p_world_camera=p), residual_px=residual)
-    result = evaluate_scene(replace(estimate, camera=camera), scene)
-    assert result["camera_translation_max"] > 0.4
-    assert result["camera_translation"] > 2 * result["camera_translation_seen"]
 
 
 def test_paths_at_other_instants_are_compared_at_the_coarser_ones() -> None:
@@ -154,30 +139,13 @@ def test_table_and_json_hold_all_of_it(scene: Scene) -> None:
     assert parsed["pairs"]["ann - bob"]["relative_mm"] == pytest.approx(0.0, abs=1e-6)
 
 
-LABELS = st.lists(st.tuples(st.integers(-1, 2), st.integers(-1, 2)), max_size=30)
-
-
-def scored(labels: np.ndarray, truth: np.ndarray) -> dict[str, float]:
-    return {name.removeprefix("association_"): one.value for name, one in label_metrics(labels, truth).items()}
-
-
-def test_by_hand() -> None:
+def test_labels_by_hand() -> None:
     truth = np.array([0, 0, 0, 1, 1, -1, -1, 2])
     labels = np.array([0, 1, -1, 1, 1, -1, 0, -1])
-    assert scored(labels, truth) == pytest.approx(
-        {"precision": 60, "recall": 50, "labels": 5, "swapped": 1, "strangers": 1, "missed": 2}
+    score = label_metrics(labels, truth)
+    assert {name: metric.value for name, metric in score.items()} == pytest.approx(
+        {"association_precision": 60, "association_recall": 50}
     )
-
-
-@given(LABELS)
-def test_every_label_is_counted_once(pairs: list[tuple[int, int]]) -> None:
-    labels, truth = np.array(pairs, int).reshape(-1, 2).T
-    score, correct = scored(labels, truth), np.sum((labels == truth) & (truth >= 0))
-    assert correct + score["swapped"] + score["strangers"] == score["labels"]
-    assert correct + score["swapped"] + score["missed"] == np.sum(truth >= 0)
-
-
-def test_nothing_given_has_no_precision_and_no_recall() -> None:
-    score = scored(np.full(3, -1), np.array([0, 1, -1]))
-    assert np.isnan(score["precision"])
-    assert score["recall"] == 0
+    nothing = label_metrics(np.full(3, -1), np.array([0, 1, -1]))
+    assert np.isnan(nothing["association_precision"].value)
+    assert nothing["association_recall"].value == 0

@@ -74,7 +74,7 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation":
         warnings.warn(odd, stacklevel=2)
     wearer = scene.wearers[0]
     if len(scene.wearers) == len(estimate.wearers) == 1 and scene.camera is None and wearer.truth is not None:
-        return evaluate(estimate.wearers[0], wearer.truth, wearer.placement)
+        return evaluate(estimate.wearers[0], wearer.truth)
     return evaluate_scene(estimate, scene)
 
 

@@ -1,10 +1,9 @@
-"""How near the body of an estimate is to the true one (lengths, joint centres, hinges), and clinical angles of gait."""
+"""How near the body of an estimate is to the true one (lengths, joint centres), and clinical angles of gait."""
 
 from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from vip_factors.body.hinges import HINGES, Hinge
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, LIMB_ENDS, WIDTHS, lengths_of, width
 from vip_factors.body.skeleton import Skeleton, joint_index
@@ -17,7 +16,6 @@ from vip_factors.geometry.rotations import Array, transpose
 LIMBS = {name: end for name, end in LIMB_ENDS.items() if name != "foot"}
 UNSURE = ("hand",)  # told, but not in the mean: skeletons end hands where they like
 _ENDS = {name: (f"left_{end}", f"right_{end}") for name, end in (LIMBS | WIDTHS).items()} | {"trunk": ("neck",)}
-LEAST_BEND = np.deg2rad(30.0)  # a joint that bends less does not show its axis
 
 
 def compared_lengths(skeleton: Skeleton) -> dict[str, float]:
@@ -67,9 +65,7 @@ def body_metrics(
     truth: Motion,
     compared: Compared = EVERYTHING,
 ) -> dict[str, Metric]:
-    """Mean errors of lengths (of :func:`length_table`) and joint centres; with a body that was found, of hinges, and
-    whether it is honest.
-    """
+    """Mean errors of lengths (of :func:`length_table`) and joint centres, and whether an estimated body is honest."""
     off = [abs(row["error_mm"]) for name, row in lengths.items() if name not in UNSURE]
     centres = joint_centre_error(motion.skeleton, truth.skeleton)[compared.positions()[1:]]
     table = {
@@ -78,10 +74,6 @@ def body_metrics(
     }
     if body is None:
         return table
-    errors = hinge_errors(body, truth)
-    hinges = [errors[name] for name in errors if compared.orientations((name,))]
-    if hinges:
-        table["hinge_axis_error"] = Metric(float(np.rad2deg(np.mean(hinges))), "deg")
     return table | consistency_metrics("lengths", length_nees(body, truth.skeleton, tuple(lengths)), 1)
 
 
@@ -92,38 +84,6 @@ def length_nees(body: BodyEstimate, truth: Skeleton, lengths: Collection[str] = 
     places = [body.names.index(name) for name in true]
     error = np.array(list(true.values())) - body.posterior[places]
     return nees(error[:, None], body.sigma[places, None, None] ** 2)
-
-
-def hinge_errors(body: BodyEstimate, truth: Motion) -> dict[str, float]:
-    """Radians between the axis found and that of the true rotations, by joint; only of joints that bend enough."""
-    found = {one.joint: one.axis for one in body.hinges}
-    errors = {}
-    for hinge in HINGES:
-        axis = true_axis(hinge, truth)
-        if axis is not None and hinge.joint in found:
-            errors[hinge.joint] = float(np.arccos(np.clip(abs(axis @ found[hinge.joint]), 0.0, 1.0)))
-    return errors
-
-
-def true_axis(hinge: Hinge, truth: Motion) -> Array | None:
-    """The axis ``(3,)`` in the bone above about which the lower limb swings: the normal of the plane its tip moves in.
-
-    The sign is arbitrary. None where the limb swings by less than :data:`LEAST_BEND`.
-    """
-    tip = truth.R_parent_child[:, hinge.index] @ hinge.square[:, 0]
-    _, _, directions = np.linalg.svd(tip - tip.mean(axis=0), full_matrices=False)
-    if len(tip) < 3 or _swing(tip, directions[2]) < LEAST_BEND:
-        return None
-    return directions[2]
-
-
-def _swing(tip: Array, axis: Array) -> float:
-    """The angle in radians that unit vectors ``(T, 3)`` sweep about an axis."""
-    middle = tip.mean(axis=0) - axis * (tip.mean(axis=0) @ axis)
-    across = np.cross(axis, middle)
-    angle = np.arctan2(tip @ across, tip @ middle)
-    low, high = np.quantile(angle, (0.02, 0.98))  # a few odd frames are no bend
-    return float(high - low)
 
 
 def knee_flexion_deg(R_world_thigh: Array, R_world_shank: Array) -> Array:

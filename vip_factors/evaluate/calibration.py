@@ -1,7 +1,6 @@
 """Errors of headings and mountings, of the camera's path and its IMU, and whether reported covariances are honest.
 
-Nobody publishes errors of headings and mountings: the definitions are ours. Those of feet and hands stand apart from
-the rest: few keypoint sets have a point beyond ankle and wrist, so the camera says little about the headings there.
+Nobody publishes errors of headings and mountings: the definitions are ours.
 
 Honesty is the normalised estimation error squared (NEES), over its dimension: 1 is honest, below it the estimator is
 too modest, above it too sure of itself. Bar-Shalom, Li, Kirubarajan, "Estimation with Applications to Tracking and
@@ -21,7 +20,7 @@ from vip_factors.evaluate.metrics import TIME_TOLERANCE
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
-from vip_factors.sensors.calibration import Calibration, Placement
+from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.camera_path import CameraPath, PathPair, move_path
 
 
@@ -142,23 +141,16 @@ def mounting_nees(error: CalibrationError, estimate: Calibration) -> Array:
     return nees(np.stack(list(error.mounting.values())), (sigma**2)[..., None] * np.eye(3))
 
 
-ENDS = frozenset(f"{side}_{bone}" for side in ("left", "right") for bone in ("ankle", "foot", "wrist", "hand"))
-
-
 def calibration_metrics(
-    error: CalibrationError, estimate: Calibration, placement: Placement | None = None, mean_gauge: bool = False
-) -> dict[str, Metric]:
+    error: CalibrationError, estimate: Calibration, mean_gauge: bool = False
+) -> dict[str, Metric]:  # fmt: skip
     """Mean and 95th percentile of heading and mounting errors, and whether their sigmas are honest.
 
-    The placement tells the sensors of feet and hands from the rest. With ``mean_gauge`` the mean of the heading errors
+    With ``mean_gauge`` the mean of the heading errors
     was removed, but the sigmas are meant otherwise: one heading defines the world's, and those of the others are
     against it.
     """
     table = error_metrics([error])
-    if placement is not None:
-        ends = {site.sensor for site in placement.sites if site.bone in ENDS}
-        rest = {site.sensor for site in placement.sites} - ends
-        table |= error_metrics([error.of(ends)], "_feet_hands") | error_metrics([error.of(rest)], "_rest")
     table["yaw_gauge"] = Metric(float(np.rad2deg(error.gauge)), "deg")
     against = _against_the_surest(error, estimate) if mean_gauge else error
     if against.heading:
@@ -177,7 +169,7 @@ def _against_the_surest(error: CalibrationError, estimate: Calibration) -> Calib
     return replace(error, heading=heading).of([name for name in heading if name != surest])
 
 
-def error_metrics(errors: list[CalibrationError], which: str = "") -> dict[str, Metric]:
+def error_metrics(errors: list[CalibrationError]) -> dict[str, Metric]:
     """Headings and mountings of all sensors in several calibrations together; empty if there is none."""
     errors = [error for error in errors if error.heading]
     if not errors:
@@ -188,7 +180,7 @@ def error_metrics(errors: list[CalibrationError], which: str = "") -> dict[str, 
         ("mounting_error", np.concatenate([error.mounting_magnitude for error in errors])),
     ):
         mean, high = mean_and_95th(values)
-        table |= {f"{name}{which}": Metric(mean, "deg"), f"{name}{which}_95th": Metric(high, "deg")}
+        table |= {name: Metric(mean, "deg"), f"{name}_95th": Metric(high, "deg")}
     return table
 
 
@@ -270,12 +262,8 @@ def camera_error(pair: PathPair, gauge: Alignment) -> CameraError:
     return CameraError(moved.time, np.concatenate([rotation, translation], axis=1))
 
 
-def camera_metrics(error: CameraError, seen: np.ndarray | None = None) -> dict[str, Metric]:
-    """Mean, 95th percentile and maximum of translation and rotation.
-
-    Where it is known at which instants a wearer was ``seen`` ``(T,)``, the means over those alone are given too, for
-    between them the path is only as good as the camera's IMU.
-    """
+def camera_metrics(error: CameraError) -> dict[str, Metric]:
+    """Mean and 95th percentile of translation and rotation."""
     table: dict[str, Metric] = {}
     for name, values, unit in (
         ("camera_translation", error.translation, "m"),
@@ -283,14 +271,4 @@ def camera_metrics(error: CameraError, seen: np.ndarray | None = None) -> dict[s
     ):
         table[name] = Metric(float(values.mean()), unit)
         table[f"{name}_95th"] = Metric(float(np.quantile(values, 0.95)), unit)
-        table[f"{name}_max"] = Metric(float(values.max()), unit)
-        if seen is not None and np.any(seen):
-            table[f"{name}_seen"] = Metric(float(values[seen].mean()), unit)
     return table
-
-
-def seen_instants(residual_px: Array | None, path: CameraPath, chosen: np.ndarray) -> np.ndarray | None:
-    """At which of the chosen instants ``(n,)`` of a path any wearer was in view; None if that is not known."""
-    if residual_px is None or len(residual_px) != len(path) or len(path) == 1:
-        return None
-    return np.isfinite(residual_px[chosen]).any(axis=1)

@@ -10,7 +10,7 @@ import numpy as np
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
-from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.evaluate import metrics
 from vip_factors.evaluate.body import (
     body_metrics,
@@ -25,17 +25,16 @@ from vip_factors.evaluate.calibration import (
     calibration_metrics,
     camera_error,
     camera_metrics,
-    common_instants,
     consistency_metrics,
     heading_error_over_time,
     joint_nees,
     mean_and_95th,
-    seen_instants,
     sensor_table,
     share_sensors,
     summarise,
 )
-from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, common_frames, position_error
+from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare, compare_scene
+from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, position_error
 from vip_factors.evaluate.scene_metrics import (
     association,
     camera_imu,
@@ -45,11 +44,9 @@ from vip_factors.evaluate.scene_metrics import (
     sensors,
 )
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines, summary_lines
-from vip_factors.geometry.poses import Alignment
-from vip_factors.sensors.calibration import Placement
-from vip_factors.sensors.camera_path import MotionPair, PathPair, move_motion, scene_gauge, yaw
+from vip_factors.sensors.camera_path import move_motion, yaw
 from vip_factors.sensors.recording import Truth
-from vip_factors.sensors.scene import Scene, SceneTruth
+from vip_factors.sensors.scene import Scene
 from vip_factors.summarised import Summarised
 
 
@@ -70,7 +67,7 @@ class Evaluation(Summarised):
         sensors: per sensor: ``heading_deg`` (signed, after the gauge) and ``mounting_deg``.
         lengths: of the body: ``estimate_mm``, ``truth_mm``, ``error_mm``.
         wearers: of a scene, by subject.
-        pairs: of a scene's wearers, ``"one - other"``: ``relative_mm``, ``distance_mm`` and their 95th percentiles.
+        pairs: of a scene's wearers, ``"one - other"``: ``relative_mm`` and ``distance_mm``.
     """
 
     name: str
@@ -110,14 +107,11 @@ class Evaluation(Summarised):
         return json_text(asdict(self))
 
 
-def evaluate(
-    estimate: WearerEstimate, truth: Truth, placement: Placement | None = None, gauge: float | None = None
-) -> Evaluation:
+def evaluate(estimate: WearerEstimate, truth: Truth, gauge: float | None = None) -> Evaluation:
     """Every metric that the truth allows.
 
     Args:
         estimate, truth: of one wearer.
-        placement: to tell the sensors of feet and hands from the rest.
         gauge: radians by which the estimate's world is known to be turned against the true one (that of a whole
             scene); if None, the mean heading error is taken for it.
 
@@ -127,8 +121,11 @@ def evaluate(
     Warns:
         EvaluationWarning: if both carry a calibration but share no sensor: headings and mountings are left out.
     """
-    motion, reference, chosen = common_frames(estimate.motion, truth.motion)
-    compared = Compared(truth.known_bones)
+    return _evaluate(estimate, truth, compare(estimate.motion, truth), gauge)
+
+
+def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, gauge: float | None) -> Evaluation:
+    motion, reference, compared = comparison.motion, comparison.truth, comparison.compared
     table = _motion_metrics(motion, reference, compared) | {
         "jitter": Metric(metrics.jitter(motion), "m/s³"),
         # Of the truth as given: interpolated to other frames it would seem to shake.
@@ -138,7 +135,9 @@ def evaluate(
     table |= body_metrics(lengths, estimate.body, motion, reference, compared)
     joints = _joint_table(motion, reference, compared)
     if estimate.covariance is not None:
-        covariance = PoseCovariance(estimate.covariance.joints[chosen], estimate.covariance.root[chosen])
+        covariance = PoseCovariance(
+            estimate.covariance.joints[comparison.frames], estimate.covariance.root[comparison.frames]
+        )
         values = joint_nees(motion, reference, covariance)
         # Of joints whose rotation against the bone above is known; the pelvis has none.
         turned = [row for row in compared.orientations() if row in compared.positions() and row]
@@ -149,10 +148,10 @@ def evaluate(
     if estimate.calibration and truth.calibration and not share_sensors(estimate.calibration, truth.calibration):
         ours, true = _some(estimate.calibration), _some(truth.calibration)
         sentence = f"the estimate's sensors are called {ours}, those of the truth {true}"
-        warnings.warn(EvaluationWarning(f"headings and mountings are not compared: {sentence}"), stacklevel=2)
+        warnings.warn(EvaluationWarning(f"headings and mountings are not compared: {sentence}"), stacklevel=3)
     elif estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
-        table |= calibration_metrics(error, estimate.calibration, placement, mean_gauge=gauge is None)
+        table |= calibration_metrics(error, estimate.calibration, mean_gauge=gauge is None)
         if any(len(one.heading_path) for one in estimate.calibration.values()):
             over_time = heading_error_over_time(estimate.calibration, truth.calibration, motion.time, gauge)
             table["heading_error_over_time"] = Metric(mean_and_95th(np.abs(list(over_time.values())))[0], "deg")
@@ -179,7 +178,6 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
         float(np.mean([compare(*pair) for pair in flexion])) if flexion else float("nan")
         for compare in (rmse, rmse_without_offset)
     )
-    feet, true_feet = metrics.stance(motion, truth, compared), metrics.stance(truth, truth, compared)
     return {
         "mpjpe": Metric(metrics.mpjpe(motion, truth, compared), "mm"),
         "mpjpe_true_body": Metric(metrics.mpjpe_true_body(motion, truth, compared), "mm"),
@@ -194,12 +192,6 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
         "w_mpjpe": Metric(metrics.w_mpjpe(motion, truth, compared), "mm"),
         "wa_mpjpe": Metric(metrics.wa_mpjpe(motion, truth, compared), "mm"),
         "foot_sliding": Metric(metrics.foot_sliding(motion, truth, compared), "mm"),
-        "foot_sliding_truth": Metric(metrics.foot_sliding(truth, truth, compared), "mm"),
-        "stance_slide": Metric(feet.slide, "cm/s"),
-        "stance_slide_truth": Metric(true_feet.slide, "cm/s"),
-        "sole_height": Metric(feet.height, "cm"),
-        "sole_height_truth": Metric(true_feet.height, "cm"),
-        "sole_depth": Metric(feet.depth, "cm"),
         "knee_flexion_rmse": Metric(knees, "deg"),
         "knee_flexion_rmse_without_offset": Metric(knees_centred, "deg"),
     }
@@ -234,64 +226,41 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     Raises:
         InputError: if estimate and scene do not hold the same wearers, no wearer has a truth, or nothing overlaps.
     """
-    if len(estimate.wearers) != len(scene.wearers):
-        raise InputError(
-            f"estimate of {len(estimate.wearers)} wearers for a scene of {len(scene.wearers)}: expected the same; "
-            "is it the estimate of this scene?"
-        )
-    pairs: dict[int, MotionPair] = {}
-    for index, (one, wearer) in enumerate(zip(estimate.wearers, scene.wearers, strict=True)):
-        if wearer.truth is not None:
-            pairs[index] = common_frames(one.motion, wearer.truth.motion)[:2]
-    if not pairs:
+    comparison = compare_scene(estimate, scene)
+    if not comparison.wearers:
         raise InputError(f"scene '{scene.name}' holds no wearer's truth: expected at least one to compare with")
-    camera, chosen = _camera_pair(estimate.camera, scene.truth)
-    tied = estimate.camera is not None
-    gauges = _gauges(pairs, camera, tied)
     table: dict[str, Metric] = {}
     wearers = {
-        scene.wearers[index].subject.name: _wearer(estimate, scene, index, pair, gauges[index], tied)
-        for index, pair in pairs.items()
+        scene.wearers[index].subject.name: _wearer(estimate, scene, index, comparison) for index in comparison.wearers
     }
     for name in ("mpjpe", "mpjpe_true_body", "mpjae", "scene_position_error", "length_error", "joint_centre_error"):
         each = [evaluation.metrics[name] for evaluation in wearers.values()]
         table[name] = Metric(float(np.mean([one.value for one in each])), each[0].unit)
-    turn = yaw(next(iter(gauges.values()))) if tied else None
+    gauge = comparison.gauge
+    turn = yaw(gauge) if gauge is not None else None
     table |= sensors(estimate, scene, turn)
-    if camera is not None and estimate.camera is not None:
-        seen = seen_instants(estimate.camera.residual_px, estimate.camera.path, chosen)
-        table |= camera_metrics(camera_error(camera, next(iter(gauges.values()))), seen)
+    if comparison.camera is not None and gauge is not None:
+        table |= camera_metrics(camera_error(comparison.camera, gauge))
     table |= camera_imu(estimate, scene, turn)
-    table |= honesty(estimate, scene, pairs, camera, chosen)
+    table |= honesty(estimate, scene, comparison)
     table |= reprojection(estimate, scene) | association(estimate, scene)
     together = {
         f"{scene.wearers[i].subject.name} - {scene.wearers[j].subject.name}": relative_position_error(
-            pairs[i], pairs[j], gauges[i]
+            comparison.wearers[i].pair, comparison.wearers[j].pair, comparison.gauges[i]
         )
-        for i, j in (combinations(pairs, 2) if tied else ())
+        for i, j in (combinations(comparison.wearers, 2) if comparison.is_tied else ())
     }
     return Evaluation(estimate.name, estimate.method, table, estimate.verdict.severity, wearers=wearers, pairs=together)
 
 
-def _camera_pair(camera: CameraEstimate | None, truth: SceneTruth | None) -> tuple[PathPair | None, np.ndarray]:
-    if camera is None or truth is None:
-        return None, np.zeros(0, int)
-    estimated, true, chosen = common_instants(camera.path, truth.camera)
-    return (estimated, true), chosen
-
-
-def _gauges(pairs: Mapping[int, MotionPair], camera: PathPair | None, tied: bool) -> dict[int, Alignment]:
-    if tied:
-        return dict.fromkeys(pairs, scene_gauge(list(pairs.values()), camera))
-    return {index: scene_gauge([pair]) for index, pair in pairs.items()}
-
-
-def _wearer(estimate: Estimate, scene: Scene, index: int, pair: MotionPair, gauge: Alignment, tied: bool) -> Evaluation:
+def _wearer(estimate: Estimate, scene: Scene, index: int, scene_comparison: SceneComparison) -> Evaluation:
     """The usual evaluation of one wearer, headings in the scene's gauge, and positions in the true world."""
-    recording = scene.wearers[index]
+    recording, comparison = scene.wearers[index], scene_comparison.wearers[index]
     assert recording.truth is not None
-    one = evaluate(estimate.wearers[index], recording.truth, recording.placement, yaw(gauge) if tied else None)
-    known = Compared(recording.truth.known_bones).positions(POSITION_JOINTS)
-    error = position_error(move_motion(pair[0], gauge), pair[1])[:, known]
-    metrics = {**one.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}
-    return replace(one, metrics=metrics, verdict="")
+    gauge = scene_comparison.gauges[index]
+    turn = yaw(gauge) if scene_comparison.is_tied else None
+    evaluation = _evaluate(estimate.wearers[index], recording.truth, comparison, turn)
+    joints = comparison.compared.positions(POSITION_JOINTS)
+    error = position_error(move_motion(comparison.motion, gauge), comparison.truth)[:, joints]
+    metrics = {**evaluation.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}
+    return replace(evaluation, metrics=metrics, verdict="")

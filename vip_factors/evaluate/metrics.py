@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_NAMES, contact_points, joint_index, joints_placed_by
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index, joints_placed_by
 from vip_factors.errors import InputError
 from vip_factors.geometry.poses import Alignment, align_rigid, align_similarity, align_yaw
 from vip_factors.geometry.rotations import Array, angle_between
@@ -261,45 +261,3 @@ def foot_sliding(estimate: Motion, truth: Motion, compared: Compared = EVERYTHIN
     still_m = 0.01  # per frame: a true foot slower than this stands
     still = reference < still_m
     return float(MM * moved[still].mean()) if np.any(still) else float("nan")
-
-
-@dataclass(frozen=True)
-class Stance:
-    """What feet do while the true ones stand; NaN where they never do, or are not known.
-
-    Attributes:
-        slide: mean speed in cm/s at which heels and balls move over the floor.
-        height: median height in cm of the skin under them over z = 0; shoes have soles of one to three.
-        depth: cm that the lowest of them is below z = 0 in one of twenty frames, standing or not.
-    """
-
-    slide: float
-    height: float
-    depth: float
-
-
-def stance(motion: Motion, truth: Motion, compared: Compared = EVERYTHING) -> Stance:
-    """How the feet of a motion stand; that of the truth itself is ``stance(truth, truth)``."""
-    _same_frames(motion, truth)
-    known = set(compared.positions()) & set(compared.orientations())
-    own, true = (
-        [one.state.point(bone, p) for bone, p in contact_points(one.skeleton) if bone in known]
-        for one in (motion, truth)
-    )
-    if not own or len(motion) < 2:
-        return Stance(*[float("nan")] * 3)
-    points, reference = np.stack(own, axis=1), np.stack(true, axis=1)
-    speed = np.linalg.norm(np.gradient(reference, 1 / truth.rate, axis=0), axis=-1)
-    ground = np.quantile(reference[..., 2].min(axis=1), 0.1)
-    # m/s, and m above the lowest: a true heel or ball that is below both stands.
-    stance_speed, stance_height = 0.08, 0.04
-    stands = (speed < stance_speed) & (reference[..., 2] < ground + stance_height)
-    stance_s = 0.3  # over which slide is measured: at single frames it would be noise
-    step = max(round(stance_s * truth.rate), 1)
-    both = stands[step:] & stands[:-step]
-    moved = np.linalg.norm((points[step:] - points[:-step])[..., :2], axis=-1)[both] * truth.rate / step
-    heights = points[..., 2][stands]
-    slide, height = (
-        float(CM * of(a)) if len(a) else float("nan") for of, a in ((np.mean, moved), (np.median, heights))
-    )
-    return Stance(slide, height, float(CM * max(0.0, -np.quantile(points[..., 2].min(axis=1), 0.05))))

@@ -3,14 +3,13 @@
 Precision and recall of labels are as VIP reports them on 3DPW (thesis 4.4.3).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.calibration import (
-    ENDS,
     CalibrationError,
     calibration_error,
     camera_error,
@@ -21,26 +20,21 @@ from vip_factors.evaluate.calibration import (
     nees,
     share_sensors,
 )
+from vip_factors.evaluate.comparison import SceneComparison
 from vip_factors.evaluate.metrics import MM
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.quaternions import interpolate_points
-from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_path import MotionPair, PathPair, anchored_gauge
-from vip_factors.sensors.detections import keypoints_in_image, reprojection_error
+from vip_factors.sensors.camera_path import MotionPair, anchored_gauge
+from vip_factors.sensors.detections import reprojection_error
 from vip_factors.sensors.scene import Scene
 
 CAMERA = "camera"  # stands for the IMU on the camera where calibrations go by sensor name
 
 
 def sensors(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
-    """Headings and mountings of all wearers' sensors together; those of feet and hands apart from the rest."""
-    errors = dict(_calibration_errors(estimate, scene, gauge))
-    ends = {i: {site.sensor for site in scene.wearers[i].placement.sites if site.bone in ENDS} for i in errors}
-    at_ends = [error.of(ends[i]) for i, error in errors.items()]
-    rest = [error.of(error.heading.keys() - ends[i]) for i, error in errors.items()]
-    table = error_metrics(list(errors.values()))
-    return table | error_metrics(at_ends, "_feet_hands") | error_metrics(rest, "_rest")
+    """Headings and mountings of all wearers' sensors together."""
+    return error_metrics([error for _, error in _calibration_errors(estimate, scene, gauge)])
 
 
 def camera_imu(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
@@ -57,17 +51,13 @@ def camera_imu(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[st
     return table | {"time_offset_error": Metric(1e3 * late, "ms")}
 
 
-def honesty(
-    estimate: Estimate, scene: Scene, pairs: Mapping[int, MotionPair], camera: PathPair | None, chosen: np.ndarray
-) -> dict[str, Metric]:
+def honesty(estimate: Estimate, scene: Scene, comparison: SceneComparison) -> dict[str, Metric]:
     """NEES of headings, mountings and camera, in the gauge of the graph's prior (see :func:`anchored_gauge`).
 
     The anchoring heading itself is left out: the gauge makes its error zero. Empty where the anchor is not known.
-    ``pairs`` are the motions of the wearers whose truth is known, ``camera`` the paths at common instants, if known,
-    which are those ``chosen`` of the estimate.
     """
     anchor = _anchor(estimate, scene)
-    if estimate.camera is None or anchor is None or not pairs:
+    if estimate.camera is None or anchor is None:
         return {}
     wearer, sensor, turn = anchor
     headings, mountings = [], []
@@ -81,43 +71,37 @@ def honesty(
     for name, values, dimension in (("heading", headings, 1), ("mounting", mountings, 3)):
         if values:
             table |= consistency_metrics(name, np.concatenate(values), dimension)
-    if camera is not None and estimate.camera.covariance is not None:
-        known = wearer not in pairs  # where the camera's path was given, and with it the world
-        gauge = Alignment(np.eye(3), np.zeros(3), np.ones(())) if known else anchored_gauge(pairs[wearer], turn)
-        nees_of_camera = nees(camera_error(camera, gauge).tangent, estimate.camera.covariance[chosen])
+    if comparison.camera is not None and estimate.camera.covariance is not None:
+        known = wearer not in comparison.wearers  # where the camera's path was given, and with it the world
+        gauge = (
+            Alignment(np.eye(3), np.zeros(3), np.ones(()))
+            if known
+            else anchored_gauge(comparison.wearers[wearer].pair, turn)
+        )
+        nees_of_camera = nees(
+            camera_error(comparison.camera, gauge).tangent, estimate.camera.covariance[comparison.instants]
+        )
         table |= consistency_metrics("camera", nees_of_camera, 6)
     return table
 
 
 def reprojection(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
-    """Distance in pixels of the reprojected keypoints: from the detections given to their wearer, and, where known,
-    from where the keypoints of all detections of that wearer really are.
-    """
-    camera = estimate.camera
-    if camera is None or scene.camera is None:
+    """Root mean square distance in pixels of the reprojected keypoints from the detections given to their wearer."""
+    camera, labels = estimate.camera, estimate.wearer_of_detection
+    if camera is None or scene.camera is None or len(labels) != len(scene.camera.detections):
         return {}
     detections = scene.camera.detections.timed(camera.clock)
-    table: dict[str, Metric] = {}
-    labels = estimate.wearer_of_detection
-    if len(labels) == len(detections):
-        found = [
-            reprojection_error(one.motion, camera.path, camera.model, detections, np.flatnonzero(labels == i))
-            for i, one in enumerate(estimate.wearers)
-        ]
-        table |= _pixels("reprojection", found)
-    truth = scene.truth
-    if truth is not None and truth.pixels is not None:
-        off = []
-        for i, one in enumerate(estimate.wearers):
-            mine = truth.wearer == i
-            pixels = keypoints_in_image(one.motion, detections.keypoints, camera.path, camera.model, detections.time)
-            off.append(np.linalg.norm(pixels[detections.frame[mine]] - truth.pixels[mine], axis=-1))
-        table |= _pixels("reprojection_from_truth", off)
-    return table
+    distances = [
+        reprojection_error(wearer.motion, camera.path, camera.model, detections, np.flatnonzero(labels == index))
+        for index, wearer in enumerate(estimate.wearers)
+    ]
+    values = np.concatenate([distance.ravel() for distance in distances])
+    values = values[np.isfinite(values)]
+    return {"reprojection_rms": Metric(float(np.sqrt(np.mean(values**2))), "px")} if len(values) else {}
 
 
 def association(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
-    """Precision and recall in percent, and how the wrong labels are wrong.
+    """Precision and recall in percent.
 
     Raises:
         InputError: if the estimate labels other detections than the scene's.
@@ -160,35 +144,18 @@ def _anchor(estimate: Estimate, scene: Scene) -> tuple[int, str, float] | None:
     return min(sigmas)[1:] if sigmas else None
 
 
-def _pixels(name: str, distances: list[Array]) -> dict[str, Metric]:
-    values = np.concatenate([one.ravel() for one in distances])
-    values = values[np.isfinite(values)]
-    if not len(values):
-        return {}
-    return {
-        f"{name}_rms": Metric(float(np.sqrt(np.mean(values**2))), "px"),
-        f"{name}_median": Metric(float(np.median(values)), "px"),
-    }
-
-
 def label_metrics(labels: np.ndarray, truth: np.ndarray) -> dict[str, Metric]:
     """How right labels ``(N,)`` of detections are against the true ones: index of the wearer, −1 for nobody.
 
     Precision: correct labels over labels given; recall: over detections that are a wearer's; NaN where there are none.
-    Swapped are labels that name another wearer, strangers those given to bystanders or nobody, missed wearers'
-    detections that were given to nobody.
     """
     nobody = -1
-    given, is_true = labels != nobody, truth != nobody
-    correct = is_true & (labels == truth)
-    shares = {"precision": given, "recall": is_true}
-    counts = {"labels": given, "swapped": given & is_true & ~correct, "strangers": given & ~is_true,
-              "missed": is_true & ~given}  # fmt: skip
-    table = {
-        name: Metric(100 * float(correct.sum() / all_of.sum()) if np.any(all_of) else float("nan"), "%")
-        for name, all_of in shares.items()
-    } | {name: Metric(float(which.sum()), "") for name, which in counts.items()}
-    return {f"association_{name}": metric for name, metric in table.items()}
+    correct = ((truth != nobody) & (labels == truth)).sum()
+    counts = {"precision": (labels != nobody).sum(), "recall": (truth != nobody).sum()}
+    return {
+        f"association_{name}": Metric(100 * float(correct / count) if count else float("nan"), "%")
+        for name, count in counts.items()
+    }
 
 
 def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment) -> dict[str, float]:
@@ -204,15 +171,10 @@ def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment
     )
     estimated, true = (there - here for here, there in zip(first, second, strict=True))
     if not len(time):
-        return dict.fromkeys(("relative_mm", "relative_95th_mm", "distance_mm", "distance_95th_mm"), float("nan"))
+        return dict.fromkeys(("relative_mm", "distance_mm"), float("nan"))
     vector = MM * np.linalg.norm(estimated @ gauge.R_target_source.T - true, axis=1)
     distance = MM * np.abs(np.linalg.norm(estimated, axis=1) - np.linalg.norm(true, axis=1))
-    return {
-        "relative_mm": float(vector.mean()),
-        "relative_95th_mm": float(np.quantile(vector, 0.95)),
-        "distance_mm": float(distance.mean()),
-        "distance_95th_mm": float(np.quantile(distance, 0.95)),
-    }
+    return {"relative_mm": float(vector.mean()), "distance_mm": float(distance.mean())}
 
 
 def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:

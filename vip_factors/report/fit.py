@@ -89,7 +89,7 @@ def truth_table(data: ReportData) -> Table:
         return Table((), ())
     truth = scene.wearers[0].truth
     if len(names) == 1 and scene.camera is None and truth is not None:
-        columns = {names[0]: evaluate(data.estimate.wearers[0], truth, scene.wearers[0].placement).metrics}
+        columns = {names[0]: evaluate(data.estimate.wearers[0], truth).metrics}
     else:
         evaluation = evaluate_scene(data.estimate, scene)
         columns = {name: wearer.metrics for name, wearer in evaluation.wearers.items()}

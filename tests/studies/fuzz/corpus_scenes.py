@@ -307,7 +307,7 @@ def _estimate(folder: Path, name: str) -> None:
     estimate, scene = read_estimate(path), read_scene(folder / f"{name}.mcap")
     wearer = scene.wearers[0]
     if name == "plain" and len(estimate.wearers) == 1 and wearer.truth is not None:
-        str(evaluate(estimate.wearers[0], wearer.truth, wearer.placement))
+        str(evaluate(estimate.wearers[0], wearer.truth))
     else:
         str(evaluate_scene(estimate, scene))
 

@@ -1,0 +1,118 @@
+"""An estimate beside the truth, made once for figures and for drawings: one clock, what is known, and the gauge."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vip_factors.body.kinematics import Motion
+from vip_factors.errors import InputError
+from vip_factors.estimate import Estimate
+from vip_factors.evaluate.calibration import common_instants
+from vip_factors.evaluate.metrics import (
+    EVERYTHING,
+    LEAST_JOINTS,
+    MM,
+    POSITION_JOINTS,
+    Compared,
+    align_frames,
+    common_frames,
+    position_error,
+)
+from vip_factors.geometry.poses import Alignment
+from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.camera_path import MotionPair, PathPair, scene_gauge
+from vip_factors.sensors.recording import Truth
+from vip_factors.sensors.scene import Scene
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One wearer's estimate beside the truth, each in its own world and with its own skeleton.
+
+    Attributes:
+        motion, truth: at the same frames.
+        frames: those of the whole estimate.
+        compared: the joints of which the truth knows anything.
+    """
+
+    motion: Motion
+    truth: Motion
+    frames: slice
+    compared: Compared = EVERYTHING
+
+    @property
+    def pair(self) -> MotionPair:
+        """The estimate and the truth."""
+        return self.motion, self.truth
+
+    @property
+    def error_mm(self) -> Array:
+        """Position error ``(T,)`` of the 14 joints by frame, whose mean is MPJPE; NaN if the truth knows too few."""
+        joints = self.compared.positions(POSITION_JOINTS)
+        if len(joints) < LEAST_JOINTS:
+            return np.full(len(self.truth), np.nan)
+        alignment = align_frames(self.motion, self.truth, compared=self.compared)
+        return MM * position_error(self.motion, self.truth, alignment)[:, joints].mean(axis=1)
+
+
+def compare(motion: Motion, truth: Truth) -> Comparison:
+    """The estimated motion beside the truth.
+
+    Raises:
+        InputError: if they share no frame, or one has none.
+    """
+    return Comparison(*common_frames(motion, truth.motion), Compared(truth.known_bones))
+
+
+@dataclass(frozen=True)
+class SceneComparison:
+    """A scene's estimate beside its truth.
+
+    Attributes:
+        wearers: by index, of those whose truth is known.
+        gauges: by index, what takes the estimate into the true world: one yaw and one shift of all before a camera,
+            of each wearer without.
+        is_tied: whether a camera ties the wearers to each other.
+        camera: its estimated and its true path at common instants; None if one is not known.
+        instants: which of the estimated path those are.
+    """
+
+    wearers: Mapping[int, Comparison]
+    gauges: Mapping[int, Alignment]
+    is_tied: bool
+    camera: PathPair | None
+    instants: np.ndarray
+
+    @property
+    def gauge(self) -> Alignment | None:
+        """That of the whole scene; None if there is none, or nothing to compare."""
+        return next(iter(self.gauges.values()), None) if self.is_tied else None
+
+
+def compare_scene(estimate: Estimate, scene: Scene) -> SceneComparison:
+    """The estimate beside the truth of as many wearers as have one.
+
+    Raises:
+        InputError: if the two do not hold the same wearers, or share no frame.
+    """
+    if len(estimate.wearers) != len(scene.wearers):
+        raise InputError(
+            f"estimate of {len(estimate.wearers)} wearers for a scene of {len(scene.wearers)}: expected the same; "
+            "is it the estimate of this scene?"
+        )
+    wearers = {
+        index: compare(wearer.motion, recording.truth)
+        for index, (wearer, recording) in enumerate(zip(estimate.wearers, scene.wearers, strict=True))
+        if recording.truth is not None
+    }
+    camera, instants = None, np.zeros(0, int)
+    if estimate.camera is not None and scene.truth is not None:
+        estimated, true, instants = common_instants(estimate.camera.path, scene.truth.camera)
+        camera = estimated, true
+    pairs = [comparison.pair for comparison in wearers.values()]
+    if estimate.camera is None or not pairs:
+        gauges = {index: scene_gauge([comparison.pair]) for index, comparison in wearers.items()}
+    else:
+        gauges = dict.fromkeys(wearers, scene_gauge(pairs, camera))
+    return SceneComparison(wearers, gauges, estimate.camera is not None, camera, instants)

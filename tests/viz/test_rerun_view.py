@@ -60,7 +60,7 @@ def test_an_existing_file_is_kept(scene, tmp_path: Path) -> None:
 
 def test_a_failure_leaves_nothing_behind(scene, tmp_path: Path) -> None:
     elsewhere = replace(scene.truth, start=1000.0)
-    with pytest.raises(InputError, match="overlap"):
+    with pytest.raises(InputError, match="share no frame"):
         show(drawn_wearer(None, scene.estimate, elsewhere), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="nothing to show"):
         show(drawn_wearer(None, None), tmp_path / "a.rrd")

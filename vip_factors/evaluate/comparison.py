@@ -56,7 +56,7 @@ class Comparison:
         return MM * position_error(self.motion, self.truth, alignment)[:, joints].mean(axis=1)
 
 
-def compare(motion: Motion, truth: Truth) -> Comparison:
+def compare_motion(motion: Motion, truth: Truth) -> Comparison:
     """The estimated motion beside the truth.
 
     Raises:
@@ -102,7 +102,7 @@ def compare_scene(estimate: Estimate, scene: Scene) -> SceneComparison:
             "is it the estimate of this scene?"
         )
     wearers = {
-        index: compare(wearer.motion, recording.truth)
+        index: compare_motion(wearer.motion, recording.truth)
         for index, (wearer, recording) in enumerate(zip(estimate.wearers, scene.wearers, strict=True))
         if recording.truth is not None
     }

@@ -33,7 +33,7 @@ from vip_factors.evaluate.calibration import (
     share_sensors,
     summarise,
 )
-from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare, compare_scene
+from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare_motion, compare_scene
 from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, position_error
 from vip_factors.evaluate.scene_metrics import (
     association,
@@ -121,7 +121,7 @@ def evaluate(estimate: WearerEstimate, truth: Truth, gauge: float | None = None)
     Warns:
         EvaluationWarning: if both carry a calibration but share no sensor: headings and mountings are left out.
     """
-    return _evaluate(estimate, truth, compare(estimate.motion, truth), gauge)
+    return _evaluate(estimate, truth, compare_motion(estimate.motion, truth), gauge)
 
 
 def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, gauge: float | None) -> Evaluation:

@@ -1,24 +1,17 @@
-"""An estimate beside the truth: the same clock, the same gauge, how far apart they are; and wearers set apart."""
+"""Where bodies are drawn: an estimate beside the truth, the floor, and wearers set apart."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from enum import StrEnum
 
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import joint_index, joints_placed_by
+from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
-from vip_factors.geometry.poses import align_rigid, align_yaw
+from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.recording import Recording
 
-_LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-# The 14 joints of the VIP position error (thesis eq. 2.72), so that the curve drawn is the number people quote.
-ERROR_JOINTS = tuple(
-    joint_index(name)
-    for name in ("neck", "head", *(f"{side}_{joint}" for side in ("left", "right") for joint in _LIMB_JOINTS))
-)
 SIDE_BY_SIDE_M = 1.2  # between pelvises: walkers do not touch, and both stay in one view
 
 
@@ -35,19 +28,6 @@ class Compare(StrEnum):
     SIDE = "side"
 
 
-def at_times(motion: Motion, time: Array, rate: float) -> Motion:
-    """The motion interpolated to evenly spaced times ``(T,)`` of this rate; times outside take the nearest end."""
-    own = motion.time
-    if len(own) == len(time) and np.allclose(own, time, atol=1e-6):
-        return motion
-    return Motion(motion.skeleton, *motion.poses_at(time), rate, float(time[0]), motion.name)
-
-
-def known_truth(truth: Motion | None) -> Motion | None:
-    """The truth, or None where it has no frames, as that of a file that was cut off: nothing of it can be drawn."""
-    return truth if truth is not None and len(truth) else None
-
-
 def check_frames(motion: Motion) -> Motion:
     """The estimated motion.
 
@@ -59,26 +39,8 @@ def check_frames(motion: Motion) -> Motion:
     return motion
 
 
-def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion]:
-    """Both motions at the estimate's frames, as far as the truth reaches.
-
-    Raises:
-        InputError: if they have no time in common.
-    """
-    time = estimate.time
-    slack = 0.5 / truth.rate
-    inside = np.flatnonzero((time >= truth.time[0] - slack) & (time <= truth.time[-1] + slack))
-    if not len(inside):
-        raise InputError(
-            f"the estimate covers {time[0]:.2f}-{time[-1]:.2f} s and the truth {truth.time[0]:.2f}-"
-            f"{truth.time[-1]:.2f} s: expected an overlap; are they of the same recording?"
-        )
-    kept = estimate.frames(slice(int(inside[0]), int(inside[-1]) + 1))
-    return kept, at_times(truth, kept.time, kept.rate)
-
-
 def onto_truth(estimate: Motion, truth: Motion, compare: Compare) -> Motion:
-    """The estimate drawn in the truth's world (both at the same frames, see :func:`common_frames`)."""
+    """The estimate drawn in the truth's world (both at the same frames)."""
     p_estimate, p_truth = estimate.state.p_world_joint, truth.state.p_world_joint
     if compare is Compare.WORLD:
         gauge = align_yaw(p_estimate.reshape(-1, 3), p_truth.reshape(-1, 3))
@@ -97,28 +59,6 @@ def _aside(motion: Motion) -> Array:
     path = motion.p_world_pelvis[:, :2]
     across = np.linalg.eigh(np.cov(path.T))[1][:, 0] if len(path) > 1 else np.array([0.0, 1.0])
     return SIDE_BY_SIDE_M * np.append(across, 0.0)
-
-
-def known_bones(recording: Recording | None, truth: Motion | None) -> frozenset[str] | None:
-    """Names of the bones of which a motion drawn as truth knows anything; None: all, as of a motion file."""
-    own = recording.truth if recording is not None else None
-    return own.known_bones if own is not None and own.motion is truth else None
-
-
-def position_error_mm(estimate: Motion, truth: Motion, bones: Collection[str] | None = None) -> Array:
-    """Mean distance ``(T,)`` in mm of the 14 joints after a rigid alignment of every frame (thesis eq. 2.72).
-
-    Args:
-        estimate, truth: at the same frames.
-        bones: names of those whose motion the truth knows: joints on others are left out, as in every metric; None:
-            all. Without any such joint the errors are NaN.
-    """
-    joints = joints_placed_by(bones, ERROR_JOINTS)
-    if not joints:
-        return np.full(len(truth), np.nan)
-    source, target = estimate.state.p_world_joint[:, joints], truth.state.p_world_joint[:, joints]
-    moved = align_rigid(source, target).apply(source)
-    return 1000 * np.linalg.norm(moved - target, axis=-1).mean(axis=-1)
 
 
 def floor_height(motion: Motion) -> float:

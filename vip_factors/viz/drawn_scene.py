@@ -12,26 +12,17 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare_motion, compare_scene
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, wrap_angle, yaw_of
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera_model import CameraModel, VideoClock
-from vip_factors.sensors.camera_path import CameraPath, move_motion, move_path, scene_gauge
+from vip_factors.sensors.camera_path import CameraPath, move_motion, move_path
 from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
-from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.viz.compare import (
-    Compare,
-    check_frames,
-    common_frames,
-    known_bones,
-    known_truth,
-    moved,
-    onto_truth,
-    position_error_mm,
-    set_apart,
-)
+from vip_factors.viz.compare import Compare, check_frames, moved, onto_truth, set_apart
 
 NOBODY = -1
 
@@ -45,7 +36,7 @@ class DrawnWearer:
         index: in the scene, which gives the colour.
         motion: the estimate, turned and shifted with its whole scene onto the truth where that is known.
         truth: at the estimate's frames if there is one, or None.
-        bones: names of those of which the truth knows anything; None: all.
+        comparison: of the two as they are; None without both.
         rest: how the wearer of a bare recording is drawn: standing still.
         gauge_yaw: radians that the estimate's world is turned against the true one; 0 if that is not known.
     """
@@ -57,7 +48,7 @@ class DrawnWearer:
     recording: Recording | None
     estimate: WearerEstimate | None
     gauge_yaw: float = 0.0
-    bones: frozenset[str] | None = None
+    comparison: Comparison | None = None
     rest: Motion | None = None
 
     @property
@@ -76,9 +67,7 @@ class DrawnWearer:
     @property
     def error_mm(self) -> Array | None:
         """Joint error per frame ``(T,)``, or None."""
-        if self.motion is None or self.truth is None:
-            return None
-        return position_error_mm(self.motion, self.truth, self.bones)
+        return self.comparison.error_mm if self.comparison is not None else None
 
 
 @dataclass(frozen=True)
@@ -166,7 +155,11 @@ def drawn_wearer(
     Raises:
         InputError: if none is given, the estimate has no frames, or estimate and truth have no time in common.
     """
-    wearer = _wearer(0, recording, estimate, truth)
+    known = Truth(truth) if truth is not None else recording.truth if recording is not None else None
+    comparison = None
+    if estimate is not None and known is not None and len(known.motion):
+        comparison = compare_motion(estimate.motion, known)
+    wearer = _wearer(0, recording, estimate, comparison, known)
     if wearer.motion is not None and wearer.truth is not None:
         wearer = replace(wearer, motion=onto_truth(wearer.motion, wearer.truth, compare))
     elif wearer.shown is None:
@@ -204,25 +197,19 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
     """
     if scene is None and estimate is None:
         raise InputError("nothing to show: expected a scene, its estimate, or both")
-    if scene is not None and estimate is not None and len(scene.wearers) != len(estimate.wearers):
-        raise InputError(
-            f"estimate of {len(estimate.wearers)} wearers for a scene of {len(scene.wearers)}: expected the same; is "
-            "it the estimate of this scene?"
-        )
-    wearers = _wearers_of(scene, estimate)
+    comparison = compare_scene(estimate, _drawable(scene)) if scene is not None and estimate is not None else None
+    wearers = _wearers_of(scene, estimate, comparison)
     true_path = scene.truth.camera if scene is not None and scene.truth is not None else None
     if true_path is None and scene is not None and scene.camera is not None:
         true_path = scene.camera.known_path
     found = estimate.camera if estimate is not None else None
     path = found.path if found is not None else None
-    known = [(w.motion, w.truth) for w in wearers if w.motion is not None and w.truth is not None]
-    if known and found is not None and path is not None:
-        pair = (path.at(known[0][0].time), true_path.at(known[0][0].time)) if true_path is not None else None
-        gauge = scene_gauge(known, pair)
+    gauge = comparison.gauge if comparison is not None else None
+    if gauge is not None and path is not None:
         wearers = [_moved(wearer, gauge) for wearer in wearers]
         path = move_path(path, gauge)
-    else:
-        wearers = [_moved_alone(wearer) for wearer in wearers]
+    elif comparison is not None:
+        wearers = [_moved_alone(wearer, comparison.gauges.get(wearer.index)) for wearer in wearers]
     apart = found is None and _unknown_places(wearers)
     if apart:
         wearers = _apart(wearers)
@@ -257,31 +244,47 @@ def _further(scene: Scene | None) -> tuple[DrawnCamera, ...]:
     )
 
 
-def _wearers_of(scene: Scene | None, estimate: Estimate | None) -> list[DrawnWearer]:
-    count = len(scene.wearers) if scene is not None else len(estimate.wearers) if estimate is not None else 0
+def _drawable(scene: Scene) -> Scene:
+    """The scene without truths that have no frames, as those of a file that was cut off."""
+    wearers = [
+        replace(wearer, truth=None) if wearer.truth is not None and not len(wearer.truth.motion) else wearer
+        for wearer in scene.wearers
+    ]
+    return replace(scene, wearers=tuple(wearers))
+
+
+def _wearers_of(
+    scene: Scene | None, estimate: Estimate | None, comparison: SceneComparison | None
+) -> list[DrawnWearer]:
+    recordings = scene.wearers if scene is not None else [None] * len(estimate.wearers if estimate is not None else ())
+    estimates = estimate.wearers if estimate is not None else [None] * len(recordings)
     return [
         _wearer(
             index,
-            scene.wearers[index] if scene is not None else None,
-            estimate.wearers[index] if estimate is not None else None,
+            recording,
+            wearer,
+            comparison.wearers.get(index) if comparison is not None else None,
+            recording.truth if recording is not None else None,
         )
-        for index in range(count)
+        for index, (recording, wearer) in enumerate(zip(recordings, estimates, strict=True))
     ]
 
 
 def _wearer(
-    index: int, recording: Recording | None, estimate: WearerEstimate | None, truth: Motion | None = None
+    index: int,
+    recording: Recording | None,
+    estimate: WearerEstimate | None,
+    comparison: Comparison | None,
+    truth: Truth | None,
 ) -> DrawnWearer:
-    """The estimate and the truth, that given or else the recording's, at common frames."""
-    motion = check_frames(estimate.motion) if estimate is not None else None
-    if truth is None and recording is not None and recording.truth is not None:
-        truth = recording.truth.motion
-    truth = known_truth(truth)
-    bones = known_bones(recording, truth)
-    if motion is not None and truth is not None:
-        motion, truth = common_frames(motion, truth)
+    """The estimate and the truth at common frames, or the one that there is."""
     name = recording.subject.name if recording is not None else f"wearer {index + 1}"
-    return DrawnWearer(name, index, motion, truth, recording, estimate, bones=bones)
+    if comparison is not None:
+        motion, true = comparison.pair
+        return DrawnWearer(name, index, motion, true, recording, estimate, comparison=comparison)
+    whole = check_frames(estimate.motion) if estimate is not None else None
+    known = truth.motion if truth is not None and len(truth.motion) else None
+    return DrawnWearer(name, index, whole, known, recording, estimate)
 
 
 def _moved(wearer: DrawnWearer, gauge: Alignment) -> DrawnWearer:
@@ -289,11 +292,11 @@ def _moved(wearer: DrawnWearer, gauge: Alignment) -> DrawnWearer:
     return replace(wearer, motion=motion, gauge_yaw=-float(yaw_of(gauge.R_target_source)))
 
 
-def _moved_alone(wearer: DrawnWearer) -> DrawnWearer:
+def _moved_alone(wearer: DrawnWearer, gauge: Alignment | None) -> DrawnWearer:
     """A wearer with a gauge of its own; its headings share their mean error, for a path may drift."""
-    if wearer.motion is None or wearer.truth is None:
+    if gauge is None:
         return wearer
-    moved = _moved(wearer, scene_gauge([(wearer.motion, wearer.truth)]))
+    moved = _moved(wearer, gauge)
     return replace(moved, gauge_yaw=_shared_heading_error(wearer)) if wearer.calibrations else moved
 
 

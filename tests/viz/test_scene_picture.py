@@ -119,5 +119,5 @@ def test_a_truth_without_frames_is_none_and_an_estimate_without_is_refused(sampl
     assert drawn_scene(scene, estimate).wearers[0].truth is None
     assert drawn_scene(scene, None).wearers[0].shown is None
     none = replace(estimate.wearers[0], motion=estimate.wearers[0].motion.frames(slice(0, 0)))
-    with pytest.raises(InputError, match="has no poses.*cut off"):
+    with pytest.raises(InputError, match=r"has no poses.*cut off"):
         drawn_scene(sample, replace(estimate, wearers=(none, *estimate.wearers[1:])))

@@ -102,15 +102,15 @@ def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion, slic
 
 
 MM, CM = 1e3, 1e2
+LEAST_JOINTS = 3  # fewer fix no alignment
 
 
 def align_frames(estimate: Motion, truth: Motion, scale: bool = False, compared: Compared = EVERYTHING) -> Alignment:
     """Rigid motion (or similarity) of every frame that takes the estimate's 14 joints onto the truth's."""
     _same_frames(estimate, truth)
     joints = compared.positions(POSITION_JOINTS)
-    least_joints = 3  # fewer fix no alignment
-    if len(joints) < least_joints:
-        raise InputError(f"the truth knows {len(joints)} of the compared joints: expected at least {least_joints}")
+    if len(joints) < LEAST_JOINTS:
+        raise InputError(f"the truth knows {len(joints)} of the compared joints: expected at least {LEAST_JOINTS}")
     align = align_similarity if scale else align_rigid
     return align(estimate.state.p_world_joint[:, joints], truth.state.p_world_joint[:, joints])
 

@@ -21,7 +21,7 @@ from vip_factors.terms.evaluation import CameraEvaluation
 class VideoClockSettings:
     """How far the clock may be off."""
 
-    offset_sigma: float = 0.05  # s: a clap found by eye is good to a video frame or two
+    offset_sigma: float = 0.05  # s: an offset found by eye is good to a video frame or two
     # s/s. Quartz clocks are a few 1e-5 apart, those of warm phones 1e-4; a rate told as 30 for 29.97 Hz is off by 1e-3,
     # and that is the usual mistake. A minute of walking tells a drift to 2e-4.
     drift_sigma: NotNegative = 1e-3

@@ -40,6 +40,8 @@ def single_people(
     view: View, keypoints: KeypointSet, step: float, settings: DetectorSettings, random: np.random.Generator
 ) -> DetectedPeople:
     """Everybody, as if nobody could be taken for somebody else."""
+    drift_time_s = 3.0  # measured, 0.3 to 0.75 s apart
+    doubt_time_s = 0.5  # as long as limbs take to come forth
     P, F, K = view.hidden.shape
     one = keypoints.sigmas * ROOT_AREA_PER_HEIGHT * view.height[..., None]
 
@@ -49,8 +51,8 @@ def single_people(
 
     mean = np.where(view.hidden, settings.hidden_doubt, settings.plain_doubt)
     mean = np.where(view.behind, settings.behind_doubt, mean)
-    doubt = np.maximum(mean + per_point(settings.doubt_spread, settings.doubt_time_s, 1)[..., 0], 0.0)
-    error = per_point(settings.drift_error, settings.drift_time_s, 2)
+    doubt = np.maximum(mean + per_point(settings.doubt_spread, doubt_time_s, 1)[..., 0], 0.0)
+    error = per_point(settings.drift_error, drift_time_s, 2)
     error += per_point(settings.slow_error, settings.slow_time_s, 2)
     error += settings.white_error * random.standard_normal((P, F, K, 2))
     error *= 1 + settings.doubt_error * doubt[..., None]
@@ -72,6 +74,8 @@ OVERLAP = 0.12  # of the nearer one's height in the image: people whose middles 
 OVERLAP_DEPTH = 0.6  # and whose heights in the image differ by no more than this factor
 SECOND_SHARE = 0.35  # of the limbs in a mixed detection, that are the other person's
 FALSE_CONFIDENCE, FALSE_KEYPOINTS = 0.3, 0.5  # of detections of nobody: mean confidence, share of keypoints
+FALSE_TIME_S = 0.5  # that they last on average
+LEAST_HEIGHT_PX = 60.0  # of a person to be found; COCO's small people
 
 
 def swapped_sides(
@@ -80,7 +84,7 @@ def swapped_sides(
 ) -> DetectedPeople:  # fmt: skip
     """Left and right arms or legs exchanged for a while, mostly when seen from the side or from behind."""
     P, F, _ = people.confidence.shape
-    share = np.where(view.facing > FRONT, settings.swap_front, settings.swap_side)
+    share = np.where(view.facing > FRONT, settings.swap_side / 8, settings.swap_side)
     share = np.where(view.facing < BACK, settings.swap_back, share)
     pixels, confidence = people.pixels.copy(), people.confidence.copy()
     for words in GROUPS.values():
@@ -133,14 +137,14 @@ def false_people(
 ) -> DetectedPeople:  # fmt: skip
     """Detections of nobody (furniture, shadows, pictures on walls): shapes of real people elsewhere, in part."""
     F, K = view.height.shape[1], len(keypoints)
-    count = random.poisson(settings.false_people * F * step / settings.false_time_s)
+    count = random.poisson(settings.false_people * F * step / FALSE_TIME_S)
     pixels, confidence = np.full((count, F, K, 2), np.nan), np.zeros((count, F, K))
     whole = np.argwhere(np.all(np.isfinite(view.height)[..., None], axis=2))
     if not len(whole):
         return DetectedPeople(pixels, confidence)
     time = step * np.arange(F)
     for one in range(count):
-        start, lasts = random.uniform(0, F * step), random.exponential(settings.false_time_s)
+        start, lasts = random.uniform(0, F * step), random.exponential(FALSE_TIME_S)
         frames = (time >= start) & (time < start + lasts)
         person, frame = whole[random.integers(len(whole))]
         shape = view.aimed[person, frame] - np.nanmean(view.aimed[person, frame], axis=0)
@@ -213,7 +217,7 @@ def detect(
     detected, absent = mixed_people(detected, view, keypoints, step, settings, random["mixed"])
     overlooked = lasting_chance(random["people"], len(camera), step, settings.event_time_s, len(people)).T
     absent |= overlooked < settings.missed_person
-    absent |= ~(view.height >= settings.least_height_px)
+    absent |= ~(view.height >= LEAST_HEIGHT_PX)
     detected.confidence[absent] = 0
     detected = detected.joined(false_people(view, model, keypoints, step, settings, random["false"]))
     return _listed(detected, view, camera, model, keypoints, settings, random["order"])

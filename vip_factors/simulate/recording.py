@@ -60,8 +60,9 @@ def sensor_slide(
     count = int(np.ceil((dense.end - dense.start) * GRID_HZ)) + 1
     time, step = np.linspace(dense.start, dense.end, count, retstep=True)
     sprung = settings.wobble * _sprung(dense.bone(bone, time), p_bone_sensor, frequency, float(step))
-    # The box rocks about the axis across its outward direction (its z) and the shift.
-    rocking = np.deg2rad(settings.wobble_tilt_deg_per_cm) * 100 * np.cross(R_bone_sensor[:, 2], sprung)
+    # The box rocks about the axis across its outward direction (its z) and the shift: 4 degrees a centimetre, which is
+    # 1 cm over its 15 cm strap.
+    rocking = np.deg2rad(4.0) * 100 * np.cross(R_bone_sensor[:, 2], sprung)
     slow = smooth_process(random, count, float(step), share, settings.skin_time_s, axes=6)
     shift = sprung + settings.skin_m * slow[:, :3]
     turn = rocking + np.deg2rad(settings.skin_deg) * slow[:, 3:]

@@ -59,7 +59,6 @@ class SimulateSettings:
     skin_m: float = 0.004  # slow shift on the bone, each axis, at a thigh; Leardini et al. 2005 report 5–30 mm
     skin_time_s: Seconds = 0.5  # correlation time: muscles and skin follow the steps
     wobble: float = 1.0  # strength of the sprung response to impacts (see recording.py); 1 is the natural one
-    wobble_tilt_deg_per_cm: float = 4.0  # rocking of the box while it shifts: 1 cm over its 15 cm strap
 
     acceleration_white: float = 0.3  # m/s² a sample: noise and unmodelled shaking; the bare chip has 0.02–0.05
     acceleration_bias: float = 0.05  # m/s², wandering over bias_time_s; 5 mg is usual without a tumble calibration
@@ -100,7 +99,6 @@ class DetectorSettings:
     # forgets (0.28), and what changes from frame to frame (0.10, second differences). The first two are taken by 0.7:
     # measured errors have long tails, which are doubt's here, and together they have the measured RMS again.
     drift_error: float = 0.26
-    drift_time_s: Seconds = 3.0  # measured, 0.3 to 0.75 s apart
     slow_error: float = 0.20
     slow_time_s: Seconds = 0.14
     white_error: float = 0.10
@@ -111,7 +109,6 @@ class DetectorSettings:
     hidden_doubt: Doubt = 0.3  # behind the person's own body; measured confidence below 0.3 for 3 % of all keypoints
     behind_doubt: Doubt = 1.2  # behind somebody else; ours: mostly a guess
     doubt_spread: float = 0.4
-    doubt_time_s: Seconds = 0.5  # ours: as long as limbs take to come forth
     # Measured RMS error by confidence: 0.65: 0.4 units, 0.45: 0.65, 0.35: 1.2, 0.25: 2.1, 0.15: 3.0, 0.05: 4.6.
     doubt_error: float = 4.0
     least_confidence: Share = 0.05  # OpenPose's own default for drawing a keypoint
@@ -121,19 +118,16 @@ class DetectorSettings:
     behind_missed: Share = 0.6  # behind somebody else; ours: detectors mostly leave them out
     # Left for right, arms or legs. Measured: 0.5 % of limb keypoints, nearly all knees. PoseFix
     # (Moon et al. 2019) trains with 3 % at arms and 6 % at legs for COCO's pictures. Between the two; by view is ours.
-    swap_front: Share = 0.005
-    swap_side: Share = 0.04
+    swap_side: Share = 0.04  # an eighth of it from the front
     swap_back: Share = 0.02
     event_time_s: Seconds = 0.25  # ours: bursts of several frames, as one sees them in OpenPose's videos
 
     # What follows is ours, to see what an estimator makes of it: no real recording of several people was measured.
     missed_person: Share = 0.01  # share of time that a person in sight is not found
     least_keypoints: int = 4  # fewer do not make a person; OpenPose asks for 3 or 4
-    least_height_px: float = 60.0  # of a person to be found; COCO's small people
     merge: Share = 0.15  # share of the time two people overlap, that one detection has limbs of both
     exchange: Share = 0.10  # share of that time, that both are found with limbs exchanged
     false_people: float = 0.03  # detections of nobody, per frame
-    false_time_s: Seconds = 0.5
 
     def __post_init__(self) -> None:
         check_ranges(self, "detector.", zero=True)

@@ -17,11 +17,7 @@ from scipy.sparse import coo_array, csr_array
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 
-SECONDS_PER_WINDOW = 20.0  # what HiGHS may take for one; the best found until then is used
-RELATIVE_GAP = 1e-4
 SWEEPS, LOOKS = 10, 20  # between looks at the bound, and how often, until HiGHS is asked: two to six looks do mostly
-PROVEN = 1e-7  # of its cost is what a choice may be short of the bound: rounding
-NEVER = 1e4  # log-odds, beyond all others
 
 
 @dataclass(frozen=True)
@@ -133,12 +129,15 @@ def _exclusive_groups(problem: AssignmentProblem) -> list[np.ndarray]:
 
 def _solve_open(problem: AssignmentProblem) -> np.ndarray:
     """The best choice ``(H,)``; HiGHS is asked where no bound proves one."""
+    proven = 1e-7  # of its cost is what a choice may be short of the bound: rounding
+    relative_gap = 1e-4
+    seconds_per_window = 20.0  # what HiGHS may take for one; the best found until then is used
     dual = _Dual(problem)
     for _ in range(LOOKS):
         dual.raise_bound()
         chosen = dual.choice()
         value = problem.value(chosen)
-        if value - dual.bound() <= PROVEN * (1 + abs(value)):
+        if value - dual.bound() <= proven * (1 + abs(value)):
             return chosen
     H, E = len(problem.cost), len(problem.edges)
     result = milp(
@@ -146,7 +145,7 @@ def _solve_open(problem: AssignmentProblem) -> np.ndarray:
         constraints=_constraints(problem),
         integrality=np.concatenate([np.ones(H), np.zeros(E)]),
         bounds=Bounds(0, 1),
-        options={"time_limit": SECONDS_PER_WINDOW, "mip_rel_gap": RELATIVE_GAP},
+        options={"time_limit": seconds_per_window, "mip_rel_gap": relative_gap},
     )
     if result.x is None:
         raise SolveError(f"the association's binary program of {H} hypotheses was not solved: {result.message}")
@@ -162,6 +161,7 @@ class _Dual:
     """
 
     def __init__(self, problem: AssignmentProblem) -> None:
+        never = 1e4  # log-odds, beyond all others
         self.node, self.detection = _exclusive_groups(problem)
         H, N = len(problem.cost), int(self.node.max()) + 1
         order = np.argsort(self.node, kind="stable")
@@ -169,19 +169,19 @@ class _Dual:
         self.label[order] = np.arange(H) - np.searchsorted(self.node[order], self.node[order]) + 1
         wearer, frame, shown = problem.wearer, problem.frame, problem.wearer + 1
         L = int(max(self.label.max(), shown.max())) + 1
-        self.own = np.full((N + int(self.detection.max()) + 1, L), NEVER)
+        self.own = np.full((N + int(self.detection.max()) + 1, L), never)
         self.own[:, 0] = self.own[N + self.detection, shown] = 0.0
         self.own[self.node, self.label] = problem.cost
         rivals = np.argwhere(np.triu(self.detection[:, None] == self.detection, 1))
         a, b = np.concatenate([problem.edges, rivals]).T
         a, b = np.where(self.node[a] < self.node[b], (a, b), (b, a))
-        cost = np.concatenate([problem.edge_cost, np.full(len(rivals), NEVER)])
+        cost = np.concatenate([problem.edge_cost, np.full(len(rivals), never)])
         _, first, pair = np.unique(self.node[a] * N + self.node[b], return_index=True, return_inverse=True)
         at = np.flatnonzero(np.bincount(self.detection)[self.detection] > 1)
         self.pair = np.zeros((len(first) + len(at), L, L))
         np.add.at(self.pair, (pair, self.label[a], self.label[b]), cost)
         beside = np.arange(len(first), len(self.pair))
-        self.pair[beside, self.label[at], :] = self.pair[beside, :, shown[at]] = NEVER
+        self.pair[beside, self.label[at], :] = self.pair[beside, :, shown[at]] = never
         self.pair[beside, self.label[at], shown[at]] = 0.0
         a, b = a[first], b[first]
         self.ends = np.concatenate([[self.node[a], self.node[b]], [self.node[at], N + self.detection[at]]], axis=1)

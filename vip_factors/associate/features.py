@@ -16,8 +16,6 @@ from vip_factors.geometry.rotations import Array, angle_between, transpose
 from vip_factors.sensors.camera_path import CameraPath
 
 MAJOR_JOINTS = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-ENOUGH_JOINTS = 7  # rightly found, for a detection to count as somebody's (thesis 4.4.3)
-ALL_JOINTS = 12  # of which so many are enough: both sides, without the neck, which not every detector gives
 GIVEN = 0.1  # of how often the most frequent keypoint is found: a rarer one is not among those a detector gives
 
 
@@ -36,8 +34,9 @@ def counts_for(major: np.ndarray, frequency: Array) -> float:
     than one where the detector gives fewer than usual. The choice of wearers was learned from people of whom twelve or
     thirteen can be seen.
     """
+    all_joints = 12  # of which so many are enough: both sides, without the neck, which not every detector gives
     given = int(np.sum(major & given_keypoints(frequency)))
-    return max(1.0, ALL_JOINTS / given) if given else 1.0
+    return max(1.0, all_joints / given) if given else 1.0
 
 
 LIMB_ENDS = (
@@ -46,11 +45,9 @@ LIMB_ENDS = (
     ("right_hip", "right_knee"), ("right_knee", "right_ankle"), ("left_shoulder", "right_shoulder"),
     ("left_hip", "right_hip"),
 )  # fmt: skip
-USUAL_KEYPOINTS = 15  # of somebody who is seen whole
 FITTING_M = 0.15  # a head's half, and what an inertial tracker errs
 WINDOWS_S = (0.5, 2.0)  # over which a tracklet's evidence is averaged: half a step, and a few
 NO_RIVAL = 1.5  # how much worse an absent rival counts
-TURN_OVER_S = 0.17  # between hypotheses whose cameras are compared for steadiness
 
 UNARY = (
     "log_cost", "log_cost_half_second", "log_cost_two_seconds", "limbs", "limbs_half_second", "limbs_two_seconds",
@@ -127,8 +124,9 @@ def _by_freedom(context: Context) -> Array:
 
     Such errors are too small by the share of their degrees of freedom that the camera takes: of ``2n`` numbers six.
     """
+    usual_keypoints = 15  # of somebody who is seen whole
     used = np.sum(np.isfinite(context.hypotheses.error[..., 0]), axis=1)
-    return np.asarray((1 - 3 / USUAL_KEYPOINTS) / (1 - 3 / used))
+    return np.asarray((1 - 3 / usual_keypoints) / (1 - 3 / used))
 
 
 def _joint_counts(context: Context) -> tuple[Array, ...]:
@@ -136,13 +134,14 @@ def _joint_counts(context: Context) -> tuple[Array, ...]:
 
     Where the detector gives fewer joints than usual, each of them counts for several.
     """
+    enough_joints = 7  # rightly found, for a detection to count as somebody's (thesis 4.4.3)
     h, major = context.hypotheses, major_joints(context.names)
     each = counts_for(major, np.sum(context.weight > 0, axis=0))
     sure = np.clip((context.weight[h.detection][:, major] - 0.1) / 0.3, 0, 1)
     error = np.linalg.norm(h.error[:, major], axis=-1)
     fits = np.exp(-0.5 * (np.nan_to_num(error, nan=np.inf) / FITTING_M) ** 2)
     seen, fitting = each * sure.sum(axis=1), each * np.sum(sure * fits, axis=1)
-    return seen, fitting, *(1 / (1 + np.exp(-2 * (count - ENOUGH_JOINTS + 0.5))) for count in (seen, fitting))
+    return seen, fitting, *(1 / (1 + np.exp(-2 * (count - enough_joints + 0.5))) for count in (seen, fitting))
 
 
 def path_error(context: Context, camera: CameraPath) -> Array:
@@ -217,8 +216,9 @@ def _later(context: Context, seconds: float) -> np.ndarray:
 
 def _unsteadiness(context: Context) -> Array:
     """Angle ``(P,)`` by which the hypothesis camera turns in the world within a sixth of a second."""
+    turn_over_s = 0.17  # between hypotheses whose cameras are compared for steadiness
     h = context.hypotheses
-    later = _later(context, TURN_OVER_S)
+    later = _later(context, turn_over_s)
     angle = angle_between(h.R_camera_world, h.R_camera_world[later]) if len(h) else np.zeros(0)
     angle = np.where(later >= 0, angle, np.nan)
     backwards = np.full(len(h), np.nan)

@@ -13,15 +13,11 @@ from vip_factors.geometry.rotations import Array, rotation_z, yaw_of
 from vip_factors.sensors.detections import Detections
 
 SAMPLE = 300  # detections looked at for the order of keypoints
-PARTS = 6  # in which they are: after two or three of them most orders are out of the question
 MUCH_BETTER, MUCH_SHARE = 0.6, 0.75  # of the cost: what another order must reach; another view of the body reaches 0.9
 # The same of the given order with its sides exchanged, in a mirrored picture too: of 17 sound scenes none is below 1.13
 # or better in more than 0.42 of the detections; 13 of 17 mirrored pictures are below 0.8, all better in 0.65 or more.
 SIDES_BETTER, SIDES_SHARE = 0.8, 0.7
-ALIKE_M = 0.08  # mean distance between two wearers' keypoints below which nobody could tell them apart
-ALIKE_SHARE = 0.7  # of the frames
 TELLING = ("shoulder", "hip", "knee", "ankle")  # eight keypoints by which people are told apart
-FEW_KEYPOINTS = 8  # with fewer, that nobody is found is no sign of anything being wrong
 REFUSED = 20.0  # cost, in squared sigmas, of a detection that no camera explains
 
 
@@ -71,10 +67,11 @@ def _too_few(context: Context) -> Finding:
 
 
 def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> Finding:
+    few_keypoints = 8  # with fewer, that nobody is found is no sign of anything being wrong
     if not np.any(context.hypotheses.wearer == w):
         return Finding("never whole", motion.name, numbers={"least": FEWEST_KEYPOINTS})
     given = _given(context)
-    if len(given) < FEW_KEYPOINTS:
+    if len(given) < few_keypoints:
         words = {"given": ", ".join(given)}
         return Finding("too few to be sure", motion.name, numbers={"keypoints": len(given)}, words=words)
     return Finding("not recognised", motion.name)
@@ -82,11 +79,13 @@ def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> Findi
 
 def _alike(context: Context, motions: Sequence[Motion]) -> list[Finding]:
     """Pairs of wearers who move alike, seen from wherever."""
+    alike_share = 0.7  # of the frames
+    alike_m = 0.08  # mean distance between two wearers' keypoints below which nobody could tell them apart
     found = []
     for i in range(len(motions)):
         for j in range(i + 1, len(motions)):
             gap = _distance_up_to_heading(context, i, j)
-            if len(gap) and np.mean(gap < ALIKE_M) > ALIKE_SHARE:
+            if len(gap) and np.mean(gap < alike_m) > alike_share:
                 numbers = {"cm": 100 * float(np.median(gap))}
                 found.append(Finding("alike", motions[i].name, subject=motions[j].name, numbers=numbers))
     return found
@@ -113,6 +112,7 @@ _UPRIGHT_PELVIS = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 
 def _order_finding(detections: Detections, context: Context, motions: Sequence[Motion]) -> list[Finding]:
     """Whether another known order of keypoints explains the detections much better."""
+    parts = 6  # in which they are: after two or three of them most orders are out of the question
     given = detections.keypoints
     usable = np.flatnonzero((context.weight > 0).sum(axis=1) >= max(8, 0.6 * len(given)))
     if len(usable) < 5:
@@ -124,7 +124,7 @@ def _order_finding(detections: Detections, context: Context, motions: Sequence[M
     for name, keypoints, mirrored, across in _orders(given):
         much, share = (SIDES_BETTER, SIDES_SHARE) if name.startswith(f"{given.name} ") else (MUCH_BETTER, MUCH_SHARE)
         cost = np.full(len(sample), np.nan)
-        for part in (slice(first, None, PARTS) for first in range(PARTS)):
+        for part in (slice(first, None, parts) for first in range(parts)):
             cost[part] = _best_costs(detections, context, motions, sample[part], keypoints, mirrored, across)
             if np.mean(~(cost >= reference)) <= share:  # were all the others better
                 break

@@ -18,7 +18,6 @@ from vip_factors.geometry.rotations import Array, exp, hat, transpose
 from vip_factors.sensors.detections import Detections
 
 FEWEST_KEYPOINTS = 6  # six unknowns would need three; below six a wrong person fits as well as the right one
-CHUNK = 2048  # matches at a time: their Jacobians stay in the processor's cache
 CAUCHY = 2.0  # sigmas at which a keypoint starts to be doubted
 START_STEPS, FINAL_STEPS = 5, 6  # of Gauss–Newton: from every start, then from the best
 NEAREST_DEPTH, FURTHEST_DEPTH = 0.5, 80.0  # m: nobody is whole in the image nearer, or distinguishable further off
@@ -53,10 +52,11 @@ def fit_cameras(points: Array, rays: Array, weight: Array, sigma: Array) -> Came
         weight: ``(P, K)`` confidences; 0 for keypoints not to be used.
         sigma: ``(K,)`` or ``(P, K)`` metres, how far keypoints lie off.
     """
+    chunk = 2048  # matches at a time: their Jacobians stay in the processor's cache
     sigma = np.broadcast_to(sigma, weight.shape)
     parts = [
-        _fit_chunk(points[i : i + CHUNK], rays[i : i + CHUNK], weight[i : i + CHUNK], sigma[i : i + CHUNK])
-        for i in range(0, max(len(points), 1), CHUNK)
+        _fit_chunk(points[i : i + chunk], rays[i : i + chunk], weight[i : i + chunk], sigma[i : i + chunk])
+        for i in range(0, max(len(points), 1), chunk)
     ]
     return CameraFit(*(np.concatenate([getattr(part, name) for part in parts]) for name in CameraFit.__annotations__))
 
@@ -205,13 +205,11 @@ class _Problem:
 
 
 LEAST_CONFIDENCE = 0.1  # detectors write guesses below this
-PERSON_SIZE = 0.77  # m: square root of the area that a person covers, for the OKS sigmas
 DETECTOR = (
     0.5  # of an OKS sigma is what a detector errs by; the sigmas are those of annotators on all sorts of pictures
 )
 # Metres that an inertial tracker's keypoints lie off, mounted by eye (10–15°): orientation errors add up along limbs.
 _POSE_SIGMA = {"wrist": 0.12, "ankle": 0.12, "heel": 0.13, "toe": 0.14, "elbow": 0.08, "knee": 0.08}
-_TRUNK_SIGMA = 0.05
 
 
 @dataclass(frozen=True)
@@ -263,11 +261,13 @@ class Hypotheses:
 
 def keypoint_sigma(keypoints: KeypointSet) -> Array:
     """How far ``(K,)`` a wearer's keypoints lie off what a detector points at, in metres."""
+    trunk_sigma = 0.05
+    person_size = 0.77  # m: square root of the area that a person covers, for the OKS sigmas
     pose = [
-        next((sigma for part, sigma in _POSE_SIGMA.items() if part in name), _TRUNK_SIGMA)
+        next((sigma for part, sigma in _POSE_SIGMA.items() if part in name), trunk_sigma)
         for name in keypoints.keypoints
     ]
-    return np.hypot(DETECTOR * PERSON_SIZE * keypoints.sigmas, pose)
+    return np.hypot(DETECTOR * person_size * keypoints.sigmas, pose)
 
 
 def wearer_points(motion: Motion, keypoints: KeypointSet, time: Array) -> WearerPoints:

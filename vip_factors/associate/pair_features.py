@@ -98,11 +98,9 @@ def intra_features(context: Context, a: np.ndarray, b: np.ndarray, turn: WorldTu
     return np.stack([np.log(tilt + 0.05), np.log(gap + 0.05) * known, known, np.log(height + 0.02)], axis=1)
 
 
-FURTHEST_M = 20.0  # camera centres further apart than this are all equally wrong
-
-
 def meta_features(context: Context, a: np.ndarray, b: np.ndarray) -> Array:
     """Features ``(E, len(INTRA_CAMERA))`` of two wearers' hypotheses (rows ``a``, ``b``) in one frame and world."""
+    furthest_m = 20.0  # camera centres further apart than this are all equally wrong
     h = context.hypotheses
     points = np.stack([wearer.p_world_keypoint for wearer in context.wearers])
     both = np.concatenate([points[h.wearer[one], h.frame[one]] for one in (a, b)], axis=1)
@@ -114,7 +112,7 @@ def meta_features(context: Context, a: np.ndarray, b: np.ndarray) -> Array:
     centre = origin - (transpose(fit.R_camera_world) @ fit.p_camera_origin[..., None])[..., 0]
     off = [np.linalg.norm(h.p_world_camera[one] - centre, axis=1) / np.maximum(h.p_camera_pelvis[one, 2], 1)
            for one in (a, b)]  # fmt: skip
-    off = [np.log(np.minimum(np.where(fit.accepted, each, FURTHEST_M), FURTHEST_M) + 0.02) for each in off]
+    off = [np.log(np.minimum(np.where(fit.accepted, each, furthest_m), furthest_m) + 0.02) for each in off]
     tilt = angle_between(h.R_camera_world[a], h.R_camera_world[b])
     yaw = np.abs(yaw_of(transpose(h.R_camera_world[a]) @ h.R_camera_world[b]))
     cost = np.log(np.where(fit.accepted, fit.cost, 20.0) + 0.02)

@@ -83,11 +83,7 @@ def _links(before: np.ndarray, now: np.ndarray, rays: Array, weight: Array, size
     return pairs
 
 
-MUCH_MORE = 2.0  # times the evidence: tracklets are linked where that is plain, and still a few hold two people
-BOTH_FRAMES = 5  # in which both are there and the one is chosen: links are blurred for a moment at crossings
 SURE, UNSURE = 12.0, 0.5  # log-odds of a single choice as evidence, at most and at least
-LEAST_SHARE = 0.2  # of a tracklet's whole people that must be the wearer: nobody is so for a moment only
-LONG_S = 1.0  # tracklets of which that is asked
 WHOLE = 0.75  # of the keypoints that the best tenth shows: half hidden people are not asked to be found by motion
 
 
@@ -99,6 +95,8 @@ def contradicted(frame: np.ndarray, track: np.ndarray, wearer: np.ndarray, odds:
         wearer: ``(N,)`` who was chosen, −1 for nobody.
         odds: ``(N,)`` log-odds of each choice on its own; anything elsewhere, NaN too.
     """
+    both_frames = 5  # in which both are there and the one is chosen: links are blurred for a moment at crossings
+    much_more = 2.0  # times the evidence: tracklets are linked where that is plain, and still a few hold two people
     wrong = np.zeros(len(wearer), bool)
     if not np.any(wearer >= 0):
         return wrong
@@ -110,8 +108,8 @@ def contradicted(frame: np.ndarray, track: np.ndarray, wearer: np.ndarray, odds:
         rivals = [(own[k], frame[(track == k) & (wearer == w)]) for k in np.flatnonzero(theirs[w])]
         for k in np.flatnonzero(own > 0):
             there = frame[track == k]
-            beside = (np.sum((at >= there[0]) & (at <= there[-1])) for much, at in rivals if much > MUCH_MORE * own[k])
-            if any(count >= BOTH_FRAMES for count in beside):
+            beside = (np.sum((at >= there[0]) & (at <= there[-1])) for much, at in rivals if much > much_more * own[k])
+            if any(count >= both_frames for count in beside):
                 wrong |= (wearer == w) & (track == k)
     return wrong
 
@@ -121,6 +119,8 @@ def brief_choices(track: np.ndarray, wearer: np.ndarray, weight: Array, rate: fl
 
     Arguments as of :func:`contradicted` and :func:`tracklets`.
     """
+    long_s = 1.0  # tracklets of which that is asked
+    least_share = 0.2  # of a tracklet's whole people that must be the wearer: nobody is so for a moment only
     wrong = np.zeros(len(wearer), bool)
     if not len(wearer):
         return wrong
@@ -129,7 +129,7 @@ def brief_choices(track: np.ndarray, wearer: np.ndarray, weight: Array, rate: fl
     size = np.bincount(track[whole], minlength=int(track.max()) + 1)
     for w in range(int(wearer.max()) + 1):
         own = np.bincount(track[whole & (wearer == w)], minlength=len(size))
-        hardly = ((size >= LONG_S * rate) & (own < LEAST_SHARE * size))[track] & (wearer == w)
+        hardly = ((size >= long_s * rate) & (own < least_share * size))[track] & (wearer == w)
         if np.sum(hardly) < np.sum(wearer == w):
             wrong |= hardly
     return wrong

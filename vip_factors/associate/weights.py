@@ -17,8 +17,6 @@ from vip_factors.associate.tracklets import sums_around
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
-AROUND_S = 2.0  # over which neighbours' support is averaged
-MOST_SUPPORT = 12.0  # log-odds: beyond, it is all the same
 _SUPPORT = ("odds", "inter_support", "intra_support", "beside", "support_around", "share_around")
 VERDICT = (*UNARY, *_SUPPORT)
 VERDICT_CAMERA = (*UNARY_CAMERA, *_SUPPORT)
@@ -31,6 +29,7 @@ def verdict_features(
 
     ``unary`` ``(H, ...)`` and ``odds`` ``(H,)`` are the features and log-odds of the problem's hypotheses on their own.
     """
+    most_support = 12.0  # log-odds: beyond, it is all the same
     a, b = problem.edges.T
     both = chosen[a] & chosen[b]
     a, b, support = a[both], b[both], -problem.edge_cost[both]
@@ -43,15 +42,16 @@ def verdict_features(
 
     inter, intra = summed(between_frames, support), summed(~between_frames, support)
     beside = summed(~between_frames, np.ones(len(a)))
-    total = np.clip(odds + inter + intra, -MOST_SUPPORT, MOST_SUPPORT)
+    total = np.clip(odds + inter + intra, -most_support, most_support)
     around, share = _around(context, problem, chosen, total)
-    columns = [np.clip(one, -MOST_SUPPORT, MOST_SUPPORT)[chosen] for one in (odds, inter, intra, beside, around, share)]
+    columns = [np.clip(one, -most_support, most_support)[chosen] for one in (odds, inter, intra, beside, around, share)]
     return np.concatenate([unary[chosen], np.stack(columns, axis=1)], axis=1)
 
 
 def _around(context: Context, problem: AssignmentProblem, chosen: np.ndarray, value: Array) -> tuple[Array, Array]:
     """Mean value of the choices for the same wearer nearby in time, and in what share of frames there are any."""
-    half = max(1, round(AROUND_S / 2 * context.rate))
+    around_s = 2.0  # over which neighbours' support is averaged
+    half = max(1, round(around_s / 2 * context.rate))
     key = problem.wearer * (len(context.time) + 3 * half) + problem.frame
     total, count = sums_around(key, half, key[chosen], value[chosen])
     return total / np.maximum(count, 1), count / (2 * half + 1)

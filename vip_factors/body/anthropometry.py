@@ -21,9 +21,6 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
 STATURE_RANGE_M = (0.8, 2.6)  # from a small child to the tallest adults measured
-MASS_RANGE_KG = (8.0, 400.0)
-STATURE_SIGMA_M = 0.010  # a tape's, with the centimetre that people lose from morning to evening
-MASS_SIGMA = 0.03  # of the mass: clothes, meals, scales
 # A tape between two landmarks is read to 5 mm, and a finger finds each end of a joint's axis as well.
 LENGTH_SIGMA_M = 0.007
 FEW_SIGMAS = 3.0  # of stature: so far the prior knows people
@@ -171,10 +168,13 @@ def likely_body(
     Raises:
         InputError: for an implausible stature, mass or length, or an unknown segment or sex.
     """
+    mass_sigma = 0.03  # of the mass: clothes, meals, scales
+    stature_sigma_m = 0.010  # a tape's, with the centimetre that people lose from morning to evening
+    mass_range_kg = (8.0, 400.0)
     if stature_m is not None:
         _check_stature(stature_m)
-    if mass_kg is not None and not MASS_RANGE_KG[0] <= mass_kg <= MASS_RANGE_KG[1]:
-        raise InputError(f"mass {mass_kg:g} kg: expected between {MASS_RANGE_KG[0]:g} and {MASS_RANGE_KG[1]:g}")
+    if mass_kg is not None and not mass_range_kg[0] <= mass_kg <= mass_range_kg[1]:
+        raise InputError(f"mass {mass_kg:g} kg: expected between {mass_range_kg[0]:g} and {mass_range_kg[1]:g}")
     adults = load_body_prior().of(sex)
     measured = dict(segment_lengths_m or {})
     lengths, halves = measured_lengths(measured)
@@ -183,10 +183,10 @@ def likely_body(
         Observation(np.concatenate([[0.0], row]), metres / scale, LENGTH_SIGMA_M / scale) for row, metres in lengths
     ]
     if stature_m is not None:
-        observations.append(Observation(STATURE_ROW, stature_m / scale, STATURE_SIGMA_M / scale))
+        observations.append(Observation(STATURE_ROW, stature_m / scale, stature_sigma_m / scale))
     if mass_kg is not None:
         mass = float(np.log(mass_kg / scale**2))  # as fat or lean for the stature
-        observations.append(Observation(np.eye(len(VARIABLES))[0], mass, MASS_SIGMA))
+        observations.append(Observation(np.eye(len(VARIABLES))[0], mass, mass_sigma))
     found = adults.widened(1 + WIDENING * beyond).given(observations)
     known = [
         "stature unknown" if stature_m is None else f"stature {stature_m:.2f} m",
@@ -251,7 +251,6 @@ WHOLE = {
     "shoulder_width": {"shoulder width": 1.0},
     "trunk": {"trunk": 1.0, "hip height": -1.0},
 }
-LENGTH_RANGE_M = (0.02, 1.2)
 
 
 def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, float]], dict[str, float]]:
@@ -264,9 +263,10 @@ def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, f
     Raises:
         InputError: for an implausible length or an unknown segment.
     """
+    length_range_m = (0.02, 1.2)
     sides: dict[str, dict[str, float]] = {}
     rows = []
-    low, high = LENGTH_RANGE_M
+    low, high = length_range_m
     for name, metres in sorted(measured.items(), key=lambda one: one[0].startswith(("left_", "right_"))):
         if not low <= metres <= high:
             raise InputError(f"segment length {name} = {metres:g} m: expected metres, between {low:g} and {high:g}")

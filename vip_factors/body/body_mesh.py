@@ -16,11 +16,7 @@ from vip_factors.body.mannequin import Segment, mannequin
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array, rotation_z
 
-SOFTNESS = 0.16  # of a segment's thinner end: creases rounded, fingers still apart
-WEIGHT_SOFTNESS = 0.45  # of a segment's thicker end: over what length around a joint the skin bends
-LEGS_APART = np.deg2rad(14.0)  # while the skin is made: thighs that touch would grow together
 REACH = 7.0  # in softnesses: a segment that far away adds a thousandth
-MOST_CELLS = 300  # along one axis of a piece's grid, four times a person's: of who has no height, say
 # Joints whose segments make a piece of their own, and the size of its grid's cells, in thousandths of stature.
 PIECES = (
     (("pelvis", "spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "left_hip", "right_hip",
@@ -86,11 +82,12 @@ def body_mesh(skeleton: Skeleton) -> BodyMesh:
 
 @lru_cache(maxsize=8)
 def _mesh_of(offsets: bytes, landmarks: tuple[tuple[str, int, bytes], ...]) -> BodyMesh:
+    legs_apart = np.deg2rad(14.0)  # while the skin is made: thighs that touch would grow together
     points = {name: Landmark(bone, np.frombuffer(point)) for name, bone, point in landmarks}
     skeleton = Skeleton(np.frombuffer(offsets).reshape(JOINT_COUNT, 3), points)
     R = np.tile(np.eye(3), (1, JOINT_COUNT, 1, 1))
     for side, sign in (("left_hip", 1.0), ("right_hip", -1.0)):
-        R[0, joint_index(side)] = rotation_z(sign * LEGS_APART)
+        R[0, joint_index(side)] = rotation_z(sign * legs_apart)
     state = forward_kinematics(skeleton, R, np.zeros((1, 3)))
     field = _Field(mannequin(skeleton), state)
     vertices, faces, count = [], [], 0
@@ -110,12 +107,13 @@ class _Field:
     """What the segments say at a point: positive inside the skin, growing inwards."""
 
     def __init__(self, segments: Sequence[Segment], state: BodyState) -> None:
+        softness = 0.16  # of a segment's thinner end: creases rounded, fingers still apart
         self.bone = np.array([segment.bone for segment in segments])
         R, p = state.R_world_bone[0, self.bone], state.p_world_joint[0, self.bone]
         self.start = np.einsum("nij,nj->ni", R, [s.p_bone_start for s in segments]) + p
         self.axis = np.einsum("nij,nj->ni", R, [s.p_bone_end - s.p_bone_start for s in segments])
         self.radius = np.array([(s.radius_start, s.radius_end) for s in segments])
-        self.softness = SOFTNESS * self.radius.min(axis=1)
+        self.softness = softness * self.radius.min(axis=1)
         ends = np.concatenate([self.start, self.start + self.axis])
         self.stature = float(np.ptp(ends[:, 1]))
 
@@ -129,11 +127,12 @@ class _Field:
 
     def skin(self, chosen: np.ndarray, cell: float) -> tuple[Array, np.ndarray]:
         """Vertices ``(V, 3)`` and triangles ``(F, 3)`` of the skin over some segments."""
+        most_cells = 300  # along one axis of a piece's grid, four times a person's: of who has no height, say
         reach = self.radius.max(axis=1) + REACH * self.softness
         ends = np.stack([self.start, self.start + self.axis])
         low, high = ends.min(axis=0) - reach[:, None], ends.max(axis=0) + reach[:, None]
         origin = low[chosen].min(axis=0)
-        cell = max(cell, float((high[chosen].max(axis=0) - origin).max()) / MOST_CELLS)
+        cell = max(cell, float((high[chosen].max(axis=0) - origin).max()) / most_cells)
         shape = np.ceil((high[chosen].max(axis=0) - origin) / cell).astype(int) + 1
         total = np.full(shape, 1e-4, dtype=np.float32)
         for n in np.flatnonzero(chosen).tolist():
@@ -174,10 +173,11 @@ class _Field:
 
     def weights(self, p: Array) -> Array:
         """Shares ``(V, 24)`` of the bones: of the nearest one, its parent and its children, by nearness."""
+        weight_softness = 0.45  # of a segment's thicker end: over what length around a joint the skin bends
         shares = np.zeros((len(p), JOINT_COUNT))
         for n, bone in enumerate(self.bone):
             distance, _ = self._distance(n, p)
-            share = np.exp(-np.maximum(distance, 0.0) / (WEIGHT_SOFTNESS * self.radius[n].max()))
+            share = np.exp(-np.maximum(distance, 0.0) / (weight_softness * self.radius[n].max()))
             shares[:, bone] = np.maximum(shares[:, bone], share)
         nearest = np.argmax(shares, axis=1)
         shares = np.where(_NEIGHBOURS[nearest], shares**2, 0.0)

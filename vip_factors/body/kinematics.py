@@ -126,7 +126,6 @@ def local_rotations(R_world_bone: Array) -> Array:
     return R_parent_child
 
 
-FASTEST_HZ = 1e6  # what is faster than a million frames a second is a mistake of units
 FARTHEST_M = 1e8  # nobody is farther from the origin than the Earth is wide, and its square is still a number
 
 
@@ -151,13 +150,14 @@ class Motion(Summarised):
     name: str = "motion"
 
     def __post_init__(self) -> None:
+        fastest_hz = 1e6  # what is faster than a million frames a second is a mistake of units
         T = len(self.p_world_pelvis)
         if self.R_parent_child.shape != (T, JOINT_COUNT, 3, 3) or self.p_world_pelvis.shape != (T, 3):
             raise InputError(
                 f"motion '{self.name}': rotations {self.R_parent_child.shape} and root {self.p_world_pelvis.shape}: "
                 "expected (T, 24, 3, 3) and (T, 3)"
             )
-        if not 0 < self.rate <= FASTEST_HZ:
+        if not 0 < self.rate <= fastest_hz:
             raise InputError(f"motion '{self.name}': rate {self.rate} Hz: expected a positive number")
         sound = np.isfinite(self.R_parent_child).all(axis=(1, 2, 3)) & (np.abs(self.p_world_pelvis) < FARTHEST_M).all(1)
         if not np.all(sound):

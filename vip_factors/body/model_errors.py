@@ -34,7 +34,6 @@ _TABLE = {
     "wrist": ((0.6, 30, 3), (0.8, 80, 5)),
     "hand": ((1.0, 31, 3), (1.0, 85, 5)),
 }
-FAR_FROM_SENSORS = 1.6  # times as far off is a limb's joint between bones that wear no sensor
 # Of a joint angle's mean squared error over a recording, what is constant: where its zero lies.
 _OFFSET_SHARE = {"pelvis": 0.6, "hip": 0.6, "knee": 0.4, "ankle": 0.5, "elbow": 0.7, "wrist": 0.9}
 
@@ -59,11 +58,12 @@ class ModelErrors:
 
     def positions(self, bones: Collection[str]) -> Array:
         """How far joints are off, ``(24,)`` m, on a wearer with sensors on these bones."""
+        far_from_sensors = 1.6  # times as far off is a limb's joint between bones that wear no sensor
         far = [
             _group(name) in ("knee", "ankle", "elbow", "wrist") and not {name, JOINT_NAMES[above]} & set(bones)
             for name, above in zip(JOINT_NAMES, PARENTS, strict=True)
         ]
-        return np.where(far, FAR_FROM_SENSORS, 1.0) * self.position
+        return np.where(far, far_from_sensors, 1.0) * self.position
 
 
 def _errors(column: int, heading_deg: float, root: float) -> ModelErrors:

@@ -164,7 +164,6 @@ def calibration_pose(pose: str) -> Array:
     return R
 
 
-NOMINAL_SIGMA_DEG = 6.0  # a pose held by eye turns bones by 10–15°, through several joints
 # How people who were asked for a pose hold it: degrees about x, y, z of each joint of the left side and the middle,
 # mean and standard deviation; the right side is the mirror image. Arms in a T-pose hang 5–25° low, are turned by
 # 20–45° about themselves (the rest pose of the CMU database by 30°) and bent by about 20°; about a limb's own axis a
@@ -197,7 +196,8 @@ def nominal_pose(pose: str) -> HeldPose:
     Raises:
         InputError: for another name.
     """
-    return HeldPose(calibration_pose(pose), np.full((JOINT_COUNT, 3), np.radians(NOMINAL_SIGMA_DEG)))
+    nominal_sigma_deg = 6.0  # a pose held by eye turns bones by 10–15°, through several joints
+    return HeldPose(calibration_pose(pose), np.full((JOINT_COUNT, 3), np.radians(nominal_sigma_deg)))
 
 
 def held_pose(pose: str) -> HeldPose:

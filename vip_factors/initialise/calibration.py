@@ -34,11 +34,6 @@ from vip_factors.sensors.calibration import Placement, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames
 
 TRUNK = (0, 3, 6, 9, 12, 15)  # pelvis, spine, neck, head
-CUTOFF_HZ = 0.3  # below a slow step (0.5 Hz per foot), above the drift of attitude filters
-LEAST_COHERENCE = 0.5  # below it the limbs' own motion, or standing still, leaves no common acceleration to see
-INFLATION = 2.0  # of the error that the coherence promises: what limbs do in step with the body is no white noise
-PAD = 9  # frames beyond the ends that a filter starts in
-PAD_PERIODS = 3  # recordings shorter than this many periods of the cut-off say nothing
 
 
 @dataclass(frozen=True)
@@ -61,16 +56,20 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
 
     The reference itself, and sensors without acceleration or without common motion, have infinite sigma.
     """
+    pad_periods = 3  # recordings shorter than this many periods of the cut-off say nothing
+    inflation = 2.0  # of the error that the coherence promises: what limbs do in step with the body is no white noise
+    least_coherence = 0.5  # below it the limbs' own motion, or standing still, leaves no common acceleration to see
+    cutoff_hz = 0.3  # below a slow step (0.5 Hz per foot), above the drift of attitude filters
     S = len(frames.sensors)
     none = HeadingEvidence(np.zeros(S), np.full(S, np.inf))
     whole = frames.acceleration_valid
     use = np.any(whole, axis=0)
     rows = np.flatnonzero(np.all(whole[:, use], axis=1))
     duration = len(rows) * frames.step
-    if not use[reference] or duration * CUTOFF_HZ < PAD_PERIODS or 2 * CUTOFF_HZ * frames.step >= 1:
+    if not use[reference] or duration * cutoff_hz < pad_periods or 2 * cutoff_hz * frames.step >= 1:
         return none
     force = frames.specific_force_inertial[rows]
-    smooth = _low_passed(force[..., :2], CUTOFF_HZ * frames.step)
+    smooth = _low_passed(force[..., :2], cutoff_hz * frames.step)
     z = smooth[..., 0] + 1j * smooth[..., 1]
     z = z - z.mean(axis=0)
     cross = np.conj(z).T @ z[:, reference]  # turned from each sensor's frame to the reference's
@@ -78,10 +77,10 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
     product = power * power[reference]
     coherence = np.where(product > 0, np.abs(cross) / np.where(product > 0, product, 1.0), 0.0)
     coherence = np.clip(coherence, 0.0, 0.999)
-    samples = 2 * CUTOFF_HZ * duration
-    clear = coherence > LEAST_COHERENCE
+    samples = 2 * cutoff_hz * duration
+    clear = coherence > least_coherence
     safe = np.where(clear, coherence, 1.0)
-    sigma = np.where(clear, INFLATION * np.sqrt((1 - safe**2) / (2 * safe**2 * samples)), np.inf)
+    sigma = np.where(clear, inflation * np.sqrt((1 - safe**2) / (2 * safe**2 * samples)), np.inf)
     sigma[reference] = np.inf
     return HeadingEvidence(np.where(np.isfinite(sigma), np.angle(cross), 0.0), sigma)
 
@@ -92,6 +91,7 @@ def _low_passed(signal: Array, cutoff: float) -> Array:
     As ``scipy.signal.sosfiltfilt`` has it, which brings scipy.stats, a third of a second: beyond the ends the signal
     goes on turned about them, and was constant before.
     """
+    pad = 9  # frames beyond the ends that a filter starts in
     w = np.tan(np.pi * cutoff)
     scale = 1 / (1 + np.sqrt(2) * w + w**2)
     gains = scale * w**2 * np.array([1.0, 2.0, 1.0])
@@ -107,9 +107,9 @@ def _low_passed(signal: Array, cutoff: float) -> Array:
         return np.asarray(scipy.linalg.solve_banded((2, 0), bands, driven, check_finite=False))
 
     flat = signal.reshape(len(signal), -1)
-    turned = [2 * flat[:1] - flat[PAD:0:-1], flat, 2 * flat[-1:] - flat[-2 : -PAD - 2 : -1]]
+    turned = [2 * flat[:1] - flat[pad:0:-1], flat, 2 * flat[-1:] - flat[-2 : -pad - 2 : -1]]
     smooth = filtered(filtered(np.concatenate(turned))[::-1])[::-1]
-    return np.asarray(smooth[PAD:-PAD].reshape(signal.shape))
+    return np.asarray(smooth[pad:-pad].reshape(signal.shape))
 
 
 @dataclass(frozen=True)
@@ -257,12 +257,6 @@ def _pelvis(frames: ImuFrames, measured: dict[int, int], calibration: InitialCal
     return _bone_orientation(frames, next(iter(measured.values())), calibration)
 
 
-HEIGHT_BAND = 0.03  # m above the lowest point within which a point may bear the body: soles and floors are not flat
-SPEED_SCALE = 0.4  # m/s: a planted foot rolls slower than this, a swinging one moves at 2–4 m/s
-SMOOTHING = 0.1  # s over which confidence is averaged: a contact lasts longer than that
-ROUNDING = 1e-6  # frames: at 15 Hz it is one and a half of them, and the last digit of a time must not say one or two
-
-
 def standing_path(body: BodyState, points: tuple[tuple[int, Array], ...]) -> Array:
     """Root positions ``(T, 3)`` that keep the lowest contact point of each frame where it is, on a floor at z = 0.
 
@@ -283,11 +277,17 @@ def contact_confidence(body: BodyState, points: tuple[tuple[int, Array], ...], s
 
     ``body`` is placed in the world, with a first guess of its root path.
     """
+    # Frames: at 15 Hz it is one and a half of them, and the last digit of a time must not say one or two
+    rounding = 1e-6
+    smoothing = 0.1  # s over which confidence is averaged: a contact lasts longer than that
+    speed_scale = 0.4  # m/s: a planted foot rolls slower than this, a swinging one moves at 2–4 m/s
+    # M above the lowest point within which a point may bear the body: soles and floors are not flat
+    height_band = 0.03
     p = body.points(np.array([bone for bone, _ in points]), np.array([point for _, point in points]))
     velocity = np.gradient(p, step, axis=0)
     speed = np.linalg.norm(velocity, axis=2)
     height = p[:, :, 2] - p[:, :, 2].min(axis=1, keepdims=True)
-    confidence = np.exp(-0.5 * (speed / SPEED_SCALE) ** 2 - 0.5 * (height / HEIGHT_BAND) ** 2)
-    frames = max(1, round(SMOOTHING / step + ROUNDING))
+    confidence = np.exp(-0.5 * (speed / speed_scale) ** 2 - 0.5 * (height / height_band) ** 2)
+    frames = max(1, round(smoothing / step + rounding))
     averaged = scipy.ndimage.uniform_filter1d(confidence, frames, axis=0)
     return np.clip(averaged, 0.0, 1.0)  # the running sum rounds to slightly below zero

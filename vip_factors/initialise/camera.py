@@ -33,7 +33,6 @@ LEAP_SIGHTINGS, LEAP_WINDOW = 5, 0.6  # on either side; s that they may span
 LEAP_M, LEAP_OF_DEPTH = 0.5, 0.15
 # A pan at 90 degrees a second turns by 15 between them; PnP on a skeleton of careless mountings by 24.
 LEAP_TURN = np.deg2rad(30.0)
-LEAP_SCATTER = 1 / 3  # of the turn, at most, on either side: hypotheses that flip to and fro scatter by more
 # s on either side, over which most sightings have to have leapt, too: a detector that takes left for right turns PnP
 # by 45 degrees for a fifth of a second, and back. Without this 20 leaps in twelve minutes of gestures, now none;
 # 48 films with a cut or another zoom in the middle are all told, as before.
@@ -174,11 +173,12 @@ def _moves(p: Array, n: int) -> np.ndarray:
 
 def _turns(R: Array, n: int) -> np.ndarray:
     """The same of rotations ``(N, 3, 3)``."""
+    leap_scatter = 1 / 3  # of the turn, at most, on either side: hypotheses that flip to and fro scatter by more
     some = np.moveaxis(sliding_window_view(R, n, axis=0), -1, 1)
     means = _mean_rotation(some, np.ones(some.shape[:2]))
     scatter = np.median(angle_between(means[:, None], some), axis=1)
     turn = angle_between(means[:-n], means[n:])
-    return (turn > LEAP_TURN) & (np.maximum(scatter[:-n], scatter[n:]) < LEAP_SCATTER * turn)
+    return (turn > LEAP_TURN) & (np.maximum(scatter[:-n], scatter[n:]) < leap_scatter * turn)
 
 
 def together(looks: Sequence[tuple[CameraPath, Sightings]]) -> tuple[CameraPath, Sightings]:

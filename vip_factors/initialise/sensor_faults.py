@@ -33,7 +33,6 @@ HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
 STRONG = 15.0  # m/s², from which on an acceleration counts less at the start
 ROUNDS = 12
 BLOCK = 1.0  # s: misfits within a swing belong together
-LEAST_BLOCKS = 8
 LEAST_SHARED = 3.0  # s that two sensors have in common, to be told apart from others
 # Of the joint's mean square acceleration, misfit that is left: knees and ankles leave 0.05–0.4, hips to 0.7; a loose
 # sensor on a thigh 0.9 to its shank and 2.6 to its pelvis, and 85 ms where there were none.
@@ -116,12 +115,13 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
 
     None where the two share too little time, or no delay in reach makes them tell the same.
     """
+    least_blocks = 8
     margin = REACH + 2 * STEP
     time = np.arange(
         max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, APART
     )  # fmt: skip
     time = time[parent.complete(time, STEP) & child.complete(time, margin)] if len(time) else time
-    if len(time) * APART < LEAST_BLOCKS * BLOCK:
+    if len(time) * APART < least_blocks * BLOCK:
         return None
     above = parent.spline(time)
     starts = [(*_start(above, child.spline(time + seconds)), seconds) for seconds in STARTS]
@@ -339,8 +339,6 @@ def _cost(rows: Array, wanted: Array) -> float:
     return float(np.sum((wanted - rows @ solution) ** 2))
 
 
-STANDARD_GRAVITY = 9.81
-LEAST_RANGE = 15.0  # m/s²: accelerometers of bodies measure 2 g at least, and what rests at 1 g is constant too
 SAME = 1e-3  # of the range: a clipped axis repeats one number; converting from its own unit rounds the last digit
 
 
@@ -358,6 +356,7 @@ def accelerometer_scale(stream: ImuStream) -> tuple[float, float] | None:
 
     Up and down cancel out, so no rest is needed: on a treadmill there may be none. None without orientation.
     """
+    standard_gravity = 9.81
     if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
         return None
     vertical = np.einsum("nj,nj->n", stream.R_inertial_sensor[:, 2], stream.specific_force)
@@ -369,8 +368,8 @@ def accelerometer_scale(stream: ImuStream) -> tuple[float, float] | None:
     mean = float(np.sum((step * (vertical[1:] + vertical[:-1]) / 2)[measured]) / seconds)
     speed_change = 2.0  # m/s by which a sensor's vertical speed may differ between start and end
     zero_offset = 0.005  # of gravity: zero offsets are as much, and no scale
-    sigma = np.hypot(speed_change / (seconds * STANDARD_GRAVITY), zero_offset)
-    return mean / STANDARD_GRAVITY, float(sigma)
+    sigma = np.hypot(speed_change / (seconds * standard_gravity), zero_offset)
+    return mean / standard_gravity, float(sigma)
 
 
 def is_scale_wrong(scale: float, sigma: float) -> bool:
@@ -412,6 +411,7 @@ def _leaning(R: Array, force: Array) -> float:
 
 def range_ends(stream: ImuStream) -> tuple[tuple[int, float], ...]:
     """Axes and values at which an accelerometer's range ends: extremes that repeat themselves, time and again."""
+    least_range = 15.0  # m/s²: accelerometers of bodies measure 2 g at least, and what rests at 1 g is constant too
     if stream.specific_force is None:
         return ()
     largest = float(np.max(np.abs(stream.specific_force)))
@@ -419,7 +419,7 @@ def range_ends(stream: ImuStream) -> tuple[tuple[int, float], ...]:
         (number, end)
         for number, axis in enumerate(stream.specific_force.T)
         for end in sorted({float(axis.max()), float(axis.min())})
-        if abs(end) > LEAST_RANGE and abs(end) > 0.9 * largest and len(_runs(axis, end)) >= 2  # once may be chance
+        if abs(end) > least_range and abs(end) > 0.9 * largest and len(_runs(axis, end)) >= 2  # once may be chance
     )
 
 

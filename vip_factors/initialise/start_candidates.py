@@ -16,7 +16,6 @@ from vip_factors.initialise.calibration import InitialCalibration
 
 # Of the mean lean of trunk, thighs and shanks over a recording: walkers' and standers' are within 10°, sitters' not.
 UPRIGHT_SIGMA = np.deg2rad(15.0)
-UPRIGHT_FREEDOM = 4.0  # of a Student t: some sit
 
 
 SETTLED_NATS = 3.0  # by which a start has to be more likely than the next that differs: 20 to 1
@@ -82,13 +81,13 @@ def upright_cost(R_bone_sensor: Array, up_sensor: Array) -> Array:
 
     ``up_sensor`` ``(..., 3)`` is the mean vertical in the sensor's axes; NaN where the bone is not.
     """
+    upright_freedom = 4.0  # of a Student t: some sit
     lean = _lean(R_bone_sensor, up_sensor) / UPRIGHT_SIGMA
-    return np.nan_to_num((UPRIGHT_FREEDOM + 1) / 2 * np.log1p(lean**2 / UPRIGHT_FREEDOM))
+    return np.nan_to_num((upright_freedom + 1) / 2 * np.log1p(lean**2 / upright_freedom))
 
 
 GRID = 24  # headings 15° apart: costs are smooth over that
 TURNS = 8  # about its limb, of a sensor that cannot sit as placed
-OUTWARDS = 0.75  # the sensor's z axis stays out of the skin: it is not along the limb
 TILTED = np.deg2rad(40.0)  # on average over a recording, of trunk, thighs and shanks: too much for walking and standing
 
 
@@ -153,10 +152,11 @@ def placed_candidates(
         The candidates, and the numbers of the sensors that no quarter turn keeps upright. They get the mountings that
         do, nearest to the one as placed and turned about the limb.
     """
+    outwards = 0.75  # the sensor's z axis stays out of the skin: it is not along the limb
     several, tilted = [], []
     for s, (R, limb, up) in enumerate(zip(R_placed, limbs, up_sensor, strict=True)):
         turned = quarter_turns(R)
-        turned = turned[np.abs(turned[:, :, 2] @ limb) < OUTWARDS]
+        turned = turned[np.abs(turned[:, :, 2] @ limb) < outwards]
         if np.all(np.isfinite(up)):
             lean = _lean(turned, up)
             turned = turned[lean <= TILTED]
@@ -212,12 +212,8 @@ def _righted(R_bone_sensor: Array, up_sensor: Array) -> Array:
     return exp(float(_lean(R_bone_sensor, up_sensor)) * axis / length) @ R_bone_sensor
 
 
-# Nearer candidates move into the same valley and would crowd out others. 60°, but less than four steps of the grid.
-DISTINCT = np.deg2rad(59.9)
 KEPT, ADDED = 12, 30  # candidates of each sensor, and turns of them in each round
 ROUNDS = np.deg2rad([25, 25, 20, 20, 15, 15, 15, 10, 10, 10, 7, 7, 5, 5, 3, 3])  # sizes of the turns, about each axis
-TIED = 6  # decimals of nats: what rounding errors tell apart is alike, however the world is turned
-SLACK = 50.0  # nats: a candidate that is less likely than the best by more wanders no further
 NEAR = np.deg2rad([-20, -15, -10, -5, 5, 10, 15, 20])  # of the best heading, to see how sharp it is
 
 
@@ -234,15 +230,19 @@ def likely_candidates(candidates: Candidates, costs: Sequence[Array]) -> Candida
 
 
 def _distinct(candidates: Candidates, s: int, cost: Array) -> np.ndarray:
-    left, chosen = np.round(cost, TIED), list[tuple[int, int]]()
+    # Nearer candidates move into the same valley and would crowd out others. 60°, but less than four steps of the grid.
+    slack = 50.0  # nats: a candidate that is less likely than the best by more wanders no further
+    tied = 6  # decimals of nats: what rounding errors tell apart is alike, however the world is turned
+    distinct = np.deg2rad(59.9)
+    left, chosen = np.round(cost, tied), list[tuple[int, int]]()
     headings, mountings = candidates.headings[s], candidates.R_bone_sensor[s]
     rows = mountings.reshape(*mountings.shape[:2], 9)
-    worst = float(cost.min()) + SLACK
+    worst = float(cost.min()) + slack
     while len(chosen) < KEPT and float(left.min()) < worst:
         k, m = np.unravel_index(int(left.argmin()), left.shape)
         # The trace of the rotation between two, of which one plus twice its angle's cosine is made.
-        alike = rows @ rows[k, m] > 1 + 2 * np.cos(DISTINCT)
-        left[alike & (np.abs(wrap_angle(headings - headings[k])) < DISTINCT)[:, None]] = np.inf
+        alike = rows @ rows[k, m] > 1 + 2 * np.cos(distinct)
+        left[alike & (np.abs(wrap_angle(headings - headings[k])) < distinct)[:, None]] = np.inf
         chosen.append((int(k), int(m)))
     return np.array([*chosen, *[chosen[0]] * (KEPT - len(chosen))])
 

@@ -29,9 +29,7 @@ from vip_factors.initialise.start_candidates import (
 from vip_factors.sensors.frames import ImuFrames
 
 FINER = np.deg2rad([-10.0, -5.0, 0.0, 5.0, 10.0])  # about the best of the grid; the solve finds what is left
-DIFFERENT = np.deg2rad(60.0)  # a sensor turned by more starts in another valley than the solution's
 STEP_SIGMA = 2 * np.pi / GRID / np.sqrt(12)  # of what lies between two headings of the grid
-AT_ONCE = 2**17  # costs of links under all headings in common that are added together: more would not stay in the cache
 FACINGS = np.deg2rad([0, 45, -45, 90, -90, 135, -135, 180])
 
 
@@ -180,11 +178,13 @@ class StartSearch:
         given: tuple[int, np.ndarray] | None = None, marginals: bool = True,
     ) -> TreeMinimum:  # fmt: skip
         """The likeliest choice; ``given`` a sensor of which only some candidates ``(K, M)`` are allowed."""
+        # Costs of links under all headings in common that are added together: more would not stay in the cache
+        at_once = 2**17
         unaries = self._unaries(candidates, hypotheses)
         if given is not None:
             sensor, allowed = given
             unaries[sensor] = np.where(allowed, unaries[sensor], np.inf)
-        some = max(AT_ONCE // max((one.size for one in pairs.values()), default=1), 1)
+        some = max(at_once // max((one.size for one in pairs.values()), default=1), 1)
         found = [
             least_cost([one[begin : begin + some] for one in unaries], self.prior.links, pairs, marginals)
             for begin in range(0, len(unaries[0]), some)
@@ -236,16 +236,17 @@ class StartSearch:
         hypothesis: InitialisationHypothesis, own: TreeMinimum,
     ) -> Starts:  # fmt: skip
         """The best start and what is nearly as likely: another hypothesis's, or its own with some sensors turned."""
+        different = np.deg2rad(60.0)  # a sensor turned by more starts in another valley than the solution's
         rival, margin = "", np.inf
         near: list[tuple[Start, set[int]]] = []
         for other in starts:
-            turned = set(np.flatnonzero(_differences(best.calibration, other.calibration) > DIFFERENT).tolist())
+            turned = set(np.flatnonzero(_differences(best.calibration, other.calibration) > different).tolist())
             behind = other.cost - best.cost
             if turned:
                 near += [(other, turned)] if behind < SETTLED_NATS else []
                 rival, margin = (other.hypothesis, behind) if behind < margin else (rival, margin)
         for s, costs in enumerate(own.marginals):
-            off = _turned(grid, s, *own.choice[s]) > DIFFERENT
+            off = _turned(grid, s, *own.choice[s]) > different
             behind = float(np.min(costs[off], initial=np.inf)) - own.cost
             if behind < SETTLED_NATS:
                 found = self._minimum(grid, pairs, (hypothesis,), (s, off), marginals=False)

@@ -16,9 +16,7 @@ from vip_factors.sensors.imu_stream import AttitudeFilter
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 
-MOST_WAITING = 1024  # half a minute of one camera at 30 Hz: no sensor is so far behind the video
 MOST_REMEMBERED = 64  # handed out before: a link that sends again does so within moments
-SAME_TIME = 1e-6  # s
 
 
 class VideoQueue:
@@ -37,14 +35,16 @@ class VideoQueue:
 
     def add(self, time: float, frame: VideoFrame) -> bool:
         """A frame at ``time`` on the stream's clock; False if it is there already. The oldest makes room."""
+        same_time = 1e-6  # s
+        most_waiting = 1024  # half a minute of one camera at 30 Hz: no sensor is so far behind the video
         newest = self._newest.get(frame.camera, -math.inf)
-        if time <= newest + SAME_TIME:  # else nobody needs to look: mostly they come in order
+        if time <= newest + same_time:  # else nobody needs to look: mostly they come in order
             waiting = [(camera, moment) for moment, camera, _, _ in self._waiting[-MOST_REMEMBERED:]]
             for camera, moment in (*waiting, *self._handed_out):
-                if camera == frame.camera and abs(moment - time) <= SAME_TIME:
+                if camera == frame.camera and abs(moment - time) <= same_time:
                     return False
         self._newest[frame.camera] = max(newest, time)
-        if len(self._waiting) >= MOST_WAITING:
+        if len(self._waiting) >= most_waiting:
             self._waiting.pop(0)
         self._arrived += 1
         insort(self._waiting, (time, frame.camera, self._arrived, frame))
@@ -58,8 +58,6 @@ class VideoQueue:
         return [(time, frame) for time, _, _, frame in taken]
 
 
-MOST_NAMES = 100  # of sensors and cameras that nobody declared: so many are told of
-LONGEST_NAME = 80  # characters of such a name that are kept
 ROUNDING = 1e-7  # s: a sample so little before a frame is at the frame
 
 
@@ -292,12 +290,13 @@ class FrameAssembler:
         self._log.tally((kind, source), self._clocks.present, finding)
 
     def _refuse_unknown(self, label: str) -> None:
+        most_names = 100  # of sensors and cameras that nobody declared: so many are told of
         self.counts["unknown"] += 1
-        if label in self._unknown or len(self._unknown) > MOST_NAMES:
+        if label in self._unknown or len(self._unknown) > most_names:
             return
         self._unknown.add(label)
-        if len(self._unknown) > MOST_NAMES:
-            self._log.add(Finding("names unknown", numbers={"most": MOST_NAMES}))
+        if len(self._unknown) > most_names:
+            self._log.add(Finding("names unknown", numbers={"most": most_names}))
         else:
             self._log.add(Finding("name unknown", subject=label))
 
@@ -311,4 +310,5 @@ class FrameAssembler:
 
 def _short(name: object) -> str:
     """A name that nobody declared, short enough to be kept."""
-    return str(name)[:LONGEST_NAME]
+    longest_name = 80  # characters of such a name that are kept
+    return str(name)[:longest_name]

@@ -25,9 +25,6 @@ from vip_factors.live.association_evidence import (
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.live import VideoFrame
 
-IMPOSSIBLE = 1e6
-MOST_ORDERS = 6  # of wearers to be tried where two want the same person: all of three
-
 
 def best_paths(gain: Array, jump: Array, blink: float) -> np.ndarray:
     """The person ``(F, W)`` who is each wearer, −1 for nobody.
@@ -40,6 +37,7 @@ def best_paths(gain: Array, jump: Array, blink: float) -> np.ndarray:
         jump: ``(F − 1, N, N)`` lost with a step from one person to one of the next frame.
         blink: lost with a step from a person to nobody or back.
     """
+    most_orders = 6  # of wearers to be tried where two want the same person: all of three
     F, W, N = gain.shape
     cost = np.concatenate([-gain, np.zeros((F, W, 1))], axis=2)
     step = _steps(jump, blink)
@@ -47,7 +45,7 @@ def best_paths(gain: Array, jump: Array, blink: float) -> np.ndarray:
     if not _conflicts(path, N):
         return np.where(path < N, path, -1)
     best, least = path, np.inf
-    for order in islice(permutations(range(W)), MOST_ORDERS):
+    for order in islice(permutations(range(W)), most_orders):
         tried, total = _in_turn(cost, step, order)
         if total < least:
             best, least = tried, total
@@ -84,6 +82,7 @@ def _conflicts(path: np.ndarray, nobody: int) -> bool:
 
 
 def _in_turn(cost: Array, step: Array, order: tuple[int, ...]) -> tuple[np.ndarray, float]:
+    impossible = 1e6
     free, total = cost.copy(), 0.0
     path = np.empty(cost.shape[:2], int)
     frames = np.arange(len(cost))
@@ -91,7 +90,7 @@ def _in_turn(cost: Array, step: Array, order: tuple[int, ...]) -> tuple[np.ndarr
         one, price = _viterbi(free[:, w : w + 1], step)
         path[:, w], total = one[:, 0], total + float(price[0])
         taken = path[:, w] < cost.shape[2] - 1
-        free[frames[taken], :, path[taken, w]] = IMPOSSIBLE
+        free[frames[taken], :, path[taken, w]] = impossible
     return path, total
 
 

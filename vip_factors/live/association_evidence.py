@@ -200,8 +200,6 @@ class BodyFitter:
         return t, doubt, square
 
 
-KEPT_S = 1.0  # that a track which has ended is remembered: frames within the lag may still be decided again
-UNCERTAIN = 0.5  # share of the evidence that survives each frame of a crossing where people could have been exchanged
 STILL_THE_SAME_S = 1e-6
 
 
@@ -244,7 +242,8 @@ class PersonTracks:
 
     def link(self, time: float, rays: Array, weight: Array) -> np.ndarray:
         """Rows ``(N,)`` of the tracks that persons ``(N, K, 2)`` continue or begin; they then end at this frame."""
-        self._keep(self.time >= time - KEPT_S)
+        kept_s = 1.0  # that a track which has ended is remembered: frames within the lag may still be decided again
+        self._keep(self.time >= time - kept_s)
         row = np.full(len(rays), -1)
         evidence = np.zeros((self.wearers, len(rays)))
         open_ends = np.flatnonzero(self.time >= time - LONGEST_GAP_S - STILL_THE_SAME_S)
@@ -260,6 +259,8 @@ class PersonTracks:
 
     def _continue(self, open_ends: np.ndarray, row: np.ndarray, evidence: Array, rays: Array, weight: Array) -> None:
         """Fill in the rows of plain continuations, and what is inherited of others."""
+        # Share of the evidence that survives each frame of a crossing where people could have been exchanged
+        uncertain = 0.5
         self._gap = gap = image_gap(self.rays[open_ends], rays, self.weight[open_ends], weight)
         near = np.sort(gap, axis=1)[:, :2], np.sort(gap, axis=0)[:2]
         for a, b in zip(*linear_sum_assignment(np.minimum(gap, 10 * FURTHEST)), strict=True):
@@ -270,7 +271,7 @@ class PersonTracks:
             if plain:
                 row[b] = open_ends[a]
             else:
-                evidence[..., b] = UNCERTAIN * self.evidence[..., open_ends[a]]
+                evidence[..., b] = uncertain * self.evidence[..., open_ends[a]]
 
     def gap(self, number: np.ndarray) -> Array:
         """From the open ends of tracks by number ``(M,)`` to the persons linked last: their :func:`image_gap`."""

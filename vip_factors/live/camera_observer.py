@@ -28,8 +28,6 @@ from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings
 from vip_factors.terms.registry import CameraFactorSettings
 from vip_factors.terms.reprojection import adaptive_biweight
 
-ACCELERATION_HOLDS = 3  # frames: that of the newest frame is measured by the next one, so the last known one counts
-
 
 def standing_feet(
     wearer: WearerProblem, sensors: np.ndarray, feet: tuple[Foot, ...], body: BodyState, frames: Sequence[LagFrame],
@@ -46,9 +44,11 @@ def standing_feet(
         at: which of them is meant.
         settings: of the factor.
     """
+    # Frames: that of the newest frame is measured by the next one, so the last known one counts
+    acceleration_holds = 3
     if settings.contact_from is ContactFrom.JOINT_STATE:
         return joint_state_confidence(wearer.skeleton, body, feet, wearer.frames.step)[at]
-    last = frames[max(0, at + 1 - ACCELERATION_HOLDS) : at + 1]
+    last = frames[max(0, at + 1 - acceleration_holds) : at + 1]
     force = np.stack([one.specific_force_inertial[sensors] for one in last])
     valid = np.stack([one.acceleration_valid[sensors] for one in last])
     newest = np.full(len(feet), np.nan)

@@ -76,13 +76,9 @@ def _stacked(states: Sequence[FrameState]) -> tuple[Array, Array]:
     return np.concatenate(R).reshape(n, -1, 3, 3), np.concatenate(p).reshape(n, -1, 3)
 
 
-CORRECTED_DEG_S = 180.0  # a limb's brisk turn
-CORRECTED_M_S = 1.0  # a step a second
 # Batch's factors of ± hold for the trunk, hips, shoulders and wrists of a stream too; a quarter of a second averages
 # less of what is wrong with flexion. On 16 foreign scenes: knees need 1.2 with a camera, elbows 1.0, ankles 1.7.
 HINGES = np.array([name.endswith(("knee", "ankle", "elbow")) for name in JOINT_NAMES])
-HINGE_FACTOR = 1.2
-UNKNOWN_ROOT = 0.25 * np.eye(3)  # m², as long as no covariance has been computed
 
 
 class EstimateBuilder:
@@ -108,8 +104,9 @@ class EstimateBuilder:
 
     def root_covariance(self, wearers: int) -> Array:
         """Of where each wearer is, ``(W, 3, 3)`` m², as of late."""
+        unknown_root = 0.25 * np.eye(3)  # m², as long as no covariance has been computed
         if self._newest is None:
-            return np.stack([UNKNOWN_ROOT] * wearers)
+            return np.stack([unknown_root] * wearers)
         roots = [slice(FRAME * number + ROOT, FRAME * (number + 1)) for number in range(wearers)]
         return np.stack([self._newest[root, root] for root in roots])
 
@@ -177,9 +174,11 @@ class EstimateBuilder:
                 self._smoothed, self._sums = found, None
 
     def _fresh_filter(self) -> AnswerFilter:
+        corrected_m_s = 1.0  # a step a second
+        corrected_deg_s = 180.0  # a limb's brisk turn
         rate = self._settings.frame_rate
         share = min(1.0, 1 / (0.1 * rate + 1e-9))  # over 0.1 s; answers would tremble by some millimetres
-        return AnswerFilter(share, np.deg2rad(CORRECTED_DEG_S) / rate, CORRECTED_M_S / rate)
+        return AnswerFilter(share, np.deg2rad(corrected_deg_s) / rate, corrected_m_s / rate)
 
     def _estimate(self, tracking: Tracking, number: int, back: int, seconds: float) -> LiveEstimate:
         smoother = tracking.smoother
@@ -247,11 +246,12 @@ def _moved(told: Calibration, own: WearerState) -> Calibration:
 def _pose(
     state: FrameState, wearer: int, time: float, covariance: Array | None, errors: ModelErrors
 ) -> LivePose:  # fmt: skip
+    hinge_factor = 1.2
     R, p = state.R_parent_child[wearer], state.p_world_pelvis[wearer]
     if covariance is None:
         return LivePose(time, R, p)
     own = covariance[FRAME * wearer : FRAME * (wearer + 1), FRAME * wearer : FRAME * (wearer + 1)]
     joints = own[:ROOT, :ROOT].reshape(JOINT_COUNT, 3, JOINT_COUNT, 3)
-    factor = np.where(HINGES, np.maximum(errors.joint, HINGE_FACTOR), errors.joint)
+    factor = np.where(HINGES, np.maximum(errors.joint, hinge_factor), errors.joint)
     told = factor[:, None, None] ** 2 * np.einsum("jajb->jab", joints)
     return LivePose(time, R, p, told, errors.root**2 * own[ROOT:, ROOT:])

@@ -50,7 +50,6 @@ class FrameMeasurement:
 
 
 MEASURES = 0.3  # of the frames: a third of its packets is enough to start with a sensor
-LATELY_S = 2.0  # of a long stretch: a sensor that came late, or has moved, is used as well
 
 
 class MeasuredStretch:
@@ -88,8 +87,9 @@ class MeasuredStretch:
 
     def measuring(self, carrier: str) -> list[str]:
         """Names of a carrier's sensors that measured orientations throughout, or of late, or nearly so."""
+        lately_s = 2.0  # of a long stretch: a sensor that came late, or has moved, is used as well
         seen = self._stacked[1]
-        lately = seen[self.time > self.time[-1] - LATELY_S]
+        lately = seen[self.time > self.time[-1] - lately_s]
         share = np.maximum(seen.mean(axis=0), lately.mean(axis=0))
         return [name for (who, name), own in zip(self.columns, share, strict=True) if who == carrier and own > MEASURES]
 

@@ -28,7 +28,6 @@ from vip_factors.terms.acceleration import GRAVITY
 
 # Of the camera's velocity that is left one frame later, without an IMU on it: hands change their mind in 0.3 s.
 CAMERA_KEEPS = 0.95
-PELVIS = 0  # bone
 
 
 def predicted(
@@ -81,10 +80,11 @@ def turned_to(
 
 def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SceneState) -> Array:
     """Second difference ``(3,)`` of a wearer's path in metres, by the accelerometer on the pelvis; zero without one."""
+    pelvis = 0  # bone
     bones = [sensor.bone for sensor in problem.wearers[number].sensors]
-    if PELVIS not in bones:
+    if pelvis not in bones:
         return np.zeros(3)
-    sensor = bones.index(PELVIS)
+    sensor = bones.index(pelvis)
     column = problem.sensors[number][sensor]
     if not last.acceleration_valid[column]:
         return np.zeros(3)
@@ -152,12 +152,10 @@ def _with_camera(
     return replace(state, R_world_camera=turn @ newer.R_world_camera, p_world_camera=p)
 
 
-LEAST_KEYPOINTS = 6
 # Median error of the keypoints, in heights of the person in the image, with which a detection may show a wearer: a
 # joint is 5 % off with a calibration that is found, and 20 % in somebody else's pose.
 FITS = 0.10
 NEAREST_M = 0.5  # depth at least
-LEAST_HEIGHT = 1e-3  # of a person in the image, at depth one: a pixel or two
 MOST_STEPS, LEAST_STEP_M = 20, 1e-4  # of a fit
 
 
@@ -174,6 +172,7 @@ def locate_wearers(
         skeletons: of them.
         video: the frames.
     """
+    least_keypoints = 6
     people = together([people_of(one.pixels, one.confidence, camera.model) for one in video])
     cost, place = np.empty((len(video), len(bodies), people.there.shape[1])), list[Array]()
     for wearer, (body, skeleton) in enumerate(zip(bodies, skeletons, strict=True)):
@@ -181,7 +180,7 @@ def locate_wearers(
         o_camera = (BodyPoints.of(points).on(body) - body.p_world_joint[:, :1]) @ pose[0]
         seen = people.weight[..., used] > 0
         error, p_camera = _fit(o_camera[:, None], people.rays[..., used, :], seen)
-        fits = (seen.sum(axis=-1) >= LEAST_KEYPOINTS) & (error < 10 * FITS)
+        fits = (seen.sum(axis=-1) >= least_keypoints) & (error < 10 * FITS)
         cost[:, wearer] = np.where(fits, error, 10 * FITS)
         place.append(pose[1][:, None] + p_camera @ transpose(pose[0]))
     found = np.full((len(video), len(bodies), 3), np.nan)
@@ -201,8 +200,9 @@ def _fit(o_camera: Array, rays: Array, seen: np.ndarray) -> tuple[Array, Array]:
         o_camera: ``(F, 1, K, 3)`` of its keypoints, from the root.
         rays, seen: ``(F, N, K, 2)`` and ``(F, N, K)`` of all persons' keypoints.
     """
+    least_height = 1e-3  # of a person in the image, at depth one: a pixel or two
     known, count = seen[..., None], np.maximum(seen.sum(axis=-1), 1)[..., None]
-    height = np.maximum(_span(rays, known).max(axis=-1), LEAST_HEIGHT)[..., None, None]
+    height = np.maximum(_span(rays, known).max(axis=-1), least_height)[..., None, None]
     tall = np.maximum(_span(o_camera[..., 1:2], known), NEAREST_M)
     way = np.concatenate([(rays * known).sum(axis=-2) / count, np.ones_like(count)], axis=-1)
     p = tall / height[..., 0] * way - (o_camera * known).sum(axis=-2) / count
@@ -217,7 +217,7 @@ def _fit(o_camera: Array, rays: Array, seen: np.ndarray) -> tuple[Array, Array]:
         weight = known / np.sqrt(1 + (error / FITS) ** 2)  # of a loss that is quadratic first and linear then
         rows = J.reshape(*J.shape[:-3], -1, 3)
         pushed = transpose(weight.reshape(*rows.shape[:-1], 1) * rows)
-        square = pushed @ rows + LEAST_HEIGHT**2 * np.eye(3)
+        square = pushed @ rows + least_height**2 * np.eye(3)
         step = np.linalg.solve(square, pushed @ error.reshape(*rows.shape[:-1], 1))[..., 0]
         p = p - step
         if np.abs(step).max(initial=0.0) < LEAST_STEP_M:
@@ -230,9 +230,6 @@ def _fit(o_camera: Array, rays: Array, seen: np.ndarray) -> tuple[Array, Array]:
 def _span(values: Array, known: np.ndarray) -> Array:
     """From the least to the greatest ``(..., c)`` of the known values ``(..., K, c)``; below nought of none."""
     return np.asarray(np.where(known, values, -np.inf).max(axis=-2) - np.where(known, values, np.inf).min(axis=-2))
-
-
-WRONG_DEG = 25.0  # of a bone against the others: more than a start is usually off
 
 
 def continued(
@@ -344,6 +341,7 @@ def _camera(yaw: float, state: FrameState, at_find: FrameState, since: FrameStat
 
 def corrections(seconds: float, before: LagSmoother, after: LagSmoother) -> list[Finding]:
     """The bones that were shown wrong in the last frame that had no calibration of so many seconds."""
+    wrong_deg = 25.0  # of a bone against the others: more than a start is usually off
     found, number = list[Finding](), before.numbers[-1]
     for old, new, R_old, R_new in zip(
         before.problem.wearers, after.problem.wearers,
@@ -356,7 +354,7 @@ def corrections(seconds: float, before: LagSmoother, after: LagSmoother) -> list
         ]
         relative = R[1] @ transpose(R[0])
         turned = np.rad2deg(np.linalg.norm(log(relative @ mean_rotation(relative).T), axis=1))
-        wrong = {new.frames.sensors[s]: float(turned[s]) for s in np.flatnonzero(turned > WRONG_DEG)}
+        wrong = {new.frames.sensors[s]: float(turned[s]) for s in np.flatnonzero(turned > wrong_deg)}
         if wrong:
             found.append(Finding("calibration corrected", numbers=wrong, words={"seconds": f"{seconds:.0f}"}))
     return found

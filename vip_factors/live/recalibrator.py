@@ -157,15 +157,11 @@ def _freed(model: WearerProblem, state: WearerState, settings: LiveSettings) -> 
     )
 
 
-PIECE = 60  # frames that are handed over at once, in half a millisecond: meanwhile nothing is tracked
-LOOK_S = 1.0  # seconds between looks whether the program that tracks is still there
-POLITE = 10  # of niceness: the tracker's updates come first where both want a core
-
-
 class RecalibrationProcess:
     """Begun when it is made; ended by :meth:`close`, or with the program."""
 
     def __init__(self) -> None:
+        polite = 10  # of niceness: the tracker's updates come first where both want a core
         self._process = subprocess.Popen(
             [sys.executable, "-m", __name__],
             stdin=subprocess.PIPE,
@@ -176,7 +172,7 @@ class RecalibrationProcess:
             process_group=0,
         )
         if hasattr(os, "setpriority"):  # from without: its imports alone take a second
-            os.setpriority(os.PRIO_PROCESS, self._process.pid, POLITE)
+            os.setpriority(os.PRIO_PROCESS, self._process.pid, polite)
         self._end = weakref.finalize(self, _ended, self._process)
 
     def submit(
@@ -201,12 +197,13 @@ def _exchange(
     answer: "Future[TrackingStart]",
 ) -> None:  # fmt: skip
     """Hand work over, piece by piece, and wait for what comes back; the answer is set whatever happens."""
+    piece = 60  # frames that are handed over at once, in half a millisecond: meanwhile nothing is tracked
     assert process.stdin is not None
     assert process.stdout is not None
     try:
         process.stdin.write(known)
-        for first in range(0, len(frames), PIECE):
-            pickle.dump(frames[first : first + PIECE], process.stdin, pickle.HIGHEST_PROTOCOL)
+        for first in range(0, len(frames), piece):
+            pickle.dump(frames[first : first + piece], process.stdin, pickle.HIGHEST_PROTOCOL)
         process.stdin.flush()
         result = pickle.load(process.stdout)
     except (OSError, ValueError, EOFError, pickle.UnpicklingError):
@@ -230,8 +227,9 @@ def _ended(process: "subprocess.Popen[bytes]") -> None:
 
 def _end_with(parent: int) -> None:
     """End when the program that tracks is gone: what it was killed in the midst of takes half a minute more."""
+    look_s = 1.0  # seconds between looks whether the program that tracks is still there
     while os.getppid() == parent:
-        time.sleep(LOOK_S)
+        time.sleep(look_s)
     os._exit(1)
 
 
@@ -264,12 +262,6 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
-
-
-MOVING_SHARE = 0.25  # of a wearer's sensors: both arms
-MOVING_S = 0.2  # of motion, before anything is found from it
-ANSWER_S = 300.0  # that an answer is waited for: it takes 3 s of a core, and a machine may be busy
-READY = 0.6  # of the data when the process is begun: it takes a second or two before it can do anything
 
 
 @dataclass(frozen=True)
@@ -340,6 +332,7 @@ class Recalibrator:
 
     def remember(self, measured: FrameMeasurement) -> None:
         """One frame more."""
+        moving_s = 0.2  # of motion, before anything is found from it
         if self._over:
             return
         if not self._measurements:
@@ -351,7 +344,7 @@ class Recalibrator:
         if self._still:
             first = self._measurements[0]
             self._still -= {one for one in self._still if self._has_turned(self._columns[one], first, measured)}
-            self._moving_from = measured.frame + round(MOVING_S * self._settings.frame_rate)
+            self._moving_from = measured.frame + round(moving_s * self._settings.frame_rate)
 
     def _is_needed(self, one: PlacedVideoFrame) -> bool:
         """Whether it is the first of its camera's since a coarse frame: more of them tell that one hardly more."""
@@ -362,12 +355,13 @@ class Recalibrator:
 
     def _has_turned(self, columns: np.ndarray, first: FrameMeasurement, now: FrameMeasurement) -> bool:
         """Whether a quarter of the sensors has."""
+        moving_share = 0.25  # of a wearer's sensors: both arms
         both = columns[first.orientation_valid[columns] & now.orientation_valid[columns]]
         if not len(both):
             return False
         cosine = (np.einsum("sij,sij->s", first.R_inertial_sensor[both], now.R_inertial_sensor[both]) - 1) / 2
         turned = cosine < np.cos(np.deg2rad(self.MOVING_DEG))
-        return bool(turned.mean() >= MOVING_SHARE)
+        return bool(turned.mean() >= moving_share)
 
     def restart(self, earlier: EarlierCalibration | None) -> None:
         """The stream has paused: of before it nothing counts but what ``earlier`` has of it."""
@@ -387,11 +381,12 @@ class Recalibrator:
 
     def begin(self, newest: FrameState) -> None:
         """Have what was measured solved, if it is time; ``newest`` is the last frame as it is tracked."""
+        ready = 0.6  # of the data when the process is begun: it takes a second or two before it can do anything
         own, rate = self._settings.recalibration, self._settings.frame_rate
         if self._over or self._job is not None or not self._measurements:
             return
         unchanged_s = (self._measurements[-1].frame + 1 - self._since) / rate
-        if unchanged_s < READY * self._due_s:
+        if unchanged_s < ready * self._due_s:
             return
         if self._process is None:
             self._process = RecalibrationProcess()
@@ -427,6 +422,7 @@ class Recalibrator:
         Args:
             newest: number of the newest frame.
         """
+        answer_s = 300.0  # that an answer is waited for: it takes 3 s of a core, and a machine may be busy
         own, job = self._settings.recalibration, self._job
         if job is None:
             return None
@@ -438,12 +434,12 @@ class Recalibrator:
         self._job = None
         begin = time.perf_counter()
         try:
-            start = job.answer.result(ANSWER_S)
+            start = job.answer.result(answer_s)
         except (SolveError, TimeoutError) as error:
             if isinstance(error, TimeoutError) and self._process is not None:
                 self._process.close()
                 self._process = None
-            finding = Finding("calibration not renewed", words={"reason": str(error) or f"none in {ANSWER_S:g} s"})
+            finding = Finding("calibration not renewed", words={"reason": str(error) or f"none in {answer_s:g} s"})
             return None if self._is_stale else finding
         finally:
             self.waited_s += time.perf_counter() - begin

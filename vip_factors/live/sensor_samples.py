@@ -19,9 +19,6 @@ from vip_factors.sensors.imu_stream import (
 from vip_factors.sensors.live import ImuSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 
-MOST_PEOPLE = 1000  # in one video frame: no detector tells more apart
-PIXEL_LIMIT = 1e5  # no image is as wide, nor is a keypoint marked so far outside of one
-
 
 class CheckedImu(NamedTuple):
     """A usable IMU sample.
@@ -81,6 +78,8 @@ def checked_imu(sample: ImuSample) -> CheckedImu | str:
 
 def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame | str:
     """The video frame with arrays of floats, or what is wrong with it."""
+    pixel_limit = 1e5  # no image is as wide, nor is a keypoint marked so far outside of one
+    most_people = 1000  # in one video frame: no detector tells more apart
     time = _checked_time(frame.time)
     if isinstance(time, str):
         return time
@@ -94,13 +93,13 @@ def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame | str:
             f"pixels {pixels.shape} and confidence {confidence.shape}: expected (N, {K}, 2) and (N, {K}) of keypoint "
             f"set {camera.keypoints.name}"
         )
-    if N > MOST_PEOPLE:
-        return f"{N} people in one frame: expected at most {MOST_PEOPLE}"
+    if most_people < N:
+        return f"{N} people in one frame: expected at most {most_people}"
     if not np.all(np.isfinite(confidence)):
         return "a confidence is not finite"
     found = pixels[confidence > 0]
-    if not np.all(np.abs(found) <= PIXEL_LIMIT):  # NaN is not either
-        return f"a keypoint with confidence has pixels that are not finite, or beyond {PIXEL_LIMIT:g}"
+    if not np.all(np.abs(found) <= pixel_limit):  # NaN is not either
+        return f"a keypoint with confidence has pixels that are not finite, or beyond {pixel_limit:g}"
     return replace(frame, time=time, pixels=pixels, confidence=np.clip(confidence, 0.0, 1.0))
 
 
@@ -177,8 +176,6 @@ def _second_antiderivative(time: Array, h: float) -> Array:
 
 
 RATE_SAMPLES = 128  # kept of each sensor, for its rate: the median of so many steps is within 2 % at 30 % loss
-RATE_EVERY = 32  # samples: so often the rate is found anew
-CAPACITY = 256  # samples of each sensor at first: two seconds at 120 Hz
 MOST = 8192  # samples of each sensor: eight seconds at 1 kHz; beyond, the oldest half goes
 SAME_TIME = 1e-6  # s: samples closer than this are one sample sent twice
 
@@ -191,19 +188,21 @@ class SensorBuffer:
     """
 
     def __init__(self, sensors: int) -> None:
+        capacity = 256  # samples of each sensor at first: two seconds at 120 Hz
         self.needed_from = -np.inf
         self._count = np.zeros(sensors, int)
         self._inserted = [0] * sensors
         self._period = np.zeros(sensors)
         self._column = np.arange(sensors)[:, None]
-        self._time = np.full((sensors, CAPACITY), np.inf)
-        self._R = np.tile(np.eye(3).ravel(), (sensors, CAPACITY, 1))
-        self._force = np.zeros((sensors, CAPACITY, 3))
+        self._time = np.full((sensors, capacity), np.inf)
+        self._R = np.tile(np.eye(3).ravel(), (sensors, capacity, 1))
+        self._force = np.zeros((sensors, capacity, 3))
 
     def insert(
         self, sensor: int, time: float, R_inertial_sensor: list[float], force: tuple[float, float, float]
     ) -> bool:
         """Put a sample in its place; False if there is one of this time already."""
+        rate_every = 32  # samples: so often the rate is found anew
         if self._count[sensor] == self._time.shape[1]:
             self._make_room()
         count = int(self._count[sensor])
@@ -222,7 +221,7 @@ class SensorBuffer:
         self._count[sensor] = count + 1
         self._inserted[sensor] += 1
         # Of sensors that send alike one at a time: all of them in one update made it a longer one.
-        if self._inserted[sensor] < RATE_EVERY or (self._inserted[sensor] - 5 * sensor) % RATE_EVERY == 0:
+        if self._inserted[sensor] < rate_every or (self._inserted[sensor] - 5 * sensor) % rate_every == 0:
             recent = row[max(count + 1 - RATE_SAMPLES, 0) : count + 1]
             self._period[sensor] = float(np.median(np.diff(recent))) if len(recent) > 1 else 0.0
         return True

@@ -20,9 +20,6 @@ from vip_factors.problem.state import SceneState
 from vip_factors.solve.joined_lag import Columns, JoinedChains, JoinedSolution, marginal
 from vip_factors.solve.slices import REACH, Slices
 
-PREDICTED_SIGMA = 10.0  # rad or m: far less than the least that a measurement says
-LEAST_STEP = 1e-5  # of shared variables that do not step: no information is infinite
-
 
 @dataclass
 class _LagEntry:
@@ -106,11 +103,12 @@ class LagSmoother:
 
     def append(self, frame: LagFrame, guess: FrameState) -> None:
         """A new frame behind the newest one; it counts from the next update on."""
+        least_step = 1e-5  # of shared variables that do not step: no information is infinite
         if frame.number - 1 in self._epoch:
             before = frame.number - 1
             step = self._inflation + (self._usual_walk**2 if frame.number % self._every == 0 else 0.0)
             if np.any(step):
-                self._walks[before] = np.sqrt(np.maximum(step, LEAST_STEP**2))
+                self._walks[before] = np.sqrt(np.maximum(step, least_step**2))
             self._epoch[frame.number], self._inflation = (
                 self._epoch[before] + (before in self._walks),
                 np.zeros_like(step),
@@ -224,6 +222,7 @@ class LagSmoother:
         wearer whom no camera has seen yet and whose feet do not stand, nothing else says where, and how fast, the root
         is there; nor of a carried camera that has seen nobody.
         """
+        predicted_sigma = 10.0  # rad or m: far less than the least that a measurement says
         for layout, slices, part in zip(self._layouts, self._slices, self._columns, strict=True):
             for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
                 own, held = np.arange(columns.start, columns.stop), first
@@ -233,8 +232,8 @@ class LagSmoother:
                 elif layout is not self._layouts[-1]:
                     continue  # what all have in common is held but once
                 if held:
-                    slices.hessian[:held, own, own] += 1 / PREDICTED_SIGMA**2
-                    slices.gradient[:held, own] += coordinates[:held, part.frame[own]] / PREDICTED_SIGMA**2
+                    slices.hessian[:held, own, own] += 1 / predicted_sigma**2
+                    slices.gradient[:held, own] += coordinates[:held, part.frame[own]] / predicted_sigma**2
 
     def _take(self) -> None:
         self._solution = found = self._chain.solution()

@@ -30,10 +30,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.stages.floor import with_declared_floor
 
 DEFAULT = LiveSettings()
-SOME_VIDEO = 10  # frames with people in them, within the time that tracking begins with
-MEASURES = 0.9  # of the frames: a sensor that measured in so many is there
 NOT_SEEN = "until the next one nothing has shown where its wearers are by now"
-BODY_S = 9.0  # of data: a body found from so much is kept over a pause
 
 
 class FixedLagTracker:
@@ -200,8 +197,9 @@ class FixedLagTracker:
 
     def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> EarlierCalibration:
         """What tracking has taught, of wearers at ``(W, 3)`` metres."""
+        body_s = 9.0  # of data: a body found from so much is kept over a pause
         problem = tracking.smoother.problem
-        names = [one.subject.name for one in self.head.wearers] if self._learnt_s >= BODY_S else []
+        names = [one.subject.name for one in self.head.wearers] if self._learnt_s >= body_s else []
         bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
         return EarlierCalibration(self._estimates.calibrations(tracking.smoother), p_world_pelvis, bodies)
 
@@ -250,17 +248,19 @@ class FixedLagTracker:
 
     def _is_worth_another_start(self, tracking: Tracking, newest: int) -> bool:
         """Whether a sensor has come, or a camera shows people and no wearer has been found by it yet."""
+        measures = 0.9  # of the frames: a sensor that measured in so many is there
+        some_video = 10  # frames with people in them, within the time that tracking begins with
         if newest < self._next_try or len(self._paths) < self._start_frames - self._lag:
             return False
         problem = tracking.smoother.problem
         unseen = self.settings.fusion.use_camera and not problem.has_views
-        if unseen and sum(len(one.video.pixels) > 0 for one in video_of(self._recent)) > SOME_VIDEO:
+        if unseen and sum(len(one.video.pixels) > 0 for one in video_of(self._recent)) > some_video:
             return True
         unused = sorted(set(range(self._worn)) - {column for columns in problem.sensors for column in columns})
         if not unused:
             return False
         seen = np.stack([one.orientation_valid[unused] for one in self._recent]).mean(axis=0)
-        return bool(np.any(seen > MEASURES))
+        return bool(np.any(seen > measures))
 
     def _started_again(self, tracking: Tracking) -> Tracking:
         """Tracking anew with the last second and all that is known; as it was, if that brings nothing."""

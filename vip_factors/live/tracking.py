@@ -26,8 +26,6 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import whitened_reprojections
 
-SURE_ROOT = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
-CALIBRATION = 4  # columns of a sensor's heading and mounting
 PATIENCE = 2  # frames: of two updates with video, what moved is linearised anew in one
 CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
 
@@ -98,12 +96,13 @@ class Tracking:
 
     def _slip_test(self, begin: int) -> SlipTest | None:
         """Of all wearers' sensors, one wearer after the other; None where calibrations are kept."""
+        calibration = 4  # columns of a sensor's heading and mounting
         layout, blocks = self.smoother.problem.layout, ("headings", "R_bone_sensor")
         columns = [
             np.concatenate([layout.item_columns(OwnerId(Owner.WEARER, wearer), block, sensor) for block in blocks])
             for wearer, sensor in self._sensors
         ]
-        if any(len(own) < CALIBRATION for own in columns):
+        if any(len(own) < calibration for own in columns):
             return None
         wander = layout.per_column("process_noise")[columns[0]]
         return SlipTest(np.stack(columns), wander, self._settings.frame_rate, begin)
@@ -127,7 +126,8 @@ class Tracking:
 
     def _look(self, video: Sequence[PlacedVideoFrame]) -> None:
         """Look for the wearers in the video of frames that are there already."""
-        surely = np.stack([SURE_ROOT] * len(self.smoother.problem.wearers))
+        sure_root = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
+        surely = np.stack([sure_root] * len(self.smoother.problem.wearers))
         belief = self._belief(self.smoother.numbers[0], surely)
         for camera, observer in enumerate(self.observers):
             self._see(camera, observer, video, belief, again=False)

@@ -144,7 +144,6 @@ def _both_sides(name: str, site: NamedSite) -> dict[str, NamedSite]:
     return {f"left_{name}": site, f"right_{name}": replace(site, **words)}  # type: ignore[arg-type]
 
 
-AT_THE_SITE_M = 0.005  # what was placed by name sits there but for rounding, and sites are further apart
 # Depths are rough radii of the segment with skin and sensor box, from girths in Winter's and de Leva's subjects.
 SITES: dict[str, NamedSite] = {
     "head": NamedSite("head", None, 0.0, "back", 0.055, "up", lift=0.050),
@@ -230,10 +229,11 @@ def placement_of(rule: Placement | Mapping[str, str] | str, skeleton: Skeleton) 
 
 def site_name(site: SensorSite, skeleton: Skeleton) -> str | None:
     """Which of the :data:`SITES` a sensor sits at, on a skeleton; None if it was put elsewhere on the bone."""
+    at_the_site_m = 0.005  # what was placed by name sits there but for rounding, and sites are further apart
     here = {name: sensor_site(name, skeleton).p_bone_sensor for name, one in SITES.items() if one.bone == site.bone}
     apart = {name: float(np.linalg.norm(p_bone_sensor - site.p_bone_sensor)) for name, p_bone_sensor in here.items()}
     nearest = min(apart, key=lambda name: apart[name], default=None)
-    return nearest if nearest is not None and apart[nearest] < AT_THE_SITE_M else None
+    return nearest if nearest is not None and apart[nearest] < at_the_site_m else None
 
 
 def preset(name: str, skeleton: Skeleton, sensors: Mapping[str, str] | None = None) -> Placement:

@@ -7,8 +7,6 @@ import numpy as np
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 
-UNDISTORT_STEPS = 6  # Newton's: four reach 1e-12 on strong wide-angle lenses
-LARGEST_IMAGE = 1_000_000  # pixels a side: no camera has more, and a file that says so is damaged
 NEAREST_M = 0.1  # points nearer than this, or behind the camera, are projected as if at this depth
 
 
@@ -30,9 +28,10 @@ class CameraModel:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not (0 < self.width <= LARGEST_IMAGE and 0 < self.height <= LARGEST_IMAGE):
+        largest_image = 1_000_000  # pixels a side: no camera has more, and a file that says so is damaged
+        if not (0 < self.width <= largest_image and 0 < self.height <= largest_image):
             raise InputError(
-                f"camera image of {self.width} by {self.height} pixels: expected numbers between 1 and {LARGEST_IMAGE}"
+                f"camera image of {self.width} by {self.height} pixels: expected numbers between 1 and {largest_image}"
             )
         if not all(np.isfinite(f) and f > 0 for f in self.focal):
             raise InputError(f"camera focal lengths {self.focal}: expected two positive numbers of pixels")
@@ -97,17 +96,14 @@ class CameraModel:
 
     def normalise(self, pixels: Array) -> Array:
         """Undistorted coordinates ``(..., 2)`` at depth one, of pixels ``(..., 2)``; NaN stays NaN."""
+        undistort_steps = 6  # Newton's: four reach 1e-12 on strong wide-angle lenses
         bent = (np.asarray(pixels, dtype=float) - np.array(self.centre)) / np.array(self.focal)
         flat = bent
-        for _ in range(UNDISTORT_STEPS if self.distortion else 0):
+        for _ in range(undistort_steps if self.distortion else 0):
             there, D = self._distort(flat, jacobian=True)
             assert D is not None
             flat = flat + np.linalg.solve(D, (bent - there)[..., None])[..., 0]
         return flat
-
-
-FARTHEST_S = 1e10  # three centuries: one clock may count from 1970 and the other from its start
-FASTEST = 0.5  # what drifts more is no clock of the same time
 
 
 @dataclass(frozen=True)
@@ -124,10 +120,12 @@ class VideoClock:
     drift: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (abs(self.offset) < FARTHEST_S and abs(self.drift) < FASTEST):
+        fastest = 0.5  # what drifts more is no clock of the same time
+        farthest_s = 1e10  # three centuries: one clock may count from 1970 and the other from its start
+        if not (abs(self.offset) < farthest_s and abs(self.drift) < fastest):
             raise InputError(
                 f"video's clock off by {self.offset:g} s and {self.drift:g} s a second: expected seconds between two "
-                f"clocks that show the same time, and a drift below {FASTEST:g}"
+                f"clocks that show the same time, and a drift below {fastest:g}"
             )
 
     def late(self, time: float) -> float:

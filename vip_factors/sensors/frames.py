@@ -12,10 +12,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, nothing_placed
 
-LEAP = 1.5  # steps: what is further apart are frames of two stretches
-SILENCE_S = 0.5  # without a sample of any sensor, nothing ties what comes after to what was before: nobody saw it
 POSE_S = 4.0  # from the start: what is silent sooner comes after a pose that was held before, and is tied to it
-LONGEST_S = 86_400.0  # more is no recording of a person, but the time of a sample that was damaged
 
 
 @dataclass(frozen=True)
@@ -49,11 +46,14 @@ class ImuFrames:
             object.__setattr__(self, "begins", self._beginning())
 
     def _beginning(self) -> np.ndarray:
+        # Without a sample of any sensor, nothing ties what comes after to what was before: nobody saw it
+        silence_s = 0.5
+        leap = 1.5  # steps: what is further apart are frames of two stretches
         seen, frames = self.orientation_valid.any(axis=1), np.arange(len(self))
         last = np.maximum.accumulate(np.where(seen, frames, -1))
         silent = frames - np.concatenate([[-1], last])[: len(self)] - 1
-        leaps = np.diff(self.time, prepend=-np.inf) > LEAP * self.step
-        silences = (silent * self.step >= SILENCE_S) & (self.time >= self.time[:1] + POSE_S)
+        leaps = np.diff(self.time, prepend=-np.inf) > leap * self.step
+        silences = (silent * self.step >= silence_s) & (self.time >= self.time[:1] + POSE_S)
         return np.asarray(leaps | (seen & silences))
 
     def __len__(self) -> int:
@@ -89,7 +89,8 @@ def frame_count(start: float, end: float, rate: float) -> int:
     Raises:
         RecordingError: if more than a day lies between them.
     """
-    if not end - start <= LONGEST_S:
+    longest_s = 86_400.0  # more is no recording of a person, but the time of a sample that was damaged
+    if not end - start <= longest_s:
         raise RecordingError(
             f"the samples lie between {start:.7g} and {end:.7g} s: expected a day at most; a sensor's clock jumped ('"
             "vip-factors info' tells which one has a gap of that length), so leave out what is before or behind"

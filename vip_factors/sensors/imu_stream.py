@@ -14,7 +14,6 @@ from vip_factors.geometry.rotations import Array
 GAP_FACTOR = 1.5  # a step longer than this many sample periods is a gap: half a period of jitter is common
 ROTATION_TOLERANCE = 1e-3  # of RᵀR from the identity: beyond it the matrix was never a rotation
 FORCE_LIMIT = 400.0  # m/s²: above the ±16 g (157 m/s²) or even ±32 g range of body-worn IMUs
-SPIKES = 0.01  # of the samples: fewer beyond that limit are blows or broken packets, more another unit
 
 
 @dataclass(frozen=True)
@@ -67,10 +66,11 @@ class ImuStream:
             raise RecordingError(f"sensor '{self.name}' measures neither orientation nor specific force")
 
     def _check_values(self) -> None:
+        spikes = 0.01  # of the samples: fewer beyond that limit are blows or broken packets, more another unit
         if self.specific_force is not None and np.max(np.abs(self.specific_force)) > FORCE_LIMIT:
             most = np.max(np.abs(self.specific_force), axis=1)
             beyond = most > FORCE_LIMIT
-            if np.mean(beyond) > SPIKES:
+            if np.mean(beyond) > spikes:
                 raise RecordingError(
                     f"sensor '{self.name}': specific force of {most.max():.3g} m/s² at sample {int(most.argmax())}: "
                     f"expected at most {FORCE_LIMIT:g}; check the unit (m/s², not g or mg)"
@@ -268,13 +268,14 @@ class AttitudeFilter:
         None for a sample that is not newer than the one before. After a gap, or where time has stepped back, that is
         longer than a heading can be carried over, a new one begins.
         """
+        rate_told_at = (1, 2, 8, 32)  # samples after which a stream's rate is looked at
         if self._first and abs(time - self._last[0]) > LONGEST_GAP_S:
             self._first = []
         if self._first and time <= self._last[0]:
             return None
-        if len(self._first) < max(RATE_TOLD_AT):
+        if len(self._first) < max(rate_told_at):
             self._first.append((time, specific_force, angular_rate))
-            if len(self._first) in RATE_TOLD_AT:
+            if len(self._first) in rate_told_at:
                 self._begin()
                 return self._estimated()
         self._take(time, specific_force, angular_rate)
@@ -298,9 +299,6 @@ class AttitudeFilter:
 
     def _estimated(self) -> Array:
         return matrix_from_quaternion(self._filter.getQuat6D(), Order.WXYZ)
-
-
-RATE_TOLD_AT = (1, 2, 8, 32)  # samples after which a stream's rate is looked at
 
 
 def _rate_over_step(angular_rate: Array) -> Array:

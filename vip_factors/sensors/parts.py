@@ -9,11 +9,6 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingInMemory, RecordingSource, one_stream
 
-SPLIT_S = 0.5  # by which parts may overlap: files are split at an instant that sensors reach one after another
-LONGEST_PAUSE_S = 3600.0  # its frames are estimated too; after longer ones straps have moved
-RATE_S = 5.0  # of a part's beginning, which tells its rates
-RATE_TOLERANCE = 0.1
-
 
 @dataclass(frozen=True)
 class RecordingInParts:
@@ -142,22 +137,26 @@ def _check_count(counts: Sequence[int], sources: Sequence[str]) -> None:
 def _check_follows(
     parts: Sequence[RecordingSource], later: Sequence[float], sources: Sequence[str], number: int, absolute: bool
 ) -> None:
+    longest_pause_s = 3600.0  # its frames are estimated too; after longer ones straps have moved
+    split_s = 0.5  # by which parts may overlap: files are split at an instant that sensors reach one after another
     (_, end), (start, _) = (parts[n].interval for n in (number - 1, number))
     start, end = start + later[number], end + later[number - 1]
-    if start < end - SPLIT_S:
+    if start < end - split_s:
         clock = "" if absolute else "; if its clock began anew, nothing in the files tells when"
         raise InputError(
             f"{sources[number]} begins at {start:.2f} s, before {sources[number - 1]} ends at {end:.2f} s: parts of a "
             f"recording must follow one another{clock}"
         )
-    if start - end > LONGEST_PAUSE_S:
+    if start - end > longest_pause_s:
         raise InputError(
             f"{sources[number]} begins {(start - end) / 3600:.1f} h after {sources[number - 1]} ended: expected "
-            f"{LONGEST_PAUSE_S / 3600:g} h or less between parts of a recording; it is one by itself"
+            f"{longest_pause_s / 3600:g} h or less between parts of a recording; it is one by itself"
         )
 
 
 def _check_same(first: RecordingSource, other: RecordingSource, source: str, other_source: str) -> None:
+    rate_tolerance = 0.1
+    rate_s = 5.0  # of a part's beginning, which tells its rates
     who, whom = first.head.subject, other.head.subject
     if (who.name, who.stature_m) != (whom.name, whom.stature_m):
         raise InputError(
@@ -178,10 +177,10 @@ def _check_same(first: RecordingSource, other: RecordingSource, source: str, oth
                 f"{other_source}: sensor '{site.sensor}' is on {bone}, in {source} on {site.bone}: expected the same "
                 "placement in all parts"
             )
-    streams, other_streams = (one.between(one.interval[0], one.interval[0] + RATE_S) for one in (first, other))
+    streams, other_streams = (one.between(one.interval[0], one.interval[0] + rate_s) for one in (first, other))
     for name in streams.keys() & other_streams.keys():
         one, two = streams[name].rate, other_streams[name].rate
-        if abs(two / one - 1) > RATE_TOLERANCE:
+        if abs(two / one - 1) > rate_tolerance:
             raise InputError(
                 f"{other_source}: sensor '{name}' measures {two:.1f} times a second, in {source} {one:.1f} times: "
                 "expected the same rate in all parts"

@@ -20,10 +20,6 @@ from vip_factors.stages.decode import motion_of
 from vip_factors.stages.inertial import InertialSolution, calibrated
 from vip_factors.stages.solver import Solver
 
-# Of the video frames that show anybody. A tracker whose start is poor finds its wearer in none of them or in three
-# quarters, and one in twelve of those may be a stranger; calibrated motions find theirs in nine of ten.
-OFTEN_SEEN = 0.9
-
 
 @dataclass(frozen=True)
 class AssociatedCamera:
@@ -164,9 +160,12 @@ def first_association(
         settings: of all rooms.
         solver: of the scene.
     """
+    # Of the video frames that show anybody. A tracker whose start is poor finds its wearer in none of them or in three
+    # quarters, and one in twelve of those may be a stranger; calibrated motions find theirs in nine of ten.
+    often_seen = 0.9
     on_progress = solver.progress_of("association")
     first = associate_cameras(scene, wearers, settings, on_progress)
-    poor = [number for number in range(len(wearers)) if share_seen(first, number) < OFTEN_SEEN]
+    poor = [number for number in range(len(wearers)) if share_seen(first, number) < often_seen]
     if not poor or not settings.acceleration:
         return tuple(wearers), first
     better = [_calibrated(one, settings, solver) if number in poor else one for number, one in enumerate(wearers)]

@@ -25,7 +25,6 @@ UPRIGHT = tuple(
         "pelvis", "spine1", "spine2", "spine3", "neck", "head", "left_hip", "right_hip", "left_knee", "right_knee"
     )
 )  # fmt: skip
-STILL = np.deg2rad(3.0)  # how far sensors turn while somebody stands: breathing and swaying
 BRISK = 0.5  # of the briskest stretch: the first one like that is near the start, and headings have not drifted
 
 
@@ -103,10 +102,11 @@ def brisk_stretch(recording: Recording, frames: ImuFrames, settings: CommonSetti
 
 
 def _still(frames: ImuFrames, seconds: float) -> bool:
+    still = np.deg2rad(3.0)  # how far sensors turn while somebody stands: breathing and swaying
     count = max(1, round(seconds / frames.step))
     first = frames.window(slice(0, count))
     turned = angle_between(first.R_inertial_sensor[:1], first.R_inertial_sensor) * first.orientation_valid
-    return bool(first.orientation_valid[0].all() and turned.max() < STILL)
+    return bool(first.orientation_valid[0].all() and turned.max() < still)
 
 
 def start_choice(sensors: tuple[str, ...], starts: Starts | None) -> StartChoice | None:

@@ -33,13 +33,10 @@ LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder"
 SHOWN = {"legs": ("knee", "ankle", "heel", "toe"), "arms": ("elbow", "wrist")}  # keypoints that their sensors move
 LIKELIER = "the recording is much likelier so"  # what speaks for an exchange, beside what is seen
 LEAST_FRAMES = 15  # of the recording, and of the video
-SAMPLE = 150  # video frames looked at: the inertial tracker is run at these instants alone
-SETTLED = 0.03  # relative decrease of the tracker's cost from which on misfits stay what they are, to 2 %
 # Median misfit of the limbs' keypoints with sides exchanged, of what it is as placed, and share of the frames in which
 # it is less: of six sound scenes none is below 1.3 or above 0.3, so that exchanged ones are below 0.77 and above 0.7.
 BETTER, SHARE = 0.8, 0.7
 TELLING = np.log(1.3)  # ratio of misfits
-REFUSED = 20.0  # squared sigmas, of a detection that no camera explains
 
 
 @dataclass(frozen=True)
@@ -185,10 +182,11 @@ def _seen_exchange(
 
 def _sampled(detections: Detections, time: Array) -> Detections:
     """The detections of some video frames within the time looked at, and of these frames alone."""
+    sample = 150  # video frames looked at: the inertial tracker is run at these instants alone
     own = detections.time[detections.frame]
     frames = np.unique(detections.frame[(own > time[0]) & (own < time[-1])])
-    if len(frames) > SAMPLE:
-        frames = frames[np.linspace(0, len(frames) - 1, SAMPLE).astype(int)]
+    if len(frames) > sample:
+        frames = frames[np.linspace(0, len(frames) - 1, sample).astype(int)]
     chosen = detections.select(np.isin(detections.frame, frames))
     return replace(chosen, time=chosen.time[frames], frame=np.searchsorted(frames, chosen.frame))
 
@@ -206,7 +204,9 @@ def _misfits(
 
     ``frames`` are those of the video.
     """
-    solver = Solver(replace(settings.solve, relative_decrease=SETTLED), lambda stage, done: None, name=settings.solver)
+    refused = 20.0  # squared sigmas, of a detection that no camera explains
+    settled = 0.03  # relative decrease of the tracker's cost from which on misfits stay what they are, to 2 %
+    solver = Solver(replace(settings.solve, relative_decrease=settled), lambda stage, done: None, name=settings.solver)
     unposed = replace(recording, initial_pose="none")  # it was held at other instants
     tracked = inertial_tracker(unposed, frames, settings, solver, start.calibration)
     skeleton, R = tracked.model.skeleton, tracked.state.R_parent_child
@@ -224,7 +224,7 @@ def _misfits(
     for limbs, names in SHOWN.items():
         own = _of(detections.keypoints, names) & np.isfinite(square)
         off = np.sum(np.where(own, weight * np.log1p(np.where(own, square, 0.0) / CAUCHY**2), 0.0), axis=1)
-        misfit = np.full(len(detections), REFUSED)
+        misfit = np.full(len(detections), refused)
         seen = np.where(own, weight, 0.0).sum(axis=1)
         misfit[found.detection[seen > 0]] = off[seen > 0] / seen[seen > 0]
         misfits[limbs] = misfit

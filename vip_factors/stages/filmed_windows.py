@@ -26,7 +26,6 @@ from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, mo
 from vip_factors.stages.windows import Each, WindowPlan, scene_plan
 
 OF_THE_WHOLE = ("heading drift", "video clock off", "video clock drift")  # no window tells these
-LEAST_CLOCKS = 2  # windows through whose clocks there is a line
 
 
 def smooth_filmed(
@@ -167,7 +166,8 @@ class _Learned:
 
 def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, float]]) -> CameraEstimate | None:
     """The camera with a clock through what windows found of it."""
-    if camera is None or len(clocks) < LEAST_CLOCKS:
+    least_clocks = 2  # windows through whose clocks there is a line
+    if camera is None or len(clocks) < least_clocks:
         return camera
     time, late = np.array(clocks).T
     drift, offset = np.polyfit(time, late, 1)

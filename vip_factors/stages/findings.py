@@ -20,12 +20,9 @@ from vip_factors.stages.drift import drift_findings, leap_findings
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.wearer_findings import body_findings, posture_findings
 
-UNSURE_HEADING = np.deg2rad(15.0)  # a heading no better known than this came from the straps
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
 # with the clocks 0.3 s apart.
 IMPLAUSIBLE_SCATTER = 0.6
-SHORTLY_SEEN = 3.0  # s: in less, people do not move enough to be told apart
-MANY_KEYPOINTS = 500  # from which on a picture of which only a corner is used is no chance
 CORNER, OUTSIDE, FEW = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of all keypoints
 # Of the image's sides: detections of 720 lines in an image of 1080 leave its right and lower third empty, and nobody
 # aims a camera so.
@@ -77,6 +74,8 @@ def _wearer_findings(
     fine: FusionSolution,
     estimate: WearerEstimate,
 ) -> Iterator[Finding]:
+    shortly_seen = 3.0  # s: in less, people do not move enough to be told apart
+    unsure_heading = np.deg2rad(15.0)  # a heading no better known than this came from the straps
     wearer, frame_rate = recording.subject.name, 1 / fine.model.wearers[0].frames.step
     views = [one.views[number] for one in fine.model.viewpoints(fine.state.camera)]
     seen = np.any([view.seen.any(axis=1) for view in views], axis=0)
@@ -84,15 +83,15 @@ def _wearer_findings(
         yield Finding("never seen", wearer)
         return
     seconds = float(seen.sum()) / max(min(max(each.detections.rate for each in associated), frame_rate), 1e-9)
-    if seconds < SHORTLY_SEEN:
+    if seconds < shortly_seen:
         yield Finding("shortly seen", wearer, numbers={"seconds": seconds})
     unsure = {
         name: float(np.rad2deg(one.heading_sigma))
         for name, one in estimate.calibration.items()
-        if one.heading_sigma > UNSURE_HEADING
+        if one.heading_sigma > unsure_heading
     }
     if unsure:
-        words = {"limit": f"{np.rad2deg(UNSURE_HEADING):.0f}°"}
+        words = {"limit": f"{np.rad2deg(unsure_heading):.0f}°"}
         yield Finding("headings not determined", wearer, numbers=unsure, words=words)
     if estimate.body is not None:
         yield from body_findings(wearer, estimate.body, recording.subject.stature_m)
@@ -123,8 +122,9 @@ def _view_findings(
 
 def _image_findings(camera: Camera) -> Iterator[Finding]:
     """Detections that do not seem to belong to the calibrated image."""
+    many_keypoints = 500  # from which on a picture of which only a corner is used is no chance
     pixels, model = camera.detections.pixels[camera.detections.seen], camera.model
-    if len(pixels) < MANY_KEYPOINTS:
+    if len(pixels) < many_keypoints:
         return
     size = np.array([model.width, model.height])
     far = np.any((pixels < -OUTSIDE * size) | (pixels > (1 + OUTSIDE) * size), axis=1)

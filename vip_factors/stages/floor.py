@@ -18,14 +18,8 @@ from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.scene import Camera, Scene
 
-STILL = 0.12, 0.25  # m/s, of a sole that stands: the slower where it is enough, for pixels make feet tremble
-LEAST_FRAMES = 10  # that tell a height
 UNSURE_M = 0.02  # from which on it is told: of standard deviation, or from where the floor is declared
-STANCE_S = 0.5  # frames of one stance share one error
-LEVEL = np.deg2rad(1.0)  # how level floors of rooms are, and what the world's own tilt may be
-UNSURE_DISTANCE_M = 0.15  # between two wearers, from which on it is told: half a step
 SOLE_M = 0.01  # how well a wearer's soles and height are known, as long as they stand: of the floor under one alone
-LEAST_HEIGHT_M = 0.1  # of a camera over the floor, below which its rays hardly fall
 ROUNDS = 5  # of the slope, with the scatter that it leaves
 SLOPED, UNEVEN_M = np.deg2rad(3.0), 0.05  # from which on it is told: 5 cm to the metre, or about the median
 
@@ -70,34 +64,38 @@ def floor_under(models: Sequence[WearerProblem], states: Sequence[WearerState]) 
 
     None where nothing rests for long enough to tell. Of the steps of stairs it is the middle one.
     """
+    stance_s = 0.5  # frames of one stance share one error
+    least_frames = 10  # that tell a height
+    still = 0.12, 0.25  # m/s, of a sole that stands: the slower where it is enough, for pixels make feet tremble
     lows, speeds, seconds = list[Array](), list[Array](), 0.0
     for model, state in zip(models, states, strict=True):
         body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
         soles = contact_points(model.skeleton, model.settings.sole.of(state.sole))
         points = np.stack([body.point(bone, p) for bone, p in soles], axis=1)
-        if len(points) < LEAST_FRAMES:
+        if len(points) < least_frames:
             continue
         lowest = np.arange(len(points)), np.argmin(points[..., 2], axis=1)
         lows.append(points[lowest])
         speeds.append(np.linalg.norm(np.gradient(points, model.frames.step, axis=0), axis=2)[lowest])
         seconds += len(points) * model.frames.step
     low, speed = np.concatenate([np.zeros((0, 3)), *lows]), np.concatenate([np.zeros(0), *speeds])
-    for limit in STILL:
+    for limit in still:
         resting = low[speed < limit]
-        if len(resting) >= LEAST_FRAMES:
-            return _plane(resting, max(seconds / STANCE_S * len(resting) / len(low), 1.0))
+        if len(resting) >= least_frames:
+            return _plane(resting, max(seconds / stance_s * len(resting) / len(low), 1.0))
     return None
 
 
 def _plane(points: Array, stances: float) -> Floor:
     """Through points ``(N, 3)`` of so many stances; the slope by regression, with the prior that it is level."""
+    level = np.deg2rad(1.0)  # how level floors of rooms are, and what the world's own tilt may be
     height = float(np.median(points[:, 2]))
     sigma = _spread(points[:, 2] - height) / float(np.sqrt(stances))
     place, over = points[:, :2] - points[:, :2].mean(axis=0), points[:, 2] - points[:, 2].mean()
     gradient, covariance = np.zeros(2), np.eye(2)
     for _ in range(ROUNDS):
         weight = stances / len(points) / max(_spread(over - place @ gradient), UNSURE_M / 2) ** 2
-        covariance = np.linalg.inv(weight * place.T @ place + np.eye(2) / LEVEL**2)
+        covariance = np.linalg.inv(weight * place.T @ place + np.eye(2) / level**2)
         gradient = covariance @ (weight * place.T @ over)
     along = gradient / max(float(np.linalg.norm(gradient)), np.finfo(float).tiny)
     uneven = float(np.diff(np.quantile(points[:, 2], [1 / 6, 5 / 6]))[0]) / 2
@@ -177,23 +175,25 @@ def distance_findings(models: Sequence[WearerProblem], state: SceneState) -> Ite
     Who is taken to be nearer to the camera than true stands higher: feet and pixels lie on one ray, which falls by the
     camera's height over the distance between the two.
     """
+    unsure_distance_m = 0.15  # between two wearers, from which on it is told: half a step
     first, *others = (_on_its_ray(model, state, number) for number, model in enumerate(models))
     for model, other in zip(models[1:], others, strict=True):
         if first is None or other is None:
             continue
         nearer, sigma = first[0] - other[0], float(np.hypot(first[1], other[1]))
-        if max(abs(nearer) - 2 * sigma, sigma) > UNSURE_DISTANCE_M:
+        if max(abs(nearer) - 2 * sigma, sigma) > unsure_distance_m:
             numbers = {"metres": nearer, "sigma": sigma}
             yield Finding("distance of wearers", models[0].name, subject=model.name, numbers=numbers)
 
 
 def _on_its_ray(model: WearerProblem, state: SceneState, number: int) -> tuple[float, float] | None:
     """How much nearer to the camera one wearer stands than soles on z = 0 would, in metres, and how sure that is."""
+    least_height_m = 0.1  # of a camera over the floor, below which its rays hardly fall
     own = state.wearers[number]
     floor = floor_under([model], [own])
     if floor is None:
         return None
     p_camera_world = state.camera.poses.p_world_camera
     away = float(np.median(np.linalg.norm((own.p_world_pelvis - p_camera_world)[:, :2], axis=1)))
-    slope = away / max(abs(float(np.median(p_camera_world[:, 2])) - floor.height), LEAST_HEIGHT_M)
+    slope = away / max(abs(float(np.median(p_camera_world[:, 2])) - floor.height), least_height_m)
     return slope * floor.height, slope * float(np.hypot(floor.sigma, SOLE_M))

@@ -33,9 +33,6 @@ from vip_factors.stages.wearer_findings import TURNED
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import whitened_reprojections
 
-TIMED = 0.01  # s: so far keypoints move nearly straight; half a video frame
-SETTLED = 1.5  # a detector believed less than this much too rough costs less than another solve
-UNLIKELY = 4.0  # sigmas of its prior: what ends there is a hypothesis
 HELD = np.deg2rad(1.0)  # of a mounting that is kept where the start had it
 
 
@@ -68,8 +65,10 @@ class FusionSolution:
 
     def is_consistent(self) -> bool:
         """Whether the detections scatter about the solution as it was made to believe, and were taken when it says."""
+        settled = 1.5  # a detector believed less than this much too rough costs less than another solve
+        timed = 0.01  # s: so far keypoints move nearly straight; half a video frame
         ratios = np.divide(self.spreads, np.maximum(self.measured_spreads(), 1e-9))
-        return bool(np.all(ratios < SETTLED)) and self._clock_moved() < TIMED
+        return bool(np.all(ratios < settled)) and self._clock_moved() < timed
 
     def _clock_moved(self) -> float:
         """Seconds, the most by which the solution puts the video's clock forward beyond where it was seen with."""
@@ -383,8 +382,9 @@ def _rival_findings(best: FusionSolution, rival: FusionSolution, margin: float) 
 
 def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProblem:
     """The problem with what is far from likely kept where it began; the same one if nothing is."""
+    unlikely = 4.0  # sigmas of its prior: what ends there is a hypothesis
     turned = angle_between(model.prior_R_bone_sensor, state.R_bone_sensor) > TURNED
-    axes = np.abs(model.hinge_prior.whitening @ (state.hinges - model.hinge_prior.mean)) > UNLIKELY
+    axes = np.abs(model.hinge_prior.whitening @ (state.hinges - model.hinge_prior.mean)) > unlikely
     if not (model.free_mountings and turned.any()) and not (model.free_hinges and axes.any()):
         return model
     return replace(model, mounting_sigma=np.where(turned, HELD, model.mounting_sigma), free_hinges=not axes.any())

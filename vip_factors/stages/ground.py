@@ -26,7 +26,6 @@ from vip_factors.terms.ground_contact import (
 )
 
 SIDES = ("left", "right")
-FLOOR_BAND = 0.15  # m over the floor: jumps and stairs are higher, a root path before its last solve is as wrong
 
 
 def seen_feet(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[tuple[Foot, ...], list[int]]:
@@ -78,11 +77,12 @@ def standing_confidence(
 
 def joint_state_confidence(skeleton: Skeleton, body: BodyState, feet: tuple[Foot, ...], step: float) -> Array:
     """How surely each foot ``(T, G)`` of a placed body stands on the floor, in [0, 1]: it neither moves nor is high."""
+    floor_band = 0.15  # m over the floor: jumps and stairs are higher, a root path before its last solve is as wrong
     points, lowest = contact_points(skeleton), _lowest(body, feet)
     each = contact_confidence(body, points, step)
     bones = np.array([bone for bone, _ in points])
     surest = np.stack([each[:, bones == foot.bone].max(axis=1) for foot in feet], axis=1)
-    return np.asarray(surest * np.exp(-0.5 * (np.maximum(lowest, 0.0) / FLOOR_BAND) ** 2))
+    return np.asarray(surest * np.exp(-0.5 * (np.maximum(lowest, 0.0) / floor_band) ** 2))
 
 
 def ground_view(

@@ -17,7 +17,6 @@ from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, CommonSettings
 
-LEAST_KNOT = 1.0  # s: faster than that a heading does not drift, and the wearer moves
 # rad, of mountings that were read off a declared pose: what the pose says of them, it says by itself, and not twice.
 DECLARED_MOUNTING_SIGMA = np.pi / 3
 FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and the papers' IT is called SOP
@@ -93,11 +92,12 @@ def with_heading_knots(model: WearerProblem, calibration: CalibrationSettings) -
     Raises:
         InputError: for knots that are too close.
     """
+    least_knot = 1.0  # s: faster than that a heading does not drift, and the wearer moves
     every, time = calibration.heading_knot_s, model.frames.time
     if every is None or not model.free_headings:
         return model
-    if not every >= LEAST_KNOT:
-        raise InputError(f"calibration.heading_knot_s is {every:g}: expected {LEAST_KNOT:g} s or more, or none")
+    if not every >= least_knot:
+        raise InputError(f"calibration.heading_knot_s is {every:g}: expected {least_knot:g} s or more, or none")
     ends = np.concatenate([time[:1], model.restarts.ravel(), time[-1:]]).reshape(-1, 2)
     least = min(len(model.restarts), 1)
     pieces = [max(round(float(end - start) / every), least) for start, end in ends]

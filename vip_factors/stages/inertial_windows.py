@@ -56,8 +56,6 @@ from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each, WindowPlan
 
-WALKING_SPEED = 1.4  # m/s, unseen
-COARSE_DECREASE = 0.1  # relative decrease at which coarse solves stop: the last one of a window goes on from there
 # m, of a window that is tracked afresh: where it begins the one before it tells, once it is moved there, and its height
 # the floor; held as the beginning of a recording is, that height would be the tracker's.
 LATER_START_SIGMA = 1.0
@@ -304,7 +302,9 @@ def _track_window(model: WearerProblem, shared: WearerState, solver: Solver) -> 
 
 def _settled(model: WearerProblem, state: WearerState, settings: Settings, solver: Solver) -> WearerState:
     """The sparse inertial poser on a window's coarse frames, roughly: what all frames share is kept."""
-    rough = replace(solver, settings=replace(solver.settings, relative_decrease=COARSE_DECREASE))
+    # Relative decrease at which coarse solves stop: the last one of a window goes on from there
+    coarse_decrease = 0.1
+    rough = replace(solver, settings=replace(solver.settings, relative_decrease=coarse_decrease))
     held = with_fixed_calibration(model)
     for _ in range(settings.calibration.passes):
         state = rough.solve_wearer(with_contacts(held, state), state, "calibrated")
@@ -328,7 +328,8 @@ def _as_last_seen(
 
 def _unknown(frames: ImuFrames) -> PoseCovariance:
     """Of frames in which nothing was measured: turned in any way, and gone as far as people walk."""
-    walked = WALKING_SPEED * (frames.time - frames.time[0])
+    walking_speed = 1.4  # m/s, unseen
+    walked = walking_speed * (frames.time - frames.time[0])
     return PoseCovariance(
         np.tile(np.pi**2 * np.eye(3), (len(frames), JOINT_COUNT, 1, 1)), walked[:, None, None] ** 2 * np.eye(3)
     )

@@ -117,7 +117,6 @@ def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
     return replace(estimate, wearers=tuple(wearers), findings=tuple(findings))
 
 
-GOOD_JOINTS = 0.03  # m, what GOOD promises of where joints are: on the mean over those of the limbs, along each axis
 LIMB_JOINTS = [
     joint_index(f"{side}_{name}")
     for name in ("knee", "ankle", "shoulder", "elbow", "wrist")
@@ -128,10 +127,12 @@ LEG_BONES = {"hip": "thighs", "knee": "shanks"}  # by the joint above
 
 def precision_findings(wearer: WearerEstimate, errors: ModelErrors, filmed: bool) -> Iterator[Finding]:
     """Of sensors and cameras that cannot tell as much as GOOD promises, were nothing wrong at all."""
+    # M, what GOOD promises of where joints are: on the mean over those of the limbs, along each axis
+    good_joints = 0.03
     bones = {one.bone for one in wearer.calibration.values()}
     off = float(errors.positions(bones)[LIMB_JOINTS].mean())
     unmeasured = [name for joint, name in LEG_BONES.items() if not {f"left_{joint}", f"right_{joint}"} <= bones]
-    told = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > GOOD_JOINTS else []
+    told = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > good_joints else []
     told += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
     if told:
         better = ["a camera"] * (not filmed) + ["a sensor on every limb's bone"] * (filmed or bool(unmeasured))

@@ -26,7 +26,6 @@ from vip_factors.stages.calibration_start import start_search
 from vip_factors.stages.inertial import find_start
 from vip_factors.stages.windows import is_long
 
-PAUSE_S = 1.0  # packets lost by radio come back sooner
 LEAST_S = 4.0  # of a stretch that tells its headings: some steps; a shorter one has those of before
 JUMP = np.deg2rad(20.0)  # a heading found this near is the one of before: mountings and posture leave as much open
 SURE = 20.0  # nats by which other headings explain a stretch better: up to 13 where none had jumped
@@ -50,11 +49,12 @@ class Pause:
 
 def pauses_of(streams: Mapping[str, ImuStream]) -> list[Pause]:
     """The pauses between stretches of some seconds, in the order of time; where those of sensors meet, they are one."""
+    pause_s = 1.0  # packets lost by radio come back sooner
     gaps = [
         (float(start), float(end), name)
         for name, stream in streams.items()
         for start, end in stream.gaps
-        if end - start > PAUSE_S
+        if end - start > pause_s
     ]
     found = list[Pause]()
     for start, end, name in sorted(gaps):

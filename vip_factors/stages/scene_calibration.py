@@ -44,7 +44,6 @@ from vip_factors.stages.windows import Each, WindowPlan
 
 # Degrees, of a heading as the frames before have left it: as sure as a minute in front of a camera makes it.
 HEADING_DEG = 3.0
-LOOKS = 3  # at stretches that are spread over a scene, where the first does not show every wearer
 
 
 @dataclass(frozen=True)
@@ -271,8 +270,9 @@ def calibrate_scene(
     Returns:
         The stretch, and findings on what the cameras saw where nobody was recognised.
     """
+    looks = 3  # at stretches that are spread over a scene, where the first does not show every wearer
     best, findings, coarse = None, tuple[Finding, ...](), -(-plan.frames // plan.factor)
-    for begin in sorted({round(one) for one in np.linspace(0, max(coarse - plan.stretch, 0), LOOKS)}):
+    for begin in sorted({round(one) for one in np.linspace(0, max(coarse - plan.stretch, 0), looks)}):
         own = replace(solver, reports=[])
         found = _solved_stretch(source, plan, slice(begin, min(begin + plan.stretch, coarse)), settings, own)
         if not isinstance(found, SolvedStretch):

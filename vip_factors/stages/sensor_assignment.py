@@ -68,14 +68,15 @@ def exchanges_of(recording: Recording, settings: Settings, least: float = LEAST_
     return exchanged_sensors(signals, links, least)
 
 
-# RMS by which sensors of thigh and shank turn against each other: 9.7° or more in 58 recordings and scenes; two on one
-# bone have what soft tissue leaves, two to four. Elbows are not looked at: one of those recordings holds one stiff.
-LEAST_BEND = np.deg2rad(5.0)
 STEP, LEAST_RATE = 0.05, 0.5  # s; rad/s: what hardly turns tells nothing
 
 
 def _on_one_bone(recording: Recording) -> Iterator[Finding]:
     """Sensors of thigh and shank that move as if they were on one bone."""
+    # RMS by which sensors of thigh and shank turn against each other: 9.7° or more in 58 recordings and scenes; two
+    # on one bone have what soft tissue leaves, two to four. Elbows are not looked at: one of those recordings holds
+    # one stiff.
+    least_bend = np.deg2rad(5.0)
     sites = [recording.placement.site(name) for name in recording.placed]
     sensors = {site.bone: site for site in sites if recording.imus[site.sensor].R_inertial_sensor is not None}
     for side in ("left", "right"):
@@ -89,7 +90,7 @@ def _on_one_bone(recording: Recording) -> Iterator[Finding]:
         if len(R) < LEAST_SAMPLES + TURN_FRAMES:
             continue
         spread, rate = spread_between(R[:, 0], R[:, 1], STEP)
-        if spread < LEAST_BEND and rate > LEAST_RATE:
+        if spread < least_bend and rate > LEAST_RATE:
             pair = f"{_named(above, recording)} and {_named(below, recording)}"
             yield Finding(
                 "two on one bone", recording.subject.name, subject=below.sensor,

@@ -28,10 +28,6 @@ from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
 from vip_factors.settings import Settings
 from vip_factors.stages.sensor_assignment import placed_links
 
-STUCK_S = 2.0  # of the very same values; 58 recordings have 1.0 at most, a still pose that was written in front of some
-LEAST_GRAVITY = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
-
-
 Corrections = Mapping[str, "SensorCorrection"]
 """Of one wearer's sensors, by name; those that are not named are right."""
 
@@ -139,13 +135,15 @@ def sensor_corrections(
         clocks: that clocks are compared in.
         settings: of both.
     """
+    # Of the very same values; 58 recordings have 1.0 at most, a still pose that was written in front of some
+    stuck_s = 2.0
     wearer = recording.subject.name
     corrections: dict[str, SensorCorrection] = {}
     findings: list[Finding] = []
     if settings.accelerometers.check:
         _refuse_inverted(recording)
         for name in recording.placed:
-            if (seconds := longest_repeat(recording.imus[name])) > STUCK_S:
+            if (seconds := longest_repeat(recording.imus[name])) > stuck_s:
                 findings.append(Finding("sensor stuck", wearer, subject=name, numbers={"seconds": seconds}))
             correction, found = _accelerometer(wearer, recording.imus[name])
             if found:
@@ -176,6 +174,7 @@ def _refuse_inverted(recording: Recording) -> None:
 
 
 def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, list[Finding]]:
+    least_gravity = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
     findings, correction = list[Finding](), SensorCorrection(range_ends(stream))
     if correction.ends:
         largest = max(abs(end) for _, end in correction.ends)
@@ -195,7 +194,7 @@ def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, li
         return correction, findings
     scale, _ = measured
     gravity = 9.81 * scale
-    if abs(scale) < LEAST_GRAVITY:
+    if abs(scale) < least_gravity:
         raise RecordingError(
             f"wearer '{wearer}': the accelerometer of '{stream.name}' measures gravity as {gravity:.2f} m/s²: expected "
             "9.81; give accelerations with gravity in them (specific force), not what is "

@@ -18,10 +18,7 @@ from vip_factors.terms.reprojection import PAPERS_WIDTH, ReprojectionSettings, a
 # The square root of a person's area in the image over the height they would have there standing: people fill about
 # half of a box that is 0.35 as wide as high.
 AREA_OF_HEIGHT = 0.43
-SAME_INSTANT = 2e-3  # s: a video frame so near to a frame of the estimate is taken as it is
-RAYLEIGH_MEDIAN = 1.1774  # median length of a vector of two normal numbers
 SPEED_REACH = 0.15  # s before and after: a step's swing is thrice as long
-BRIDGED_GAPS = 1.5  # video frame periods over which a keypoint is interpolated
 
 
 def keypoint_view(
@@ -113,10 +110,11 @@ def scatter(residual: Array, view: KeypointView, otherwise: float) -> float:
         view: whose residuals these are.
         otherwise: where nothing was seen.
     """
+    rayleigh_median = 1.1774  # median length of a vector of two normal numbers
     if not view.seen.any():
         return otherwise
     away = np.linalg.norm(residual, axis=2) * view.sigma / view.oks_px
-    return float(np.median(away[view.seen])) / RAYLEIGH_MEDIAN
+    return float(np.median(away[view.seen])) / rayleigh_median
 
 
 def points_on_body(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[np.ndarray, tuple[BodyPoint, ...]]:
@@ -144,13 +142,15 @@ def _period(time: Array) -> float:
 
 def _at_frames(video: Array, pixels: Array, confidence: Array, time: Array) -> tuple[Array, Array]:
     """The track at the frames: each video frame speaks once, to the frame nearest to it."""
+    bridged_gaps = 1.5  # video frame periods over which a keypoint is interpolated
+    same_instant = 2e-3  # s: a video frame so near to a frame of the estimate is taken as it is
     period = _period(video)
     left = np.clip(np.searchsorted(video, time, side="right") - 1, 0, max(len(video) - 2, 0))
     right = np.minimum(left + 1, len(video) - 1)
     nearest = np.where(np.abs(video[right] - time) < np.abs(video[left] - time), right, left)
     share = np.clip((time - video[left]) / np.maximum(video[right] - video[left], 1e-9), 0.0, 1.0)[:, None]
-    exact = np.abs(video[nearest] - time) <= SAME_INSTANT
-    bridged = (video[right] - video[left] <= BRIDGED_GAPS * period) & (time >= video[0]) & (time <= video[-1])
+    exact = np.abs(video[nearest] - time) <= same_instant
+    bridged = (video[right] - video[left] <= bridged_gaps * period) & (time >= video[0]) & (time <= video[-1])
     at = (1 - share)[..., None] * pixels[left] + share[..., None] * pixels[right]
     sure = np.where(bridged[:, None], np.minimum(confidence[left], confidence[right]), 0.0)
     at = np.where(exact[:, None, None], pixels[nearest], at)

@@ -13,12 +13,8 @@ from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.recording import Recording
 
-LYING = np.deg2rad(60.0)  # from the vertical, of the chest
-AT_LIMIT = np.deg2rad(3.0)  # beyond what joints do: those of people who stand and walk stay well within
 TURNED = np.deg2rad(60.0)  # on the bone, against the placement
-CROSSED = 0.05  # m, of knees past one another: hips whose zeros are 7° off make as much of thighs side by side
 MOST, MUCH = 0.5, 0.3  # of the frames, or of the sensors
-LEAST_SENSORS = 3  # of which half are odd: of two sensors one is no majority
 
 
 def posture_findings(
@@ -48,29 +44,32 @@ def turned_findings(wearer: str, recording: Recording, start: Array, calibration
 
 def lying_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
     """A chest that is far from upright most of the time."""
+    lying = np.deg2rad(60.0)  # from the vertical, of the chest
     body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
     up = body.R_world_bone[:, joint_index("spine3"), 2, 1]
-    share = float(np.mean(up < np.cos(LYING)))
+    share = float(np.mean(up < np.cos(lying)))
     if share > MOST:
         yield Finding("lying", wearer, numbers={"percent": 100 * share})
 
 
 def crossed_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
     """Thighs that are crossed through much of a motion: ankles are by people who stand at ease, dance or sit."""
+    crossed = 0.05  # m, of knees past one another: hips whose zeros are 7° off make as much of thighs side by side
     body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
     left, right = (body.p_world_joint[:, joint_index(f"{side}_knee")] for side in ("left", "right"))
     across = np.einsum("ti,ti->t", left - right, body.R_world_bone[:, 0, :, 0])
-    share = float(np.mean(across < -CROSSED))
+    share = float(np.mean(across < -crossed))
     if share > MUCH:
         yield Finding("legs crossed", wearer, numbers={"percent": 100 * share})
 
 
 def limit_findings(wearer: str, motion: Motion, bones: set[str]) -> Iterator[Finding]:
     """Ankles and elbows that are bent further than they go most of the time, under sensors of the limb below."""
+    at_limit = np.deg2rad(3.0)  # beyond what joints do: those of people who stand and walk stay well within
     vectors = joint_vector(motion.R_parent_child).reshape(len(motion.R_parent_child), -1, 3)
     beyond = np.abs(load_joint_limits().violation(joint_vector(motion.R_parent_child))).reshape(vectors.shape)
     for joint in (f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "elbow")):
-        share = float(np.mean(beyond[:, joint_index(joint) - 1].max(axis=1) > AT_LIMIT))
+        share = float(np.mean(beyond[:, joint_index(joint) - 1].max(axis=1) > at_limit))
         if joint in bones and share > MUCH:
             side, name = joint.split("_")
             yield Finding(
@@ -81,12 +80,13 @@ def limit_findings(wearer: str, motion: Motion, bones: set[str]) -> Iterator[Fin
 
 def strap_findings(wearer: str, recording: Recording, calibration: Calibration) -> Iterator[Finding]:
     """Half of the sensors or more sit otherwise than placed, and no declared pose told of it."""
+    least_sensors = 3  # of which half are odd: of two sensors one is no majority
     angles = {
         name: float(angle_between(recording.placement.site(name).R_bone_sensor, one.R_bone_sensor))
         for name, one in calibration.items()
     }
     turned = {name: float(np.rad2deg(angle)) for name, angle in angles.items() if angle > TURNED}
-    if len(calibration) >= LEAST_SENSORS and len(turned) >= MOST * len(calibration):
+    if len(calibration) >= least_sensors and len(turned) >= MOST * len(calibration):
         words = {"of": str(len(calibration)), "limit": f"{np.rad2deg(TURNED):.0f}°"}
         yield Finding("turned on the body", wearer, numbers=turned, words=words)
 

@@ -17,8 +17,6 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera_path import CameraPath
 
-END_EFFECT = 0.4  # of an overlap, at either end, where a window still misses what lies beyond; in between they meet
-
 
 @dataclass(frozen=True)
 class Headings:
@@ -87,8 +85,10 @@ class SolvedWindow:
 
 def overlap_middle(before: SolvedWindow, window: SolvedWindow) -> slice:
     """The frames in which one passes over into the next."""
+    # Of an overlap, at either end, where a window still misses what lies beyond; in between they meet
+    end_effect = 0.4
     first, last = window.frames.start, before.frames.stop
-    settled = int((last - first) * END_EFFECT)
+    settled = int((last - first) * end_effect)
     return slice(first + settled, last - settled)
 
 

@@ -17,7 +17,6 @@ from vip_factors.settings import Settings
 Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 """As :func:`map`; it may have the calls made elsewhere, and ahead of when they are asked for."""
 LEAST_FRAMES = 3
-VIDEO_RATE_S = 10.0  # of a long video that tell its rate
 
 
 @dataclass(frozen=True)
@@ -150,12 +149,13 @@ def scene_plan(source: SceneSource, settings: Settings, whole: bool = False) -> 
     Raises:
         RecordingError: if the wearers share less than four coarse frames, or more than a day.
     """
+    video_rate_s = 10.0  # of a long video that tell its rate
     interval, factor = shared_interval(source), settings.coarse_factor
     if whole or not is_long(interval, settings):
         plan = WindowPlan.one_window(*_in_step(source.between(), interval, settings.frame_rate, factor), factor)
         return plan if whole or not settings.windows.use else plan.in_windows(settings)
     look = source.video_start if np.isfinite(source.video_start) else interval[0]
-    video = source.between(look, look + VIDEO_RATE_S)
+    video = source.between(look, look + video_rate_s)
     plan = WindowPlan.one_window(*_in_step(video, interval, settings.frame_rate, factor), factor)
     return plan.in_stretches(settings, together=True).in_windows(settings)
 

@@ -47,7 +47,7 @@ def main(options: GaitOptions) -> None:
 
             estimate = smooth(opened.scene, progress=progress)
         gaits = gaits_of(estimate, scene)
-    if not any(one.strides for one in gaits):
+    if not any(gait.strides for gait in gaits):
         raise InputError(f"{options.source}: nobody walks in it: no foot takes two steps")
     for gait in gaits:
         say(gait)

@@ -50,7 +50,7 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
     Raises:
         InputError: if a file is there already and may not be replaced, or two wearers have one name.
     """
-    names = [one.name for one in gaits]
+    names = [gait.name for gait in gaits]
     if len(gaits) > 1 and len(set(names)) < len(names):
         raise InputError(f"wearers {', '.join(names)}: expected different names, for files of their own")
     if folder.exists() and not folder.is_dir():
@@ -81,28 +81,32 @@ def _write_table(path: Path, rows: Iterable[Sequence[object]], overwrite: bool) 
 
 
 def _stride_rows(gait: Gait) -> Iterable[list[object]]:
-    columns = [f"{one.name}_{one.unit}".replace("/", "_per_").replace("%", "").rstrip("_") for one in QUANTITIES]
+    columns = [
+        f"{quantity.name}_{quantity.unit}".replace("/", "_per_").replace("%", "").rstrip("_") for quantity in QUANTITIES
+    ]
     yield ["side", "strike_s", "toe_off_s", "next_strike_s", *columns, "turn_deg", "counted", "left_out", "length_by"]
-    for one in gait.strides:
-        values = [_number(one.values[quantity.name], quantity.decimals + 1) for quantity in QUANTITIES]
-        times = [f"{time:.4f}" for time in (one.start, one.off, one.end)]
-        by = "foot sensor" if one.by_sensor else "motion"
-        yield [one.side, *times, *values, f"{one.turn_deg:.1f}", int(not one.left_out), one.left_out, by]
+    for stride in gait.strides:
+        values = [_number(stride.values[quantity.name], quantity.decimals + 1) for quantity in QUANTITIES]
+        times = [f"{time:.4f}" for time in (stride.start, stride.off, stride.end)]
+        by = "foot sensor" if stride.by_sensor else "motion"
+        yield [stride.side, *times, *values, f"{stride.turn_deg:.1f}", int(not stride.left_out), stride.left_out, by]
 
 
 def _figure_rows(gait: Gait) -> Iterable[list[object]]:
     yield ["quantity", "unit", "side", "strides", "mean", "sigma", "variability"]
-    for one in gait.figures:
-        values = [_number(value, one.quantity.decimals + 1) for value in (one.mean, one.sigma, one.variability)]
-        yield [one.quantity.name, one.quantity.unit, one.side, one.count, *values]
+    for figure in gait.figures:
+        values = [
+            _number(value, figure.quantity.decimals + 1) for value in (figure.mean, figure.sigma, figure.variability)
+        ]
+        yield [figure.quantity.name, figure.quantity.unit, figure.side, figure.count, *values]
 
 
 def _curve_rows(gait: Gait) -> Iterable[list[object]]:
     yield ["angle", "measured", "cycle_of", "strides", "percent", "mean_deg", "sigma_deg", "variability_deg"]
-    for one in gait.curves:
-        measured = "" if gait.bones is None else int(is_measured(gait.bones, one.angle))
-        for percent, *values in zip(CYCLE, one.mean, one.sigma, one.variability, strict=True):
-            yield [one.angle, measured, one.side, one.count, int(percent), *(f"{value:.3f}" for value in values)]
+    for curve in gait.curves:
+        measured = "" if gait.bones is None else int(is_measured(gait.bones, curve.angle))
+        for percent, *values in zip(CYCLE, curve.mean, curve.sigma, curve.variability, strict=True):
+            yield [curve.angle, measured, curve.side, curve.count, int(percent), *(f"{value:.3f}" for value in values)]
 
 
 def _number(value: float, decimals: int) -> str:
@@ -114,13 +118,13 @@ def as_json(gait: Gait) -> dict[str, Any]:
     """All of it, by names."""
     return {
         "name": gait.name,
-        "events": {side: {**vars(one)} for side, one in gait.feet.items()},
-        "strides": [vars(one) for one in gait.strides],
-        "units": {one.name: one.unit for one in QUANTITIES},
-        "figures": [{**vars(one), "quantity": one.quantity.name} for one in gait.figures],
-        "curves": [vars(one) for one in gait.curves],
+        "events": {side: {**vars(events)} for side, events in gait.feet.items()},
+        "strides": [vars(stride) for stride in gait.strides],
+        "units": {quantity.name: quantity.unit for quantity in QUANTITIES},
+        "figures": [{**vars(figure), "quantity": figure.quantity.name} for figure in gait.figures],
+        "curves": [vars(curve) for curve in gait.curves],
         "curves_with_covariance": gait.with_covariance,
-        "findings": [str(one) for one in gait.findings],
+        "findings": [str(finding) for finding in gait.findings],
         "bones_with_sensors": None if gait.bones is None else sorted(gait.bones),
     }
 
@@ -138,7 +142,7 @@ def curves_figure(gait: Gait) -> Figure | None:
     speed = gait.figure("speed")
     about = "" if speed is None else f", {speed.mean:.2f} ± {speed.sigma:.2f} m/s"
     write(figure, (30, 40), f"{gait.name}: joint angles over the cycle{about}", 22, weight="bold")
-    known = None
+    reference = None
     for number, name in enumerate(drawn):
         row, column = divmod(number, COLUMNS)
         left, top = MARGIN + column * CELL[0], 70 + row * CELL[1]
@@ -147,10 +151,12 @@ def curves_figure(gait: Gait) -> Figure | None:
         axes.tick_params(labelsize=11)
         axes.grid(color=GRID)
         axes.set_xlim(0, 100)
-        below = reference_at(speed.mean, name) if speed is not None else None
-        if below is not None:
-            known = below
-            axes.fill_between(CYCLE, below.mean - below.sd, below.mean + below.sd, color=BELOW, alpha=0.6, linewidth=0)
+        beneath = reference_at(speed.mean, name) if speed is not None else None
+        if beneath is not None:
+            reference = beneath
+            axes.fill_between(
+                CYCLE, beneath.mean - beneath.sd, beneath.mean + beneath.sd, color=BELOW, alpha=0.6, linewidth=0
+            )
         for curve in _curves_of(gait, name):
             colour = COLOURS[curve.side]
             axes.plot(CYCLE, curve.mean, color=colour, linewidth=2)
@@ -158,16 +164,16 @@ def curves_figure(gait: Gait) -> Figure | None:
                 band = curve.mean - spread, curve.mean + spread
                 axes.fill_between(CYCLE, *band, color=colour, alpha=alpha, linewidth=0)
     words = "mean, its ± (dark) and from stride to stride (pale); 0 and 100 %: foot strike of the same side"
-    if known is not None:
-        words += f"\ngrey: {known.people} healthy adults at {known.speed:.2f} m/s ({SOURCE})"
+    if reference is not None:
+        words += f"\ngrey: {reference.people} healthy adults at {reference.speed:.2f} m/s ({SOURCE})"
     for number, (side, colour) in enumerate(COLOURS.items()):
         write(figure, (30 + 50 * number, rows * CELL[1] + 90), side, 14, colour, weight="bold")
-    write(figure, (140, rows * CELL[1] + 90), words, 12, SOFT_INK, va="top" if known is None else "center")
+    write(figure, (140, rows * CELL[1] + 90), words, 12, SOFT_INK, va="top" if reference is None else "center")
     return figure
 
 
 def _curves_of(gait: Gait, name: str) -> list[Curve]:
-    return [one for one in gait.curves if one.angle in (name, f"{one.side}_{name}")]
+    return [curve for curve in gait.curves if curve.angle in (name, f"{curve.side}_{name}")]
 
 
 @dataclass(frozen=True)
@@ -200,10 +206,10 @@ def references() -> tuple[ReferenceCurve, ...]:
         rows.setdefault((row["pace"], row["angle"]), []).append(row)
     return tuple(
         ReferenceCurve(
-            pace, float(own[0]["speed_m_s"]), int(own[0]["people"]), int(own[0]["strides"]), angle,
-            *(np.array([float(row[name]) for row in own]) for name in ("mean_deg", "sd_deg")),
+            pace, float(points[0]["speed_m_s"]), int(points[0]["people"]), int(points[0]["strides"]), angle,
+            *(np.array([float(row[name]) for row in points]) for name in ("mean_deg", "sd_deg")),
         )
-        for (pace, angle), own in rows.items()
+        for (pace, angle), points in rows.items()
     )  # fmt: skip
 
 
@@ -213,7 +219,7 @@ def reference_at(speed: float, angle: str, curves: Iterable[ReferenceCurve] | No
     ``angle`` may name a side: ``left_knee_flexion``.
     """
     plain = angle.removeprefix("left_").removeprefix("right_")
-    near = [one for one in (references() if curves is None else curves) if one.angle == plain]
-    best = min(near, key=lambda one: abs(one.speed - speed), default=None)
+    near = [curve for curve in (references() if curves is None else curves) if curve.angle == plain]
+    best = min(near, key=lambda curve: abs(curve.speed - speed), default=None)
     farthest_m_s = 0.3  # from a reference's speed: curves of another pace are no reference
     return best if best is not None and abs(best.speed - speed) <= farthest_m_s else None

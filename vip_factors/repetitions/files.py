@@ -63,7 +63,7 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
         InputError: if a file is there already and may not be replaced, the folder is a file, or two wearers have one
             name.
     """
-    names = [one.name for one in wearers]
+    names = [wearer.name for wearer in wearers]
     if len(set(names)) < len(names):
         raise InputError(f"wearers {', '.join(names)}: expected different names, to tell their repetitions apart")
     if folder.exists() and not folder.is_dir():
@@ -72,25 +72,30 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
     numbers, whole, picture = paths = [folder / name for name in NAMES]
     for path in paths:
         check_target(path, overwrite)
-    lines = [{"wearer": table_cell(one.name), **as_columns(each)} for one in wearers for each in one.repetitions]
+    lines = [
+        {"wearer": table_cell(wearer.name), **as_columns(repetition)}
+        for wearer in wearers
+        for repetition in wearer.repetitions
+    ]
     with atomic_open(numbers, "w", overwrite) as file:
-        writer = csv.DictWriter(file, list(dict.fromkeys(["wearer", *(key for one in lines for key in one)])))
+        writer = csv.DictWriter(file, list(dict.fromkeys(["wearer", *(name for line in lines for name in line)])))
         writer.writeheader()
         writer.writerows(lines)
     with atomic_open(whole, "w", overwrite) as file:
-        file.write(json_text({one.name: [asdict(each) for each in one.repetitions] for one in wearers}, decimals=5))
+        repetitions = {wearer.name: [asdict(repetition) for repetition in wearer.repetitions] for wearer in wearers}
+        file.write(json_text(repetitions, decimals=5))
     draw_repetitions(wearers, picture, overwrite)
     return paths
 
 
-def as_columns(one: Repetition) -> dict[str, object]:
+def as_columns(repetition: Repetition) -> dict[str, object]:
     """Columns of a table of numbers: standard deviations follow as ``…_sd_…``, nothing stands for what is not known."""
     units = {"start": "start_s", "turn": "turn_s", "end": "end_s"}
     columns: dict[str, object] = {}
-    for name, value in vars(one).items():
+    for name, value in vars(repetition).items():
         if isinstance(value, dict):
-            for angle, each in value.items():
-                columns |= _pair(f"{angle}_range_deg", each)
+            for angle, extent in value.items():
+                columns |= _pair(f"{angle}_range_deg", extent)
         elif isinstance(value, Measured):
             columns |= _pair(name, value)
         else:
@@ -98,9 +103,9 @@ def as_columns(one: Repetition) -> dict[str, object]:
     return columns
 
 
-def _pair(name: str, one: Measured) -> dict[str, object]:
+def _pair(name: str, measured: Measured) -> dict[str, object]:
     quantity, _, unit = name.rpartition("_")
-    return {name: _cell(one.value), f"{quantity}_sd_{unit}": _cell(one.sigma)}
+    return {name: _cell(measured.value), f"{quantity}_sd_{unit}": _cell(measured.sigma)}
 
 
 def _cell(value: float) -> str:
@@ -115,14 +120,14 @@ def draw_repetitions(wearers: Sequence[WearerRepetitions], path: Path, overwrite
     """
     height = 60 + 3 * ROW_HEIGHT
     figure = page(WIDTH, height * len(wearers) + 30)
-    for number, one in enumerate(wearers):
-        _draw_wearer(figure, number * height, one)
+    for number, wearer in enumerate(wearers):
+        _draw_wearer(figure, number * height, wearer)
     save(figure, path, overwrite)
 
 
-def _draw_wearer(figure: Any, top: float, one: WearerRepetitions) -> None:
-    signals, time = one.signals, one.signals.time
-    write(figure, (30, top + 36), one.summary()[0], 22, weight="bold")
+def _draw_wearer(figure: Any, top: float, wearer: WearerRepetitions) -> None:
+    signals, time = wearer.signals, wearer.signals.time
+    write(figure, (30, top + 36), wearer.summary()[0], 22, weight="bold")
     floor = float(np.median(signals.lower_foot))
     panels = (
         ("pelvis above the lower foot, and centre of mass above the floor (dark), m",
@@ -139,13 +144,13 @@ def _draw_wearer(figure: Any, top: float, one: WearerRepetitions) -> None:
         for values, colour in curves:
             axes.plot(time, values, color=colour, linewidth=1.6)
         seconds_axis(axes, float(time[0]), float(time[-1]))
-        for number, each in numbered(one.repetitions):
-            if (each.kind == "curl") != (row == 2):
+        for number, repetition in numbered(wearer.repetitions):
+            if (repetition.kind == "curl") != (row == 2):
                 continue
-            axes.axvspan(each.start, each.end, color=KIND_COLOURS[each.kind], alpha=0.18, linewidth=0)
-            axes.axvline(each.turn, color=KIND_COLOURS[each.kind], linewidth=1)
+            axes.axvspan(repetition.start, repetition.end, color=KIND_COLOURS[repetition.kind], alpha=0.18, linewidth=0)
+            axes.axvline(repetition.turn, color=KIND_COLOURS[repetition.kind], linewidth=1)
             if row != 1:
-                axes.annotate(
-                        f" {each.kind} {number}", (each.turn, 0.98), xycoords=("data", "axes fraction"), ha="left",
-                        va="top", size=12, color=KIND_COLOURS[each.kind],
-                    )  # fmt: skip
+                colour = KIND_COLOURS[repetition.kind]
+                place, units = (repetition.turn, 0.98), ("data", "axes fraction")
+                label = f" {repetition.kind} {number}"
+                axes.annotate(label, place, xycoords=units, ha="left", va="top", size=12, color=colour)

@@ -73,17 +73,19 @@ class CorrelationCurve:
 
     def limbs_at(self, index: int) -> list[LimbCurve]:
         """The limbs that agree at an offset, of all tracks that were given to a wearer there."""
-        return [one for pair in self.pairs if pair.chosen[index] for one in self._of(pair) if one.gain[index] > 0]
+        return [limb for pair in self.pairs if pair.chosen[index] for limb in self._of(pair) if limb.gain[index] > 0]
 
     def explained(self, index: int) -> float:
         """The share of limbs' motion in the image that sensors explain at an offset: a mean R², of the best track."""
         pairs = [self._of(pair) for pair in self.pairs if pair.chosen[index]]
-        sums = [(sum(one.gain[index] for one in limbs), sum(one.instants[index] for one in limbs)) for limbs in pairs]
+        sums = [
+            (sum(limb.gain[index] for limb in limbs), sum(limb.instants[index] for limb in limbs)) for limbs in pairs
+        ]
         gain, instants = max(sums, default=(0.0, 1.0))
         return float(1 - np.exp(-max(gain, 0.0) / max(instants, 1.0)))
 
     def _of(self, pair: Pair) -> list[LimbCurve]:
-        return [one for one in self.tracks[pair.track] if one.wearer == pair.wearer]
+        return [limb for limb in self.tracks[pair.track] if limb.wearer == pair.wearer]
 
 
 def peak_vertex(offset: Array, gain: Array, index: int, reach_s: float) -> tuple[float, float]:
@@ -139,11 +141,11 @@ def _assigned(
     The best pair first, then the best of those left: a track is one wearer, and a wearer is in one place at a time.
     Without that, somebody who walks in step with a wearer would pull the clocks to where their steps agree.
     """
-    found = [(t, w) for t, curves in enumerate(every) for w in sorted({one.wearer for one in curves})]
-    if not found:
+    candidates = [(t, w) for t, curves in enumerate(every) for w in sorted({curve.wearer for curve in curves})]
+    if not candidates:
         return (), np.zeros(lags)
-    gain = np.stack([np.sum([one.gain for one in every[t] if one.wearer == w], axis=0) for t, w in found])
-    track, wearer = np.array(found).T
+    gain = np.stack([np.sum([curve.gain for curve in every[t] if curve.wearer == w], axis=0) for t, w in candidates])
+    track, wearer = np.array(candidates).T
     start = np.array([tracks[t].time[0] for t in track])
     end = np.array([tracks[t].time[-1] for t in track])
     both = np.minimum(end[:, None], end) - np.maximum(start[:, None], start)
@@ -158,7 +160,7 @@ def _assigned(
         total += value[best, np.arange(lags)]
         chosen[best[more], np.flatnonzero(more)] = True
         free &= ~excluded[best].T
-    return tuple(Pair(t, w, row) for (t, w), row in zip(found, chosen, strict=True)), total
+    return tuple(Pair(t, w, row) for (t, w), row in zip(candidates, chosen, strict=True)), total
 
 
 def _limb_curves(
@@ -222,19 +224,19 @@ def _gain(image: Signal, features: Sequence[Signal], width: float) -> tuple[Arra
     x = np.conj(transform(image.values))
     square = np.conj(transform(np.sum(image.values**2, axis=1)))
     valid = transform(features[0].valid.astype(float))
-    f = [transform(one.values) for one in features]
+    f = [transform(feature.values) for feature in features]
     if len(features) == 1:  # a map for each axis
         cross = [x[:, row, None] * f[0] for row in (0, 1)]
     else:  # one map for both
         cross = [x[:, 0, None] * f[0] + x[:, 1, None] * f[1]]
-    products = sum(transform(np.einsum("ti,tj->tij", one.values, one.values)) for one in features)
+    products = sum(transform(np.einsum("ti,tj->tij", feature.values, feature.values)) for feature in features)
     common = scipy.fft.irfft(mask * valid, size)[:lags]
     power = scipy.fft.irfft(square * valid, size)[:lags]
     S = scipy.fft.irfft(mask[:, None, None] * products, size, axis=0)[:lags]
     S = S + (RIDGE * np.trace(S, axis1=1, axis2=2)[:, None, None] + 1e-12) * np.eye(3)
     explained = np.zeros(lags)
-    for one in cross:
-        s = scipy.fft.irfft(one, size, axis=0)[:lags]
+    for spectrum in cross:
+        s = scipy.fft.irfft(spectrum, size, axis=0)[:lags]
         explained += np.einsum("li,li->l", s, np.linalg.solve(S, s[..., None])[..., 0])
     enough = common > LEAST_SAMPLES
     share = np.where(enough & (power > 0), explained / np.where(power > 0, power, 1.0), 0.0)

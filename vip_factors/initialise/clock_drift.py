@@ -65,7 +65,7 @@ def find_drift(
         stretch: seconds of one: enough steps to tell an offset to some milliseconds.
         most: seconds a second; a rate told as 30 for 29.97 Hz is half of it, quartz clocks are a hundred times better.
     """
-    start, end = min(one.time[0] for one in tracks), max(one.time[-1] for one in tracks)
+    start, end = min(track.time[0] for track in tracks), max(track.time[-1] for track in tracks)
     count = int((end - start) // stretch)
     if count < LEAST_STRETCHES:
         return None
@@ -86,8 +86,8 @@ def find_drift(
     measured = _fitted(offset, gain, time, line)
     if measured is None:
         return None
-    own, drift, sigma, used = measured
-    return ClockDrift(drift, sigma, float(middle), seconds + own, float(end - start), used)
+    offset_at_middle, drift, sigma, used = measured
+    return ClockDrift(drift, sigma, float(middle), seconds + offset_at_middle, float(end - start), used)
 
 
 def between(track: ImageTrack, first: float, last: float, seconds: float) -> ImageTrack | None:
@@ -101,18 +101,18 @@ def between(track: ImageTrack, first: float, last: float, seconds: float) -> Ima
 def _best_line(offset: Array, gain: Array, time: Array, half: float, most: float) -> tuple[float, float]:
     """Offset in the middle and drift of the line ``o + d t`` along which all curves together are highest."""
     at_middle = offset[np.abs(offset) <= OFFSETS_S]
-    best, found = -1.0, (0.0, 0.0)
+    best, line = -1.0, (0.0, 0.0)
     steps = int(np.ceil(most * half / GRID_S))
     for drift in np.linspace(-most, most, 2 * steps + 1):
         along = [
-            np.interp(at_middle + drift * t, offset, own, left=0.0, right=0.0)
-            for t, own in zip(time, gain, strict=True)
+            np.interp(at_middle + drift * t, offset, curve, left=0.0, right=0.0)
+            for t, curve in zip(time, gain, strict=True)
         ]
         total = np.sum(along, axis=0)
         place = int(np.argmax(total))
         if total[place] > best:
-            best, found = float(total[place]), (float(at_middle[place]), float(drift))
-    return found
+            best, line = float(total[place]), (float(at_middle[place]), float(drift))
+    return line
 
 
 def _fitted(
@@ -121,18 +121,18 @@ def _fitted(
     """Offset, drift, its standard deviation, and how many stretches told: each by its peak beside the line."""
     least_gain = 10.0  # nats of a stretch that counts
     rows = []
-    for t, own in zip(time, gain, strict=True):
+    for t, curve in zip(time, gain, strict=True):
         near = np.flatnonzero(np.abs(offset - (line[0] + line[1] * t)) <= BESIDE_S)
-        if len(near) and own[near].max() >= least_gain:
-            rows.append((t, *peak_vertex(offset, own, int(near[np.argmax(own[near])]), FIT_S)))
+        if len(near) and curve[near].max() >= least_gain:
+            rows.append((t, *peak_vertex(offset, curve, int(near[np.argmax(curve[near])]), FIT_S)))
     if len(rows) < LEAST_STRETCHES:
         return None
     t, peak, weight = np.array(rows).T
     A = np.stack([np.ones_like(t), t], axis=1)
     information = (A.T * weight) @ A
-    own, drift = np.linalg.solve(information, (A.T * weight) @ peak)
-    left = peak - own - drift * t
+    offset_at_middle, drift = np.linalg.solve(information, (A.T * weight) @ peak)
+    left = peak - offset_at_middle - drift * t
     # Beside what the curves' widths promise, stretches scatter by what limbs and detectors do differently in each.
     scatter = float(np.sum(weight * left**2) / max(len(t) - 2, 1))
     sigma = np.sqrt(np.linalg.inv(information)[1, 1] * max(scatter, 1.0))
-    return float(own), float(drift), float(sigma), len(rows)
+    return float(offset_at_middle), float(drift), float(sigma), len(rows)

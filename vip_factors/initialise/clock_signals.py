@@ -69,12 +69,12 @@ def _joined(detections: Detections, pixels: Array) -> list[list[int]]:
     for frame in np.unique(detections.frame):
         here = np.arange(*detections.of_frame(int(frame)).indices(len(detections)))
         now = detections.time[frame]
-        fresh = [now - detections.time[detections.frame[one[-1]]] <= longest_gap_s for one in alive]
-        done += [one for one, young in zip(alive, fresh, strict=True) if not young]
-        alive = [one for one, young in zip(alive, fresh, strict=True) if young]
+        fresh = [now - detections.time[detections.frame[rows[-1]]] <= longest_gap_s for rows in alive]
+        done += [rows for rows, young in zip(alive, fresh, strict=True) if not young]
+        alive = [rows for rows, young in zip(alive, fresh, strict=True) if young]
         taken: set[int] = set()
         if alive:
-            shift = _shifts(pixels[[one[-1] for one in alive]], pixels[here])
+            shift = _shifts(pixels[[rows[-1] for rows in alive]], pixels[here])
             ended = []
             for row, column in zip(*scipy.optimize.linear_sum_assignment(np.minimum(shift, 1e3)), strict=True):
                 if shift[row, column] > reach:
@@ -86,7 +86,7 @@ def _joined(detections: Detections, pixels: Array) -> list[list[int]]:
                 alive[row].append(int(here[column]))
                 taken.add(int(column))
             done += [alive[row] for row in ended]
-            alive = [one for row, one in enumerate(alive) if row not in ended]
+            alive = [rows for row, rows in enumerate(alive) if row not in ended]
         alive += [[int(index)] for column, index in enumerate(here) if column not in taken]
     return done + alive
 
@@ -179,7 +179,7 @@ def limb_directions(recording: Recording, grid: Array) -> dict[str, Signal]:
     orientation cannot be found are left out.
     """
     skeleton = recording.subject.body()
-    found = {}
+    directions = {}
     for sensor in recording.placed:
         site = recording.placement.site(sensor)
         if site.bone not in LIMBS:
@@ -188,8 +188,8 @@ def limb_directions(recording: Recording, grid: Array) -> dict[str, Signal]:
         turned = rotations_on(recording.imus[sensor], grid)
         if turned is not None:
             R, valid = turned
-            found[sensor] = Signal(R @ (site.R_bone_sensor.T @ axis), valid)
-    return found
+            directions[sensor] = Signal(R @ (site.R_bone_sensor.T @ axis), valid)
+    return directions
 
 
 def camera_rotation(mount: CameraMount, grid: Array) -> tuple[Array, np.ndarray] | None:

@@ -89,7 +89,7 @@ def body_of_estimate(estimate: WearerEstimate, source: str) -> BodyFile:
         )
     skeleton, seconds = estimate.motion.skeleton, len(estimate.motion) / estimate.motion.rate
     provenance = f"{source}, {estimate.method}, {seconds:.1f} s; {skeleton.source}"
-    hinges = tuple(one for one in body.hinges if np.all(np.isfinite(one.covariance)))
+    hinges = tuple(hinge for hinge in body.hinges if np.all(np.isfinite(hinge.covariance)))
     return BodyFile(who, skeleton, LengthPrior(body.names, body.covariance), hinges, provenance)
 
 
@@ -105,13 +105,13 @@ def write_body_file(path: str | Path, body: BodyFile, overwrite: bool = False) -
     lines += [f"{name} = {toml_text(p)}" for name, p in zip(JOINT_NAMES, skeleton.p_parent_joint, strict=True)]
     lines += ["", "[landmarks] # metres, points beyond the last joints"]
     lines += [
-        f"{toml_text(name)} = {{ bone = {toml_text(JOINT_NAMES[one.bone])}, p_m = {toml_text(one.p_bone_point)} }}"
-        for name, one in skeleton.landmarks.items()
+        f"{toml_text(name)} = {{ bone = {toml_text(JOINT_NAMES[point.bone])}, p_m = {toml_text(point.p_bone_point)} }}"
+        for name, point in skeleton.landmarks.items()
     ]
     lines += ["", "[lengths] # metres; as the skeleton has them, and how far each may be off"]
-    found = dict(zip(LENGTHS, lengths_of(skeleton), strict=True))
+    metres = dict(zip(LENGTHS, lengths_of(skeleton), strict=True))
     for name, sigma in zip(body.lengths.names, sigmas, strict=True):
-        length = f"found_m = {found[name]:.4f}, " if name in found else ""
+        length = f"found_m = {metres[name]:.4f}, " if name in metres else ""
         lines.append(f"{toml_text(name)} = {{ {length}sigma_m = {sigma:.6f} }}")
     lines += ["", "[correlations] # of those, row by row"]
     scale = np.maximum(sigmas, 1e-12)
@@ -261,7 +261,7 @@ def with_body(recording: Recording, body: BodyFile) -> Recording:
     """The recording with the body in the place of what it said of the wearer's; truth and samples stay."""
     before = recording.subject
     subject = subject_with(body, PlacementFile(before.name, mass_kg=before.mass_kg, sex=before.sex))
-    sites = tuple(_moved_site(one, before.body(), body.skeleton) for one in recording.placement.sites)
+    sites = tuple(_moved_site(site, before.body(), body.skeleton) for site in recording.placement.sites)
     return replace(recording, subject=subject, placement=replace(recording.placement, sites=sites))
 
 
@@ -278,7 +278,9 @@ def scene_with_body(scene: Scene, body: BodyFile, path: Path) -> Scene:
             "one of them; set its name to the wearer's"
         )
     place = names.index(body.name) if body.name in names else 0
-    wearers = tuple(with_body(one, body) if number == place else one for number, one in enumerate(scene.wearers))
+    wearers = tuple(
+        with_body(wearer, body) if number == place else wearer for number, wearer in enumerate(scene.wearers)
+    )
     return replace(scene, wearers=wearers)
 
 

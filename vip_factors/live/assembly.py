@@ -17,6 +17,7 @@ from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 
 MOST_REMEMBERED = 64  # handed out before: a link that sends again does so within moments
+REPEAT_S = 10.0  # at most so often the same finding about the same sensor is told
 
 
 class VideoQueue:
@@ -103,7 +104,7 @@ class FrameAssembler:
         self._columns = {(carrier, sensor): number for number, (carrier, sensor) in enumerate(columns)}
         self._labels = [f"sensor '{sensor}' of '{carrier}'" for carrier, sensor in columns]
         self._cameras = {one.name: (len(columns) + number, one) for number, one in enumerate(cameras)}
-        self._log = FindingLog(self._settings.repeat_after)
+        self._log = FindingLog(REPEAT_S)
         self._clocks = StreamClocks(len(columns), len(cameras), self._settings)
         self._presence = SensorPresence(self._labels, self._settings, self._log)
         self._buffer = SensorBuffer(len(columns))
@@ -210,7 +211,7 @@ class FrameAssembler:
         if now - past >= self._settings.dead_after:
             numbers = {"seconds": now - past, "begin": past}
             words = {"then": "tracking starts again" if now - past > self._settings.longest_pause else "going on"}
-            if past - self._lost_at <= self._settings.repeat_after:
+            if past - self._lost_at <= REPEAT_S:
                 dropped = Finding("samples dropped", numbers=numbers, words=words)
                 self._log.tally("lost", now, lambda _: dropped)  # as long as it does not keep up, now and then
             else:

@@ -31,16 +31,11 @@ class AssemblySettings:
     # A smaller one, of a sensor that was there: back behind its own newest sample, as packets seldom overtake one
     # another by more than three, or ahead of it and of all others. Less shows in nothing but the poses.
     step: float = 0.2
-    # Samples from such a clock, in a row, after which it is believed to have started again: a lone bad stamp never
-    # lasts, and a sensor switched off and on is back within the second.
-    restart_after: float = 0.5
-    # The same finding about the same sensor is told at most so often.
-    repeat_after: float = 10.0
 
     def __post_init__(self) -> None:
         for one in fields(self):
             value = getattr(self, one.name)
-            zero_allowed = one.name in ("settle", "reordering", "repeat_after")
+            zero_allowed = one.name in ("settle", "reordering")
             if not (0 <= value < float("inf")) or (value == 0 and not zero_allowed):
                 raise InputError(
                     f"assembly setting {one.name} = {value:g} s: expected a finite number, "

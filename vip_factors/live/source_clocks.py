@@ -8,6 +8,9 @@ from typing import NamedTuple
 from vip_factors.findings import Finding, FindingLog
 from vip_factors.live.settings import AssemblySettings
 
+# s of samples in a row from a clock that has jumped, after which it is believed to have started again: a lone bad stamp
+# never lasts, and a sensor switched off and on is back within the second.
+RESTART_S = 0.5
 SHARED_OFFSET = 0.5  # s: a clock that starts again this near to another's new time has started with it
 STRAYS = 1000  # refused in a row without any order: told, even if nobody's time goes on
 
@@ -114,10 +117,10 @@ class StreamClocks:
             refused = self._refused[source] = fresh
         refused.newest = max(refused.newest, time)
         refused.count += 1
-        lasts = refused.newest - refused.first >= self._settings.restart_after
+        lasts = refused.newest - refused.first >= RESTART_S
         if not is_ahead and moment >= self._newest[source] - self._settings.step:
             # Its own time goes on, far behind the others': a backlog comes in faster than time passes.
-            lasts &= self.present - refused.present_before >= self._settings.restart_after / 2
+            lasts &= self.present - refused.present_before >= RESTART_S / 2
         if is_ahead and self._all_were_silent(source, moment, alive, lasts):
             self._refused = [None if one is not None and one.ahead else one for one in self._refused]  # as right as it
             return self._accept(source, moment)

@@ -95,13 +95,6 @@ def test_a_live_page_says_where_it_is_and_for_whom(run: Callable, scene: Path, t
 
 
 @pytest.mark.usefixtures("stubbed")
-def test_without_sinks_it_says_how_fast_it_is(run: Callable, scene: Path) -> None:
-    done = run("stream", scene)
-    assert done.code == 0, done.err
-    assert done.out.startswith(f"{FRAMES} frames; update: median 5.0 ms, 95 % 5.0 ms")
-
-
-@pytest.mark.usefixtures("stubbed")
 def test_settings_come_from_a_file_and_options_win(run: Callable, scene: Path, tmp_path: Path) -> None:
     (tmp_path / "s.toml").write_text("lag_s = 0.5\nstart_s = 2\n[walk]\nheading_deg = 0.7\n")
     out = tmp_path / "e.mcap"
@@ -305,16 +298,12 @@ def test_findings_of_the_source_are_told_and_kept(capsys: pytest.CaptureFixture[
     ]
 
 
-def test_the_tracker_learns_of_samples_that_were_dropped() -> None:
+def test_the_tracker_learns_of_lost_samples_and_of_those_that_have_waited() -> None:
     tracker = Silent()
     session = Session(tracker, [], [], StatusLine(False))
     session.take(LiveLoss("the tracker does not keep up"))
     assert tracker.lost
-
-
-def test_the_tracker_learns_how_long_a_sample_has_waited() -> None:
-    tracker = Silent()
-    Session(tracker, [], [], StatusLine(False)).take(next(iter(live_samples(live_scene(0.1)))), 0.25)
+    session.take(next(iter(live_samples(live_scene(0.1)))), 0.25)
     assert tracker.behind_s == 0.25
 
 
@@ -359,16 +348,6 @@ def test_the_status_and_the_summary() -> None:
     told = summary([0.005] * 99 + [0.02], 60.0)
     assert told == "100 frames; update: median 5.0 ms, 95 % 5.0 ms, 99 % 5.2 ms, worst 20.0 ms (a frame lasts 16.7 ms)"
     assert stream_session.LINE_S > 0
-
-
-def test_the_status_line_of_a_terminal(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
-    with StatusLine() as line:
-        assert line.shown
-        line.show("frame 1")
-        line.note("note: [red] is no markup")
-    assert "note: [red] is no markup" in capsys.readouterr().err
-    assert not StatusLine(False).shown
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are looked for in /proc")

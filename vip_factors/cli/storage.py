@@ -36,8 +36,10 @@ def location(text: str) -> Path:
     if not is_url(text):
         return Path(text)
     try:
+        from fsspec import get_filesystem_class
         from upath import UPath
 
+        get_filesystem_class(text.partition("://")[0])  # UPath takes an unknown kind of URL for a path
         path: Any = UPath(text, use_listings_cache=False)
         path.fs  # noqa: B018 - imports the package of this kind of URL
     except (ImportError, ValueError) as error:

@@ -234,8 +234,8 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
         scene.wearers[index].subject.name: _wearer(estimate, scene, index, comparison) for index in comparison.wearers
     }
     for name in ("mpjpe", "mpjpe_true_body", "mpjae", "scene_position_error", "length_error", "joint_centre_error"):
-        each = [evaluation.metrics[name] for evaluation in wearers.values()]
-        table[name] = Metric(float(np.mean([one.value for one in each])), each[0].unit)
+        values = [evaluation.metrics[name] for evaluation in wearers.values()]
+        table[name] = Metric(float(np.mean([metric.value for metric in values])), values[0].unit)
     gauge = comparison.gauge
     turn = yaw(gauge) if gauge is not None else None
     table |= sensors(estimate, scene, turn)

@@ -202,24 +202,26 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
     true_path = scene.truth.camera if scene is not None and scene.truth is not None else None
     if true_path is None and scene is not None and scene.camera is not None:
         true_path = scene.camera.known_path
-    found = estimate.camera if estimate is not None else None
-    path = found.path if found is not None else None
+    camera_estimate = estimate.camera if estimate is not None else None
+    path = camera_estimate.path if camera_estimate is not None else None
     gauge = comparison.gauge if comparison is not None else None
     if gauge is not None and path is not None:
         wearers = [_moved(wearer, gauge) for wearer in wearers]
         path = move_path(path, gauge)
     elif comparison is not None:
         wearers = [_moved_alone(wearer, comparison.gauges.get(wearer.index)) for wearer in wearers]
-    apart = found is None and _unknown_places(wearers)
+    apart = camera_estimate is None and _unknown_places(wearers)
     if apart:
         wearers = _apart(wearers)
     camera = scene.camera if scene is not None else None
     name = estimate.name if estimate is not None else scene.name if scene is not None else ""
-    clock = found.clock if found is not None else camera.clock if camera is not None else VideoClock()
+    clock = (
+        camera_estimate.clock if camera_estimate is not None else camera.clock if camera is not None else VideoClock()
+    )
     return DrawnScene(
         name,
         tuple(wearers),
-        found.model if found is not None else camera.model if camera is not None else None,
+        camera_estimate.model if camera_estimate is not None else camera.model if camera is not None else None,
         path if path is not None else true_path,
         true_path if path is not None else None,
         camera.detections.timed(clock) if camera is not None else None,
@@ -280,11 +282,10 @@ def _wearer(
     """The estimate and the truth at common frames, or the one that there is."""
     name = recording.subject.name if recording is not None else f"wearer {index + 1}"
     if comparison is not None:
-        motion, true = comparison.pair
-        return DrawnWearer(name, index, motion, true, recording, estimate, comparison=comparison)
-    whole = check_frames(estimate.motion) if estimate is not None else None
-    known = truth.motion if truth is not None and len(truth.motion) else None
-    return DrawnWearer(name, index, whole, known, recording, estimate)
+        return DrawnWearer(name, index, *comparison.pair, recording, estimate, comparison=comparison)
+    motion = check_frames(estimate.motion) if estimate is not None else None
+    true_motion = truth.motion if truth is not None and len(truth.motion) else None
+    return DrawnWearer(name, index, motion, true_motion, recording, estimate)
 
 
 def _moved(wearer: DrawnWearer, gauge: Alignment) -> DrawnWearer:

@@ -94,8 +94,8 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
     standing = [body for wearer in drawn.wearers if (body := wearer.shown or wearer.rest) is not None]
     if drawn.compare is Compare.SIDE:
         standing += [wearer.truth for wearer in drawn.wearers if wearer.motion is not None and wearer.truth is not None]
-    through = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None and drawn.video is None]
-    stage = Stage(standing, floor, images, through, bool(shown), _towards_camera(drawn), drawn.apart)
+    seen_through = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None and drawn.video is None]
+    stage = Stage(standing, floor, images, seen_through, bool(shown), _towards_camera(drawn), drawn.apart)
     panels = recorded_panels(plots, span_of(drawn), log_legend(stream, colours))
     stream.send_blueprint(stage.blueprint(panels))
 
@@ -152,8 +152,8 @@ def _log_wearer(
         path = np.column_stack([truth.p_world_pelvis[:, :2], np.full(len(truth), floor)])
         log_trail(stream, _below(wearer.name, "true_path"), path, GHOST_COLOUR)
     if wearer.recording is not None:
-        known = wearer.recording.truth.calibration if wearer.recording.truth is not None else None
-        calibration = wearer.estimate.calibration if wearer.estimate is not None else known
+        true_calibration = wearer.recording.truth.calibration if wearer.recording.truth is not None else None
+        calibration = wearer.estimate.calibration if wearer.estimate is not None else true_calibration
         log_sensors(stream, body, wearer.recording.placement, calibration, sensors)
 
 

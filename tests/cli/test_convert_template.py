@@ -96,7 +96,7 @@ def test_a_known_format_gets_a_placement_alone(run, tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("a,b\n1,2\n3,4\n", "no column's name tells acceleration, angular rate or orientation (log.csv: a, b)"),
-        ("hello\n", "no table of numbers there"),
+        ("hello\n", "holds no row of two numbers or more"),
         ("acc_x,acc_y\n1,2\n3,4\n", "expected names such as pelvis_acc_x"),
     ],
 )

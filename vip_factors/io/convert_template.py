@@ -83,10 +83,12 @@ def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
     files = candidates(path, SUFFIXES)
     guessed: dict[Path, dict[str, tuple[SensorColumns, list[str]]]] = {}
     seen: list[str] = []
+    refused = ""
     for file in files:
         try:
             table = read_text_table(file)
-        except FileFormatError:
+        except FileFormatError as error:
+            refused = refused or str(error)
             continue
         seen = seen or [f"{file.name}: {', '.join(table.names[:12])}"]
         sensors_of_table = guess_columns(table)
@@ -98,8 +100,8 @@ def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]]]:
     if not guessed:
         raise FileFormatError(
             f"{path}: no column's name tells acceleration, angular rate or orientation ("
-            f"{'; '.join(seen) or 'no table of numbers there'}): expected names such as pelvis_acc_x, pelvis_gyr_x, "
-            "pelvis_quat_w; write the column map by hand"
+            f"{'; '.join(seen) or refused or 'no table of numbers there'}): expected names such as pelvis_acc_x, "
+            "pelvis_gyr_x, pelvis_quat_w; write the column map by hand"
         )
     sensors, reasons = {}, {}
     shared = _shared_start([file.stem for file in guessed])

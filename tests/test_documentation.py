@@ -4,7 +4,6 @@ import re
 import shlex
 import subprocess
 import sys
-import tomllib
 from dataclasses import fields
 from pathlib import Path
 
@@ -13,10 +12,8 @@ import pytest
 from tests.studies.__main__ import study_of
 from vip_factors.cli.main import COMMANDS
 from vip_factors.cli.options import options_of, parse
-from vip_factors.cli.run import RunOptions
 from vip_factors.io.convert import FORMATS as LOG_FORMATS
 from vip_factors.io.export.files import FORMATS as EXPORT_FORMATS
-from vip_factors.io.placement_file import placement_from_file
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -100,22 +97,6 @@ def test_commands_are_understood(page: Path, tmp_path: Path, monkeypatch: pytest
     for command, *words in commands(page):
         options = parse(options_of(command), f"vip-factors {command}", words)
         assert command != "convert" or (options.out is None) == (options.template is not None)
-
-
-def test_the_way_from_a_video_is_shown_whole() -> None:
-    page = DOCS / "video.md"
-    assert {words[0] for words in commands(page)} == {"convert", "detect", "report", "run"}
-    passed_on = re.findall(r"`--([a-z-]+)=", page.read_text(encoding="utf-8"))
-    assert {one.replace("-", "_") for one in passed_on} <= {one.name for one in fields(RunOptions)}
-
-
-def test_placements_are_placements(tmp_path: Path) -> None:
-    placements = blocks(DOCS / "converting.md", "toml")
-    assert len(placements) == 2
-    for text in placements:
-        path = tmp_path / "placement.toml"
-        path.write_text(text)
-        assert set(placement_from_file(path).sensors) == set(tomllib.loads(text)["sensors"])
 
 
 @pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=[*NAMES, "CONTRIBUTING.md"])

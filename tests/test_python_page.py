@@ -18,11 +18,6 @@ def test_the_tables_name_every_name() -> None:
         assert re.search(rf"\b{name}\b", tables), name
 
 
-def test_the_program_is_a_screen_long() -> None:
-    assert len(PROGRAM.splitlines()) <= 50
-    assert PROGRAM in BLOCKS
-
-
 @pytest.mark.parametrize("number", range(len(BLOCKS)))
 def test_the_examples_run(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)

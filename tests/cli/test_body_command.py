@@ -41,14 +41,6 @@ def test_info_tells_lengths_before_and_after(run: Run, folder: Path) -> None:
         assert words in told.out
 
 
-def test_info_tells_places_on_the_bones(run: Run, folder: Path) -> None:
-    told = run("info", folder / "e.mcap").out
-    for words in ("sensors' places", "pelvis", "left forearm", "keypoints' offsets", "forward", "outward"):
-        assert words in told
-    [hip] = [line for line in told.splitlines() if line.split()[:1] == ["hip"] and "(" in line]
-    assert hip.count("(0 ± 20)") == 3  # the prior stands beside what was found
-
-
 def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path: Path) -> None:
     told = run("body", folder / "e.mcap", "--out", tmp_path / "ada.toml")
     assert told.code == 0, told.err

@@ -6,26 +6,10 @@ import numpy as np
 import pytest
 
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_recording import read_scene
 
 
 def test_version(run) -> None:
     assert run("--version").out.startswith("vip-factors ")
-
-
-def test_simulated_recording_is_what_was_asked_for(files) -> None:
-    recording = read_scene(files.recording).wearers[0]
-    assert set(recording.imus) == set(recording.placed)
-    assert len(recording.imus) == 6
-    assert recording.initial_pose == "n-pose"
-    assert recording.truth is not None
-
-
-def test_smooth_writes_beside_the_recording_with_its_settings(files) -> None:
-    estimate = read_estimate(files.estimate).only_wearer
-    assert estimate.motion.rate == pytest.approx(20.0)
-    assert estimate.settings["solve.max_iterations"] == "3"
-    assert set(estimate.calibration) == set(estimate.sensors)
 
 
 def test_info_tells_sensors_and_solves(run, files) -> None:

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
-from vip_factors.findings import bare
-from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording
 
 
@@ -52,12 +50,6 @@ def test_two_wearers_and_a_camera(run, files, tmp_path: Path, poses: Path) -> No
     assert "left_forearm" in info.out
 
 
-def test_without_a_camera_convert_writes_a_plain_recording(run, files, tmp_path: Path) -> None:
-    told = run("convert", files.recording, tmp_path / "a.mcap")
-    assert told.code == 0, told.err
-    assert read_scene(tmp_path / "a.mcap").wearers[0].name == read_scene(files.recording).wearers[0].name
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -77,29 +69,6 @@ def test_what_does_not_fit_is_one_sentence(run, files, tmp_path: Path, monkeypat
     assert words in told.err
     assert told.err.count("\n") == 1
     assert not (tmp_path / "out.mcap").exists()
-
-
-def test_info_on_the_estimate_of_a_scene(run, files, tmp_path: Path) -> None:
-    from vip_factors.estimate import CameraEstimate, Estimate
-    from vip_factors.io.mcap_estimate import read_estimate
-    from vip_factors.sensors.camera_model import CameraModel
-    from vip_factors.sensors.camera_path import CameraPath
-
-    one = read_estimate(files.estimate).only_wearer
-    T = len(one.motion)
-    path = CameraPath(one.motion.time, np.tile(np.eye(3), (T, 1, 1)), np.linspace(0, 1, T)[:, None] * [3.0, 0, 0])
-    model = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
-    covariance = np.tile(np.eye(6) * 1e-4, (T, 1, 1))
-    camera = CameraEstimate("phone", model, path, None, covariance, np.full((T, 1), 2.5))
-    estimate = Estimate("walk", "VIP", (one,), camera, np.array([0, 0, -1]), (), (bare("the floor is wet"),))
-    write_estimate(estimate, tmp_path / "e.mcap")
-    told = run("info", tmp_path / "e.mcap")
-    assert told.code == 0, told.err
-    for words in (
-        "estimate 'walk', method VIP", "care: +the floor is wet", r"path: +3\.00 m in", r"± 0\.6° and ± 1\.0 cm",
-        rf"{one.motion.name} +{T} +2\.5 +2\.5", rf"{one.motion.name} +2 +66\.7 %", r"nobody .* 1 +33\.3 %",
-    ):  # fmt: skip
-        assert re.search(words, told.out), words
 
 
 FLOOR = "[floor]\nR_floor_camera = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]\np_floor_camera = [{0}, -4, 1.2]\n"

@@ -5,11 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.mcap_recording import read_scene
-from vip_factors.sensors.calibration import SITES
 
 SENSORS = ("LF", "RS", "TR")
 
@@ -127,30 +125,6 @@ def test_existing_files_are_kept_and_one_thing_is_asked_at_a_time(run, tmp_path:
     assert not (tmp_path / "g_columns.toml").exists()
     assert "leave one of them out" in run("convert", log, tmp_path / "a.mcap", "--template", tmp_path / "h").err
     assert "no RECORDING.mcap" in run("convert", log).err
-
-
-@pytest.mark.data
-def test_real_logs_from_guesses_left_as_they_are(run, data_folder: Path, tmp_path: Path) -> None:
-    for log, count in (
-        (data_folder / "geneva_gait" / "P01_Gait_04" / "imu.csv", 8),
-        (data_folder / "xsens_treadmill_optical" / "OpenSim_Sub02_CSBaseline_Accel.trc", 8),
-    ):
-        assert run("convert", log, "--template", tmp_path / "g", "--overwrite").code == 0
-        options = ("--columns", tmp_path / "g_columns.toml", "--placement", tmp_path / "g_placement.toml")
-        told = run("convert", log, tmp_path / "a.mcap", *options, "--overwrite")
-        assert told.code == 0, told.err
-        recording = read_scene(tmp_path / "a.mcap").wearers[0]
-        assert len(recording.placed) == count
-        assert {site.bone for site in recording.placement.sites} <= set(JOINT_NAMES)
-        assert all(one.specific_force is not None and len(one) > 300 for one in recording.imus.values())
-
-
-def test_sites_are_explained(run) -> None:
-    told = run("info", "--sites")
-    assert told.code == 0
-    assert all(site in told.out for site in SITES)
-    assert run("info").code == 2
-    assert "either a FILE or --sites" in run("info", "a.mcap", "--sites").err
 
 
 def test_sites_are_drawn(run, tmp_path) -> None:

@@ -81,19 +81,6 @@ def test_picture_and_table_of_a_scene(run: Callable, filmed: Path, tmp_path: Pat
     assert [path.name for path in tmp_path.iterdir()] == ["graph.svg"]
 
 
-@needs_graphviz
-def test_a_recording_without_a_camera_beside_it(run: Callable, files, tmp_path: Path) -> None:
-    recording = tmp_path / "walk.mcap"
-    recording.write_bytes(files.recording.read_bytes())
-    told = run("graph", recording, "--frame", "0", *SMALL)
-    assert told.code == 0, told.err
-    assert told.out.splitlines()[-1] == str(tmp_path / "walk.graph.svg")
-    assert "camera pose" not in told.out
-    text = (tmp_path / "walk.graph.svg").read_text(encoding="utf-8")
-    assert "frame 0<" in text
-    assert "camera" not in text
-
-
 def test_what_cannot_be_drawn_is_refused(run: Callable, filmed: Path, tmp_path: Path) -> None:
     existing = tmp_path / "a.svg"
     existing.write_text("mine", encoding="utf-8")

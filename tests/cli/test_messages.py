@@ -2,7 +2,6 @@
 
 import re
 import sys
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +10,6 @@ import pytest
 
 from vip_factors.cli.main import main
 from vip_factors.describe.recordings import path_text
-from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_messages import CALIBRATION
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.sensors.calibration import Placement
 
@@ -94,16 +91,6 @@ def test_info_tells_sites_and_mountings_with_their_sigmas(run, files) -> None:
     assert re.search(r"head +head +[-0-9.]+ ± .* [-0-9.]+ [-0-9.]+ [-0-9.]+ [-0-9.]+ +± [0-9.]+°\n", told)
 
 
-def test_calibrations_without_bones_are_read(files) -> None:
-    """As files of older versions have them."""
-    calibration = read_estimate(files.estimate).only_wearer.calibration
-    assert {one.bone for one in calibration.values()} > {"head", "pelvis"}
-    message = CALIBRATION.encode(calibration)
-    for one in message.sensors:
-        one.ClearField("bone")
-    assert {one.bone for one in CALIBRATION.decode(message).values()} == {""}
-
-
 def test_a_stream_of_sensors_nowhere_says_what_to_do(run, files, tmp_path: Path) -> None:
     nowhere = tmp_path / "nowhere.mcap"
     recording = read_scene(files.recording).wearers[0]
@@ -156,9 +143,3 @@ def test_smooth_says_what_to_do_next_to_a_person_alone(
     assert last.startswith(f"next: vip-factors view '{tmp_path}/an estimate.mcap' ")
     assert "vip-factors report " in last
     assert "vip-factors export " in last
-
-
-def test_the_same_readers_still_read(files) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        assert read_estimate(files.estimate).only_wearer.name == read_scene(files.recording).wearers[0].name == "walk"

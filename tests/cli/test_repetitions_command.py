@@ -9,11 +9,8 @@ import pytest
 from exercises import exercises
 from simulated_walk import walk
 
-from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.repetitions.files import write_repetitions
-from vip_factors.repetitions.repetitions import all_repetitions
 from vip_factors.report.page import report_page
 from vip_factors.report.report_data import report_data
 
@@ -42,11 +39,6 @@ def test_files_of_an_estimate(run: Callable, made: Estimate, tmp_path: Path) -> 
     assert run("repetitions", tmp_path / "gym.estimate.mcap").code == 2
     assert run("repetitions", tmp_path / "gym.estimate.mcap", "--overwrite").code == 0
     assert run("repetitions", tmp_path / "gym.estimate.mcap", "-o", tmp_path / "gym.estimate.mcap").code == 2
-
-
-def test_two_of_one_name_are_refused(made: Estimate, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="different names"):
-        write_repetitions(all_repetitions(made) * 2, tmp_path)
 
 
 def test_the_report_has_a_section_only_of_those_who_exercise(made: Estimate) -> None:

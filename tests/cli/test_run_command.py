@@ -60,14 +60,6 @@ def test_the_steps_of_one_wearer_with_a_video(tmp_path: Path) -> None:
     assert inputs["smooth"] == (tmp_path / "o" / "synced.mcap",)
 
 
-def test_a_known_offset_and_found_poses_leave_steps_out(tmp_path: Path) -> None:
-    given = options(tmp_path, time_offset_s=-1.5, detections=Path("poses.json"), camera=Path("c.toml"))
-    made = run_options(given)
-    assert [step.name for step in steps(made)] == ["convert", "smooth", "report"]
-    assert made.camera is not None
-    assert made.camera.time_offset == -1.5
-
-
 def test_found_poses_need_no_video() -> None:
     given = RunOptions((Path("xsens"),), detections=Path("poses.json"), camera=Path("c.toml"), video_rate=30.0)
     made = run_options(given)
@@ -75,14 +67,6 @@ def test_found_poses_need_no_video() -> None:
     assert made.camera is not None
     assert made.camera.rate == 30.0
     assert [step.name for step in steps(made)] == ["convert", "sync", "smooth", "report"]
-
-
-def test_options_of_the_detector_are_passed_on(tmp_path: Path) -> None:
-    made = run_options(options(tmp_path, overlay=True, detect_options="--every 2 --search-s 1"))
-    assert made.detector is not None
-    assert made.detector.stretch is not None
-    assert (made.detector.stretch.every, made.detector.settings.search_s) == (2, 1.0)
-    assert made.detector.overlay == tmp_path / "o" / "poses.mp4"
 
 
 def test_the_steps_of_two_wearers(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from scene_sample import Injected, estimate_of, scene_sample
 
-from vip_factors.cli.files import open_one
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.scene import Scene
@@ -35,22 +34,6 @@ def test_evaluate_prints_the_scene_and_writes_json(run: Callable, folder: Path, 
     assert json.loads((tmp_path / "e.json").read_text())["pairs"]["ann - bob"]["relative_mm"] == pytest.approx(50, 0.01)
 
 
-def test_evaluate_without_truth_says_so(run: Callable, folder: Path) -> None:
-    done = run("evaluate", folder / "vip.mcap", "--truth", folder / "bare.mcap")
-    assert done.code == 2
-    assert "holds no truth" in done.err
-
-
-def test_view_draws_all_kinds_of_files(run: Callable, folder: Path, tmp_path: Path) -> None:
-    made = [tmp_path / name for name in ("a.rrd", "a.png", "c.png")]
-    done = run(
-        "view", folder / "scene.mcap", folder / "vip.mcap", "--save", made[0], "--picture", made[1], "--chart", made[2]
-    )
-    assert done.code == 0, done.err
-    assert done.out.split() == [str(path) for path in (made[2], made[1], made[0])]
-    assert all(path.stat().st_size > 1000 for path in made)
-
-
 def test_a_chart_takes_several_estimates_of_one_scene(run: Callable, folder: Path, tmp_path: Path) -> None:
     estimates = (folder / "vip.mcap", folder / "other.mcap")
     done = run("view", folder / "scene.mcap", *estimates, "--chart", tmp_path / "c.png")
@@ -60,26 +43,3 @@ def test_a_chart_takes_several_estimates_of_one_scene(run: Callable, folder: Pat
     assert "several scenes" in done.err
     done = run("view", folder / "scene.mcap", "--chart", tmp_path / "d.png")
     assert "no estimate" in done.err
-
-
-def test_a_scene_of_one_wearer_without_a_camera_is_a_recording(folder: Path) -> None:
-    opened = open_one(folder / "alone.mcap")
-    assert not opened.is_scene
-    assert opened.recording.subject.name == "ann"
-    assert opened.estimate is None
-    assert open_one(folder / "scene.mcap").scene.camera is not None
-    assert len(open_one(folder / "vip.mcap").estimate.wearers) == 2
-
-
-def test_one_wearer_without_a_camera_goes_all_ways(run: Callable, folder: Path, tmp_path: Path) -> None:
-    whole = estimate_of(scene_sample(0.5))
-    single = replace(whole, wearers=whole.wearers[:1], camera=None, wearer_of_detection=whole.wearer_of_detection[:0])
-    write_estimate(single, tmp_path / "single.mcap")
-    done = run("evaluate", tmp_path / "single.mcap", "--truth", folder / "alone.mcap")
-    assert done.code == 0, done.err
-    assert "| heading_error_95th |" in done.out
-    made = [tmp_path / name for name in ("a.rrd", "a.png", "c.png")]
-    files = (folder / "alone.mcap", tmp_path / "single.mcap")
-    done = run("view", *files, "--save", made[0], "--picture", made[1], "--chart", made[2])
-    assert done.code == 0, done.err
-    assert all(path.stat().st_size > 1000 for path in made)

@@ -5,13 +5,11 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from vip_factors.cli.main import main
-from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.sensors.scene import Scene
 
@@ -52,14 +50,6 @@ def test_a_scene_goes_through_all_commands(run: Callable, filmed: Path, tmp_path
     told = run("view", filmed, made, "--save", tmp_path / "a.rrd", "--picture", tmp_path / "a.png")
     assert told.code == 0, told.err
     assert all((tmp_path / name).stat().st_size > 1000 for name in ("a.rrd", "a.png"))
-
-
-def test_the_camera_can_be_left_out(run: Callable, filmed: Path, tmp_path: Path) -> None:
-    made = tmp_path / "alone.mcap"
-    told = run("smooth", filmed, "--out", made, "--fusion.no-use-camera", *QUICK)
-    assert told.code == 0, told.err
-    assert "SIP, " in told.out
-    assert read_estimate(made).camera is None
 
 
 def test_findings_are_told_by_their_weight(run: Callable, filmed: Path, tmp_path: Path) -> None:
@@ -112,18 +102,3 @@ def test_wearers_who_share_no_time_are_refused(run: Callable, filmed: Path, tmp_
     assert "'apart'" in told.err
     assert "all wearers together" in told.err
     assert not (tmp_path / "apart.estimate.mcap").exists()
-
-
-def test_an_unknown_keypoint_set_is_refused(run: Callable, files: Any, tmp_path: Path) -> None:
-    entry = {"image_id": 0, "category_id": 1, "keypoints": [1.0] * 51}
-    (tmp_path / "poses.json").write_text(json.dumps([entry]))
-    (tmp_path / "camera.toml").write_text("width = 640\nheight = 480\nfx = 500\nfy = 500\ncx = 320\ncy = 240\n")
-    told = run(
-        "convert", files.recording, tmp_path / "out.mcap", "--detections", tmp_path / "poses.json",
-        "--camera", tmp_path / "camera.toml", "--video-rate", "30", "--keypoints", "coco71",
-    )  # fmt: skip
-    assert told.code == 2
-    assert told.err.count("\n") == 1
-    assert "'coco71'" in told.err
-    assert "coco17" in told.err
-    assert not (tmp_path / "out.mcap").exists()

@@ -12,7 +12,7 @@ import pytest
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.estimate import SolveReport
-from vip_factors.findings import Finding, verdict
+from vip_factors.findings import Finding
 from vip_factors.io.live_json import LiveJsonSink
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
@@ -65,12 +65,6 @@ def test_only_the_last_solve_has_to_settle() -> None:
         for reports in ((first, replace(last, converged=True)), (replace(first, converged=True), last))
     ]
     assert kinds == [[], ["not converged"]]
-
-
-def test_the_verdict_names_what_decides_once() -> None:
-    told = verdict((NOTE, DOUBT, CARE, replace(DOUBT, wearer="bob")))
-    assert str(told) == "DOUBT, do not rely on these results before this is settled: " + told.deciding[0]
-    assert len(told.deciding) == 1
 
 
 def test_of_a_stream_it_is_the_worst_so_far() -> None:

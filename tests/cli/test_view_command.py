@@ -45,14 +45,6 @@ def test_without_a_display_a_window_is_refused_in_python_too(files) -> None:
         rerun_view.show(drawn_wearer(read_scene(files.recording).wearers[0], None))
 
 
-def test_a_display_opens_the_viewer(run: Callable, files, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("DISPLAY", ":7")
-    opened = []
-    monkeypatch.setattr("vip_factors.viz.rerun_view.show", lambda drawn, save, overwrite: opened.append(save))
-    assert run("view", files.recording).code == 0
-    assert opened == [None]
-
-
 @pytest.mark.parametrize("name", ["x.bvh", "x.npz", "x"])
 def test_only_rerun_files_are_written_as_such(run: Callable, files, tmp_path: Path, name: str) -> None:
     for command in (("view", files.recording, "--save"), ("stream", files.recording, "--rerun-save")):

@@ -13,8 +13,6 @@ from vip_factors.detect.blazepose import (
     PersonDetector,
     Square,
     anchor_centres,
-    intersection_over_union,
-    merged,
     refined,
     square_of,
 )
@@ -54,22 +52,6 @@ def test_a_person_is_where_the_model_says() -> None:
     assert found.score == pytest.approx(1 / (1 + np.exp(-2.0)), rel=1e-5)
 
 
-def test_the_model_is_shown_the_part_with_black_around() -> None:
-    model = Answering([])
-    image = np.full((400, 200, 3), 255, np.uint8)
-    assert PersonDetector(model, 0.5, 0.3).find(image, Square(100.0, 200.0, 400.0)) == []
-    (shown,) = model.given
-    assert shown.shape == (1, DETECTOR_INPUT, DETECTOR_INPUT, 3)
-    assert shown[0, 112, 10, 0] == -1.0
-    assert shown[0, 112, 112, 0] == 1.0
-
-
-def test_somebody_who_lies_is_turned_upright() -> None:
-    detector = PersonDetector(Answering([((0.5, 0.5), (0.8, 0.5), 2.0, at(0.75, 0.5))]), 0.5, 0.3)
-    (found,) = detector.find(np.zeros((100, 100, 3), np.uint8), Square(50.0, 50.0, 100.0))
-    assert found.square.angle == pytest.approx(np.pi / 2)
-
-
 def test_neighbouring_answers_are_one_person_and_unsure_ones_nobody() -> None:
     here, there = ((0.3, 0.5), (0.3, 0.2)), ((0.8, 0.5), (0.8, 0.2))
     people = [(*here, 3.0, at(0.3, 0.25)), (*here, 1.0, at(0.32, 0.25)), (*there, 2.0, at(0.8, 0.25))]
@@ -77,39 +59,6 @@ def test_neighbouring_answers_are_one_person_and_unsure_ones_nobody() -> None:
     found = PersonDetector(Answering(people), 0.5, 0.3).find(np.zeros((100, 100, 3), np.uint8), Square(50, 50, 100))
     assert [round(one.square.x) for one in found] == [30, 80]
     assert found[0].score > found[1].score
-
-
-def test_suppression_takes_the_mean_weighed_by_score() -> None:
-    rows = np.zeros((3, 12))
-    rows[:, 2:4] = 0.2
-    rows[:, 0] = [0.30, 0.32, 0.9]
-    found = merged(rows, np.array([0.9, 0.3, 0.6]), 0.3)
-    assert [score for _, score in found] == [0.9, 0.6]
-    assert found[0][0][0] == pytest.approx((0.9 * 0.30 + 0.3 * 0.32) / 1.2)
-
-
-def test_intersection_over_union() -> None:
-    rows = np.zeros((4, 12))
-    rows[:, 2:4] = 2.0
-    rows[:, 0] = [0, 1, 2, 0]
-    rows[3, 2:4] = 0.0
-    assert np.allclose(intersection_over_union(rows[0], rows), [1.0, 1 / 3, 0.0, 0.0])
-
-
-def test_as_many_as_the_model_has_answers() -> None:
-    centres = anchor_centres()
-    assert centres.shape == (2254, 2)
-    assert np.all((centres > 0) & (centres < 1))
-
-
-def test_layers_of_one_stride_lie_in_one_grid_row_by_row() -> None:
-    centres = anchor_centres()
-    fine, middle, coarse = np.split(centres, [28 * 28 * 2, 28 * 28 * 2 + 14 * 14 * 2])
-    for grid, cells, each in ((fine, 28, 2), (middle, 14, 2), (coarse, 7, 6)):
-        assert len(grid) == cells * cells * each
-        assert np.allclose(grid[:each], 0.5 / cells)
-        assert np.allclose(grid[each], [1.5 / cells, 0.5 / cells])  # the next cell is to the right
-        assert np.allclose(grid[-1], 1 - 0.5 / cells)
 
 
 def outputs(points: np.ndarray, presence: float = 0.9, heat: np.ndarray | None = None) -> list[np.ndarray]:
@@ -148,20 +97,7 @@ def test_heat_moves_a_landmark_to_its_centre() -> None:
     assert np.allclose(moved[1:], 128.0)
 
 
-def test_a_landmark_outside_the_crop_stays() -> None:
-    points = np.full((39, 2), 300.0)
-    assert np.allclose(refined(points, np.full((64, 64, 39), 20.0)), 300.0)
-
-
 PIXELS = st.floats(-500, 2000)
-
-
-@given(PIXELS, PIXELS, st.floats(10, 1500), st.floats(-3, 3))
-def test_corners_and_centre(x: float, y: float, side: float, angle: float) -> None:
-    square = Square(x, y, side, angle)
-    assert np.allclose(square.to_image(np.array([128.0, 128.0]), 256), [x, y])
-    corners = square.to_image(np.array([[0.0, 0], [256, 0], [256, 256], [0, 256]]), 256)
-    assert np.allclose(np.linalg.norm(np.diff(corners, axis=0), axis=1), side)
 
 
 @given(PIXELS, PIXELS, st.floats(10, 500), st.floats(-3, 3))
@@ -182,10 +118,3 @@ def test_the_crop_shows_what_is_there() -> None:
         y, x = np.nonzero(square.crop(image, 256)[..., 0] > 128)
         middle = np.array([x.mean() + 0.5, y.mean() + 0.5])
         assert np.allclose(square.to_image(middle, 256), [320, 180], atol=0.5)
-
-
-def test_beyond_the_image_all_is_black() -> None:
-    image = np.full((100, 100, 3), 255, np.uint8)
-    crop = Square(0.0, 50.0, 100.0).crop(image, 64)
-    assert crop[32, 5].sum() == 0
-    assert crop[32, 60].sum() == 3 * 255

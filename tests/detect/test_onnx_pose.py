@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.studies.fuzz.corpus import simcc_model
-from vip_factors.detect.onnx_pose import DEVIATION, MEAN, Box, OnnxPose, box_around, heat_peaks
+from vip_factors.detect.onnx_pose import Box, OnnxPose, heat_peaks
 from vip_factors.errors import FileFormatError, InputError
 
 onnx = pytest.importorskip("onnx")
@@ -85,18 +85,6 @@ def test_keypoints_are_where_the_model_points(make: Make, kind: Callable) -> Non
     assert np.all(confidence == 1.0)  # clipped: a normalised 255 is above
 
 
-def test_the_crop_is_red_first_and_normalised(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    model = OnnxPose(make(*simcc()), 1)
-    seen: list[np.ndarray] = []
-    outputs = model._outputs
-    monkeypatch.setattr(model, "_outputs", lambda given: seen.append(given) or outputs(given))
-    image = np.zeros((600, 800, 3), np.uint8)
-    image[...] = (255, 128, 0)
-    model.look(image, Box(300, 200, 500, 400))
-    (given,) = seen
-    assert np.allclose(given[HEIGHT // 2, WIDTH // 2], (np.array([255, 128, 0]) - MEAN) / DEVIATION)
-
-
 def test_a_quarter_of_a_cell_to_the_warmer_side() -> None:
     maps = np.zeros((2, 8, 6))
     maps[0, 3, 2], maps[0, 3, 3], maps[0, 2, 2] = 1.0, 0.6, 0.2
@@ -104,12 +92,6 @@ def test_a_quarter_of_a_cell_to_the_warmer_side() -> None:
     x, y = heat_peaks(maps).T
     assert np.allclose(x * 6, [2.5 + 0.25, 5.5])
     assert np.allclose(y * 8, [3.5 - 0.25, 0.5])
-
-
-def test_a_box_reaches_above_the_eyes() -> None:
-    box = box_around(np.array([[10.0, 100.0], [50.0, 300.0]]))
-    assert (box.left, box.right, box.lower) == (10, 50, 300)
-    assert box.upper < 100
 
 
 def test_what_is_no_such_model(make: Make, tmp_path: Path) -> None:

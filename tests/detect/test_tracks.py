@@ -84,13 +84,6 @@ def test_whom_the_detector_has_found_twice_it_may_miss() -> None:
     assert not tracker.given_up
 
 
-def test_nobody_is_nobody() -> None:
-    people = People({})
-    tracker = Tracker(people, people, SETTINGS)
-    assert follow(tracker, 0.0) == {}
-    assert follow(tracker, 0.1) == {}
-
-
 @pytest.mark.parametrize("size", [(1920, 1080), (1080, 1920), (640, 640), (1000, 300)])
 def test_whoever_is_half_as_high_as_a_tile_is_whole_in_one(size: tuple[int, int]) -> None:
     width, height = size
@@ -110,10 +103,6 @@ def test_whoever_is_half_as_high_as_a_tile_is_whole_in_one(size: tuple[int, int]
             )
 
 
-def test_no_level_is_the_whole_image_only() -> None:
-    assert tiles(1920, 1080, 0) == [Square(960, 540, 1920)]
-
-
 class Finding:
     """A detector that finds some people in every part."""
 
@@ -129,16 +118,3 @@ def test_everybody_once_and_the_surest_first() -> None:
     other = DetectedPerson(Square(400, 100, 200), 0.7)
     found = search(np.zeros((300, 600, 3), np.uint8), Finding(*near, other), tiles(600, 300, 1))
     assert found == [near[1], other]
-
-
-def test_somebody_larger_than_a_tile_is_left_to_larger_parts() -> None:
-    large = DetectedPerson(Square(300, 150, 590), 0.9)
-    image = np.zeros((300, 600, 3), np.uint8)
-    parts = tiles(600, 300, 1)
-    assert search(image, Finding(large), parts) == [large]
-
-    class OnlyInTiles(Finding):
-        def find(self, image: np.ndarray, part: Square) -> list[DetectedPerson]:
-            return self.people if part.side < 600 else []
-
-    assert search(image, OnlyInTiles(large), parts) == []

@@ -47,14 +47,6 @@ def test_everybody_is_in_the_file_that_convert_reads(video: Path, tmp_path: Path
     assert np.allclose(found.confidence[0], first.confidence, atol=1e-4)
 
 
-def test_points_beyond_the_image_are_not_found(video: Path) -> None:
-    poses = detect_video(video, tracker(People({"a": (10, 120)})), DetectSettings())
-    one = poses.frames[0][0]
-    outside = one.pixels[:, 0] < 0
-    assert outside.any()
-    assert np.array_equal(one.confidence == 0, outside)
-
-
 def test_a_stretch_and_every_third_frame(video: Path) -> None:
     stretch = Stretch(0.4, 1.6, 3)
     settings = DetectSettings(least_s=0.0)
@@ -98,12 +90,6 @@ def test_another_model_sees_the_people_who_are_followed(video: Path) -> None:
         assert box.left < x < box.right
         assert box.upper < 120 < box.lower <= 240  # of what is within the image
     assert np.all(poses.frames[0][0].confidence == 0.7)
-
-
-def test_nobody_makes_a_file_too(video: Path, tmp_path: Path) -> None:
-    poses = detect_video(video, tracker(People({})), DetectSettings())
-    write_mmpose(tmp_path / "a.json", poses.keypoints, poses.frames, poses.facts.time, {})
-    assert len(read_detections(tmp_path / "a.json", RATE)) == 0
 
 
 def test_the_overlay_shows_them_in_the_frames_looked_at(video: Path, tmp_path: Path) -> None:
@@ -167,22 +153,3 @@ def test_exchanged_frames_are_found(wrong: list[int]) -> None:
 def test_somebody_who_turns_about_keeps_the_sides(frames: int) -> None:
     turned = np.clip((np.arange(60) - 10) / frames, 0, 1) * np.pi
     assert not np.any(confused(KEYPOINTS, walking(turned), CONFIDENCE, REACH))
-
-
-def test_a_frame_in_between_does_not_part_what_hangs_together() -> None:
-    pixels = walking(np.zeros(60))
-    pixels[20:30] = pixels[20:30][:, KEYPOINTS.mirrored]
-    pixels[[20, 30]] = (pixels[[20, 30]] + pixels[[20, 30]][:, KEYPOINTS.mirrored]) / 2  # neither of both
-    found = confused(KEYPOINTS, pixels, CONFIDENCE, REACH)
-    assert found[21:30].all()
-    assert not found[:20].any()
-    assert not found[31:].any()
-
-
-def test_somebody_seen_from_the_side_is_left_alone() -> None:
-    assert not np.any(confused(KEYPOINTS, walking(np.full(60, np.pi / 2)), CONFIDENCE, REACH))
-
-
-def test_one_frame_and_no_confidence_tell_nothing() -> None:
-    assert not confused(KEYPOINTS, walking(np.zeros(1)), CONFIDENCE[:1], REACH).any()
-    assert not confused(KEYPOINTS, walking(np.zeros(60)), 0 * CONFIDENCE, REACH).any()

@@ -75,25 +75,6 @@ def test_only_the_similarity_is_blind_to_scale(seed: int, factor: float) -> None
         assert metrics.mpjpe(scaled(truth, factor), truth) > 1.0
 
 
-@given(seeds)
-def test_errors_are_symmetric(seed: int) -> None:
-    a, b = random_motion(seed), random_motion(seed + 1)
-    for metric in (metrics.mpjpe, metrics.mpjae, metrics.root_relative_mpjpe):
-        assert metric(a, b) == pytest.approx(metric(b, a), rel=1e-9)
-
-
-def test_root_relative_error_ignores_shifts_but_not_turns() -> None:
-    truth = random_motion(3)
-    assert metrics.root_relative_mpjpe(moved(truth, np.eye(3), np.ones(3)), truth) == pytest.approx(0.0, abs=1e-9)
-    assert metrics.root_relative_mpjpe(moved(truth, rotation_z(0.3), np.zeros(3)), truth) > 10.0
-
-
-def test_global_error_of_a_shift_is_its_length() -> None:
-    truth = random_motion(3)
-    estimate = moved(truth, np.eye(3), np.array([0.03, 0.0, 0.04]))
-    assert metrics.global_position_error(estimate, truth) == pytest.approx(5.0)
-
-
 def test_a_turned_joint_by_hand() -> None:
     """The head's bone turned by 0.2 rad: no joint of the 14 lies beyond it, no bone of the 9 hangs from it."""
     truth = random_motion(5)
@@ -161,16 +142,6 @@ def test_root_translation_error_by_hand() -> None:
     cm, percent = metrics.root_translation_error(sliding(1.1 * s), sliding(s))
     assert cm == pytest.approx(5.0, rel=0.01)
     assert percent == pytest.approx(2.5, rel=0.01)
-
-
-def test_root_on_the_spot_has_no_percentage() -> None:
-    assert np.isnan(metrics.root_translation_error(sliding(np.zeros((10, 3))), sliding(np.zeros((10, 3))))[1])
-
-
-def test_drift_hurts_the_first_frames_alignment_more(walk: Motion) -> None:
-    drift = np.linspace(0, 0.5, len(walk))[:, None] * np.array([1.0, 0.0, 0.0])
-    drifting = replace(walk, p_world_pelvis=walk.p_world_pelvis + drift)
-    assert metrics.w_mpjpe(drifting, walk) > 1.5 * metrics.wa_mpjpe(drifting, walk) > 0
 
 
 def test_chunks_are_aligned_one_by_one(walk: Motion) -> None:

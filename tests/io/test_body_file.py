@@ -46,8 +46,6 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, seed: int, name: s
 @pytest.mark.parametrize(
     ("pattern", "instead", "words"),
     [
-        (r"^name = .*$", "", "name is missing"),
-        (r"^\[hinges\.", "[hinge.", "unknown key 'hinge'; did you mean 'hinges'"),
         (r"^\[hinges\.left_knee", "[hinges.left_kne", "unknown joint 'left_kne'; did you mean 'left_knee'"),
         (
             r"^offset_deg = .*$",
@@ -56,7 +54,6 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, seed: int, name: s
         ),
         (r"^sigma_deg = .*$", "sigma_deg = [1.0, 1.0, 0.0, 1.0]", "hinges.left_knee.sigma_deg.2.: expected number > 0"),
         (r"^axis = .*$", "axis = [0.0, 1.0, 0.0]", "hinges.left_knee.axis is .*expected one near .1.0, 0.0, 0.0"),
-        (r"^left_knee = \[.*$", "", "skeleton.left_knee is missing"),
         (r"^left_knee = \[.*$", "left_knee = [0, -430, 0]", "430 m from the joint above"),
         (r"^left_knee = \[.*$", "left_knee = [0, -0.5, 0]", "mirror image"),
         (
@@ -64,8 +61,6 @@ def test_round_trip(tmp_path_factory: pytest.TempPathFactory, seed: int, name: s
             '"thigh" = { found_m = 1.',
             "lengths.thigh.found_m is 1.*the skeleton has 0",
         ),
-        (r"^(\"thigh\" = .*)sigma_m = 0.*$", r"\1sigma_m = 12.0 }", "lengths.thigh.sigma_m: expected number <= 0.5"),
-        (r"^\"thigh\" = \[.*$", '"thigh" = [1.0]', "correlations: expected .* rows of"),
         (r"^\"thigh\" = \[.*$", "", "expected one row for each length"),
         (r"^\"thigh\" = \[.*$", f'"thigh" = {[0.9] * len(LENGTHS)}', "correlations: expected a symmetric table"),
         (r"axis = \[.*?\]", "axis = [0, 0, 2]", "axis has length 2"),

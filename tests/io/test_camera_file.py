@@ -31,13 +31,6 @@ def test_what_is_written_is_read(tmp_path_factory, width, focal, centre, count, 
     assert tomllib.loads(path.read_text())["calibration"] == {"board": 'a "board"\\', "rms_px": 0.25, "views": 12}
 
 
-def test_floor_and_distortion_are_optional(tmp_path: Path) -> None:
-    path = tmp_path / "camera.toml"
-    path.write_text(GOOD)
-    assert read_camera_file(path) == CameraModel(640, 480, (500, 500.5), (320, 240))
-    assert read_floor(path) is None
-
-
 def test_existing_files_are_kept(tmp_path: Path) -> None:
     path = tmp_path / "camera.toml"
     path.write_text("precious")
@@ -65,21 +58,6 @@ def test_mistakes_are_named(tmp_path: Path, text: str, words: str) -> None:
     path.write_text(text)
     with pytest.raises(InputError, match=f"camera.toml: .*{words}"):
         read_camera_file(path)
-
-
-@pytest.mark.parametrize(
-    ("floor", "words"),
-    [
-        ("p_floor_camera = [0, 0, 1]", "floor.R_floor_camera is missing"),
-        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0,-1]]\np_floor_camera = [0, 0, 1]", "not a rotation"),
-        ("R_floor_camera = [[1,0,0],[0,1,0],[0,0]]\np_floor_camera = [0, 0, 1]", "list of length 3, got 2"),
-    ],
-)
-def test_mistakes_in_the_floor_are_named(tmp_path: Path, floor: str, words: str) -> None:
-    path = tmp_path / "camera.toml"
-    path.write_text(f"{GOOD}[floor]\n{floor}\n")
-    with pytest.raises(InputError, match=f"camera.toml: .*{words}"):
-        read_floor(path)
 
 
 def test_files_that_are_none(tmp_path: Path) -> None:

@@ -77,14 +77,6 @@ def test_of_two_sets_with_as_many_keypoints_the_guess_is_told(tmp_path: Path) ->
         assert read_detections(tmp_path / "q", 30.0).keypoints.name == "body25"
 
 
-def test_of_whole_body_poses_the_body_is_read(tmp_path: Path) -> None:
-    whole = np.concatenate([person("halpe26"), np.ones((110, 3))])
-    write_alphapose(tmp_path / "a.json", {0: [whole]})
-    with pytest.warns(DetectionsWarning, match="of 136 whole-body keypoints, the first 26"):
-        read = read_detections(tmp_path / "a.json", 30.0)
-    assert read.pixels.shape == (1, 26, 2)
-
-
 def test_names_in_the_file_must_agree_with_the_set(tmp_path: Path) -> None:
     names = KEYPOINT_SETS["coco17"].keypoints
     write_mmpose(tmp_path / "good.json", {1: [person()]}, names)
@@ -109,13 +101,6 @@ def test_frames_that_a_file_passes_over_are_frames_without_people(tmp_path: Path
         read_detections(tmp_path / "c.json", 10.0, first_frame=5)
 
 
-def test_frames_numbered_from_one_begin_at_zero(tmp_path: Path) -> None:
-    write_openpose(tmp_path / "p", {1: [], 2: [person()]})
-    read = read_detections(tmp_path / "p", 10.0)
-    assert read.frame.tolist() == [1]
-    assert len(read.time) == 2
-
-
 def test_confidences_beyond_one_are_scaled_and_outliers_cut(tmp_path: Path) -> None:
     people = {}
     for frame in range(100):
@@ -126,13 +111,6 @@ def test_confidences_beyond_one_are_scaled_and_outliers_cut(tmp_path: Path) -> N
     read = read_detections(write_alphapose(tmp_path / "a.json", people), 30.0)
     np.testing.assert_allclose(read.confidence[0], np.linspace(0.1, 1.6, 17) / 1.6)
     assert read.confidence.max() == 1.0
-
-
-def test_people_without_any_point_are_left_out(tmp_path: Path) -> None:
-    write_openpose(tmp_path / "p", {0: [np.zeros((17, 3)), person()], 1: [np.zeros((17, 3))]})
-    read = read_detections(tmp_path / "p", 30.0)
-    assert read.frame.tolist() == [0]
-    assert len(read.time) == 2
 
 
 def test_nobody_at_all_is_no_error_of_the_file(tmp_path: Path) -> None:

@@ -12,9 +12,7 @@ from scene_samples import filmed_walk
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.io.convert import ImportOptions
-from vip_factors.io.mcap_recording import write_recording
-from vip_factors.io.scene_building import CameraOptions, SceneWarning, add_camera, join_wearers, read_log_as_scene
+from vip_factors.io.scene_building import CameraOptions, SceneWarning, add_camera, join_wearers
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 
@@ -31,17 +29,6 @@ def given(tmp_path: Path) -> CameraOptions:
     (tmp_path / "camera.toml").write_text(CAMERA.format(640, 480))
     poses = write_coco(tmp_path / "poses.json", {frame: [person()] for frame in range(20)})
     return CameraOptions(poses, tmp_path / "camera.toml", rate=10.0)
-
-
-def test_a_camera_is_added(given: CameraOptions) -> None:
-    before = Scene("s", (of("Ada"),))
-    scene = add_camera(before, replace(given, static=True, time_offset=0.25))
-    assert_same(before.wearers, scene.wearers)
-    camera = scene.camera
-    assert camera is not None
-    assert (camera.moving, camera.time_offset, camera.mount, camera.video) == (False, 0.25, None, None)
-    assert camera.model.width == 640
-    np.testing.assert_allclose(camera.detections.time, np.arange(20) / 10)
 
 
 def test_the_camera_s_sensor_leaves_its_wearer(given: CameraOptions) -> None:
@@ -163,14 +150,3 @@ def test_joining_refuses_two_cameras_and_two_of_a_name() -> None:
     with pytest.raises(InputError, match="'filmed', 'filmed' have a camera each"):
         join_wearers([filmed, other])
     assert join_wearers([Scene("a", (of("Cleo"),)), filmed]).camera is not None
-
-
-def test_recordings_and_scenes_of_ours_are_read_as_they_are(tmp_path: Path) -> None:
-    write_recording(of("Ada"), tmp_path / "a.mcap")
-    write_recording(filmed_walk(4), tmp_path / "s.mcap")
-    assert_same(Scene("walk of Ada", (of("Ada"),)), read_log_as_scene(tmp_path / "a.mcap", ImportOptions()))
-    named = read_log_as_scene(tmp_path / "s.mcap", ImportOptions(name="new"))
-    assert (named.name, named.wearers[0].name) == ("new", "new")
-    assert named.camera is not None
-    with pytest.raises(InputError, match="takes no import options"):
-        read_log_as_scene(tmp_path / "a.mcap", ImportOptions(stature_m=1.8))

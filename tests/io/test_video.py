@@ -124,18 +124,6 @@ def test_colours_of_shirts_differ() -> None:
     assert np.sum(np.minimum(red, grey)) < 0.1
 
 
-def test_from_the_side_a_torso_has_a_colour_too() -> None:
-    line = np.array([[30.0, 20.0], [30.0, 20.0], [30.0, 60.0], [30.0, 60.0]])
-    side = torso_colour(picture((200, 30, 30)), line)
-    front = torso_colour(picture((200, 30, 30)), CORNERS)
-    assert np.sum(np.minimum(side, front)) > 0.9
-
-
-@pytest.mark.parametrize("corners", [CORNERS + 500, CORNERS * 0.01])
-def test_a_torso_out_of_the_picture_has_none(corners: np.ndarray) -> None:
-    assert torso_colour(picture((200, 30, 30)), corners) is None
-
-
 def test_torsos_of_a_video(tmp_path: Path) -> None:
     shirts = [picture((200, 30, 30) if number < 3 else (30, 30, 200))[..., ::-1] for number in range(6)]
     path = write_video(tmp_path / "shirts.avi", shirts)

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from table_samples import GRAVITY, PREAMBLE, STEP_US, columns_of, turning, write_dot, write_mtw
 
 from vip_factors.errors import FileFormatError
-from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
+from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.importers.shared import mean_force_inertial, site_of_name
 from vip_factors.io.importers.xsens import DOT, MTW
 
@@ -122,13 +122,6 @@ def test_a_frame_with_z_down_is_turned_over(tmp_path: Path, turn: str) -> None:
     assert any("down" in note for note in log.notes)
 
 
-def test_euler_angles_turn_about_z_then_y_then_x(tmp_path: Path) -> None:
-    columns = {name: np.full(3, degrees) for name, degrees in (("Roll", 10.0), ("Pitch", 20.0), ("Yaw", 30.0))}
-    stream = MTW.read(write_mtw(tmp_path / "a_S.txt", columns, np.arange(3))).imus["S"]
-    expected = rotation_z(np.deg2rad(30)) @ rotation_y(np.deg2rad(20)) @ rotation_x(np.deg2rad(10))
-    np.testing.assert_allclose(stream.R_inertial_sensor[0], expected, atol=1e-9)
-
-
 def test_samples_with_holes_are_dropped_and_counted(tmp_path: Path) -> None:
     R, force, rate = turning(6)
     columns = columns_of(R, force, rate)
@@ -147,25 +140,6 @@ def test_a_truncated_last_line_is_dropped(tmp_path: Path, cut: int) -> None:
     log = MTW.read(path)
     assert len(log.imus["S"]) == 5
     assert any("breaks off" in note for note in log.notes)
-
-
-def test_a_last_line_without_newline_is_kept(tmp_path: Path) -> None:
-    path = write_mtw(tmp_path / "a_S.txt", columns_of(*turning(6)), np.arange(6))
-    path.write_text(path.read_text().rstrip("\n"))
-    assert len(MTW.read(path).imus["S"]) == 6
-
-
-def test_decimal_commas_of_a_semicolon_export(tmp_path: Path) -> None:
-    R, force, rate = turning(4)
-    path = write_mtw(tmp_path / "a_S.txt", columns_of(R, force, rate), np.arange(4), ";", preamble="// Rate\n")
-    path.write_text(path.read_text().replace(".", ","))
-    np.testing.assert_allclose(MTW.read(path).imus["S"].specific_force, force, atol=1e-5)
-
-
-def test_without_rate_100_hz_are_assumed_aloud(tmp_path: Path) -> None:
-    log = MTW.read(write_mtw(tmp_path / "a_S.txt", columns_of(*turning(3)), np.arange(3), preamble="// General\n"))
-    np.testing.assert_allclose(log.imus["S"].time, [0, 0.01, 0.02])
-    assert any("100 Hz assumed" in note for note in log.notes)
 
 
 def test_rates_that_disagree_are_an_error_with_both(tmp_path: Path) -> None:
@@ -244,30 +218,6 @@ def test_real_exports_of_every_dialect(data_folder: Path) -> None:
     assert counts["MT_012005D6_031-000_00B421AF"] == 3369
 
 
-@pytest.mark.data
-def test_dialects_of_the_same_samples_agree(data_folder: Path) -> None:
-    folder = data_folder / "opensense" / "reader_fixtures" / "Xsens"
-    dialects = ("MAT_COMMA", "MAT_SEMICOLON", "MAT_SPACE")
-    streams = [MTW.read(folder / f"MT2022_ACC_GYRO_ROT_{one}_00B42D4B.txt").imus["00B42D4B"] for one in dialects]
-    quaternions = MTW.read(folder / "MT2022_ACC_GYRO_ROT_ALL_TAB_NAN_00B42D4B.txt").imus["00B42D4B"]
-    for stream in streams[1:]:
-        np.testing.assert_allclose(stream.R_inertial_sensor, streams[0].R_inertial_sensor)
-        np.testing.assert_allclose(stream.specific_force, streams[0].specific_force)
-    np.testing.assert_allclose(quaternions.R_inertial_sensor, streams[0].R_inertial_sensor[1:], atol=1e-5)
-
-
-@pytest.mark.data
-def test_real_walk_of_the_opensense_example(data_folder: Path) -> None:
-    log = MTW.read(data_folder / "opensense" / "example_MT_009-001" / "IMUData")
-    assert {name: len(stream) for name, stream in log.imus.items()} == {
-        "00B421E6": 2432, "00B421ED": 2481, "00B421EE": 2452, "00B421EF": 2469,
-        "00B42268": 2496, "00B42279": 2493, "00B4227C": 2474, "00B4227D": 2505,
-    }  # fmt: skip
-    for stream in log.imus.values():
-        rest = stream.cut(0, 0.5)
-        np.testing.assert_allclose(mean_force_inertial(rest.R_inertial_sensor, rest.specific_force)[2], 9.81, atol=0.15)
-
-
 def sample(count: int) -> tuple[Array, Array]:
     R = exp(np.array([0.3, -0.2, 1.0])) @ exp(0.02 * np.arange(count)[:, None] * np.array([1.0, 0.5, 0.2]))
     return R, np.tile([0.4, -0.3, 0.2], (count, 1))
@@ -337,13 +287,3 @@ def test_real_recording_of_five_sensors(data_folder: Path) -> None:
         rest = stream.cut(0, 0.5)
         np.testing.assert_allclose(np.linalg.norm(rest.specific_force, axis=1).mean(), 9.81, atol=0.15)
     assert set(log.default_sites.values()) == {"left_thigh", "left_shank", "pelvis", "right_thigh", "right_shank"}
-
-
-@pytest.mark.data
-def test_converted_recording_is_read_and_distrusted(data_folder: Path) -> None:
-    folder = data_folder / "xsens_dot" / "Transformed_XsensDot_Data_RealTime"
-    assert not DOT.matches(folder)
-    log = MTW.read(folder)
-    assert len(log.imus["Pelvis"]) == 382
-    assert log.imus["Pelvis"].rate == pytest.approx(60, abs=0.1)
-    assert any("gravity had been removed" in note for note in log.notes)

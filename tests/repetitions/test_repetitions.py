@@ -43,11 +43,6 @@ def test_each_is_found_once(found: Sequence[Repetition]) -> None:
     assert {one.side for one in found if one.kind == "lunge"} == {"left"}
 
 
-def test_they_are_counted_by_kind(motion: Motion) -> None:
-    (one,) = vip.repetitions(motion)
-    assert one.counts == "3 squats, 2 lunges, 2 jumps, 3 curls"
-
-
 def test_figures_of_squats_and_curls(found: Sequence[Repetition], motion: Motion) -> None:
     reach = motion.state.p_world_joint[:, 0, 2] - motion.state.p_world_joint[:, joint_index("left_foot"), 2]
     squat, curl = found[0], found[-1]
@@ -69,11 +64,6 @@ def test_height_of_jumps(found: Sequence[Repetition]) -> None:
         assert one.flight_height_m.sigma < 0.03
         assert one.rise_m.value == pytest.approx(JUMP_M, abs=0.03)
         assert one.rise_m.sigma > 0
-
-
-def test_without_a_covariance_nothing_is_said_of_spreads() -> None:
-    one = found_in(exercises(("squat",) * 2))[0]
-    assert np.isnan(one.depth_m.sigma)
 
 
 def test_one_bow_is_no_exercise() -> None:

@@ -8,14 +8,12 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import calibration_pose
-from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.simulate.detector import detect, owners
 from vip_factors.simulate.detector_view import Person, View, look
-from vip_factors.simulate.recording import lasting_chance
 from vip_factors.simulate.scene import looking_at
 from vip_factors.simulate.settings import ROOT_AREA_PER_HEIGHT, DetectorSettings
 
@@ -67,13 +65,6 @@ def test_errors_have_the_size_and_the_memory_of_the_settings() -> None:
     for lag in (1, 9):
         memory = np.mean(series[:, lag:] * series[:, :-lag])
         assert memory == pytest.approx(0.16 * np.exp(-lag / RATE / 0.3), rel=0.15)
-
-
-def test_errors_grow_with_the_person_in_the_image() -> None:
-    near, far = standing(800, 4.0), standing(800, 8.0, y=2.0)
-    detections, owner, truth = found([near, far], slow_error=0.4)
-    sizes = [np.nanstd((detections.pixels - truth)[owner == k]) for k in (0, 1)]
-    assert sizes[0] / sizes[1] == pytest.approx(2.0, rel=0.15)
 
 
 def test_bias_is_constant_and_fixed_to_the_body() -> None:
@@ -140,10 +131,6 @@ def test_who_leaves_the_image_is_cut_off_and_then_gone() -> None:
     assert np.all(np.isnan(truth[owner == -1]))
 
 
-def test_people_behind_the_camera_are_not_seen() -> None:
-    assert len(found([standing(5, -3.0)])[0]) == 0
-
-
 def test_left_and_right_swap_as_often_as_asked_and_only_then() -> None:
     hips = indices("hip")
     for yaw, share in ((np.pi, 0.0), (np.pi / 2, 0.2), (0.0, 0.1)):
@@ -180,26 +167,3 @@ def test_a_detection_belongs_to_who_has_seven_of_its_keypoints() -> None:
     sure = np.isfinite(pixel[..., 0]).astype(float)
     detections = Detections(KEYPOINTS, np.zeros(1), np.zeros(4, int), pixel, sure)
     assert owners(detections, view, KEYPOINTS).tolist() == [0, 1, -1, -1]
-
-
-def test_nobody_is_detected_as_often_as_asked() -> None:
-    _, owner, truth = found([standing(3000)], false_people=0.2)
-    nobody = owner == -1
-    assert nobody.sum() / 3000 == pytest.approx(0.2, rel=0.4)
-    assert np.all(np.isnan(truth[nobody]))
-
-
-def test_what_happens_lasts() -> None:
-    happens = lasting_chance(np.random.default_rng(0), 40000, 1 / RATE, 0.5, axes=4) < 0.03
-    assert happens.mean() == pytest.approx(0.03, rel=0.15)
-    starts = np.sum(happens[1:] & ~happens[:-1])
-    assert happens.sum() / RATE / starts == pytest.approx(0.4, rel=0.25)
-
-
-def test_impossible_settings_say_so() -> None:
-    with pytest.raises(InputError, match=r"merge .*1 at most"):
-        DetectorSettings(merge=1.5)
-    with pytest.raises(InputError, match="0 or more"):
-        DetectorSettings(bias_m=-0.1)
-    with pytest.raises(InputError, match="more than 0"):
-        DetectorSettings(event_time_s=0.0)

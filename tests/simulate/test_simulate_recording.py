@@ -1,12 +1,9 @@
 """Simulated streams against physics and against their own truth."""
 
-from dataclasses import fields
-
 import numpy as np
 import pytest
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import angle_between, exp, log, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.sensors.calibration import Placement, preset, sensor_site
 from vip_factors.sensors.recording import Recording
@@ -161,18 +158,3 @@ def test_lost_samples_are_absent_and_sensors_out_of_phase(motion: Motion, placem
         assert np.diff(stream.gaps).max() > 0.5
         steps = np.diff(stream.time) * 100.0
         assert steps == pytest.approx(np.round(steps), abs=1e-6)
-
-
-def test_impossible_settings_are_refused() -> None:
-    with pytest.raises(InputError, match="imu_rate"):
-        SimulateSettings(imu_rate=0.0)
-    with pytest.raises(InputError, match="skin_deg"):
-        SimulateSettings(skin_deg=-1.0)
-    with pytest.raises(InputError, match="packet_loss"):
-        SimulateSettings(packet_loss=1.0)
-
-
-def test_noise_free_switches_every_error_off() -> None:
-    kept = {"imu_rate", "truth_rate", "lowpass_hz", "angular_rate", "filter_time_s", "skin_time_s", "bias_time_s"}
-    values = {f.name: getattr(PLAIN(), f.name) for f in fields(SimulateSettings) if f.name not in kept}
-    assert not any(values.values()), values

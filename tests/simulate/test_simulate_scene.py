@@ -1,7 +1,6 @@
 """Simulated scenes against projection, physics and their own truth."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,10 +13,10 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.dense import dense_motion
 from vip_factors.simulate.gestures import gestures
-from vip_factors.simulate.recording import GRAVITY, simulate_recording
+from vip_factors.simulate.recording import GRAVITY
 from vip_factors.simulate.scene import CAMERA_IMU, Performer, simulate_scene
 from vip_factors.simulate.settings import CameraKind, DetectorSettings, SceneSettings, SimulateSettings
-from vip_factors.simulate.staging import from_time, placed, staged
+from vip_factors.simulate.staging import from_time, staged
 
 CAMERAS: tuple[CameraKind, ...] = ("fixed", "hand-held", "walking")
 SECONDS = 4.0
@@ -62,28 +61,6 @@ def test_noise_free_detections_are_the_projection_of_the_truth(people, camera: C
         assert np.array_equal(seen, scene.camera.model.inside(expected))
 
 
-def test_truth_of_a_wearer_and_keypoints_share_one_motion(people) -> None:
-    scene = simulate_scene(people, plain("fixed"), seed=3)
-    motion = scene.wearers[1].truth.motion  # at 60 Hz: every second frame is one of the video's
-    marks = scene.camera.detections.keypoints.on_body(motion.skeleton)
-    wrist = marks[scene.camera.detections.keypoints.keypoints.index("left_wrist")]
-    world = motion.state.point(wrist.bone, wrist.p_bone_point)[::2][: len(scene.camera.detections.time)]
-    expected = in_image(scene, people[1].motion)[:, 7]
-    camera = scene.truth.camera.at(scene.camera.detections.time)
-    assert scene.camera.model.project(camera.to_camera(world[:, None]))[:, 0] == pytest.approx(expected, abs=1e-6)
-
-
-def test_wearers_recordings_are_those_of_each_alone(people) -> None:
-    scene = simulate_scene(people, SceneSettings(), seed=9)
-    alone = simulate_recording(people[0].motion, people[0].placement, seed=9)
-    stream = scene.wearers[0].imus["left_forearm"]
-    assert np.array_equal(stream.specific_force, alone.imus["left_forearm"].specific_force)
-    other = scene.wearers[1].imus["left_forearm"]
-    noises = [np.std(np.diff(one.specific_force[:100], n=3, axis=0)) for one in (stream, other)]
-    assert min(noises) > 0.1  # both noisy, with different draws
-    assert [wearer.subject.name for wearer in scene.wearers] == ["ann", "bob"]
-
-
 @pytest.mark.parametrize("camera", ["fixed", "walking"])
 def test_same_seed_same_scene(people, camera: CameraKind) -> None:
     some = [people[0], people[-1]]
@@ -94,13 +71,6 @@ def test_same_seed_same_scene(people, camera: CameraKind) -> None:
     assert not np.array_equal(one.truth.camera.p_world_camera, other.truth.camera.p_world_camera)
     if one.camera.mount is not None:
         assert np.array_equal(one.camera.mount.imu.specific_force, two.camera.mount.imu.specific_force)
-
-
-def test_a_bystander_leaves_and_belongs_to_nobody(people) -> None:
-    scene = simulate_scene(people, plain("fixed"), seed=3)
-    nobody = scene.camera.detections.frame[scene.truth.wearer == -1]
-    assert len(nobody) > 60
-    assert scene.camera.detections.time[nobody.max()] <= 3.0 + 1e-9
 
 
 def test_the_videos_clock_is_off_by_what_the_truth_says(people) -> None:
@@ -162,19 +132,6 @@ def test_realistic_scene_has_the_detectors_troubles(people) -> None:
     shuffled = [np.any(np.diff(truth.wearer[detections.of_frame(f)]) < 0) for f in range(len(detections.time))]
     assert 0.1 < np.mean(shuffled) < 0.9
     assert np.all(detections.confidence[detections.seen] >= DetectorSettings().least_confidence)
-
-
-def test_people_placed_together_do_not_run_into_each_other() -> None:
-    motion = gestures(6.0)
-    world = staged([from_time(gestures(6.0 + k), float(k)) for k in range(4)], seed=3)
-    for one, other in pairwise(world):
-        count = min(len(one), len(other))
-        apart = np.linalg.norm((one.p_world_pelvis[:count] - other.p_world_pelvis[:count])[:, :2], axis=1)
-        assert apart.min() > 0.3
-    moved = placed(motion, 1.0, (2.0, 3.0))
-    assert moved.p_world_pelvis[:, 2] == pytest.approx(motion.p_world_pelvis[:, 2])
-    distance = np.linalg.norm(np.diff(motion.p_world_pelvis, axis=0), axis=1)
-    assert np.linalg.norm(np.diff(moved.p_world_pelvis, axis=0), axis=1) == pytest.approx(distance)
 
 
 def test_impossible_scenes_say_why(people) -> None:

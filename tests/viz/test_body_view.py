@@ -56,12 +56,3 @@ def test_sensors_on_the_far_side_are_not_drawn(yaw: float, seen: list[str]) -> N
     places = [site.p_bone_sensor @ body.state.R_world_bone[0, site.bone_index].T + body.state.p_world_joint[
         0, site.bone_index] for name, site in sites.items() if name in seen]  # fmt: skip
     np.testing.assert_allclose([line.get_xydata()[0] for line in axes.lines], view.project(np.array(places)))
-
-
-def test_a_view_keeps_lengths_across_and_tells_what_is_behind() -> None:
-    view = view_from(0.4, 0.2, (10.0, 20.0), 50.0, (1.0, 2.0, 3.0))
-    assert view.project(np.array([1.0, 2.0, 3.0])) == pytest.approx((10.0, 20.0))
-    away = view.R_page_world[2]
-    assert view.project(view.p_world + away) == pytest.approx((10.0, 20.0))
-    assert view.depth(view.p_world + 2 * away) == pytest.approx(2.0)
-    assert view.project(view.p_world + view.R_page_world[0]) == pytest.approx((60.0, 20.0))

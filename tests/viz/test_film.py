@@ -1,6 +1,5 @@
 """Films: skeletons lie where their joints are seen, over the video or a plain ground, and files play."""
 
-import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +14,7 @@ from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
-from vip_factors.viz.film import film, film_frames
+from vip_factors.viz.film import film
 from vip_factors.viz.overlay import GROUND, overlaid_frames
 
 
@@ -58,13 +57,6 @@ def test_skeletons_are_laid_over_the_video(sample: Scene) -> None:
     assert (pictures[3][:3] == GROUND).all()  # no picture there
 
 
-def test_a_film_shows_the_frames_that_are_left_of_a_video(sample: Scene) -> None:
-    images = dict.fromkeys(range(0, 16, 3), cv2.imencode(".png", np.zeros((9, 16, 3), np.uint8))[1].tobytes())
-    frames, rate = film_frames(filmed(sample, Video(Path("gone.mp4"), images)))
-    np.testing.assert_array_equal(frames, range(0, 16, 3))
-    assert rate == pytest.approx(10)
-
-
 def test_a_film_opens_with_its_number_of_pictures(drawn: DrawnScene, tmp_path: Path) -> None:
     path, told = tmp_path / "a.mp4", []
     times, rate = film(drawn, path, 97, (0.1, 0.4), on_progress=lambda _, share: told.append(share))
@@ -97,11 +89,3 @@ def test_what_cannot_be_filmed_is_said(drawn: DrawnScene, tmp_path: Path, make: 
     with pytest.raises(InputError, match=said):
         make(drawn, tmp_path)
     assert not list(tmp_path.iterdir())
-
-
-def test_a_missing_library_is_named_with_its_extra(
-    drawn: DrawnScene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(InputError, match=r"pip install 'vip-factors\[film\]'"):
-        film(drawn, tmp_path / "a.mp4", 96)

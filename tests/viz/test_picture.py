@@ -27,13 +27,6 @@ def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> N
     assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
 
 
-def test_without_truth_the_residual_is_the_curve(scene, tmp_path: Path) -> None:
-    filmstrip(drawn_wearer(replace(scene.recording, truth=None), scene.estimate), tmp_path / "a.png")
-    bare = replace(scene.estimate, residuals={})
-    filmstrip(drawn_wearer(None, bare), tmp_path / "b.png")
-    assert cv2.imread(str(tmp_path / "a.png")).shape[0] > cv2.imread(str(tmp_path / "b.png")).shape[0]
-
-
 def test_a_truth_alone_and_a_short_motion_can_be_drawn(scene, tmp_path: Path) -> None:
     filmstrip(drawn_wearer(scene.recording, None), tmp_path / "a.png")
     filmstrip(drawn_wearer(None, None, scene.truth.frames(slice(0, 1))), tmp_path / "b.png")

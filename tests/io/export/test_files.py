@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from animated import any_pose, filmed
 
-from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.io.export.files import FORMATS, export, resampled
@@ -19,12 +18,6 @@ from vip_factors.io.settings import ExportSettings
 def _camera(estimate: Estimate) -> CameraEstimate:
     assert estimate.camera is not None
     return estimate.camera
-
-
-def test_the_same_rate_changes_nothing() -> None:
-    estimate = filmed()[1]
-    assert resampled(estimate, None) is estimate
-    assert resampled(estimate, 60.0 * (1 + 1e-12)) is estimate
 
 
 def test_half_the_rate_is_every_second_frame() -> None:
@@ -49,11 +42,6 @@ def test_frames_in_between_lie_on_the_movement() -> None:
     assert np.abs(found.state.p_world_joint - known.state.p_world_joint).max() < 5e-4
 
 
-def test_a_rate_that_does_not_divide_keeps_within_the_recording() -> None:
-    motion = resampled(filmed()[1], 23.976).wearers[0].motion
-    assert motion.time[-1] <= 0.5 < motion.time[-1] + 1 / 23.976
-
-
 def test_uncertainty_and_gaps_go_along() -> None:
     estimate = filmed()[1]
     one, T = estimate.wearers[0], len(estimate.wearers[0].motion)
@@ -73,12 +61,6 @@ def test_uncertainty_and_gaps_go_along() -> None:
 def test_one_frame_can_be_written_at_any_rate(suffix: str, tmp_path: Path) -> None:
     (path,) = export(any_pose(frames=1), tmp_path / f"a{suffix}", ExportSettings(frame_rate=50.0))
     assert path.stat().st_size > 0
-
-
-@pytest.mark.parametrize("rate", [0.0, -30.0, float("nan"), float("inf")])
-def test_a_rate_must_be_positive(rate: float) -> None:
-    with pytest.raises(InputError, match="positive"):
-        resampled(filmed()[1], rate)
 
 
 NAMES = ("a/b", "a_b", "Ada", "ada", "Ada", "Bea: 2", "..", "\u00e9", "e\u0301", "C\nD")

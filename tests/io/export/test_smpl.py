@@ -49,17 +49,6 @@ def test_plain_numpy_finds_the_joints_where_the_estimate_has_them(tmp_path: Path
     assert np.abs(found - known)[:, :22].max() < TENTH_MM / 1000
 
 
-def test_each_wearer_gets_a_file(tmp_path: Path) -> None:
-    written = export(_scene("Ada", "Bea"), tmp_path / "walk.npz")
-    assert [path.name for path in written] == ["walk.Ada.npz", "walk.Bea.npz"]
-    assert all(path.exists() for path in written)
-
-
-def test_an_unknown_suffix_names_those_that_are_known(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"\.npz"):
-        export(_scene("Ada"), tmp_path / "walk.doc")
-
-
 def test_the_wearers_own_lengths_come_back_too(tmp_path: Path) -> None:
     motion = gestures(0.1, skeleton=skeleton_from_stature(1.58))
     (path,) = export(Estimate("walk", "IT", (WearerEstimate("Ada", "IT", motion, {}),)), tmp_path / "walk.npz")
@@ -159,13 +148,6 @@ def test_a_lens_that_distorts_is_taken_out_of_the_2d_poses(tmp_path: Path) -> No
     assert np.abs(found - pixels_of(content, 1)[:, JOINTS]).max() < 1e-2
 
 
-def test_one_wearer_alone_keeps_that_wearers_2d_poses(recording: Path, tmp_path: Path) -> None:
-    estimate = filmed()[1]
-    (both,) = export(estimate, tmp_path / "both.pkl", ExportSettings(recording=recording))
-    (one,) = export(estimate, tmp_path / "one.pkl", ExportSettings(wearer="bob", recording=recording))
-    assert np.array_equal(content_of(one)["poses2d"][0], content_of(both)["poses2d"][1])
-
-
 def test_pictures_outside_the_estimate_are_not_valid(recording: Path, tmp_path: Path) -> None:
     estimate = filmed()[1]
     path = estimate.camera.path
@@ -182,33 +164,11 @@ def test_pictures_outside_the_estimate_are_not_valid(recording: Path, tmp_path: 
     assert 0 <= content["img_frame_ids"].min() <= content["img_frame_ids"].max() < len(content["poses_60Hz"][0])
 
 
-def test_the_recording_may_tell_the_sex(tmp_path: Path) -> None:
-    scene, estimate = filmed()
-    ann, bob = scene.wearers
-    ann = replace(ann, subject=replace(ann.subject, sex="female"))
-    write_recording(replace(scene, wearers=(ann, bob)), tmp_path / "s.mcap")
-    (path,) = export(estimate, tmp_path / "a.pkl", ExportSettings(recording=tmp_path / "s.mcap"))
-    assert content_of(path)["genders"] == ["f", "n"]
-
-
-def test_the_world_has_y_up(tmp_path: Path) -> None:
-    (path,) = export(filmed()[1], tmp_path / "a.pkl")
-    joints = content_of(path)["jointPositions"][0].reshape(-1, 24, 3)
-    assert ((joints[:, 15] - joints[:, 7])[:, 1] > 1.0).all()
-
-
 def test_old_readers_know_all_that_is_in_it(tmp_path: Path) -> None:
     (path,) = export(filmed()[1], tmp_path / "a.pkl")
     pickled = path.read_bytes()
     assert pickled[:2] == b"\x80\x02"
     assert b"numpy._core" not in pickled  # NumPy before 1.26 has no such module
-
-
-def test_without_a_camera_no_frame_is_valid(tmp_path: Path) -> None:
-    (path,) = export(replace(filmed()[1], camera=None), tmp_path / "a.pkl", ExportSettings(frame_rate=15.0))
-    content = content_of(path)
-    assert not content["campose_valid"][1].any()
-    assert len(content["poses"][0]) == 8
 
 
 def test_another_recording_is_refused(recording: Path, tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Chunk
 
-from tests.studies.fuzz.outcome import limited_memory, out_of_memory
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
 from vip_factors.cli.settings_file import read_settings
@@ -25,7 +24,7 @@ from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx_document import read_document
 from vip_factors.io.mcap_chunks import RECORD_HEAD
 from vip_factors.io.mcap_reader import McapWarning, read_contents
-from vip_factors.io.motions.amass import read_amass, read_smpl_pickle
+from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.bvh import read_bvh
 from vip_factors.io.placement_file import placement_from_file
 from vip_factors.sensors.camera_model import VideoClock
@@ -165,16 +164,3 @@ def test_an_array_that_claims_to_be_huge(tmp_path: Path) -> None:
             file.writestr(f"{name}.npy", b"\x93NUMPY\x01\x00" + (len(head) + 1).to_bytes(2, "little") + head + b"\n")
     with pytest.raises(FileFormatError, match="too short"):
         read_amass(path)
-
-
-@pytest.mark.parametrize("content", [b"Nr\xff\xff\xff\xff.", b"cnumpy\nndarray\n(I9999999999\ntR."])
-def test_a_pickle_that_claims_to_be_huge(tmp_path: Path, content: bytes) -> None:
-    """A number of an object in the billions is no reason to make room for all before it."""
-    path = tmp_path / "a.pkl"
-    path.write_bytes(b"\x80\x02" + content)
-    with limited_memory(2**28):
-        try:
-            refused = read_smpl_pickle(path)
-        except FileFormatError as error:
-            refused = error
-    assert not out_of_memory(refused)

@@ -15,7 +15,6 @@ from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, r
 from vip_factors.io.motions import motion_files, read_motion
 from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
-from vip_factors.io.motions.retarget import retarget
 
 ROOT = np.array([[0.1, 0.9, 0.2], [0.1, 0.9, 0.3], [0.1, 0.91, 0.4], [0.2, 0.92, 0.5]])
 ORDERS = ["".join(order) for order in itertools.permutations("XYZ")]
@@ -148,13 +147,12 @@ def test_gender_is_read_however_it_is_stored(tmp_path: Path, gender: np.ndarray)
     assert motion.skeleton.stature == pytest.approx(1.78, abs=0.02)
 
 
-def test_either_spelling_of_the_rate_is_read_and_none_asks_for_it(tmp_path: Path) -> None:
+def test_either_spelling_of_the_rate_is_read_and_none_is_refused(tmp_path: Path) -> None:
     path = write_amass(tmp_path / "a.npz", mocap_framerate=None, mocap_frame_rate=np.array(60.0))
     assert read_amass(path).rate == 60.0
     path = write_amass(tmp_path / "a.npz", mocap_framerate=None)
-    with pytest.raises(InputError, match="give the rate"):
+    with pytest.raises(InputError, match="expected frames per second"):
         read_amass(path)
-    assert read_amass(path, rate=30.0, stature_m=1.6).rate == 30.0
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
@@ -274,7 +272,6 @@ def test_a_rest_pose_before_the_take_is_left_out_but_a_t_pose_of_the_take_is_not
     root = np.tile(SIMPLE_ROOT[:1], (frames, 1))
     jump = write_bvh(tmp_path / "jump.bvh", MVN_NAMES, rest_skeleton(), pose, root)
     assert len(read_bvh(jump)) == frames - 1
-    assert len(read_bvh(jump, keep_rest_frames=True)) == frames
     pose["left_shoulder"] = rotation_z(-np.linspace(0, 1.2, frames))  # 3 rad/s: a person lowers the arm
     slow = write_bvh(tmp_path / "slow.bvh", MVN_NAMES, rest_skeleton(), pose, root)
     assert len(read_bvh(slow)) == frames
@@ -284,8 +281,6 @@ def test_an_implausible_size_asks_for_the_unit(tmp_path: Path) -> None:
     path = write_bvh(tmp_path / "a.bvh", MVN_NAMES, rest_skeleton(), STILL, SIMPLE_ROOT, scale=7.0)
     with pytest.raises(InputError, match="scale the file"):
         read_bvh(path)
-    motion = retarget(read_bvh_clip(path), unit_m=1 / 7.0)
-    assert motion.skeleton.bone_length("left_knee") == pytest.approx(np.linalg.norm(rest_skeleton()["left_knee"]))
 
 
 def test_a_rest_pose_that_lies_is_refused(tmp_path: Path) -> None:

@@ -63,7 +63,7 @@ def test_the_rest_pose_stands_upright_and_faces_as_the_axes_say(tmp_path: Path) 
 def test_our_own_reader_gives_the_motion_back(settings: BvhSettings, tmp_path: Path) -> None:
     estimate = any_pose()
     (path,) = export(estimate, tmp_path / "a.bvh", ExportSettings(bvh=settings))
-    motion, found = estimate.wearers[0].motion, read_bvh(path, keep_rest_frames=True)
+    motion, found = estimate.wearers[0].motion, read_bvh(path)
     assert np.rad2deg(angle_between(found.R_parent_child, motion.R_parent_child)).max() < 1e-4
     assert found.rate == pytest.approx(motion.rate, rel=1e-13)
     assert np.allclose(found.skeleton.p_parent_joint, motion.skeleton.p_parent_joint, atol=1e-6)

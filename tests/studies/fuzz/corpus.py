@@ -3,15 +3,13 @@ each: sensor logs, motions, 2D poses, cameras, bodies, settings, and what was tr
 
 Left out on purpose: BlazePose's models (nothing here can write a small one), WebSocket's handshake and frames (the
 library's; what its messages hold is in), Rerun files (written, never read), the published data sets that studies read,
-SMPL pickles with chumpy inside, and messages between the package's own processes.
+and messages between the package's own processes.
 """
 
 import json
-import pickle
 from collections.abc import Callable
 from functools import partial
 from importlib.util import find_spec
-from io import BytesIO
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
@@ -59,7 +57,6 @@ from vip_factors.io.export.smpl import write_amass
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.io.live.open import read_token
 from vip_factors.io.motions import read_motion
-from vip_factors.io.motions.amass import smpl_body
 from vip_factors.settings import Settings, flatten
 from vip_factors.simulate.gestures import gestures
 
@@ -242,11 +239,6 @@ def _file_cases() -> list[Case]:
                 ("body-prior", SHIPPED_BODY_PRIOR, load_body_prior, "load_body_prior "),
             )
         ),
-        *(
-            case(name.replace(".", "-"), {name: data}, lambda path: smpl_body(path, [0.5, 0.1]),
-                 "smpl_body ", 2)
-            for name, data in _smpl().items()
-        ),
     ]  # fmt: skip
 
 
@@ -271,17 +263,6 @@ def _write_bodies(folder: Path) -> None:
     write_body_file(folder / "body.toml", BodyFile("Ada", likely_body(1.7).skeleton, lengths, (), "made"))
     offsets = KeypointOffsets(np.full(shape, 0.01), np.full(shape, 0.02))
     (folder / "offsets.toml").write_text(keypoint_offsets_text({"body25": (offsets, 2)}, "made"))
-
-
-def _smpl() -> dict[str, bytes]:
-    """Models of a few vertices, as both kinds of files."""
-    random, archive = np.random.default_rng(0), BytesIO()
-    content = {
-        "v_template": random.normal(size=(30, 3)), "shapedirs": 0.01 * random.normal(size=(30, 3, 4)),
-        "J_regressor": np.full((24, 30), 1 / 30) + 0.01 * random.normal(size=(24, 30)),
-    }  # fmt: skip
-    np.savez(archive, **content)  # type: ignore[arg-type]
-    return {"smpl.npz": archive.getvalue(), "smpl.pkl": pickle.dumps(content, protocol=2)}
 
 
 def _is_number(text: str) -> bool:

@@ -5,7 +5,6 @@ behind these is reached by packing anew.
 """
 
 import json
-import pickle
 import re
 import struct
 import zipfile
@@ -23,7 +22,6 @@ from mcap.records import Chunk
 from tests.live_sender import delimited
 from vip_factors.io.mcap_chunks import RECORD_HEAD, chunk_data, largest_chunk
 from vip_factors.io.mcap_reader import MAGIC
-from vip_factors.io.motions.amass import RestrictedUnpickler
 
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
 WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]*")
@@ -411,19 +409,11 @@ def mutated_npz(data: bytes, random: Random) -> bytes:
     return out.getvalue()
 
 
-def mutated_pickle(data: bytes, random: Random) -> bytes:
-    """A pickle of other arrays; read, as it is made here, by the reader that refuses anything but plain data."""
-    content = RestrictedUnpickler(BytesIO(data), encoding="latin1").load()
-    arrays = {name: np.asarray(one) if hasattr(one, "__array__") else one for name, one in content.items()}
-    return pickle.dumps(mutated_arrays(arrays, random), protocol=2)
-
-
 MUTATIONS: dict[str, tuple[Mutation, ...]] = {
     ".mcap": (mutated_mcap, mutated_mcap, mutated_mcap, mutated_bytes),
     ".messages": (mutated_stream, mutated_stream, mutated_bytes),
     ".json": (mutated_json, mutated_json, mutated_text),
     ".npz": (mutated_npz, mutated_npz, mutated_npz, mutated_bytes),
-    ".pkl": (mutated_pickle, mutated_pickle, mutated_bytes),
     ".onnx": (mutated_protobuf, mutated_protobuf, mutated_bytes),
     **dict.fromkeys((".mp4", ".png", ".jpg", ".db"), (mutated_bytes,)),
 }

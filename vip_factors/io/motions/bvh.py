@@ -29,7 +29,7 @@ class _Hierarchy:
         return sum(map(len, self.channels))
 
 
-def read_bvh(path: str | Path, keep_rest_frames: bool = False) -> Motion:
+def read_bvh(path: str | Path) -> Motion:
     """A BVH file as a motion of our skeleton: Z up, metres.
 
     The skeleton's family is known by its joint names, its up and left by its rest pose, its unit by the stature that
@@ -37,14 +37,12 @@ def read_bvh(path: str | Path, keep_rest_frames: bool = False) -> Motion:
 
     Args:
         path: the file. A file cut short gives the frames it holds whole.
-        keep_rest_frames: keep every frame.
 
     Raises:
         FileFormatError: for a malformed file.
         InputError: for a skeleton that is not a known one or not a body.
     """
-    clip = read_bvh_clip(path)
-    return retarget(clip if keep_rest_frames else without_rest_frames(clip))
+    return retarget(without_rest_frames(read_bvh_clip(path)))
 
 
 def read_bvh_clip(path: str | Path) -> SourceClip:

@@ -46,12 +46,8 @@ REST_TOLERANCE = np.radians(15.0)  # exporters' rest poses bend the forearms a l
 IMPOSSIBLE_SPEED = 10.0  # rad/s: a person who stands in a T-pose does not leave it like a pitcher's arm
 
 
-def retarget(clip: SourceClip, unit_m: float | None = None) -> Motion:
-    """A clip on our 24-joint skeleton, Z up, metres; at rest the wearer faces −y.
-
-    Args:
-        clip: the source.
-        unit_m: the clip's unit in metres; found by the stature if not given.
+def retarget(clip: SourceClip) -> Motion:
+    """A clip on our 24-joint skeleton, Z up, metres; at rest the wearer faces −y. The stature tells the clip's unit.
 
     Raises:
         InputError: for an unknown skeleton, an implausible size, or a rest pose that is not an upright body.
@@ -59,7 +55,7 @@ def retarget(clip: SourceClip, unit_m: float | None = None) -> Motion:
     table = find_map(clip.names, clip.path)
     A = _body_from_source_axes(clip, table)
     stature = _stature(clip, table)
-    unit = unit_m or _unit_of(stature, clip.path)
+    unit = _unit_of(stature, clip.path)
     stature *= unit
     world = rotation_x(np.pi / 2) @ A  # body axes' y, up at rest, becomes the world's z
     clip = replace(

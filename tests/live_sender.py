@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Iterator
-from typing import Protocol
+from typing import BinaryIO
 
 import numpy as np
 
@@ -47,16 +47,6 @@ def sample_message(sample: LiveSample, start_ns: int = 0, frame: int = 0) -> Liv
     return message
 
 
-class ByteSink(Protocol):
-    """Where bytes go: an open binary file, a pipe, or a socket's ``makefile("wb")``."""
-
-    def write(self, data: bytes, /) -> object:
-        """All of the bytes."""
-
-    def flush(self) -> object:
-        """Send what was written."""
-
-
 def live_messages(scene: Scene, real_time: bool = False) -> Iterator[bytes]:
     """The header and then every sample, serialised.
 
@@ -76,7 +66,7 @@ def live_messages(scene: Scene, real_time: bool = False) -> Iterator[bytes]:
         yield sample_message(sample, setup.start_ns, number).SerializeToString()
 
 
-def write_messages(scene: Scene, stream: ByteSink, real_time: bool = False) -> int:
+def write_messages(scene: Scene, stream: BinaryIO, real_time: bool = False) -> int:
     """Send a scene as a delimited stream; how many messages that were.
 
     Args:

@@ -8,7 +8,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
-from vip_factors.geometry.rotations import Array, exp, rotation_z, transpose
+from vip_factors.geometry.rotations import exp, rotation_z, transpose
 from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
@@ -17,6 +17,7 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, Subject, Truth
 from vip_factors.sensors.scene import Camera, CameraMount, Scene, SceneTruth
 from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.scene import looking_at
 
 MODEL = CameraModel(1280, 720, (1000.0, 1000.0), (640.0, 360.0))
 RATE, VIDEO_RATE = 60.0, 30.0
@@ -34,15 +35,6 @@ class Injected:
     camera_rad: float = 0.0  # about the camera's z
     apart_m: float = 0.0  # the second wearer moved away from the first, up
     sigma: float = 0.05
-
-
-def looking_at(p_world: Array, target: Array) -> Array:
-    """``R_world_camera`` of cameras at ``(T, 3)`` that look at points ``(T, 3)``, the image upright."""
-    forward = target - p_world
-    forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
-    right = np.cross(forward, [0.0, 0.0, 1.0])
-    right = right / np.linalg.norm(right, axis=1, keepdims=True)
-    return np.stack([right, np.cross(forward, right), forward], axis=2)
 
 
 def placed(motion: Motion, at: tuple[float, float], turned: float, name: str) -> Motion:

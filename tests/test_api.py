@@ -15,7 +15,6 @@ from simulated_walk import walk
 
 import vip_factors as vip
 from vip_factors.estimate import WearerEstimate
-from vip_factors.evaluate.evaluation import Evaluation
 from vip_factors.gait.files import NAMES as GAIT_FILES
 from vip_factors.geometry.rotations import Array
 from vip_factors.repetitions.files import NAMES as REPETITION_FILES
@@ -129,30 +128,11 @@ def test_from_sensors_to_a_file_of_another_program(
         vip.export(estimate, tmp_path / "walk.odd")
 
 
-def test_an_evaluation_printed_begins_with_five_lines(recording: vip.Scene, estimate: vip.Estimate) -> None:
-    found = vip.evaluate(estimate, recording)
-    assert isinstance(found, Evaluation)
-    assert str(found).splitlines()[:5] == found.summary()[1:]
-    one = vip.evaluate(estimate.wearers[0], recording.wearers[0])
-    assert one["mpjpe"] == found["mpjpe"]
-
-
 def test_one_smooth_for_a_recording_and_a_scene(recording: vip.Scene, estimate: vip.Estimate) -> None:
     alone = vip.smooth(recording.wearers[0], QUICK)
     np.testing.assert_array_equal(alone.wearers[0].motion.R_parent_child, estimate.wearers[0].motion.R_parent_child)
     assert isinstance(recording.wearers[0], vip.Recording)
     assert vip.Settings().solver is SolverName.OWN
-
-
-def test_a_filmed_simulation_has_a_camera() -> None:
-    scene = vip.simulate(seconds=1.2, placement="sip6", camera="fixed")
-    assert scene.camera is not None
-    assert scene.truth is not None
-
-
-def test_a_log_is_converted(tmp_path: Path) -> None:
-    with pytest.raises(vip.VipFactorsError, match="no such file"):
-        vip.convert(tmp_path / "absent", vip.ImportOptions(stature_m=1.8))
 
 
 def test_objects_tell_of_themselves_in_a_few_lines(recording: vip.Scene, estimate: vip.Estimate) -> None:
@@ -163,13 +143,6 @@ def test_objects_tell_of_themselves_in_a_few_lines(recording: vip.Scene, estimat
     assert "verdict: " in repr(estimate)
     assert "6, 0.0 to " in repr(recording)
     assert "<th>positions</th><td>" in found._repr_html_()
-
-
-def test_what_is_found_tells_of_itself_in_a_few_lines(estimate: vip.Estimate, recording: vip.Scene) -> None:
-    answer = next(vip.Stream(recording, vip.LiveSettings(frame_rate=20.0)).answers(vip.live_samples(recording)))
-    for one in (estimate.only_wearer.motion, estimate.joint_angles(), answer):
-        assert 2 <= len(repr(one).splitlines()) <= 4
-    assert repr(answer).startswith("answer to frame 0, ")
 
 
 def test_gait_and_repetitions_tell_of_themselves_and_are_written(tmp_path: Path) -> None:
@@ -266,11 +239,6 @@ def test_progress_tells_standard_deviations_by_frames(camera: Literal["fixed"] |
     assert shares == sorted(shares)
     assert (shares[0], shares[-1]) == (0.0, 1.0)
     assert len(shares) > 6  # one for each frame
-
-
-def test_a_report_and_a_picture(recording: vip.Scene, estimate: vip.Estimate, tmp_path: Path) -> None:
-    assert vip.report(estimate, tmp_path / "walk.html", recording).stat().st_size > 0
-    assert vip.picture(estimate, tmp_path / "walk.png", recording, poses=2).stat().st_size > 0
 
 
 def test_run_does_what_the_command_does(recording: vip.Scene, tmp_path: Path) -> None:

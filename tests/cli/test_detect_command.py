@@ -1,6 +1,5 @@
 """The command around the detector: files, complaints, what it tells."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -71,15 +70,3 @@ def test_what_cannot_be(run: Callable, video: Path, seen: People, tmp_path: Path
         assert told.code == 2
         assert expected in told.err
     assert not (tmp_path / "walk.poses.json").exists()
-
-
-def test_the_library_that_is_missing_is_named(
-    run: Callable, video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in ("pose_detection.tflite", "pose_landmark_full.tflite"):
-        (tmp_path / name).write_bytes(b"")
-    monkeypatch.setitem(sys.modules, "ai_edge_litert", None)
-    monkeypatch.setitem(sys.modules, "ai_edge_litert.interpreter", None)
-    told = run("detect", video, "--blazepose", tmp_path)
-    assert told.code == 2
-    assert "pip install 'vip-factors[detect]'" in told.err

@@ -54,13 +54,6 @@ def test_sentences_name_options_and_no_functions(run, files, tmp_path: Path) -> 
         assert not re.search(r"\((read|smooth|write)_", told.err)
 
 
-def test_a_settings_file_with_a_wrong_number_is_named(run, files, tmp_path: Path) -> None:
-    settings = tmp_path / "s.toml"
-    settings.write_text("calibration_rate = -1")
-    told = run("smooth", files.recording, "--overwrite", "--settings", settings)
-    assert_one_sentence(told, "s.toml", "setting calibration_rate is -1")
-
-
 def test_a_true_motion_may_be_compared_with(run, files, tmp_path: Path) -> None:
     assert run("export", files.estimate, tmp_path / "found.bvh").code == 0
     told = run("evaluate", files.estimate, "--truth", tmp_path / "found.bvh")
@@ -82,13 +75,6 @@ def test_a_cut_file_is_told_of_once(run, files, tmp_path: Path) -> None:
     (tmp_path / "cut.mcap").write_bytes(content[: int(0.6 * len(content))])
     told = run("info", tmp_path / "cut.mcap")
     assert told.err.count("the file is cut off") == 1
-
-
-def test_info_tells_sites_and_mountings_with_their_sigmas(run, files) -> None:
-    told = run("info", files.recording)
-    assert re.search(r"left_shank +left shank +orientation, acceleration, turning rate ", told.out)
-    told = run("info", files.estimate).out
-    assert re.search(r"head +head +[-0-9.]+ ± .* [-0-9.]+ [-0-9.]+ [-0-9.]+ [-0-9.]+ +± [0-9.]+°\n", told)
 
 
 def test_a_stream_of_sensors_nowhere_says_what_to_do(run, files, tmp_path: Path) -> None:

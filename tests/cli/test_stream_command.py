@@ -205,6 +205,9 @@ def test_a_killed_stream_leaves_what_it_had(tmp_path: Path) -> None:
     with pytest.warns(McapWarning, match="cut off"):
         estimate = read_estimate(tmp_path / "e.partial.mcap")
     assert len(estimate.wearers[0].motion) >= 90 - 15 - 32
+    again = start(scene, "--out", tmp_path / "e.mcap")
+    assert "killed" in again.communicate()[1]
+    assert again.returncode == 2
 
 
 def test_sigterm_ends_a_server_that_waits(tmp_path: Path) -> None:

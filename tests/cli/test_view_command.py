@@ -12,7 +12,6 @@ from urllib.request import urlopen
 import pytest
 
 from tests.studies.processes import begun_by, is_running
-from vip_factors.viz import rerun_view
 
 PATIENCE_S = 60.0
 
@@ -33,16 +32,6 @@ def test_without_a_display_a_window_is_refused_in_one_sentence(run: Callable, fi
     assert done.code == 2
     assert done.err.startswith("vip-factors: no display: use --rerun-save FILE.rrd")
     assert len(done.err.splitlines()) == 1
-
-
-@pytest.mark.usefixtures("headless")
-def test_without_a_display_a_window_is_refused_in_python_too(files) -> None:
-    from vip_factors.errors import InputError
-    from vip_factors.io.mcap_recording import read_scene
-    from vip_factors.viz.drawn_scene import drawn_wearer
-
-    with pytest.raises(InputError, match="no display"):
-        rerun_view.show(drawn_wearer(read_scene(files.recording).wearers[0], None))
 
 
 @pytest.mark.parametrize("name", ["x.bvh", "x.npz", "x"])

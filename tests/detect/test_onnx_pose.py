@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.studies.fuzz.corpus import simcc_model
-from vip_factors.detect.onnx_pose import Box, OnnxPose, heat_peaks
+from vip_factors.detect.onnx_pose import Box, OnnxPose
 from vip_factors.errors import FileFormatError, InputError
 
 onnx = pytest.importorskip("onnx")
@@ -83,15 +83,6 @@ def test_keypoints_are_where_the_model_points(make: Make, kind: Callable) -> Non
     cell = 1.25 * 400 / HEIGHT * (1 if kind is simcc else 4)
     assert np.allclose(pixels, [430, 260], atol=cell)
     assert np.all(confidence == 1.0)  # clipped: a normalised 255 is above
-
-
-def test_a_quarter_of_a_cell_to_the_warmer_side() -> None:
-    maps = np.zeros((2, 8, 6))
-    maps[0, 3, 2], maps[0, 3, 3], maps[0, 2, 2] = 1.0, 0.6, 0.2
-    maps[1, 0, 5] = 1.0  # at the border there is no other side
-    x, y = heat_peaks(maps).T
-    assert np.allclose(x * 6, [2.5 + 0.25, 5.5])
-    assert np.allclose(y * 8, [3.5 - 0.25, 0.5])
 
 
 def test_what_is_no_such_model(make: Make, tmp_path: Path) -> None:

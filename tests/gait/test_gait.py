@@ -15,7 +15,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.gait.analysis import Gait, gait_of, gaits_of
 from vip_factors.gait.events import SIDES, events_of_motion, events_of_sensor
-from vip_factors.gait.files import reference_at, references, write_gait
+from vip_factors.gait.files import write_gait
 from vip_factors.gait.travel import travel_of_foot
 from vip_factors.sensors.calibration import SensorCalibration, SensorSite, preset
 from vip_factors.sensors.imu_stream import ImuStream
@@ -241,17 +241,6 @@ def test_files_hold_it_all(gait: Gait, tmp_path: Path) -> None:
     assert {one.name for one in alike} >= {"a_b.strides.csv", "A_b-2.strides.csv"}
     with pytest.raises(InputError, match="different names"):
         write_gait([gait, gait], folder)
-
-
-def test_references_are_of_a_similar_speed() -> None:
-    assert {one.angle for one in references()} == {"hip_flexion", "knee_flexion", "ankle_dorsiflexion"}
-    slow, usual = reference_at(0.8, "left_knee_flexion"), reference_at(1.2, "right_knee_flexion")
-    assert slow is not None
-    assert usual is not None
-    assert slow.speed < usual.speed
-    assert 50 < usual.mean.max() < 75
-    assert reference_at(2.5, "knee_flexion") is None
-    assert reference_at(1.2, "elbow_flexion") is None
 
 
 def test_wearers_belong_to_recordings(motion: Motion, recording: Recording) -> None:

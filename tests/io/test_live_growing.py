@@ -107,14 +107,6 @@ def test_further_cameras_arrive(tmp_path: Path) -> None:
     assert sentences == []
 
 
-def test_nothing_is_dropped_by_a_slow_tracker(tmp_path: Path) -> None:
-    scene = short_walk()
-    (tmp_path / "walk.mcap").write_bytes(written(scene, tmp_path))
-    setup, samples, sentences = followed(tmp_path / "walk.mcap", replace(QUICK, queue_limit=3))
-    assert_followed(scene, setup, samples)
-    assert sentences == []
-
-
 def test_a_file_that_stops_growing_ends_with_one_line(tmp_path: Path) -> None:
     data, path = written(short_walk(), tmp_path), tmp_path / "cut.mcap"
     path.write_bytes(data[: len(data) * 2 // 3])

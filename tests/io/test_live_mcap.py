@@ -29,8 +29,6 @@ from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
-TESTS = Path(__file__).parents[1]
-
 
 def write(scene: Scene, path: Path, estimates: list[LiveEstimate], **options: object) -> None:
     with LiveMcapSink(path, setup_of(scene), 60.0, **options) as sink:
@@ -79,56 +77,6 @@ def test_newest_poses_and_updates_stand_beside_them(tmp_path: Path) -> None:
     assert updates[9].update_s == 0.005
     assert [one.preliminary for one in updates] == [one.preliminary for one in given]
     assert contents.damage == []
-
-
-WRITER = """
-import sys, time
-sys.path.insert(0, sys.argv[1])
-from live_answers import answers, live_scene, setup_of
-from vip_factors.io.live_mcap import LiveMcapSink
-scene = live_scene(3.0)
-sink = LiveMcapSink(sys.argv[2], setup_of(scene), 60.0)
-for estimate in answers(scene):
-    sink.write(estimate)
-    if estimate.frame == 100:
-        print("now", flush=True)
-        time.sleep(60)
-"""
-
-
-def test_a_killed_process_leaves_what_it_had(tmp_path: Path) -> None:
-    out = tmp_path / "e.mcap"
-    writer = subprocess.Popen([sys.executable, "-c", WRITER, str(TESTS), str(out)], stdout=subprocess.PIPE)
-    assert writer.stdout.readline() == b"now\n"
-    writer.send_signal(signal.SIGKILL)
-    writer.communicate()
-    assert [path.name for path in tmp_path.iterdir()] == ["e.partial.mcap"]
-    with pytest.warns(McapWarning, match="cut off"):
-        read = read_estimate(tmp_path / "e.partial.mcap")
-    for one in read.wearers:  # half a second may be lost
-        assert 100 - LAG - 30 <= len(one.motion) <= 101 - LAG
-        assert one.calibration
-    assert len(read.camera.path) >= 100 - LAG - 30
-    # What the crash left is not overwritten without being asked.
-    with pytest.raises(InputError, match="killed"):
-        LiveMcapSink(out, setup_of(live_scene(0.1)), 60.0)
-    write(live_scene(0.6), out, list(answers(live_scene(0.6))), overwrite=True)
-    assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
-
-
-def test_after_an_error_the_name_says_that_it_is_not_whole(tmp_path: Path) -> None:
-    scene = live_scene(0.6)
-
-    def broken() -> None:
-        with LiveMcapSink(tmp_path / "e.mcap", setup_of(scene), 60.0) as sink:
-            for one in answers(scene):
-                sink.write(one)
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        broken()
-    assert [path.name for path in tmp_path.iterdir()] == ["e.partial.mcap"]
-    assert len(read_estimate(tmp_path / "e.partial.mcap").wearers) == 2
 
 
 def test_existing_files_stay(tmp_path: Path) -> None:

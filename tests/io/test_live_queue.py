@@ -64,14 +64,6 @@ def test_video_frames_are_dropped_before_imu_samples_and_old_before_new(frames: 
     assert not kept or kept == last
 
 
-def test_who_is_late_catches_up_at_once() -> None:
-    queue = LiveQueue(80)
-    for time in range(81):
-        queue.put(imu(time))
-    left = [one.time for one in drained(queue) if isinstance(one, ImuSample)]
-    assert left == list(range(71, 81))
-
-
 def test_losses_are_said_once_a_second_and_told_every_ten_and_at_the_end() -> None:
     clock = Clock()
     queue = LiveQueue(2, clock=clock)

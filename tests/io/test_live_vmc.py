@@ -1,7 +1,6 @@
 """VMC messages of a tracker's answers, as an OSC server hears them: python-osc's own, over UDP on this machine."""
 
 import socket
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -204,9 +203,3 @@ def test_each_wearer_needs_a_port() -> None:
     assert check_vmc("[::1]:39539", 3) == ("::1", 39539)
     with pytest.raises(InputError, match="65535"):
         check_vmc("127.0.0.1:65535", 2)
-
-
-def test_the_package_that_is_missing_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "pythonosc", None)
-    with pytest.raises(InputError, match=r"vip-factors\[live\]"):
-        check_vmc("127.0.0.1:39539")

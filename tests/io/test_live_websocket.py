@@ -19,7 +19,6 @@ from websockets.sync.client import ClientConnection, connect
 
 from vip_factors.errors import InputError
 from vip_factors.io.live.open import VARIABLE, open_source, read_token
-from vip_factors.io.live.session import Pace
 from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
 from vip_factors.io.live.websocket import MOST_SENDERS
 from vip_factors.sensors.live import LiveFinding, VideoFrame
@@ -171,14 +170,6 @@ def test_a_token_comes_from_a_file_or_the_environment(tmp_path: Path, monkeypatc
     (tmp_path / "token").write_text("\n")
     with pytest.raises(InputError, match="it is empty"):
         read_token(tmp_path / "token")
-
-
-def test_pace() -> None:
-    now = [100.0]
-    pace = Pace(10.0, lambda: now[0])
-    assert [pace.take(5) for _ in range(3)] == pytest.approx([0.0, 0.0, 0.5])
-    now[0] = 102.0
-    assert pace.take(1) == 0.0
 
 
 def test_a_flood_waits_and_fills_no_memory() -> None:

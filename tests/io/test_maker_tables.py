@@ -139,23 +139,3 @@ def test_broken_tables(tmp_path: Path) -> None:
         OPENSENSE.read(path)
     path.write_text(whole.replace("DataType=Quaternion", "DataType=double"))
     assert not OPENSENSE.matches(path)
-
-
-def test_times_win_over_the_stated_rate(tmp_path: Path) -> None:
-    log = OPENSENSE.read(write_quaternions(tmp_path / "a.sto", rotations(5, 1), ["a"], rate=60.0))
-    assert log.imus["a"].rate == pytest.approx(60)
-    assert any("100 Hz" in note and "60.00 Hz" in note for note in log.notes)
-
-
-@pytest.mark.data
-def test_real_tables(data_folder: Path) -> None:
-    log = OPENSENSE.read(data_folder / "opensense" / "S07" / "S07_IMU" / "imu_walking_25s.sto")
-    assert len(log.imus) == 8
-    assert all(len(stream) == 1501 for stream in log.imus.values())
-    assert log.imus["pelvis_imu"].time[-1] == pytest.approx(15)
-    assert set(log.default_sites.values()) == {
-        "sternum", "pelvis", "right_shank", "right_thigh", "left_shank", "left_thigh", "right_foot", "left_foot",
-    }  # fmt: skip
-    for path in sorted((data_folder / "opensense" / "opensense_tests").glob("*.sto")):
-        assert OPENSENSE.matches(path), path.name
-        assert len(OPENSENSE.read(path).imus) >= 7, path.name

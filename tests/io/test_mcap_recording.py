@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from mcap.reader import make_reader
-from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
 from mcap_samples import assert_same, recordings, walk
 from scene_samples import filmed_walk, scenes
 
 from vip_factors.atomic import atomic_open
 from vip_factors.describe.recordings import recording_tables
-from vip_factors.errors import FileFormatError, RecordingError
+from vip_factors.errors import FileFormatError
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.mcap_recording import FIRST_CAMERA, read_scene, wearer_topics, write_recording
 from vip_factors.io.mcap_samples import detections_of
@@ -112,30 +111,12 @@ def test_foreign_channels_are_left_out_and_named(tmp_path: Path) -> None:
     assert_same(recording, read)
 
 
-def test_a_file_without_our_messages_is_refused_with_its_topics(tmp_path: Path) -> None:
-    with open(tmp_path / "other.mcap", "wb") as file:
-        writer = Writer(file)
-        writer.start()
-        writer.add_message(writer.register_channel("/odometry", "json", 0), 0, b"{}", 0)
-        writer.finish()
-    with pytest.warns(McapWarning), pytest.raises(FileFormatError, match=r"other\.mcap.*found topics /odometry"):
-        read_scene(tmp_path / "other.mcap")
-
-
 def test_messages_that_do_not_decode_are_named(tmp_path: Path) -> None:
     with open(tmp_path / "r.mcap", "wb") as file, MessageWriter(file) as writer:
         channel = writer.channel("/imu/a", ImuSample)
         writer.add(channel, 0, ImuSample(sensor="a", specific_force=FORCE).SerializeToString())
         writer.add(channel, 1, b"\xff\xff\xff")
     with pytest.warns(McapWarning), pytest.raises(FileFormatError, match=r"message 1 of topic /imu/a"):
-        read_scene(tmp_path / "r.mcap")
-
-
-def test_unusable_samples_are_refused_with_the_file_named(tmp_path: Path) -> None:
-    with open(tmp_path / "r.mcap", "wb") as file, MessageWriter(file) as writer:
-        for i in range(2):
-            writer.write("/imu/a", ImuSample(sensor="a", seconds=1.0, specific_force=FORCE), i)
-    with pytest.warns(McapWarning), pytest.raises(RecordingError, match=r"r\.mcap.*sensor 'a'"):
         read_scene(tmp_path / "r.mcap")
 
 
@@ -169,16 +150,6 @@ def three_cameras() -> Scene:
     path = scene.truth.camera
     further = tuple(replace(scene.camera, name=name, known_path=path) for name in ("left", "a/info"))
     return replace(scene, further_cameras=further, truth=replace(scene.truth, further=(scene.truth, scene.truth)))
-
-
-def test_further_cameras_have_topics_below_their_names(tmp_path: Path) -> None:
-    write_recording(three_cameras(), tmp_path / "three.mcap")
-    write_recording(filmed_walk(5), tmp_path / "one.mcap")
-    three, one = (set(read_contents(tmp_path / name).topics) for name in ("three.mcap", "one.mcap"))
-    of_first = {topic for topic in one if "/camera/" in topic}
-    assert of_first == {topic for topic in three if "/camera/" in topic and topic.count("/") == 2 + ("truth" in topic)}
-    below = {topic.replace("/camera/", "/camera/left/") for topic in of_first} | {"/camera/left/pose"}
-    assert three - one == below | {topic.replace("/left/", "/a%2Finfo/") for topic in below}
 
 
 def test_a_further_camera_without_its_pose_is_left_out(tmp_path: Path) -> None:

@@ -51,14 +51,6 @@ def test_a_covariance_of_minus_one_means_not_measured(tmp_path: Path) -> None:
     assert streams["c"].R_inertial_sensor is not None
 
 
-def test_a_topic_with_rates_alone_is_left_out_and_said(tmp_path: Path) -> None:
-    absent = [-1.0] + [0.0] * 8
-    gyro = [imu(i, "g", orientation_covariance=absent, linear_acceleration_covariance=absent) for i in range(3)]
-    path = write_ros2(tmp_path / "r.mcap", {"/gyro": gyro, "/imu": [imu(0)]})
-    with pytest.warns(McapWarning, match="/gyro has neither"):
-        assert list(ros2.read(path).imus) == ["pelvis"]
-
-
 @pytest.mark.parametrize("frame_id", ["", "base_link"])
 def test_empty_and_shared_frames_give_way_to_topics(tmp_path: Path, frame_id: str) -> None:
     messages = [imu(i, frame_id) for i in range(2)]

@@ -82,24 +82,14 @@ def test_what_is_no_video_is_refused(tmp_path: Path, video: Path) -> None:
         embed_video(filmed_walk(3))
 
 
-def test_a_video_that_does_not_belong_is_refused(tmp_path: Path, video: Path) -> None:
-    camera = filmed_walk(20).camera
+def test_a_video_that_does_not_belong_is_refused(video: Path) -> None:
+    camera, facts = filmed_walk(20).camera, video_facts(video)
     assert camera is not None
-    facts = video_facts(video)
-    check_video(facts, camera)
-    long = filmed_walk(31)
-    assert long.camera is not None
-    with pytest.raises(InputError, match=r"v\.mp4 has 20 frames, but the detections have 31"):
-        check_video(facts, long.camera)
+    check_video(facts, replace(camera, model=replace(MODEL, height=488)))
     with pytest.raises(InputError, match="shorter than its detections"):
-        embed_video(long, video)
-    with pytest.raises(
-        InputError, match="640 by 480 pixels, but the camera was calibrated at 1280 by 960: calibrate at"
-    ):
-        check_video(facts, replace(camera, model=replace(MODEL, width=1280, height=960)))
+        embed_video(filmed_walk(31), video)
     with pytest.raises(InputError, match="held as in the video"):
         check_video(facts, replace(camera, model=replace(MODEL, width=480, height=640)))
-    check_video(facts, replace(camera, model=replace(MODEL, height=488)))
 
 
 CORNERS = np.array([[40.0, 20.0], [20.0, 20.0], [22.0, 60.0], [38.0, 60.0]])

@@ -202,22 +202,6 @@ def test_real_walk_with_eleven_sensors(data_folder: Path) -> None:
         np.testing.assert_allclose(force, GRAVITY, atol=0.3)
 
 
-@pytest.mark.data
-def test_real_exports_of_every_dialect(data_folder: Path) -> None:
-    folder = data_folder / "opensense" / "reader_fixtures" / "Xsens"
-    counts = {}
-    for path in sorted(folder.glob("*.txt")):
-        (stream,) = MTW.read(path).imus.values()
-        counts[path.stem] = len(stream)
-        if stream.specific_force is not None and stream.R_inertial_sensor is not None:
-            force = mean_force_inertial(stream.R_inertial_sensor, stream.specific_force)
-            assert force[2] == pytest.approx(9.81, abs=0.25), path.name
-    assert counts["MT2022_ACC_00B42D4B"] == 5
-    assert counts["MT2022_ACC_GYRO_ROT_ALL_TAB_NAN_00B42D4B"] == 4  # one sample has a hole
-    assert counts["MT_012005D6-000_sit_to_stand-000_00B421ED"] == 1459
-    assert counts["MT_012005D6_031-000_00B421AF"] == 3369
-
-
 def sample(count: int) -> tuple[Array, Array]:
     R = exp(np.array([0.3, -0.2, 1.0])) @ exp(0.02 * np.arange(count)[:, None] * np.array([1.0, 0.5, 0.2]))
     return R, np.tile([0.4, -0.3, 0.2], (count, 1))

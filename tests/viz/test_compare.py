@@ -50,11 +50,6 @@ def test_side_by_side_differs_by_one_horizontal_step(scene) -> None:
     np.testing.assert_allclose(step[:, 2], 0)
 
 
-def test_floor_is_under_the_feet(scene) -> None:
-    lowest = scene.truth.state.p_world_joint[..., 2].min()
-    assert floor_height(scene.truth) == pytest.approx(lowest, abs=0.08)
-
-
 def test_what_the_truth_does_not_know_is_no_error(scene) -> None:
     knees = [JOINT_NAMES.index(f"{side}_knee") for side in ("left", "right")]
     R = scene.truth.R_parent_child.copy()

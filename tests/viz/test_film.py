@@ -1,6 +1,5 @@
 """Films: skeletons lie where their joints are seen, over the video or a plain ground, and files play."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import pytest
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
-from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
@@ -72,20 +70,3 @@ def test_a_film_opens_with_its_number_of_pictures(drawn: DrawnScene, tmp_path: P
     assert list(tmp_path.iterdir()) == [path]
     with pytest.raises(InputError, match="exists"):
         film(drawn, path, 96)
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda drawn, folder: film(drawn, folder / "a.avi", 96), r"end in \.mp4"),
-        (lambda drawn, folder: film(drawn, folder / "no" / "a.mp4", 96), "no folder"),
-        (lambda drawn, folder: film(drawn, folder / "a.mp4", 96, (7.0, 9.0)), "nothing to film"),
-        (lambda drawn, folder: film(replace(drawn, path=None), folder / "a.mp4", 96), "no camera is known"),
-        (lambda drawn, folder: ReportSettings(video_height=10), "64 or more and 2160 at most"),
-        (lambda drawn, folder: ReportSettings(video_seconds=(2.0, 1.0)), "later end"),
-    ],
-)  # fmt: skip
-def test_what_cannot_be_filmed_is_said(drawn: DrawnScene, tmp_path: Path, make: Callable, said: str) -> None:
-    with pytest.raises(InputError, match=said):
-        make(drawn, tmp_path)
-    assert not list(tmp_path.iterdir())

@@ -1,12 +1,9 @@
-from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
-import pytest
 
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
-from vip_factors.errors import InputError
 from vip_factors.viz.drawn_scene import drawn_wearer
 from vip_factors.viz.picture import filmstrip
 
@@ -30,15 +27,3 @@ def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> N
 def test_a_truth_alone_and_a_short_motion_can_be_drawn(scene, tmp_path: Path) -> None:
     filmstrip(drawn_wearer(scene.recording, None), tmp_path / "a.png")
     filmstrip(drawn_wearer(None, None, scene.truth.frames(slice(0, 1))), tmp_path / "b.png")
-
-
-def test_bad_requests_are_refused_in_a_sentence(scene, tmp_path: Path) -> None:
-    (tmp_path / "a.png").write_text("precious")
-    with pytest.raises(InputError, match="exists"):
-        filmstrip(drawn_wearer(None, scene.estimate), tmp_path / "a.png")
-    with pytest.raises(InputError, match=r"\.png"):
-        filmstrip(drawn_wearer(None, scene.estimate), tmp_path / "a.jpg")
-    with pytest.raises(InputError, match="nothing to draw"):
-        filmstrip(drawn_wearer(replace(scene.recording, truth=None), None), tmp_path / "b.png")
-    assert (tmp_path / "a.png").read_text() == "precious"
-    assert len(list(tmp_path.iterdir())) == 1

@@ -15,13 +15,10 @@ from vip_factors.findings import bare
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.detections import Detections
 from vip_factors.simulate.gestures import gestures
-from vip_factors.viz.charts import colour_legend, pixels
-from vip_factors.viz.colours import sensor_colours
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.rerun_body import cut_skin, log_poses, see_through
 from vip_factors.viz.rerun_camera import log_detections, log_image_style
-from vip_factors.viz.rerun_layout import abreast, centre_path, eye, forward_of, spread_of
-from vip_factors.viz.rerun_view import span_of
+from vip_factors.viz.rerun_layout import abreast
 from vip_factors.viz.summaries import KEPT, live_summary, scene_summary
 
 
@@ -72,17 +69,6 @@ def stepped(motion: Motion, x: float, y: float) -> Motion:
     return replace(motion, p_world_pelvis=motion.p_world_pelvis + np.array([x, y, 0.0]))
 
 
-def test_the_eye_is_near_one_person_and_farther_from_many() -> None:
-    body = gestures(0.5)
-    alone, pair = [body], [body, stepped(body, 0.0, 4.0)]
-    for shown in (alone, pair):
-        target = centre_path(shown)[1][0]
-        controls = eye(target, forward_of(body), spread_of(shown), 2.0, None)
-        distance = np.linalg.norm(np.asarray(controls.position.as_arrow_array().to_pylist()[0]) - target)
-        expected = 2.5 if len(shown) == 1 else (2.0 + 0.55) / 1.03 + 2.0
-        assert distance == pytest.approx(expected, abs=0.02)
-
-
 def test_people_in_a_row_are_not_looked_at_along_it() -> None:
     body = gestures(0.5)
     for turn in np.deg2rad([0, 30, 90, 140]):
@@ -91,13 +77,6 @@ def test_people_in_a_row_are_not_looked_at_along_it() -> None:
         ahead = abreast(shown, np.array([1.0, 0.0, 0.0]))
         towards = rotation_z(0.68) @ ahead
         assert abs(step @ towards) / 2 < np.cos(np.deg2rad(30))
-
-
-def test_plots_span_the_recording() -> None:
-    scene = scene_sample(0.5)
-    drawn = drawn_scene(scene, estimate_of(scene))
-    start, end = span_of(drawn)
-    assert (start, end) == pytest.approx((0.0, 0.5), abs=0.05)
 
 
 def test_findings_are_a_list_and_names_are_no_markup() -> None:
@@ -117,13 +96,6 @@ def test_a_streams_text_says_what_is_newest_and_what_is_smoothed() -> None:
     assert text.index("finding 59") < text.index("finding 58")
     assert text.count("finding ") == KEPT
     assert "- **verdict**: CARE, usable with care" in text
-
-
-def test_the_legend_shows_every_sensors_colour() -> None:
-    colours = sensor_colours([f"sensor_{index}" for index in range(13)])
-    picture = pixels(colour_legend(colours)).astype(int)
-    for colour in colours.values():
-        assert (np.abs(picture - colour).max(axis=-1) < 3).sum() > 200
 
 
 def test_pieces_of_the_skin_cover_the_body() -> None:

@@ -12,13 +12,11 @@ from rerun_files import printed
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
-from vip_factors.estimate import BodyEstimate, Estimate, WearerEstimate
+from vip_factors.estimate import Estimate
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.simulate.gestures import gestures
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene
+from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.rerun_view import show
-from vip_factors.viz.summaries import scene_summary
 
 
 @pytest.fixture(scope="module")
@@ -124,15 +122,3 @@ def test_a_camera_without_frames_is_nothing_to_show(sample: Scene, tmp_path: Pat
     blind = replace(sample, wearers=wearers, camera=replace(sample.camera, detections=none), truth=None)
     with pytest.raises(InputError, match="nothing to show"):
         show(drawn_scene(blind, None), tmp_path / "a.rrd")
-
-
-def test_lengths_stand_beside_what_was_likely() -> None:
-    motion, square = gestures(0.5), np.diag([1e-4, 4e-4])
-    body = BodyEstimate(("thigh", "shank"), np.array([0.42, 0.41]), np.array([0.4, 0.43]), 4 * square, square)
-    for found, lines in (
-        (body, ["| thigh | 420 ± 24 | 400 ± 17 | -20 | measured |", "| shank | 410 ± 42 | 430 ± 24 | 20 | measured |"]),
-        (None, []),
-    ):
-        estimate = WearerEstimate("walk", "VIP", motion, {}, body=found)
-        told = scene_summary(DrawnScene("walk", (DrawnWearer("Ada", 0, motion, None, None, estimate),)))
-        assert [line for line in told.splitlines() if line.startswith(("| thigh", "| shank"))] == lines

@@ -17,7 +17,6 @@ from vip_factors.viz.charts import INK, LINE_COLOURS, scene_charts
 from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.images import video_stream
-from vip_factors.viz.overlay import GROUND
 from vip_factors.viz.picture import filmstrip
 
 ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
@@ -48,17 +47,6 @@ def test_every_wearer_is_on_the_picture_in_its_colour(sample: Scene, tmp_path: P
     bare = replace(sample, truth=None, wearers=tuple(replace(one, truth=None) for one in sample.wearers))
     filmstrip(drawn_scene(bare, None), short, frames=3)  # no camera pose, no curves: detections alone
     assert cv2.imread(str(short)).shape[0] < cv2.imread(str(png)).shape[0]
-
-
-def test_frames_of_the_video_are_the_background(sample: Scene, tmp_path: Path) -> None:
-    green = np.zeros((72, 128, 3), np.uint8)
-    green[..., 1] = 200
-    blob = cv2.imencode(".png", green)[1].tobytes()
-    video = Video(None, dict.fromkeys(range(len(sample.camera.detections.time)), blob))
-    seen = replace(sample, camera=replace(sample.camera, video=video))
-    filmstrip(drawn_scene(seen, None), tmp_path / "a.png", frames=3)
-    assert pixels_like(tmp_path / "a.png", (0, 200, 0)) > 50_000
-    assert pixels_like(tmp_path / "a.png", GROUND, 2) < 8000  # but for the plates of the times
 
 
 def test_frames_are_found_in_files_and_rubbish_is_left_out(tmp_path: Path) -> None:

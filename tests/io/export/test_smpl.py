@@ -17,7 +17,6 @@ from vip_factors.io.export.files import export
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.io.motions.amass import BODY_JOINTS, read_amass
 from vip_factors.io.settings import ExportSettings
-from vip_factors.sensors.camera_model import CameraModel
 from vip_factors.sensors.camera_path import CameraPath
 from vip_factors.simulate.gestures import gestures
 
@@ -130,21 +129,6 @@ def test_with_the_recording_its_2d_poses_are_there(recording: Path, tmp_path: Pa
         assert np.abs(found - pixels_of(content, person)[:, JOINTS]).max() < 1e-3
         assert np.allclose(poses2d[:, :2, 1], (poses2d[:, :2, 2] + poses2d[:, :2, 5]) / 2)
         assert content["campose_valid"][person].all()
-
-
-def test_a_lens_that_distorts_is_taken_out_of_the_2d_poses(tmp_path: Path) -> None:
-    scene, estimate = filmed()
-    bent = CameraModel(1280, 720, (1000.0, 1000.0), (640.0, 360.0), (-0.2, 0.05, 0.001, -0.002))
-    known = scene.camera.detections
-    flat = (known.pixels - [640, 360]) / 1000
-    pixels = bent.project(np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1))
-    camera = replace(scene.camera, model=bent, detections=replace(known, pixels=pixels))
-    write_recording(replace(scene, camera=camera), tmp_path / "bent.mcap")
-    estimate = replace(estimate, camera=replace(estimate.camera, model=bent))
-    (path,) = export(estimate, tmp_path / "a.pkl", ExportSettings(recording=tmp_path / "bent.mcap"))
-    content = content_of(path)
-    found = content["poses2d"][1][:, :2, KEYPOINTS].transpose(0, 2, 1)
-    assert np.abs(found - pixels_of(content, 1)[:, JOINTS]).max() < 1e-2
 
 
 def test_pictures_outside_the_estimate_are_not_valid(recording: Path, tmp_path: Path) -> None:

@@ -58,12 +58,6 @@ def test_standard_deviations_follow_where_they_are_known(tmp_path: Path) -> None
     assert "left_shoulder_elevation_sd_deg" not in table.dtype.names
 
 
-POSE2SIM_BODY_25B = [
-    "RHip", "RKnee", "RAnkle", "RBigToe", "RSmallToe", "RHeel", "LHip", "LKnee", "LAnkle", "LBigToe", "LSmallToe",
-    "LHeel", "Neck", "Head", "Nose", "RShoulder", "RElbow", "RWrist", "LShoulder", "LElbow", "LWrist",
-]  # fmt: skip
-
-
 def read_trc(path: Path) -> tuple[dict[str, str], Array, dict[str, Array]]:
     lines = path.read_text(encoding="utf-8").splitlines()
     assert lines[0].split("\t")[:3] == ["PathFileType", "4", "(X/Y/Z)"]
@@ -87,17 +81,6 @@ def test_points_come_back_with_y_up(tmp_path: Path) -> None:
     for number, name in enumerate(JOINT_NAMES):
         x, y, z = motion.state.p_world_joint[:, number].T
         assert np.abs(points[name] - np.stack([x, z, -y], axis=1)).max() < 1e-6
-
-
-def test_markers_have_the_names_of_pose2sim(tmp_path: Path) -> None:
-    scene = sample_scene()
-    _, _, points = read_trc(export(scene, tmp_path / "walk.trc")[0])
-    assert set(POSE2SIM_BODY_25B) <= set(points)
-    assert np.allclose(points["LKnee"], points["left_knee"])
-    knee = scene.wearers[0].motion.state.p_world_joint[:, joint_index("right_knee")]
-    assert np.allclose(points["RKnee"][:, 1], knee[:, 2], atol=1e-6)
-    assert np.all(points["Head"][:, 1] > points["Neck"][:, 1])
-    assert np.all(points["LHeel"][:, 1] < points["LAnkle"][:, 1])
 
 
 FORWARD, UP, RIGHT = np.eye(3)

@@ -43,7 +43,6 @@ FENCED = {
     "websockets": {"io"},
     "pygltflib": {"io"},
     "pythonosc": {"io"},
-    "pylsl": {"io"},
     "av": {"viz"},
     "cv2": {"associate", "detect", "initialise", "io", "viz", "sensors"},
     "ai_edge_litert": {"detect"},

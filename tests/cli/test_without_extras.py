@@ -15,14 +15,13 @@ EXTRAS = (
     "ezc3d",
     "onnxruntime",
     "pygltflib",
-    "pylsl",
     "pythonosc",
     "upath",
     "websockets",
 )
 
 # Modules that are imported only with an extra, and import it at once.
-NEEDING = tuple(f"vip_factors.io.{name}" for name in ("live.network", "live.websocket", "live_server", "live_lsl"))
+NEEDING = tuple(f"vip_factors.io.{name}" for name in ("live.network", "live.websocket", "live_server"))
 
 
 @pytest.fixture
@@ -51,7 +50,6 @@ def unasked(source: Path | None, tell: Callable[[str], None]) -> None:
         ("stream ws://127.0.0.1:0", "live"),
         ("stream RECORDING --vmc 127.0.0.1:39539", "live"),
         ("stream RECORDING --web 8080", "live"),
-        ("stream RECORDING --lsl body", "lsl"),
         ("smooth RECORDING --cluster tcp://127.0.0.1:1 --summary all.csv --out OUT", "cluster"),
         ("smooth s3://lab/walk.mcap", "cluster"),
     ],

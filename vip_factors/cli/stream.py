@@ -67,13 +67,11 @@ class StreamOptions(SettingsOptions, ManyOptions):
     """Port of a live page for browsers; /stream there is a WebSocket with the answers as JSON."""
     web_host: str = "127.0.0.1"
     """Address of it: 127.0.0.1 for this machine, 0.0.0.0 for its networks, to whoever has the token."""
-    lsl: str | None = None
-    """Name of an outlet of the Lab Streaming Layer."""
     vmc: str | None = None
     """Send VMC messages for avatars to host:port (Unity, Unreal, Blender, VSeeFace … listen on 39539); of several
     wearers the second is sent to the next port, and so on."""
     sent_pose: SentPose = SentPose.NEWEST
-    """Pose that these two send: the newest, or the smoothed one, a lag later but without corrections."""
+    """Pose that VMC messages have: the newest, or the smoothed one, a lag later but without corrections."""
     real_time: Flag = False
     """Play a recording back in its own time instead of as fast as it can be tracked."""
     follow: Flag = False
@@ -127,8 +125,6 @@ def _check(options: StreamOptions) -> None:
         check_vmc(options.vmc)
     if options.web is not None:
         import_module("vip_factors.io.live.network")
-    if options.lsl is not None:
-        import_module("vip_factors.io.live_lsl")
     if _wants_rerun(options):
         os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a viewer that was closed, line after line
         from vip_factors.viz.live_rerun import prepare
@@ -238,10 +234,6 @@ def _sinks(
         server = stack.enter_context(serve(setup, options.web, options.web_host, read_token(options.token_file)))
         line.note(f"note: {server.listens}")
         yield server
-    if options.lsl is not None:
-        from vip_factors.io.live_lsl import LiveLslSink
-
-        yield LiveLslSink(options.lsl, setup, settings.frame_rate, options.sent_pose)
 
 
 def _conclude(

@@ -6,11 +6,13 @@ import cv2
 import numpy as np
 import pytest
 from films import write_video
+from mcap_samples import copy_messages
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording
+from vip_factors.io.mcap_writer import MessageWriter
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +22,9 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     scene = scene_sample(0.2)
     write_recording(scene, folder / "scene.mcap")
     write_estimate(estimate_of(scene), folder / "scene.estimate.mcap")
-    write_estimate(estimate_of(scene), folder / "both.mcap", append_to=folder / "scene.mcap")
+    with (folder / "both.mcap").open("wb") as file, MessageWriter(file) as writer:
+        for name in ("scene.mcap", "scene.estimate.mcap"):
+            copy_messages(folder / name, writer._writer)
     return folder
 
 

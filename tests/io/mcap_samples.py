@@ -1,7 +1,11 @@
 """Small random recordings and estimates for the tests of files."""
 
+from pathlib import Path
+
 import numpy as np
 from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from vip_factors.body.anthropometry import LengthPrior, skeleton_from_stature
 from vip_factors.body.hinges import HINGE_OF, HingeEstimate
@@ -184,3 +188,17 @@ def assert_same(a: object, b: object, where: str = "") -> None:
             assert_same(getattr(a, name), getattr(b, name), f"{where}.{name}")
     else:
         assert a == b or (a != a and b != b), f"{where}: {a!r} is not {b!r}"
+
+
+def copy_messages(path: Path, writer: Writer, without: tuple[str, ...] = ("\0",), later_ns: int = 0) -> None:
+    """Write the messages of a file, but for topics that begin with one of ``without``, logged later."""
+    channels = dict[int, int]()
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            if channel.topic.startswith(without):
+                continue
+            if channel.id not in channels:
+                assert schema is not None
+                number = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.id] = writer.register_channel(channel.topic, channel.message_encoding, number)
+            writer.add_message(channels[channel.id], message.log_time + later_ns, message.data, message.publish_time)

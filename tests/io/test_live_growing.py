@@ -166,7 +166,7 @@ def spoilt(tmp_path: Path, add: Callable[[MessageWriter], None]) -> list[str]:
 
 def test_foreign_and_unparsable_messages_are_left_out(tmp_path: Path) -> None:
     def add(writer: MessageWriter) -> None:
-        schema = writer._schema("sensor_msgs/msg/Imu", "ros2msg", b"")
+        schema = writer._writer.register_schema("sensor_msgs/msg/Imu", "ros2msg", b"")
         writer.add(writer._writer.register_channel("/imu/tail", "cdr", schema), 0, b"words")
         writer.add(writer.channel("/imu/head", ImuSample), 0, b"\xff")
         writer.add(writer.channel("/wearer/Bob/imu/head", ImuSample), 0, ImuSample(seconds=1.0).SerializeToString())

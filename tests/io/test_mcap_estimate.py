@@ -1,7 +1,6 @@
 """Estimates of a wearer or a scene come back from MCAP files as they were; what is no estimate is refused clearly."""
 
 import re
-import sys
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -10,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from mcap.reader import make_reader
-from mcap.writer import Writer
 from mcap_protobuf.decoder import DecoderFactory
-from mcap_samples import assert_same, calibration, estimates, motion, walk
+from mcap_samples import assert_same, calibration, copy_messages, estimates, motion, walk
 from scene_samples import filmed_walk, scene_estimates
 
 from vip_factors.body.skeleton import JOINT_NAMES
@@ -23,8 +21,9 @@ from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstim
 from vip_factors.findings import Finding, bare
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
-from vip_factors.io.mcap_reader import McapWarning, read_contents
+from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene, write_recording
+from vip_factors.io.mcap_writer import MessageWriter
 
 
 def example(T: int = 60) -> WearerEstimate:
@@ -47,46 +46,9 @@ def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFact
         assert_same(estimate, read_estimate(path).only_wearer)
 
 
-def test_appending_in_place_replaces_an_earlier_estimate_and_keeps_everything_else(tmp_path: Path) -> None:
-    path = tmp_path / "r.mcap"
-    with open(path, "wb") as file:
-        writer = Writer(file)
-        writer.start()
-        channel = writer.register_channel("/camera", "json", 0, {"lens": "wide"})
-        writer.add_message(channel, 7, b"{}", publish_time=8, sequence=9)
-        writer.add_attachment(1, 2, "note.txt", "text/plain", b"hello")
-        writer.add_metadata("who", {"name": "Ada"})
-        writer.finish()
-    for method in ("IT", "SIP"):
-        write_estimate(Estimate.of_one(replace(example(), method=method)), path, overwrite=True, append_to=path)
-    assert_same(replace(example(), method="SIP"), read_estimate(path).only_wearer)
-    with open(path, "rb") as file:
-        reader = make_reader(file)
-        [(_, camera, message)] = reader.iter_messages("/camera")
-        [attachment], [metadata] = reader.iter_attachments(), reader.iter_metadata()
-        summary = reader.get_summary()
-    assert camera.metadata == {"lens": "wide"}
-    assert (message.log_time, message.publish_time, message.sequence, message.data) == (7, 8, 9, b"{}")
-    assert (attachment.name, attachment.data) == ("note.txt", b"hello")
-    assert metadata.metadata == {"name": "Ada"}
-    assert summary is not None
-    assert len([one for one in summary.channels.values() if one.topic == "/estimate/info"]) == 1
-
-
-def test_a_damaged_recording_is_not_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "r.mcap"
-    write_recording(walk(), path)
-    path.write_bytes(path.read_bytes()[:-3000])
-    before = path.read_bytes()
-    with pytest.warns(McapWarning, match="cut"), pytest.raises(FileFormatError, match="write to another file"):
-        write_estimate(Estimate.of_one(example()), path, overwrite=True, append_to=path)
-    assert path.read_bytes() == before
-
-
 def test_viewers_get_transforms_that_chain_to_every_joint(tmp_path: Path) -> None:
-    pytest.importorskip("foxglove_schemas_protobuf")
     estimate = replace(example(), motion=replace(motion(np.random.default_rng(1), 8), rate=60.0))
-    write_estimate(Estimate.of_one(replace(estimate, residuals={})), tmp_path / "e.mcap", scene=True)
+    write_estimate(Estimate.of_one(replace(estimate, residuals={})), tmp_path / "e.mcap")
     with open(tmp_path / "e.mcap", "rb") as file:
         reader = make_reader(file, decoder_factories=[DecoderFactory()])
         frames = [m for *_, m in reader.iter_decoded_messages("/estimate/tf")]
@@ -107,16 +69,6 @@ def position(message, frame: str) -> np.ndarray:
         p = p + np.array([one.translation.x, one.translation.y, one.translation.z])
         frame = one.parent_frame_id
     return p
-
-
-def test_a_scene_is_left_out_without_foxglove_messages_unless_it_was_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setitem(sys.modules, "foxglove_schemas_protobuf", None)
-    write_estimate(Estimate.of_one(example(3)), tmp_path / "e.mcap")
-    with pytest.raises(InputError, match="pip install foxglove-schemas-protobuf"):
-        write_estimate(Estimate.of_one(example(3)), tmp_path / "scene.mcap", scene=True)
-    assert [path.name for path in tmp_path.iterdir()] == ["e.mcap"]
 
 
 @pytest.mark.parametrize("share", [0.6])
@@ -180,14 +132,14 @@ def test_the_round_trip_of_a_scene_is_lossless_and_silent(
 @given(scene_estimates())
 def test_an_estimate_in_the_file_of_its_scene(tmp_path_factory: pytest.TempPathFactory, estimate: Estimate) -> None:
     folder = tmp_path_factory.mktemp("mcap")
-    write_recording(filmed_walk(4), folder / "s.mcap")
-    for _ in range(2):  # the second in place of the first
-        write_estimate(estimate, folder / "s.mcap", overwrite=True, append_to=folder / "s.mcap")
-    assert_same(filmed_walk(4).wearers[0], read_scene(folder / "s.mcap").wearers[0])
-    assert_same(estimate, read_estimate(folder / "s.mcap"))
-    contents = read_contents(folder / "s.mcap")
-    assert contents.last_log_time is not None
-    assert contents.last_log_time > filmed_walk(4).wearers[0].start_ns - 10**10, "on the recording's clock"
+    scene, parts = filmed_walk(4), (folder / "scene.mcap", folder / "estimate.mcap")
+    write_recording(scene, parts[0])
+    write_estimate(estimate, parts[1], start_ns=scene.start_ns)
+    with (folder / "both.mcap").open("wb") as file, MessageWriter(file) as writer:
+        for path in parts:
+            copy_messages(path, writer._writer)
+    assert_same(scene.wearers[0], read_scene(folder / "both.mcap").wearers[0])
+    assert_same(estimate, read_estimate(folder / "both.mcap"))
 
 
 def sample(T: int = 30, wearers: int = 2) -> Estimate:
@@ -212,7 +164,7 @@ def test_an_estimate_of_nobody_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("share", [0.5])
 def test_of_a_cut_estimate_of_a_scene_the_first_frames_are_read(tmp_path: Path, share: float) -> None:
     whole = sample(200, 1)
-    write_estimate(whole, tmp_path / "e.mcap", scene=False)
+    write_estimate(whole, tmp_path / "e.mcap")
     data = (tmp_path / "e.mcap").read_bytes()
     (tmp_path / "e.mcap").write_bytes(data[: int(share * len(data))])
     with pytest.warns(McapWarning, match="of 200 poses are left"):

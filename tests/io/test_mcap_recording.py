@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, settings
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
-from mcap_samples import assert_same, recordings, walk
+from mcap_samples import assert_same, copy_messages, recordings, walk
 from scene_samples import filmed_walk, scenes
 
-from vip_factors.atomic import atomic_open
 from vip_factors.describe.recordings import recording_tables
 from vip_factors.errors import FileFormatError
 from vip_factors.io.mcap_reader import McapWarning, read_contents
@@ -99,10 +98,8 @@ def test_foreign_channels_are_left_out_and_named(tmp_path: Path) -> None:
     recording = walk(5)
     with open(tmp_path / "r.mcap", "wb") as file, MessageWriter(file) as writer:
         write_recording(recording, tmp_path / "plain.mcap")
-        from vip_factors.io.mcap_reader import read_contents
-
-        writer.copy(read_contents(tmp_path / "plain.mcap"))
         raw = writer._writer
+        copy_messages(tmp_path / "plain.mcap", raw)
         video = raw.register_channel("/camera", "json", raw.register_schema("acme.Image", "jsonschema", b"{}"))
         raw.add_message(video, 1, b"{}", 1)
         raw.add_message(raw.register_channel("/blob", "", 0), 1, b"x", 1)
@@ -156,7 +153,7 @@ def test_a_further_camera_without_its_pose_is_left_out(tmp_path: Path) -> None:
     scene = three_cameras()
     write_recording(scene, tmp_path / "whole.mcap")
     with (tmp_path / "cut.mcap").open("wb") as file, MessageWriter(file) as writer:
-        writer.copy(read_contents(tmp_path / "whole.mcap"), ("/camera/left/pose",))
+        copy_messages(tmp_path / "whole.mcap", writer._writer, ("/camera/left/pose",))
     with pytest.warns(McapWarning, match="'left' is left out"):
         read = read_scene(tmp_path / "cut.mcap")
     assert [camera.name for camera in read.cameras] == ["phone", "a/info"]
@@ -209,10 +206,8 @@ def _written(path: Path, info: CameraInfo, frames: list[Detections2D]) -> Path:
     """A scene with another camera's messages."""
     write_recording(filmed_walk(2), path.with_name("whole.mcap"), overwrite=True)
     with open(path, "wb") as file, MessageWriter(file) as writer:
-        writer.copy(
-            read_contents(path.with_name("whole.mcap")),
-            (FIRST_CAMERA("info"), FIRST_CAMERA("detections"), "/truth/camera"),
-        )
+        left_out = (FIRST_CAMERA("info"), FIRST_CAMERA("detections"), "/truth/camera")
+        copy_messages(path.with_name("whole.mcap"), writer._writer, left_out)
         writer.write(FIRST_CAMERA("info"), info, 1)
         for one in frames:
             writer.write(FIRST_CAMERA("detections"), one, 1)
@@ -275,9 +270,7 @@ def test_without_an_index_or_by_another_clock_samples_are_read(tmp_path: Path) -
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(path.read_bytes()[:-100])
     assert indexed_recording(cut, 0.0) is None
-    contents, late = read_contents(path), tmp_path / "late.mcap"
-    for messages in contents.messages.values():
-        messages.log_times = [one + 10_000_000 for one in messages.log_times]
-    with atomic_open(late, "wb") as file, MessageWriter(file) as writer:
-        writer.copy(contents)
+    late = tmp_path / "late.mcap"
+    with late.open("wb") as file, MessageWriter(file) as writer:
+        copy_messages(path, writer._writer, later_ns=10_000_000)
     assert indexed_recording(late, 0.0) is None

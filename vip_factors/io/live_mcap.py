@@ -78,7 +78,7 @@ class LiveMcapSink:
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
         self._writer = MessageWriter(self._file, CHUNK_BYTES)
         prefixes = wearer_topics(names, SINGLE, WEARER)
-        self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, None, MODEST_FRAMES)
+        self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, MODEST_FRAMES)
         self._has_camera = False  # whether its poses have begun
         with self._closed_on_error():
             self._writer.flush()

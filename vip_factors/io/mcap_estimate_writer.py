@@ -6,37 +6,32 @@ topics that had it at the beginning: a reader takes the last of each.
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from math import inf
-from pathlib import Path
 
 import numpy as np
 
-from vip_factors.atomic import atomic_open, check_target
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.atomic import atomic_open
+from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, SolveReport, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import mcap_estimate as on
 from vip_factors.io import mcap_messages as codecs
-from vip_factors.io.codec import NS_PER_S, time_ns_of
+from vip_factors.io.codec import NS_PER_S
 from vip_factors.io.mcap_camera import intrinsics_message, path_messages
 from vip_factors.io.mcap_estimate import CAMERA_HEAD, HEAD, SCENE_HEAD
 from vip_factors.io.mcap_frames import (
+    MODEST_FRAMES,
     REPROJECTION,
     camera_pose_messages,
     pose_messages,
     residual_messages,
-    scene_wanted,
     shown_step,
     transform_messages,
 )
-from vip_factors.io.mcap_messages import Topics
-from vip_factors.io.mcap_reader import McapContents, read_contents
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.mcap_writer import CHUNK_BYTES, MessageWriter, TimedMessage
-from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo
 from vip_factors.sensors.calibration import Calibration
 
 LONG_CHUNK_BYTES = 1 << 20  # of estimates in chunks of their own: the index in memory has an entry for each
@@ -46,8 +41,6 @@ def write_estimate(
     estimate: Estimate | EstimateChunks,
     path: str | os.PathLike[str],
     overwrite: bool = False,
-    append_to: str | os.PathLike[str] | None = None,
-    scene: bool | None = None,
     start_ns: int = 0,
 ) -> None:
     """Write an estimate; rotations become quaternions, everything else is kept to the bit.
@@ -56,15 +49,11 @@ def write_estimate(
         estimate: what to write; its chunks are made here, and what is in memory is one of them.
         path: of the new file, which has a temporary name until all is written.
         overwrite: whether an existing file may be replaced.
-        append_to: an MCAP recording: the new file then holds everything in it, and the estimate after it (in place of
-            an earlier one). It may be ``path`` itself, with ``overwrite``.
-        scene: whether to add the moving skeletons as Foxglove's messages; None: if they are small.
-        start_ns: absolute time of t = 0; taken from the recording with ``append_to``.
+        start_ns: absolute time of t = 0.
 
     Raises:
         InputError: if the file exists and may not be overwritten, cannot be written there, there is no wearer, or
             residuals do not have one column per sensor.
-        FileFormatError: if the recording to append to is no MCAP file, or is cut off and would be replaced.
         RecordingError, SolveError: of the chunks.
     """
     if not (estimate.wearers if isinstance(estimate, Estimate) else estimate.head.wearers):
@@ -76,8 +65,8 @@ def write_estimate(
             _check_residuals(wearer)
         estimate, chunk_bytes = EstimateChunks.of(estimate), CHUNK_BYTES
     head, frames = estimate.head, estimate.frames
-    with _estimate_file(path, overwrite, append_to, start_ns, chunk_bytes) as (writer, start_ns):
-        out = EstimateWriter(writer, _wearer_prefixes(head), start_ns, scene)
+    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file, chunk_bytes) as writer:
+        out = EstimateWriter(writer, _wearer_prefixes(head), start_ns)
         for index, (wearer, count) in enumerate(zip(head.wearers, frames, strict=True)):
             out.begin_wearer(index, wearer, count)
         if head.camera is not None:
@@ -97,39 +86,6 @@ def write_estimate(
             out.write_info(closed, start_ns + int(NS_PER_S * end))
             for index, wearer in enumerate(closed.wearers):
                 out.write_calibration(index, wearer.calibration, start_ns + int(NS_PER_S * end))
-
-
-@contextmanager
-def _estimate_file(
-    path: str | os.PathLike[str],
-    overwrite: bool,
-    append_to: str | os.PathLike[str] | None,
-    start_ns: int,
-    chunk_bytes: int,
-) -> Iterator[tuple[MessageWriter, int]]:
-    """A file to write an estimate into, with the recording in it already; and the absolute time of t = 0.
-
-    Raises:
-        InputError, FileFormatError: as :func:`write_estimate`.
-    """
-    target = check_target(path, overwrite)
-    recording = read_contents(append_to) if append_to is not None else None
-    if recording is not None:
-        start_ns = _start_of(recording)
-        if recording.damage and Path(os.path.realpath(recording.path)) == target:
-            raise FileFormatError(
-                f"{recording.path} is damaged ({recording.damage[0]}): it is not replaced; write to another file"
-            )
-    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file, chunk_bytes) as writer:
-        if recording is not None:
-            writer.copy(recording, without=(on.ESTIMATE,))
-        yield writer, start_ns
-
-
-def _start_of(recording: McapContents) -> int:
-    topics = [topic for topic in recording.topics if topic.endswith(on.RECORDING_INFO)]  # of a scene, one per wearer
-    info = Topics(recording).last(topics[0], RecordingInfo) if topics else None
-    return 0 if info is None else time_ns_of(info.start)
 
 
 def _check_residuals(estimate: WearerEstimate) -> None:
@@ -159,8 +115,7 @@ class EstimateWriter:
         writer: of the file.
         prefixes: what the topics of each wearer begin with.
         start_ns: absolute time of t = 0.
-        scene: whether viewers get the transforms of all joints; None: if they are few.
-        shown_frames: how many frames of a wearer viewers get.
+        shown_frames: how many frames of a wearer viewers get as transforms of all joints, if these are few.
     """
 
     def __init__(
@@ -168,11 +123,10 @@ class EstimateWriter:
         writer: MessageWriter,
         prefixes: Sequence[str],
         start_ns: int,
-        scene: bool | None = None,
         shown_frames: float = inf,
     ) -> None:
         self._writer, self._prefixes, self._start_ns = writer, prefixes, start_ns
-        self._scene, self._shown_frames = scene, shown_frames
+        self._shown_frames = shown_frames
         self._wearers: dict[int, _WearerTopics] = {}
         self._camera: _CameraTopics | None = None
 
@@ -190,7 +144,7 @@ class EstimateWriter:
             frames: how many there will be; 0 of a stream, where nobody knows yet.
         """
         prefix = self._prefixes[index]
-        shown_frames = self._shown_frames if scene_wanted(self._scene, head.motion, frames) else 0
+        shown_frames = self._shown_frames if frames / shown_step(head.motion) <= MODEST_FRAMES else 0
         self._wearers[index] = _WearerTopics(self._writer, prefix, self._start_ns, head, frames, shown_frames)
         if frames:  # a stream writes its calibration as it goes
             self.write_calibration(index, head.calibration, self._start_ns)

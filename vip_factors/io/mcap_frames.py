@@ -12,7 +12,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS
-from vip_factors.errors import FileFormatError, InputError
+from vip_factors.errors import FileFormatError
 from vip_factors.estimate import PoseCovariance
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 WORLD = "world"
 SHOWN_HZ = 30.0  # enough for the eye; every shown frame takes about 2 kB compressed
-MODEST_FRAMES = 20_000  # eleven minutes of shown frames, some 40 MB: beyond it only on request
+MODEST_FRAMES = 20_000  # eleven minutes of shown frames, some 40 MB: of longer ones there are none
 MOST_HELD = 120_000  # frames without a pose, an hour at 30 Hz: their poses and covariances take 0.4 GB of memory
 REPROJECTION = "reprojection_px"  # the kind of a camera's residuals
 MOST_RESIDUALS = 20_000_000  # nine hours at 60 Hz, of ten wearers
@@ -200,32 +200,6 @@ def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence
             f"expected {MOST_RESIDUALS:,} at most; the file is damaged, copy it again"
         )
     return residuals_of((REPROJECTION,), info.wearers, messages, info.residual_frames)[REPROJECTION]
-
-
-def scene_wanted(scene: bool | None, motion: Motion, frames: int | None = None) -> bool:
-    """Whether to write transforms: as asked, or else if they are few and Foxglove's messages are installed.
-
-    Args:
-        scene: whether they are asked for; None if nobody said.
-        motion: that is to be shown.
-        frames: that there will be; those of the motion if None.
-
-    Raises:
-        InputError: if they are asked for and these are not.
-    """
-    if scene is False or (
-        scene is None and (len(motion) if frames is None else frames) / shown_step(motion) > MODEST_FRAMES
-    ):
-        return False
-    try:
-        import foxglove_schemas_protobuf  # noqa: F401
-    except ImportError as error:
-        if scene is None:
-            return False
-        raise InputError(
-            "transforms for viewers need Foxglove's messages: pip install foxglove-schemas-protobuf"
-        ) from error
-    return True
 
 
 def transform_messages(writer: MessageWriter, topic: str, motion: Motion, start_ns: int) -> Iterator[TimedMessage]:

@@ -6,7 +6,7 @@ The ``mcap`` library reads the records. Of a truncated or damaged file everythin
 import os
 import struct
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -15,7 +15,7 @@ from typing import IO, BinaryIO
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
 
 from vip_factors.errors import FileFormatError, InputError
@@ -42,30 +42,19 @@ class McapChannel:
     schema_name: str = ""
     schema_encoding: str = ""
     schema_data: bytes = b""
-    metadata: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass
 class McapMessages:
-    """The messages of one channel in file order: log and publish times in nanoseconds, numbers, serialised data."""
+    """The messages of one channel in file order: log times in nanoseconds, serialised data."""
 
     channel: McapChannel
     log_times: list[int] = field(default_factory=list)
-    publish_times: list[int] = field(default_factory=list)
-    sequences: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
-
-    def clear(self) -> None:
-        """Forget them."""
-        for values in (self.log_times, self.publish_times, self.sequences, self.data):
-            values.clear()
 
     def rows(self, rows: Sequence[int]) -> "McapMessages":
         """Some of them, by their places in the lists."""
-        log_times, publish_times, sequences = (
-            [values[row] for row in rows] for values in (self.log_times, self.publish_times, self.sequences)
-        )
-        return McapMessages(self.channel, log_times, publish_times, sequences, [self.data[row] for row in rows])
+        return McapMessages(self.channel, [self.log_times[row] for row in rows], [self.data[row] for row in rows])
 
 
 @dataclass
@@ -75,15 +64,12 @@ class McapContents:
     Attributes:
         path: of the file.
         messages: by channel id, of every channel named in the file; empty for channels not wanted.
-        attachments, metadata: records of the file.
         damage: sentences about what could not be read; empty for a whole file.
         last_log_time: of the last whole message of any channel, nanoseconds; None without messages.
     """
 
     path: Path
     messages: dict[int, McapMessages] = field(default_factory=dict)
-    attachments: list[Attachment] = field(default_factory=list)
-    metadata: list[Metadata] = field(default_factory=list)
     damage: list[str] = field(default_factory=list)
     last_log_time: int | None = None
 
@@ -150,13 +136,9 @@ class McapPass:
         if isinstance(record, Chunk):
             self.take_chunk(record)
         elif isinstance(record, Message):
-            self.add(record.channel_id, record.sequence, record.log_time, record.publish_time, record.data)
+            self.add(record.channel_id, record.log_time, record.data)
         elif isinstance(record, Schema | Channel):
             self._describe(record)
-        elif isinstance(record, Attachment):
-            self.contents.attachments.append(record)
-        elif isinstance(record, Metadata):
-            self.contents.metadata.append(record)
 
     def take_chunk(self, chunk: Chunk) -> None:
         """Take in the records of a chunk; one that is damaged or larger than it may be is left out."""
@@ -168,8 +150,8 @@ class McapPass:
             return
         for opcode, start, end in records_of(data):
             if opcode == MESSAGE and end - start >= MESSAGE_HEAD.size:
-                number, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(data, start)
-                self.add(number, sequence, log_time, publish_time, data[start + MESSAGE_HEAD.size : end])
+                number, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, start)
+                self.add(number, log_time, data[start + MESSAGE_HEAD.size : end])
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 kind: type[Schema | Channel] = Schema if opcode == Opcode.SCHEMA else Channel
                 try:
@@ -184,14 +166,12 @@ class McapPass:
             if self._wanted(channel):
                 self.gathered[channel.id] = messages
 
-    def add(self, number: int, sequence: int, log_time: int, publish_time: int, data: bytes) -> None:
+    def add(self, number: int, log_time: int, data: bytes) -> None:
         """Take in a message of the channel with this id."""
         self.contents.last_log_time = log_time
         messages = self.gathered.get(number)
         if messages is not None:
             messages.log_times.append(log_time)
-            messages.publish_times.append(publish_time)
-            messages.sequences.append(sequence)
             messages.data.append(data)
         elif number not in self.contents.messages:
             self._nameless += 1
@@ -204,7 +184,8 @@ class McapPass:
             for log_time, data in zip(messages.log_times, messages.data, strict=True)
         ]
         for messages in self.gathered.values():
-            messages.clear()
+            messages.log_times.clear()
+            messages.data.clear()
         return [(number, data) for _, number, data in sorted(messages_by_time, key=lambda message: message[0])]
 
     def take_complaints(self) -> list[str]:
@@ -251,7 +232,7 @@ class McapPass:
         else:
             schema = self._schemas.get(record.schema_id)
             described = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
-            self.know(McapChannel(record.id, record.topic, record.message_encoding, *described, record.metadata))
+            self.know(McapChannel(record.id, record.topic, record.message_encoding, *described))
 
 
 def read_contents(

@@ -1,4 +1,4 @@
-"""Protobuf messages into an MCAP file, and the copy of another file's messages into it."""
+"""Protobuf messages into an MCAP file."""
 
 from collections.abc import Iterable, Iterator
 from heapq import merge
@@ -7,7 +7,6 @@ from typing import IO, TYPE_CHECKING, Any
 
 from vip_factors import __version__
 from vip_factors.io.codec import NS_PER_S, M, set_timestamp
-from vip_factors.io.mcap_reader import McapContents, McapMessages
 
 if TYPE_CHECKING:
     from google.protobuf.message import Message
@@ -32,7 +31,7 @@ class MessageWriter:
 
         self._writer = Writer(file, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
         self._writer.start(profile="", library=f"vip_factors {__version__}")
-        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
         self._sequence = count()
 
@@ -52,16 +51,12 @@ class MessageWriter:
         if topic not in self._channels:
             from mcap_protobuf.schema import build_file_descriptor_set
 
-            schema = build_file_descriptor_set(message_class).SerializeToString(deterministic=True)
-            schema_id = self._schema(message_class.DESCRIPTOR.full_name, "protobuf", schema)
-            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema_id)
+            name = message_class.DESCRIPTOR.full_name
+            if name not in self._schemas:
+                schema = build_file_descriptor_set(message_class).SerializeToString(deterministic=True)
+                self._schemas[name] = self._writer.register_schema(name, "protobuf", schema)
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", self._schemas[name])
         return self._channels[topic]
-
-    def _schema(self, name: str, encoding: str, data: bytes) -> int:
-        key = (name, encoding, data)
-        if key not in self._schemas:
-            self._schemas[key] = self._writer.register_schema(name, encoding, data) if name or data else 0
-        return self._schemas[key]
 
     def write(self, topic: str, message: "Message", time_ns: int) -> None:
         """One message of any kind."""
@@ -89,34 +84,6 @@ class MessageWriter:
     def flush(self) -> None:
         """End the chunk, so that what was written so far survives a cut in what follows."""
         self._writer.flush()
-
-    def copy(self, contents: McapContents, without: tuple[str, ...] = ()) -> None:
-        """Everything in another file, except for topics that begin with one of ``without``."""
-        for metadata in contents.metadata:
-            self._writer.add_metadata(metadata.name, metadata.metadata)
-        for attachment in contents.attachments:
-            self._writer.add_attachment(
-                attachment.create_time, attachment.log_time, attachment.name, attachment.media_type, attachment.data
-            )
-        wanted = [
-            messages
-            for messages in contents.messages.values()
-            if not messages.channel.topic.startswith(without or ("\0",))
-        ]
-        for log_time, publish_time, channel, data, sequence in merge(
-            *(self._copied(messages) for messages in wanted), key=lambda message: message[0]
-        ):
-            self._writer.add_message(channel, log_time, data, publish_time, sequence)
-
-    def _copied(self, messages: McapMessages) -> Iterator[tuple[int, int, int, bytes, int]]:
-        original = messages.channel
-        schema_id = self._schema(original.schema_name, original.schema_encoding, original.schema_data)
-        channel = self._writer.register_channel(original.topic, original.encoding, schema_id, dict(original.metadata))
-        self._channels.setdefault(original.topic, channel)
-        return zip(
-            messages.log_times, messages.publish_times, [channel] * len(messages.data), messages.data,
-            messages.sequences, strict=True,
-        )  # fmt: skip
 
 
 def nanoseconds(seconds: Any, start_ns: int) -> list[int]:

@@ -172,10 +172,11 @@ def test_foreign_and_unparsable_messages_are_left_out(tmp_path: Path) -> None:
         writer.add(writer.channel("/wearer/Bob/imu/head", ImuSample), 0, ImuSample(seconds=1.0).SerializeToString())
         writer.add(writer.channel("/else", Detections2D), 0, b"")
 
-    foreign, broken, nobody = spoilt(tmp_path, add)
+    foreign, broken, nobody, stray = spoilt(tmp_path, add)
     assert "/imu/tail has sensor_msgs/msg/Imu (cdr): expected vip_factors.ImuSample" in foreign
     assert "a message on /imu/head is no vip_factors.ImuSample" in broken
-    assert "belongs to nobody" in nobody
+    assert "/wearer/Bob/imu/head belongs to nobody" in nobody
+    assert "/else belongs to nobody" in stray
 
 
 def test_a_chunk_larger_than_it_may_be_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -193,5 +194,5 @@ def test_samples_without_what_comes_first_are_a_format_error(tmp_path: Path) -> 
     path = tmp_path / "headless.mcap"
     with open(path, "wb") as file, MessageWriter(file) as writer:
         writer.add_in_order(*[sample_messages(writer, "/imu/head", short_walk().wearers[0].imus["head"], 0)])
-    with pytest.raises(FileFormatError, match="there is no RecordingInfo of the wearer"):
+    with pytest.raises(FileFormatError, match="there is nothing on /recording/info"):
         followed(path)

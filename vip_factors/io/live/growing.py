@@ -1,31 +1,89 @@
 """An MCAP file that another program is still writing, as a live source."""
 
 import os
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
+from io import BufferedReader, FileIO
 from pathlib import Path
-from typing import Any
+from threading import Event
+from typing import TYPE_CHECKING, Any
 
-from vip_factors.errors import FileFormatError
+from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from google.protobuf.message import DecodeError
+from mcap.records import DataEnd
+
+from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.codec import time_ns_of
-from vip_factors.io.live.growing_file import CAMERA, OnFinding, Route, followed_messages, open_when_it_comes
 from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, video_frame_of, wearer_of
 from vip_factors.io.live.session import FindingReporter
 from vip_factors.io.live.source import LiveSource
-from vip_factors.io.mcap_camera import path_of
-from vip_factors.io.mcap_messages import naming
+from vip_factors.io.mcap_camera import CameraTopics, path_of
+from vip_factors.io.mcap_chunks import largest_chunk
+from vip_factors.io.mcap_messages import PROTOBUF, is_ours, naming
+from vip_factors.io.mcap_reader import McapChannel, McapPass
+from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, INFO, SCENE_INFO
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.io.schemas.recording_info_pb2 import SceneInfo
+from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo, SceneInfo
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.camera_model import VideoClock
 from vip_factors.sensors.live import LiveFinding, LiveSample
 from vip_factors.sensors.scene import Camera, Scene
 
-SAMPLES = (ImuSample, Detections2D)
-# What comes once, by the names of the messages.
-INFO = "RecordingInfo"
-CAMERA_INFO, CALIBRATION, POSE = "CameraInfo", "CameraCalibration", "PoseInFrame"
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+KINDS: dict[str, type[Any]] = {
+    kind.DESCRIPTOR.full_name: kind
+    for kind in (SceneInfo, RecordingInfo, CameraInfo, CameraCalibration, PoseInFrame, ImuSample, Detections2D)
+}
+"""Messages of a scene by the names of their schemas."""
+LOOK_EVERY = 0.03  # seconds between looks at the file's size: half a frame
+TRUTH = "/truth/"
+
+TopicMessage = tuple[str, Any]
+"""Topic and decoded message."""
+
+
+class GrowingFile(FileIO):
+    """A file at whose end reading waits for more; it ends when it has not grown for a while.
+
+    Attributes:
+        growth_wait: seconds without growth after which it ends.
+        has_ended: whether that is so, or ``stop`` was set.
+
+    Args:
+        path: of the file.
+        settings: limits.
+        stop: set when nothing more is wanted.
+
+    Raises:
+        OSError: if it cannot be opened.
+    """
+
+    def __init__(self, path: Path, settings: LiveSourceSettings, stop: Event) -> None:
+        super().__init__(path)
+        self.growth_wait, self.has_ended = settings.growth_wait, False
+        self._path, self._stop = path, stop
+
+    def readinto(self, buffer: "Buffer") -> int:
+        """Read as many bytes as there are, once there are some; none at the end.
+
+        Raises:
+            FileFormatError: if the file becomes shorter.
+        """
+        waiting_from = time.monotonic()
+        while not self.has_ended:
+            count = super().readinto(buffer)
+            if count:
+                return count
+            if os.fstat(self.fileno()).st_size < self.tell():
+                raise FileFormatError(f"{self._path} has become shorter while it was followed: start anew with it")
+            is_stopped = self._stop.wait(LOOK_EVERY)
+            self.has_ended = is_stopped or time.monotonic() - waiting_from > self.growth_wait
+        return 0
 
 
 class GrowingFileSource(LiveSource):
@@ -44,158 +102,198 @@ class GrowingFileSource(LiveSource):
     ) -> None:
         super().__init__(str(path), settings, drops=False, on_finding=on_finding)
         self._path = Path(path)
+        self._reporter = FindingReporter(self._put)
 
     def _read(self) -> None:
-        reporter = FindingReporter(self._put)
-
-        def on_finding(kind: str, sentence: str) -> None:
-            reporter.report(kind, f"{self._path}: {sentence}")
-
-        head, early = _Head(on_finding), list[tuple[Route, Any]]()  # samples before the set-up is complete
-        with open_when_it_comes(self._path, self._settings, self._stop) as file:
-            for route, message in followed_messages(self._path, file, self._stop, on_finding):
+        head, early = _Head(), list[TopicMessage]()  # samples before the set-up is complete
+        with self._open_when_it_comes() as file:
+            for topic, message in self._messages(file):
                 if self._stop.is_set():
                     return
                 if self._setup is not None:
-                    self._put_samples(head, [(route, message)])
+                    self._put_sample(head, topic, message)
                     continue
-                head.take(route, message)
-                if route.kind in SAMPLES:
-                    early.append((route, message))
-                if head.is_complete or len(early) > self._settings.queue_limit:
-                    self._begin(head)
-                    self._put_samples(head, early)
-        reporter.close()
+                if isinstance(message, ImuSample | Detections2D):
+                    early.append((topic, message))
+                else:
+                    head.messages.setdefault((topic, type(message)), message)
+                if head.is_complete(bool(early)) or len(early) > self._settings.queue_limit:
+                    self._begin(head, early)
+        self._reporter.close()
         if self._setup is None and not self._stop.is_set():
-            self._begin(head)
-            self._put_samples(head, early)
+            self._begin(head, early)
 
-    def _begin(self, head: "_Head") -> None:
+    def _open_when_it_comes(self) -> GrowingFile:
+        begun, wait = time.monotonic(), self._settings.header_wait
+        while True:
+            try:
+                return GrowingFile(self._path, self._settings, self._stop)
+            except FileNotFoundError as error:
+                if time.monotonic() - begun > wait or self._stop.wait(LOOK_EVERY):
+                    raise InputError(
+                        f"{self._path}: no such file, nor did it come within {wait:g} s; expected an MCAP file that "
+                        "another program writes"
+                    ) from error
+            except OSError as error:
+                raise InputError(f"{self._path}: cannot be read: {error.strerror}") from error
+
+    def _messages(self, file: GrowingFile) -> Iterator[TopicMessage]:
+        """The messages of a scene, until the file's data or its growth ends."""
+        reading = McapPass(self._path, self._is_wanted)
+        for record in reading.records(BufferedReader(file), largest_chunk()):
+            for sentence in reading.take_complaints():
+                self._report("chunk", sentence)
+            for number, data in reading.take_messages():
+                channel = reading.gathered[number].channel
+                try:
+                    yield channel.topic, KINDS[channel.schema_name].FromString(data)
+                except DecodeError as error:
+                    what = f"a message on {channel.topic} is no {channel.schema_name} ({error}): it is left out"
+                    self._report("message", what)
+            if isinstance(record, DataEnd):
+                return
+        if file.has_ended and not self._stop.is_set():
+            self._report("end", f"it has not grown for {file.growth_wait:g} s: taken as its end")
+        elif not self._stop.is_set():
+            for sentence in reading.take_complaints():
+                self._report("end", sentence)
+
+    def _is_wanted(self, channel: McapChannel) -> bool:
+        kind = KINDS.get(channel.schema_name)
+        is_known = kind is not None and is_ours(channel, kind)
+        if IMU in channel.topic and not channel.topic.startswith(FIRST_CAMERA.prefix) and not is_known:
+            self._report(
+                f"schema of {channel.topic}",
+                f"channel {channel.topic} has {channel.schema_name or 'no schema'} ({channel.encoding}): expected "
+                f"{ImuSample.DESCRIPTOR.full_name} ({PROTOBUF}); its messages are left out",
+            )
+        return is_known and not channel.topic.startswith(TRUTH)
+
+    def _begin(self, head: "_Head", early: list[TopicMessage]) -> None:
         with naming(self._path):
-            self._announce(head.setup())
+            setup = head.setup()
+        for camera, info in zip(setup.cameras, head.camera_infos, strict=True):
+            if info.moving and info.known_poses:
+                sentence = (
+                    f"camera '{camera.name}' is said to move on a known path, which a growing file does not hold yet: "
+                    "its poses are estimated instead"
+                )
+                self._report(sentence, sentence)
+        self._announce(setup)
+        for topic, message in early:
+            self._put_sample(head, topic, message)
 
-    def _put_samples(self, head: "_Head", messages: list[tuple[Route, Any]]) -> None:
-        for route, message in messages:
-            sample = head.sample(route, message)
-            if sample is not None:
-                self._put(sample)
+    def _put_sample(self, head: "_Head", topic: str, message: Any) -> None:
+        if not isinstance(message, ImuSample | Detections2D):
+            return
+        try:
+            sample = head.sample(topic, message)
+        except FileFormatError as error:
+            self._report(type(message).__name__, str(error))
+            return
+        if sample is not None:
+            self._put(sample)
+        else:
+            self._report(
+                f"owner of {topic}",
+                f"{topic} belongs to nobody whom the file's beginning describes: its messages are left out",
+            )
+
+    def _report(self, kind: str, sentence: str) -> None:
+        self._reporter.report(kind, f"{self._path}: {sentence}")
 
 
 class _Head:
-    """Takes the messages that come once, says when the set-up is complete, and then turns messages into samples.
+    """The messages that come once, which say when the set-up is complete, and turn messages into samples.
 
     A file without a SceneInfo before its first sample is a recording of one wearer.
+
+    Attributes:
+        messages: by topic and kind; the first pose of a camera.
     """
 
-    def __init__(self, on_finding: OnFinding) -> None:
-        self._on_finding = on_finding
-        self._scene: SceneInfo | None = None
-        self._once: dict[tuple[str, str], Any] = {}  # by owner and name of the message; the first pose of a camera
-        self._has_samples = False
-        self._names: dict[str, str] = {}  # of carriers, by what the topics begin with
-        self._clocks: dict[str, VideoClock] = {}
+    def __init__(self) -> None:
+        self.messages: dict[tuple[str, type[Any]], Any] = {}
+        self._wearers: dict[str, str] = {}  # names, by what the topics begin with
         self._cameras: dict[str, Camera] = {}
         self._start_ns = 0
 
-    def take(self, route: Route, message: Any) -> None:
-        """Take in a message, a sample's too."""
-        if route.kind is SceneInfo:
-            self._scene = message
-        elif route.kind in SAMPLES:
-            self._has_samples = True
-        else:
-            self._once.setdefault((route.owner, route.kind.DESCRIPTOR.name), message)
-
-    @property
-    def missing(self) -> list[str]:
-        """What a set-up still needs, in words."""
-        needed = [(owner, INFO) for owner in self._wearer_topics]
-        needed += [(owner, kind) for owner in self._camera_topics for kind in (CAMERA_INFO, CALIBRATION)]
-        lacks = [f"{kind} of {owner or 'the wearer'}" for owner, kind in needed if (owner, kind) not in self._once]
-        return lacks or ([] if self._scene or self._has_samples else ["SceneInfo, or a sample"])
-
-    @property
-    def is_complete(self) -> bool:
+    def is_complete(self, has_samples: bool) -> bool:
         """Whether nothing is missing, nor the known pose of a camera that stands still yet to come."""
-        standing = [owner for owner, info in self._camera_infos.items() if _stands_known(info)]
-        return not self.missing and all((owner, POSE) in self._once for owner in standing)
+        if not (has_samples or (SCENE_INFO, SceneInfo) in self.messages) or self._missing:
+            return False
+        cameras = zip(self._camera_topics, self.camera_infos, strict=True)
+        standing = [topic_of for topic_of, info in cameras if _stands_known(info)]
+        return all((topic_of("pose"), PoseInFrame) in self.messages for topic_of in standing)
 
     def setup(self) -> Scene:
-        """The set-up, which names carriers and clocks; what of the cameras cannot be used ahead of time is told.
+        """The set-up, which names carriers and clocks.
 
         Raises:
             InputError: for what no wearer or camera can be, or if something is missing.
         """
-        if self.missing:
-            raise FileFormatError(f"expected a recording or a scene; there is no {', no '.join(self.missing)}")
-        recordings = [self._once[owner, INFO] for owner in self._wearer_topics]
-        infos, head = self._camera_infos, recordings[0]
-        name = self._scene.name if self._scene is not None else head.name
-        self._start_ns = time_ns_of(head.start)
-        wearers = [
-            wearer_of(name, recording.subject, recording.placement, recording.initial_pose, self._start_ns)
-            for recording in recordings
-        ]
-        self._cameras = {owner: self._camera(owner) for owner in infos}
-        setup = head_of(name, wearers, list(self._cameras.values()))
-        self._names = dict(zip(self._wearer_topics, [wearer.subject.name for wearer in wearers], strict=True))
-        self._names |= {owner: camera.name for owner, camera in self._cameras.items()}
-        self._clocks = {owner: VideoClock(info.time_offset_s, info.time_drift) for owner, info in infos.items()}
-        for info in infos.values():
-            if info.moving and info.known_poses:
-                sentence = (
-                    f"camera '{info.name}' is said to move on a known path, which a growing file does not hold yet: "
-                    "its poses are estimated instead"
-                )
-                self._on_finding(sentence, sentence)
-        return setup
+        if self._missing:
+            raise FileFormatError(f"expected a recording or a scene; there is nothing on {', '.join(self._missing)}")
+        infos = [self.messages[prefix + INFO, RecordingInfo] for prefix in self._wearer_prefixes]
+        name = self._scene.name or infos[0].name
+        self._start_ns = time_ns_of(infos[0].start)
+        wearers = [wearer_of(name, info.subject, info.placement, info.initial_pose, self._start_ns) for info in infos]
+        self._wearers = dict(zip(self._wearer_prefixes, [one.subject.name for one in wearers], strict=True))
+        self._cameras = {topic_of.prefix: self._camera(topic_of) for topic_of in self._camera_topics}
+        return head_of(name, wearers, list(self._cameras.values()))
 
     @property
-    def _wearer_topics(self) -> list[str]:
-        """What the topics of each wearer begin with."""
-        return [""] if self._scene is None else list(self._scene.wearer_topics)
+    def camera_infos(self) -> list[CameraInfo]:
+        """What each camera is, once nothing is missing."""
+        return [self.messages[topic_of("info"), CameraInfo] for topic_of in self._camera_topics]
 
     @property
-    def _camera_topics(self) -> list[str]:
-        """What the topics of each camera begin with."""
-        if self._scene is None:
-            return []
-        return [*([CAMERA] if self._scene.has_camera else []), *self._scene.further_camera_topics]
+    def _scene(self) -> SceneInfo:
+        scene: SceneInfo = self.messages.get((SCENE_INFO, SceneInfo), SceneInfo())
+        return scene
 
     @property
-    def _camera_infos(self) -> dict[str, CameraInfo]:
-        """Of the cameras of which it has come."""
-        infos = {owner: self._once.get((owner, CAMERA_INFO)) for owner in self._camera_topics}
-        return {owner: info for owner, info in infos.items() if info is not None}
+    def _wearer_prefixes(self) -> list[str]:
+        return list(self._scene.wearer_topics) or [""]
 
-    def _camera(self, owner: str) -> Camera:
-        info, calibration = self._once[owner, CAMERA_INFO], self._once[owner, CALIBRATION]
-        pose = self._once.get((owner, POSE)) if _stands_known(info) else None
-        return camera_of(info, calibration, None if pose is None else path_of([pose], self._start_ns))
+    @property
+    def _camera_topics(self) -> list[CameraTopics]:
+        first = [FIRST_CAMERA] if self._scene.has_camera else []
+        return [*first, *map(CameraTopics, self._scene.further_camera_topics)]
 
-    def sample(self, route: Route, message: Any) -> LiveSample | None:
-        """A sample; None for other messages, and for one that cannot be used, which is told."""
-        if route.kind not in SAMPLES:
-            return None
-        name = self._names.get(route.owner)
-        if name is None:
-            self._on_finding(
-                f"owner {route.owner}",
-                f"{route.channel.topic} belongs to nobody whom the file's beginning describes: its messages are left "
-                "out",
-            )
-            return None
-        camera = self._cameras.get(route.owner)
-        try:
-            if route.kind is ImuSample:
-                mount = camera.mount if camera is not None else None
-                sensor = mount.imu.name if mount is not None else route.channel.topic.rpartition("/")[2]
-                return imu_sample_of(message, name, self._start_ns, sensor)
-            keypoints = None if camera is None else len(camera.keypoints)
-            return video_frame_of(message, name, self._start_ns, keypoints, self._clocks.get(route.owner))
-        except FileFormatError as error:
-            self._on_finding(route.kind.DESCRIPTOR.name, str(error))
-            return None
+    @property
+    def _missing(self) -> list[str]:
+        """Topics of which a set-up still needs a message."""
+        needed: list[tuple[str, type[Any]]] = [(prefix + INFO, RecordingInfo) for prefix in self._wearer_prefixes]
+        for topic_of in self._camera_topics:
+            needed += [(topic_of("info"), CameraInfo), (topic_of("calibration"), CameraCalibration)]
+        return [topic for topic, kind in needed if (topic, kind) not in self.messages]
+
+    def _camera(self, topic_of: CameraTopics) -> Camera:
+        info = self.messages[topic_of("info"), CameraInfo]
+        pose = self.messages.get((topic_of("pose"), PoseInFrame)) if _stands_known(info) else None
+        path = None if pose is None else path_of([pose], self._start_ns)
+        return camera_of(info, self.messages[topic_of("calibration"), CameraCalibration], path)
+
+    def sample(self, topic: str, message: ImuSample | Detections2D) -> LiveSample | None:
+        """A sample; None of a carrier that is none of the set-up's.
+
+        Raises:
+            FileFormatError: for one that cannot be used.
+        """
+        prefix, _, leaf = topic.rpartition("/")
+        camera = self._cameras.get(prefix)
+        if isinstance(message, Detections2D):
+            if camera is None:
+                return None
+            info = self.messages[f"{prefix}/info", CameraInfo]
+            clock = VideoClock(info.time_offset_s, info.time_drift)
+            return video_frame_of(message, camera.name, self._start_ns, len(camera.keypoints), clock)
+        if camera is not None:
+            sensor = camera.mount.imu.name if camera.mount is not None else leaf
+            return imu_sample_of(message, camera.name, self._start_ns, sensor)
+        wearer = next((name for start, name in self._wearers.items() if topic.startswith(start + IMU)), None)
+        return None if wearer is None else imu_sample_of(message, wearer, self._start_ns, leaf)
 
 
 def _stands_known(info: CameraInfo) -> bool:

@@ -14,7 +14,7 @@ from scene_samples import filmed_walk, scenes
 
 from vip_factors.describe.recordings import recording_tables
 from vip_factors.errors import FileFormatError
-from vip_factors.io.mcap_reader import McapWarning, read_contents
+from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import FIRST_CAMERA, read_scene, wearer_topics, write_recording
 from vip_factors.io.mcap_samples import detections_of
 from vip_factors.io.mcap_source import indexed_recording

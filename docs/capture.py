@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 import vip_factors as vip
 from vip_factors.cli.main import main
 from vip_factors.geometry.rotations import Array, wrap_angle
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.scene import Video
 from vip_factors.viz.charts import GRID, SOFT_INK, page, panel, pixels, seconds_axis, write
 from vip_factors.viz.colours import hexadecimal, mixed, wearer_colour

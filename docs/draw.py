@@ -9,9 +9,17 @@ from vip_factors.atomic import atomic_path
 from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.sensors.calibration import sensor_site
-from vip_factors.viz.body_view import view_from
+from vip_factors.viz.body_view import (
+    draw_arrow,
+    draw_axes,
+    draw_pale_body,
+    pixel,
+    sites_picture,
+    standing_body,
+    view_from,
+    write,
+)
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, Point, canvas, svg
-from vip_factors.viz.drawn_body import draw_arrow, draw_axes, draw_pale_body, pixel, sites_picture, standing_body, write
 
 PAGE_MM = (297.0, 210.0)  # the checkerboard's, A4
 SQUARES, SQUARE_MM = (10, 7), 25.0  # 9 by 6 inner corners: odd and even, so that the board has one way up

@@ -228,7 +228,7 @@ struct Contact {
     }
 };
 
-// vip_factors/sensors/camera_model.py: width of the lens' numbers fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6
+// vip_factors/sensors/camera.py: width of the lens' numbers fx fy cx cy k1 k2 p1 p2 k3 k4 k5 k6
 struct Lens {
     double fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6;
 

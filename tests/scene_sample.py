@@ -10,8 +10,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.rotations import exp, rotation_z, transpose
 from vip_factors.sensors.calibration import SensorCalibration, preset
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections, keypoints_in_image
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, Subject, Truth

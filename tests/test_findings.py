@@ -5,7 +5,7 @@ import string
 import pytest
 
 from vip_factors.findings import KINDS, TEXT, Finding, MergedFindings, bare, sentences
-from vip_factors.report.summary import finding_remarks
+from vip_factors.report.page import finding_remarks
 
 
 def test_a_sentence_has_names_and_numbers() -> None:

@@ -12,7 +12,7 @@ from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, CameraMount, Scene
 from vip_factors.settings import Settings

@@ -17,8 +17,7 @@ from vip_factors.errors import InputError
 from vip_factors.findings import Finding, Verdict, verdict
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
-from vip_factors.sensors.camera_model import CameraModel, VideoClock
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.summarised import Summarised
 
 if TYPE_CHECKING:

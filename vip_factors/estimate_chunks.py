@@ -7,7 +7,7 @@ import numpy as np
 
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 
 
 @dataclass(frozen=True)

@@ -289,7 +289,7 @@ def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
 
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
     from vip_factors.io.video import video_size
-    from vip_factors.sensors.camera_model import CameraModel
+    from vip_factors.sensors.camera import CameraModel
 
     width, height = video_size(video)
     focal = round(max(width, height) / 2 / math.tan(math.radians(field_of_view_deg) / 2), 1)

@@ -8,8 +8,7 @@ from vip_factors.associate.hypothesis import wearer_points
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array, exp, rotation_z
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.simulate.gestures import gestures
 

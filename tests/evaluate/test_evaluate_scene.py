@@ -10,7 +10,7 @@ from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration import common_instants
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.scene_metrics import label_metrics
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.scene import Scene
 
 TURNED = Injected(yaw=1.3, shift=(2.0, -1.0, 0.5))

@@ -16,7 +16,7 @@ from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.gait.analysis import Gait, gait_of, gaits_of
 from vip_factors.gait.events import SIDES, events_of_motion, events_of_sensor
 from vip_factors.gait.files import write_gait
-from vip_factors.gait.travel import travel_of_foot
+from vip_factors.gait.strides import travel_of_foot
 from vip_factors.sensors.calibration import SensorCalibration, SensorSite, preset
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording

@@ -16,7 +16,7 @@ from vip_factors.initialise.camera import (
     together,
     world_turn,
 )
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 
 LOOKING_ALONG_Y = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # R_world_camera
 TIME = np.arange(90) / 30

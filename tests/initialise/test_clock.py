@@ -7,9 +7,8 @@ import pytest
 
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError, RecordingError
-from vip_factors.initialise.clock import find_clock_offset
+from vip_factors.initialise.clock import find_clock_offset, find_drift
 from vip_factors.initialise.clock_correlation import CorrelationCurve, LimbCurve, Pair
-from vip_factors.initialise.clock_drift import find_drift
 from vip_factors.initialise.clock_signals import simple_tracks
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.detections import Detections

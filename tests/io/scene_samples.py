@@ -9,8 +9,7 @@ from mcap_samples import calibration, estimates, names, recordings, rotations, s
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
 from vip_factors.estimate import CameraEstimate, DetectorEstimate, Estimate
 from vip_factors.findings import bare
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, CameraMount, Scene, SceneTruth, Video
 

@@ -13,7 +13,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.io.calibrate_camera import calibrate, floor_pose, video_images
 from vip_factors.io.checkerboard import BoardView, Checkerboard
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 
 SIZE = (CAMERA.width, CAMERA.height)
 CHECKERBOARD = Checkerboard(8, 5, SQUARE_M)

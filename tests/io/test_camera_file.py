@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.camera_file import read_camera_file, read_floor, write_camera_file
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 
 finite = st.floats(-1e4, 1e4)
 

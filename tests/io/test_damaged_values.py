@@ -27,7 +27,7 @@ from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.motions.amass import read_amass
 from vip_factors.io.motions.bvh import read_bvh
 from vip_factors.io.placement_file import placement_from_file
-from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
 

@@ -25,7 +25,7 @@ from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraPose
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 

@@ -9,7 +9,7 @@ from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import exp
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.measurement import FrameMeasurement
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.sensors.scene import Camera

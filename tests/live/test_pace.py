@@ -10,9 +10,8 @@ from hypothesis import strategies as st
 from tracked import SETTINGS, filmed, unfilmed
 
 from vip_factors.findings import Finding
-from vip_factors.live.pace import SolvePace
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.live.tracker import FixedLagTracker
+from vip_factors.live.tracker import FixedLagTracker, SolvePace
 from vip_factors.sensors.live import live_samples, stream_head
 
 RATE = 60

@@ -24,7 +24,7 @@ from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame, live_samples, stream_head
 from vip_factors.settings import Settings
 

@@ -14,9 +14,8 @@ from scene_sample import Injected, estimate_of, scene_sample
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding, bare
-from vip_factors.report.motion_data import motion_data
 from vip_factors.report.page import report_page, write_report
-from vip_factors.report.report_data import report_data
+from vip_factors.report.report_data import motion_data, report_data
 from vip_factors.sensors.calibration import Placement, SensorCalibration
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.simulate.gestures import gestures

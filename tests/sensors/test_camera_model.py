@@ -6,7 +6,7 @@ import pytest
 
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_model import CameraModel, VideoClock
+from vip_factors.sensors.camera import CameraModel, VideoClock
 
 DISTORTIONS = [
     (),

@@ -9,8 +9,7 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import calibration_pose
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.simulate.detector import detect, owners
 from vip_factors.simulate.detector_view import Person, View, look

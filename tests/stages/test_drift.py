@@ -8,8 +8,7 @@ import pytest
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.estimate import CameraEstimate
 from vip_factors.findings import sentences
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera
 from vip_factors.stages.drift import clock_findings, middle_of

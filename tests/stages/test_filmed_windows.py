@@ -25,7 +25,7 @@ from vip_factors.io.mcap_recording import write_recording
 from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.progress import ProgressCallback
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource
 from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings

@@ -13,7 +13,7 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import CameraPoses, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.stages.ground import ground_view, seen_feet, standing_confidence
 from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings

@@ -11,8 +11,7 @@ from vip_factors.body.kinematics import Motion, forward_kinematics, local_rotati
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.recording import smooth_process

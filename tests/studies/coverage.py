@@ -26,7 +26,7 @@ from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.camera_path import move_motion, scene_gauge
+from vip_factors.sensors.camera import move_motion, scene_gauge
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings

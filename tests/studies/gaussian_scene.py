@@ -17,7 +17,7 @@ from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, CameraState, SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.terms.acceleration import GRAVITY
 from vip_factors.terms.heading_prior import heading_sigmas

@@ -16,7 +16,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import JOINT_COUNT, Landmark, Skeleton, joint_index
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth
 from vip_factors.simulate.detector import detect

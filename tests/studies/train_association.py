@@ -14,10 +14,16 @@ from tests.studies.association_scenes import LabelledScene, SceneMaking, labelle
 from tests.studies.pose_prior_training import DAMAGED_CLIPS, held_out_names
 from tests.studies.study import Tell
 from tests.studies.train_prior import Trained, Training
-from vip_factors.associate.associate import build_assignment, choose, gated, inter_edges, intra_edges, make_context
-from vip_factors.associate.features import Context, unary_features
-from vip_factors.associate.pair_features import inter_features
-from vip_factors.associate.settings import AssociationSettings
+from vip_factors.associate.associate import (
+    AssociationSettings,
+    build_assignment,
+    choose,
+    gated,
+    inter_edges,
+    intra_edges,
+    make_context,
+)
+from vip_factors.associate.features import Context, inter_features, unary_features
 from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic, verdict_features
 from vip_factors.atomic import atomic_path, check_target
 from vip_factors.body.kinematics import Motion

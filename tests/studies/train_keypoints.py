@@ -22,7 +22,7 @@ from vip_factors.io.typed_files import toml_text
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.variables import DETECTOR
-from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene

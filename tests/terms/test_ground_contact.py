@@ -11,7 +11,7 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.geometry.rotations import exp, rotation_z, transpose
 from vip_factors.problem.scene import Foot
 from vip_factors.problem.state import CameraPoses
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.ground_contact import (
     GroundContactSettings,
     Weighing,

@@ -7,9 +7,8 @@ from matplotlib.axes import Axes
 from vip_factors.body.mannequin import Side
 from vip_factors.body.skeleton import joint_index
 from vip_factors.sensors.calibration import sensor_site
-from vip_factors.viz.body_view import draw_body, draw_sensors, view_from
+from vip_factors.viz.body_view import draw_body, draw_sensors, standing_body, view_from
 from vip_factors.viz.charts import canvas, pixels
-from vip_factors.viz.drawn_body import standing_body
 
 SIZE = (200, 240)
 FRONT = view_from(0.0, 0.0, (100.0, 230.0), 110.0)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vip_factors.sensors.calibration import SITES
-from vip_factors.viz.drawn_body import sites_picture
+from vip_factors.viz.body_view import sites_picture
 
 DOCS = Path(__file__).parents[2] / "docs"
 DRAWINGS = runpy.run_path(str(DOCS / "draw.py"))["DRAWINGS"]

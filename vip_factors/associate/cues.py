@@ -13,7 +13,7 @@ import numpy as np
 from vip_factors.associate.features import Context, rival
 from vip_factors.associate.tracklets import sums_around
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 
 WINDOW_S = 2.0  # of a tracklet over which torsos are averaged: an arm before the chest or a passer-by lasts less
 ENOUGH_LOOKS = 10  # of the wearer's torso, and of others', to compare anybody with

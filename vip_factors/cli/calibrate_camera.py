@@ -16,7 +16,7 @@ from vip_factors.errors import InputError
 if TYPE_CHECKING:
     from vip_factors.io.calibrate_camera import CameraCalibration
     from vip_factors.io.checkerboard import BoardView, Checkerboard
-    from vip_factors.sensors.camera_model import CameraModel
+    from vip_factors.sensors.camera import CameraModel
 
 
 @dataclass(frozen=True)

@@ -85,7 +85,7 @@ def _print_sites(options: InfoOptions) -> None:
     from vip_factors.describe.recordings import site_table
 
     if options.picture is not None:
-        from vip_factors.viz.drawn_body import sites_picture
+        from vip_factors.viz.body_view import sites_picture
 
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
             file.write(sites_picture())

@@ -41,7 +41,7 @@ def main(options: SyncOptions) -> None:
 
     from vip_factors.api import with_clock
     from vip_factors.io.mcap_recording import read_scene, write_recording
-    from vip_factors.sensors.camera_model import VideoClock
+    from vip_factors.sensors.camera import VideoClock
 
     out = options.out or beside(options.scene, ".synced.mcap")
     if not options.dry_run:

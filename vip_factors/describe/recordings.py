@@ -10,7 +10,7 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.describe.table import MM, Quantity, Row, Table, bone_words, count, facts, joint_words
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SITES, SensorSite, site_axes, site_name
-from vip_factors.sensors.camera_model import CameraModel, VideoClock
+from vip_factors.sensors.camera import CameraModel, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, gaps_of, rate_of
 from vip_factors.sensors.recording import Recording

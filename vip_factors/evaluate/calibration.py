@@ -21,7 +21,7 @@ from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.camera_path import CameraPath, PathPair, move_path
+from vip_factors.sensors.camera import CameraPath, PathPair, move_path
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ from vip_factors.evaluate.metrics import (
 )
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_path import MotionPair, PathPair, scene_gauge
+from vip_factors.sensors.camera import MotionPair, PathPair, scene_gauge
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
 

@@ -44,7 +44,7 @@ from vip_factors.evaluate.scene_metrics import (
     sensors,
 )
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines, summary_lines
-from vip_factors.sensors.camera_path import move_motion, yaw
+from vip_factors.sensors.camera import move_motion, yaw
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.summarised import Summarised

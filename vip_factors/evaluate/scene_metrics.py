@@ -25,7 +25,7 @@ from vip_factors.evaluate.metrics import MM
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.quaternions import interpolate_points
-from vip_factors.sensors.camera_path import MotionPair, anchored_gauge
+from vip_factors.sensors.camera import MotionPair, anchored_gauge
 from vip_factors.sensors.detections import reprojection_error
 from vip_factors.sensors.scene import Scene
 

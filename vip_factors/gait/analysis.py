@@ -11,8 +11,15 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.gait.events import EVENT_S, SIDES, FootEvents, events_of_motion, events_of_sensor
-from vip_factors.gait.strides import QUANTITIES, Quantity, Stride, strides_of
-from vip_factors.gait.travel import LEAST_RATE_HZ, stretch_by_shank, travel_of_foot
+from vip_factors.gait.strides import (
+    LEAST_RATE_HZ,
+    QUANTITIES,
+    Quantity,
+    Stride,
+    stretch_by_shank,
+    strides_of,
+    travel_of_foot,
+)
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorSite

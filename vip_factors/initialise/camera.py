@@ -24,7 +24,7 @@ from vip_factors.geometry.rotations import (
     wrap_angle,
     yaw_of,
 )
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 
 MEAN_ROUNDS = 10  # of reweighting: a robust mean settles in five
 MEAN_SCALE = np.deg2rad(5.0)  # beyond which a hypothesis counts less: PnP on an inertial skeleton is off by so much

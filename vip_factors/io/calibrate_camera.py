@@ -15,7 +15,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.checkerboard import HINT_IMAGES, BoardView, Checkerboard
 from vip_factors.io.video import opened_video
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 
 LEAST_VIEWS = 3  # below, focal lengths and centre are not determined (Zhang 2000, section 3.1)
 ROUNDS = 4  # of leaving out views that do not fit

@@ -34,7 +34,7 @@ from vip_factors.atomic import atomic_open
 from vip_factors.errors import FileFormatError, InputError, nearest
 from vip_factors.geometry.rotations import Array, exp, nearest_rotation
 from vip_factors.io.typed_files import Matrix, Number, Vector, convert, read_json, read_text, read_toml, toml_text
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 
 ROTATION_TOLERANCE = 1e-2  # of RᵀR from the identity: numbers rounded by hand to two places still pass
 OPENCV_SUFFIXES = (".yaml", ".yml", ".xml", ".json")

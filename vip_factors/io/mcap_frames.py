@@ -22,7 +22,7 @@ from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose
 from vip_factors.io.schemas.estimate_info_pb2 import Residuals
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 
 if TYPE_CHECKING:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms

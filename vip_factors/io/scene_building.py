@@ -15,8 +15,7 @@ from vip_factors.io.convert import ImportOptions, detect_format, import_recordin
 from vip_factors.io.detections.read import read_detections
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.video import check_video, embed_video, video_facts, with_torso_colours
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.parts import scene_in_parts

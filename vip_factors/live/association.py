@@ -22,7 +22,7 @@ from vip_factors.live.association_evidence import (
     people_of,
     together,
 )
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.live import VideoFrame
 
 

@@ -20,7 +20,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 
 CAUCHY = 2.0  # sigmas at which a keypoint starts to be doubted: left and right swap, limbs hide
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer

@@ -1,17 +1,112 @@
 """How somebody walked, and the squats, lunges, jumps and curls of somebody who exercises."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from vip_factors.describe.table import UNKNOWN, Cell, Quantity, Row, Table, count
+import numpy as np
+
+from vip_factors.body.joint_angles import JointAngles, is_measured, joint_angle_sigmas, joint_angles
+from vip_factors.body.mannequin import Side
+from vip_factors.body.model_errors import shape_factor
+from vip_factors.describe.table import UNKNOWN, Cell, Quantity, Row, Table, count, joint_words
 from vip_factors.findings import Finding
-from vip_factors.gait.analysis import Gait, gait_of
+from vip_factors.gait.analysis import Gait, bones_with_sensors, gait_of
 from vip_factors.gait.files import curves_figure
 from vip_factors.gait.strides import QUANTITIES
+from vip_factors.geometry.rotations import Array
 from vip_factors.repetitions import files
 from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.repetitions.settings import RepetitionSettings
+from vip_factors.report.charts import SIDE_COLOURS, Chart, time_charts
 from vip_factors.report.report_data import ReportWearer
-from vip_factors.viz.charts import png
+from vip_factors.viz.charts import Curve, png
+
+PAIRED = (
+    "hip_flexion", "knee_flexion", "ankle_dorsiflexion", "hip_adduction", "hip_internal_rotation", "shoulder_flexion",
+    "shoulder_adduction", "elbow_flexion",
+)  # fmt: skip
+TRUNK = ("trunk_flexion", "trunk_lateral_bending", "trunk_axial_rotation", "pelvis_tilt")
+SIDES = (Side.LEFT, Side.RIGHT)
+
+
+@dataclass(frozen=True)
+class AngleSection:
+    """Joint angles of a wearer.
+
+    Attributes:
+        measured: charts of joints with sensors on both of their segments.
+        guessed: charts of the others.
+        ranges: of motion of those that are measured.
+        knows_sensors: whether the segments that wore sensors are known; otherwise all count as measured.
+    """
+
+    measured: list[Chart]
+    guessed: list[Chart]
+    ranges: Table
+    knows_sensors: bool
+
+
+def angle_section(wearer: ReportWearer) -> AngleSection:
+    """Charts and ranges of a wearer's joint angles."""
+    angles, covariance = joint_angles(wearer.estimate.motion), wearer.estimate.covariance
+    sigmas: dict[str, Array] = {}
+    if covariance is not None:
+        columns = joint_angle_sigmas(wearer.estimate.motion, covariance.joints).T
+        sigmas = dict(zip(angles.names, columns, strict=True))
+    bones = bones_with_sensors(wearer.estimate, wearer.recording)
+    names = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK)}
+    charts = {name: _chart(angles, sigmas, name) for name in names}
+    measured, guessed = (
+        [chart for name, is_told in names.items() if is_told == wanted for chart in charts[name]]
+        for wanted in (True, False)
+    )
+    ranges = _range_table(angles, sigmas, [name for name, is_told in names.items() if is_told])
+    return AngleSection(measured, guessed, ranges, bones is not None)
+
+
+def _chart(angles: JointAngles, sigmas: Mapping[str, Array], name: str) -> list[Chart]:
+    """One chart of an angle, both sides in it."""
+    columns = {joint_words(name): (name, Side.MIDDLE)}
+    if name in PAIRED:
+        columns = {str(side): (f"{side}_{name}", side) for side in SIDES}
+    curves = []
+    for words, (column, side) in columns.items():
+        values = angles.of(column).copy()
+        half_circle = 180.0  # an angle goes on at the other end of its circle: a gap instead of a stroke across
+        values[np.flatnonzero(np.abs(np.diff(values)) > half_circle)] = np.nan
+        curves.append(Curve(words, angles.time, values, SIDE_COLOURS[side], sigmas.get(column)))
+    positive = {definition.name: definition.positive for definition in angles.definitions}
+    return time_charts(f"{joint_words(name)} (+ {positive[next(iter(columns.values()))[0]]})", curves, "°")
+
+
+def _range_table(angles: JointAngles, sigmas: Mapping[str, Array], names: Sequence[str]) -> Table:
+    """Range of motion of each angle, and the difference between the sides."""
+    joints = {definition.name: definition.joint for definition in angles.definitions}
+    rows: list[Row] = []
+    for name in names:
+        if name in TRUNK:
+            rows.append((joint_words(name), *_range_cells(angles.of(name)), "", "", "", ""))
+            continue
+        sides = [f"{side}_{name}" for side in SIDES]
+        (left, left_range), (right, right_range) = (_range_cells(angles.of(side)) for side in sides)
+        shapes = [shape_factor(joints[side]) * _median(sigmas[side]) for side in sides if sigmas]
+        sigma = float(np.linalg.norm(shapes)) if shapes else np.nan
+        difference = Quantity(left_range.value - right_range.value, unit="°")
+        known = f"± {Quantity(sigma, unit='°')}" if np.isfinite(sigma) else UNKNOWN
+        rows.append((joint_words(name), left, left_range, right, right_range, difference, known))
+    head = ("angle", "left: from … to", "range", "right: from … to", "range", "left less right", "uncertain by")
+    return Table(head, rows)
+
+
+def _median(values: Array) -> float:
+    finite = values[np.isfinite(values)]
+    return float(np.median(finite)) if len(finite) else np.nan
+
+
+def _range_cells(values: Array) -> tuple[str, Quantity]:
+    """Ends and width of a range that does not hang on single frames."""
+    low, high = (float(value) for value in np.nanquantile(values, (0.01, 0.99)))
+    return f"{Quantity(low, unit='°')} … {Quantity(high, unit='°')}", Quantity(high - low, unit="°")
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,14 @@ The page of a stream has the body as it moves, joint angles and findings; ``io/l
 
 import base64
 import json
+import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
+from typing import Annotated
 
 import jinja2
 import numpy as np
@@ -19,22 +21,122 @@ from markupsafe import Markup
 from vip_factors import __version__
 from vip_factors.atomic import atomic_open
 from vip_factors.body.joint_angles import is_measured
-from vip_factors.body.skeleton import calibration_pose
+from vip_factors.body.skeleton import JOINT_NAMES, calibration_pose
 from vip_factors.describe import estimates, recordings
-from vip_factors.describe.table import joint_words
+from vip_factors.describe.estimates import LIMB_JOINTS, limb_sigma, mountings_are_held
+from vip_factors.describe.table import degrees, joint_words
+from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
+from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
 from vip_factors.io.live_json import VERSION
 from vip_factors.io.video import with_video
 from vip_factors.progress import ProgressCallback, silent
+from vip_factors.ranges import Range, check_ranges
 from vip_factors.report import fit, movement
-from vip_factors.report.joint_angles import PAIRED, TRUNK, angle_section
-from vip_factors.report.motion_data import body_data, corners, mesh_data, motion_data, poses_data
-from vip_factors.report.report_data import ReportData, report_data
-from vip_factors.report.settings import ReportSettings
-from vip_factors.report.summary import remarks
+from vip_factors.report.movement import PAIRED, TRUNK, angle_section
+from vip_factors.report.report_data import (
+    ReportData,
+    ReportWearer,
+    body_data,
+    corners,
+    mesh_data,
+    motion_data,
+    poses_data,
+    report_data,
+)
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.images import png_bytes
 from vip_factors.viz.picture import pose_picture
+
+
+@dataclass(frozen=True)
+class ReportSettings:
+    """The film beside the page.
+
+    Attributes:
+        video_height: pixels, of the film beside the page.
+        video_seconds: first and last second of the recording that the film shows; all of it if not given.
+    """
+
+    video_height: Annotated[int, Range(least=64, most=2160)] = 480  # fills the page's width; 720 takes twice as long
+    video_seconds: tuple[float, float] | None = None
+
+    def __post_init__(self) -> None:
+        check_ranges(self)
+        if self.video_seconds is not None and not self.video_seconds[0] < self.video_seconds[1]:
+            raise InputError(
+                f"film from second {self.video_seconds[0]} to {self.video_seconds[1]}: expected a later end"
+            )
+
+
+@dataclass(frozen=True)
+class Remark:
+    """A headline with its weight, what it means, what to do, and the method's own sentences."""
+
+    weight: Severity
+    headline: str
+    meaning: str = ""
+    advice: str = ""
+    detail: str = ""
+
+
+def finding_remarks(findings: Sequence[Finding]) -> list[Remark]:
+    """A remark for every kind of finding there is, with the findings themselves as its detail."""
+    kinds: dict[str, list[Finding]] = {}  # bare sentences each by itself
+    for finding in findings:
+        kinds.setdefault(finding.text if finding.kind == TEXT else finding.kind, []).append(finding)
+    remarks = []
+    for alike in kinds.values():
+        kind = KINDS[alike[0].kind]
+        remarks.append(Remark(kind.severity, kind.headline, kind.means, kind.advice, "; ".join(sentences(alike))))
+    return remarks
+
+
+def remarks(data: ReportData) -> list[Remark]:
+    """The verdict, then all remarks, the weightiest first."""
+    worst, order = data.estimate.verdict.severity, list(Severity)
+    others = [*finding_remarks(data.estimate.all_findings), *_sureness_remarks(data)]
+    others.sort(key=lambda remark: order.index(remark.weight), reverse=True)
+    return [Remark(worst, f"{VERDICTS[worst]}."), *others]
+
+
+def _sureness_remarks(data: ReportData) -> list[Remark]:
+    """What the uncertainties say, beside the findings."""
+    sigma = limb_sigma(data.estimate.wearers)
+    if not math.isfinite(sigma):
+        return [
+            Remark(
+                Severity.NOTE,
+                "How sure the angles are was not computed",
+                "The file holds no uncertainties, so this report cannot say how far the angles may be off.",
+                "Reconstruct with “vip-factors smooth --covariance” to know.",
+            )
+        ]
+    meaning = (
+        "One standard deviation, by the computation's own reckoning: about two of three values lie within. Differences "
+        "smaller than twice that are within its uncertainty."
+    )
+    if mountings_are_held(data.estimate.wearers):
+        meaning += (
+            " How the sensors sit on the body is taken for known in this figure: a constant offset of some degrees, "
+            "the same throughout, may come on top. Ranges and changes within the recording suffer little from it."
+        )
+    joints = [joint for wearer in data.wearers for joint in _least_certain_joint(wearer, len(data.wearers) > 1)]
+    return [
+        Remark(Severity.NOTE, f"Joint angles are known to about ± {degrees(sigma)}", meaning),
+        *([Remark(Severity.NOTE, f"Least certain joint: {', '.join(joints)}")] if joints else []),
+    ]
+
+
+def _least_certain_joint(wearer: ReportWearer, with_name: bool) -> list[str]:
+    covariance = wearer.estimate.covariance
+    if covariance is None:
+        return []
+    sigma = np.rad2deg(np.nanmedian(covariance.joint_sigma[:, LIMB_JOINTS], axis=0))
+    worst = int(np.nanargmax(sigma))
+    joint = f"{joint_words(JOINT_NAMES[LIMB_JOINTS[worst]])} (± {sigma[worst]:.0f}°)"
+    return [f"{wearer.name}: {joint}" if with_name else joint] if np.isfinite(sigma[worst]) else []
+
 
 ROOM = "vip_factors.report"
 

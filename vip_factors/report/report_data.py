@@ -1,14 +1,27 @@
 """What a report is made from: an estimate, and beside it whatever else is known of the recording."""
 
+import base64
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+import numpy as np
+
+from vip_factors.body.body_mesh import body_mesh
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.mannequin import TRUTH_COLOUR, side_of
+from vip_factors.body.skeleton import PARENTS, Skeleton
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.rotations import Array, transpose
+from vip_factors.report.charts import side_colours, wearer_mark
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz.compare import check_frames
-from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
+from vip_factors.viz.colours import hexadecimal
+from vip_factors.viz.compare import check_frames, floor_height
+from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene
 
 
 @dataclass(frozen=True)
@@ -97,3 +110,155 @@ def report_data(estimate: Estimate, scene: Scene | None = None, truth: Scene | N
     )
     same = [len(camera.detections) for camera in scene.cameras] == [len(camera.detections) for camera in truth.cameras]
     return ReportData(estimate, replace(scene, wearers=wearers, truth=truth.truth if same else None))
+
+
+@dataclass(frozen=True)
+class _Body:
+    """A body to draw: name and index of its wearer, motion, whether it is the truth, a ghost, and the wearer whose
+    sensors are drawn on it, if any.
+    """
+
+    name: str
+    index: int
+    motion: Motion
+    is_ghost: bool
+    wearer: DrawnWearer | None = None
+
+
+def motion_data(data: ReportData) -> dict[str, object]:
+    """What the script gets as JSON; see ``viewer/viewer.js``."""
+    bodies = list(_bodies(data))
+    estimated = [body.motion for body in bodies if not body.is_ghost]
+    start = min(float(body.motion.time[0]) for body in bodies)
+    end = max(float(body.motion.time[-1]) for body in bodies)
+    fastest = 30.0  # Hz, as films: faster is not seen, and would double the file
+    most_poses = 9000  # 2.4 MB: five minutes of one wearer; longer motions are shown at a lower rate
+    rate = min(fastest, max(body.motion.rate for body in bodies))
+    frames = int((end - start) * rate + 1e-6) + 1
+    most = max(2, most_poses // len(bodies))
+    if frames > most:
+        rate, frames = (most - 1) / (end - start), most
+    time = start + np.arange(frames) / rate
+    places = np.concatenate([_at(motion, time)[1] for motion in estimated])
+    low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
+    skins: list[Skeleton] = []
+    numbers = [_number(body.motion.skeleton, skins) for body in bodies]
+    return {
+        "start": start,
+        "rate": rate,
+        "frames": frames,
+        "shown": start + 0.6 * (end - start),
+        "floor": float(np.median([floor_height(motion) for motion in estimated])),
+        "centre": [round(float(place), 3) for place in (low + high) / 2],
+        "extent": round(float((high - low).max()), 3),
+        "bodies": [
+            body_data(body.name, body.motion.skeleton, (body.index, len(data.wearers)), body.is_ghost)
+            | poses_data(*_at(body.motion, time))
+            | {"mesh": number, "sensors": _sensors(body.wearer)}
+            for body, number in zip(bodies, numbers, strict=True)
+        ],
+        "meshes": [mesh_data(skeleton) for skeleton in skins],
+        "camera": _camera(data, time),
+    }
+
+
+def _bodies(data: ReportData) -> Iterator[_Body]:
+    """The estimated bodies, and the truth as ghosts."""
+    for wearer in data.drawn.wearers:
+        if wearer.shown is not None:
+            yield _Body(wearer.name, wearer.index, wearer.shown, False, wearer)
+        if wearer.motion is not None and wearer.truth is not None:
+            yield _Body(f"{wearer.name}, truth", wearer.index, wearer.truth, True)
+
+
+def _sensors(wearer: DrawnWearer | None) -> list[dict[str, object]]:
+    """Where a wearer's sensors sit: as calibrated, else as placed roughly."""
+    sensors: list[dict[str, object]] = []
+    if wearer is None or wearer.recording is None:
+        return sensors
+    calibration = wearer.estimate.calibration if wearer.estimate is not None else {}
+    for site in wearer.recording.placement.sites:
+        known = calibration.get(site.sensor)
+        R_bone_sensor = site.R_bone_sensor if known is None else known.R_bone_sensor
+        rotation = quaternion_from_matrix(R_bone_sensor, Order.XYZW).round(4).tolist()
+        sensors.append({"bone": site.bone_index, "position": _rounded(site.p_bone_sensor), "rotation": rotation})
+    return sensors
+
+
+def _at(motion: Motion, time: Array) -> tuple[Array, Array]:
+    """Joint rotations ``(T, 24, 3, 3)`` and places ``(T, 3)`` at the nearest frames."""
+    frame = np.clip(np.round((time - motion.start) * motion.rate), 0, len(motion) - 1).astype(int)
+    return motion.R_parent_child[frame], motion.p_world_pelvis[frame]
+
+
+def body_data(name: str, skeleton: Skeleton, number: tuple[int, int], is_ghost: bool = False) -> dict[str, object]:
+    """A body without its poses; ``number`` is which of how many it is, for its colours."""
+    colours = side_colours(*number)
+    truth = hexadecimal(TRUTH_COLOUR)
+    return {
+        "name": name,
+        "ghost": is_ghost,
+        "mark": wearer_mark(*number),
+        "parents": list(PARENTS),
+        "offsets": [_rounded(offset) for offset in skeleton.p_parent_joint],
+        "colours": [truth if is_ghost else colours[side_of(bone)] for bone in range(len(PARENTS))],
+    }
+
+
+def _number(skeleton: Skeleton, skins: list[Skeleton]) -> int:
+    """Number of a skin among those to be drawn; an estimate and the truth of the same body share one."""
+    for number, other in enumerate(skins):
+        if body_mesh(other) is body_mesh(skeleton):
+            return number
+    skins.append(skeleton)
+    return len(skins) - 1
+
+
+def mesh_data(skeleton: Skeleton) -> dict[str, str]:
+    """The skin: tenths of millimetres, triangles, the four bones that move a vertex most with their shares of 255, and
+    the joint rotations in which it was made.
+    """
+    mesh = body_mesh(skeleton)
+    bones, shares = mesh.four_bones()
+    R_parent = mesh.R_bind_bone[[max(parent, 0) for parent in PARENTS]]
+    R_parent[0] = np.eye(3)
+    return {
+        "points": _base64(np.round(1e4 * mesh.p_bind).astype("<i2")),
+        "faces": _base64(mesh.faces.astype("<u4" if len(mesh.p_bind) >= 1 << 16 else "<u2")),
+        "bones": _base64(bones),
+        "shares": _base64(shares),
+        "pose": _quaternions(transpose(R_parent) @ mesh.R_bind_bone),
+    }
+
+
+def poses_data(R: Array, p: Array) -> dict[str, object]:
+    """Rotations ``(T, …, 3, 3)`` and places ``(T, 3)`` at frames."""
+    return {"rotations": _quaternions(R), "positions": _base64(p.astype("<f4"))}
+
+
+def _quaternions(R: Array) -> str:
+    unit = 32767  # of a quaternion's numbers: 0.002° at worst
+    return _base64(np.round(unit * quaternion_from_matrix(R, Order.XYZW)).astype("<i2"))
+
+
+def _camera(data: ReportData, time: Array) -> dict[str, object] | None:
+    path, model = data.drawn.path, data.drawn.model
+    if path is None or model is None:
+        return None
+    there = path.at(time)
+    return {"corners": corners(model), **poses_data(there.R_world_camera, there.p_world_camera)}
+
+
+def corners(model: CameraModel) -> list[list[float]]:
+    """The image's corners at a depth of one metre in the camera's axes, the upper left first, then clockwise."""
+    w, h = model.width, model.height
+    flat = model.normalise(np.array([[0.0, 0.0], [w, 0.0], [w, h], [0.0, h]]))
+    return [[*_rounded(corner), 1.0] for corner in flat]
+
+
+def _rounded(values: Array | list[float]) -> list[float]:
+    return [round(float(value), 4) for value in values]
+
+
+def _base64(values: np.ndarray) -> str:
+    return base64.b64encode(values.tobytes()).decode()

@@ -10,8 +10,7 @@ from vip_factors.body.keypoints import KeypointOffsets, KeypointSet
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.camera_model import CameraModel, VideoClock
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording

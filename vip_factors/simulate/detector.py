@@ -12,8 +12,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.simulate.detector_view import Person, View, look
 from vip_factors.simulate.recording import gauss_markov, lasting_chance

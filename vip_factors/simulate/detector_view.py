@@ -9,8 +9,7 @@ from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Landmark, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 
 NEAREST_M = 0.3  # people nearer to the camera than this, or behind it, are not seen
 BURIED = 0.3  # of its radius: how far behind the axis of a limb a point must be, to be hidden by it

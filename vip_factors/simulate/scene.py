@@ -22,7 +22,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, exp, transpose
 from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, Scene, SceneTruth
 from vip_factors.simulate.dense import DenseMotion, dense_motion
 from vip_factors.simulate.detector import detect

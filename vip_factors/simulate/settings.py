@@ -17,7 +17,7 @@ import numpy as np
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate, NotNegative, Range, Rate, Share, check_ranges
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 
 CameraKind = Literal["fixed", "hand-held", "walking"]
 Seconds = Annotated[float, Range(above=0)]

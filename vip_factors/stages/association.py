@@ -11,8 +11,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import Sightings
-from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import CommonSettings

@@ -16,8 +16,7 @@ from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.variables import CAMERA
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.solve.chain_elimination import chain_marginals
 from vip_factors.stages.solver import Solver
 from vip_factors.terms import acceleration, orientation

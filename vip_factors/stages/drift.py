@@ -11,7 +11,7 @@ from vip_factors.geometry.rotations import Array, log, rotation_z, transpose
 from vip_factors.problem.state import CameraState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera

@@ -14,8 +14,7 @@ from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, S
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState, seconds_late
 from vip_factors.problem.variables import CAMERA
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
 from vip_factors.sensors.sources import frames_of
 from vip_factors.settings import CommonSettings

@@ -23,7 +23,7 @@ from vip_factors.initialise.camera import (
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.problem.scene import CameraProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import CommonSettings

@@ -12,7 +12,7 @@ from vip_factors.initialise.calibration import contact_confidence
 from vip_factors.problem.scene import Foot, GroundView, KeypointView
 from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.stages.inertial_model import placed_on_floor
 from vip_factors.terms.acceleration import GRAVITY
 from vip_factors.terms.ground_contact import (

@@ -19,8 +19,7 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.progress import silent
 from vip_factors.sensors.calibration import Placement
-from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneSource

@@ -11,7 +11,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import BodyPoint
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.terms.reprojection import PAPERS_WIDTH, ReprojectionSettings, adaptive_biweight
 

@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpos
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from vip_factors.problem.scene import GroundView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.wearer import BodyPoints
 from vip_factors.ranges import NotNegative, Share
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import ViewEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss

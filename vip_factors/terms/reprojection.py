@@ -13,7 +13,7 @@ import numpy as np
 from vip_factors.geometry.rotations import Array, hat, transpose
 from vip_factors.problem.state import CameraPoses
 from vip_factors.ranges import NotNegative, Share
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import ViewEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss

@@ -17,8 +17,7 @@ from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, wrap_angle, yaw_of
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.camera_model import CameraModel, VideoClock
-from vip_factors.sensors.camera_path import CameraPath, move_motion, move_path
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock, move_motion, move_path
 from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
 from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene, Video

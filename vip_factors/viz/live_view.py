@@ -13,7 +13,7 @@ from vip_factors.body.mannequin import Colour
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.detections import Detections, keypoints_in_image
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.recording import Recording

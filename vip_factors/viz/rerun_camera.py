@@ -10,8 +10,7 @@ from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.mannequin import Colour
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera_model import CameraModel
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Video
 from vip_factors.viz.colours import UNCLAIMED, mixed, wearer_colour

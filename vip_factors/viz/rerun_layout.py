@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.rotations import Array, rotation_z
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.viz.compare import APART_TITLE
 from vip_factors.viz.rerun_body import WORLD, see_through, time_column
 from vip_factors.viz.rerun_series import LEGEND

@@ -12,7 +12,7 @@ import rerun as rr
 from vip_factors.atomic import atomic_path
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.errors import InputError
-from vip_factors.sensors.camera_model import CameraModel
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.viz.colours import GHOST_COLOUR, body_colours
 from vip_factors.viz.compare import Compare, floor_height
 from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer

@@ -17,7 +17,7 @@ from vip_factors.io.export.files import export
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.io.motions.amass import BODY_JOINTS, read_amass
 from vip_factors.io.settings import ExportSettings
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.simulate.gestures import gestures
 
 

@@ -28,7 +28,7 @@ from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo, SceneInfo
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
-from vip_factors.sensors.camera_model import VideoClock
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.live import LiveFinding, LiveSample
 from vip_factors.sensors.scene import Camera, Scene
 

@@ -24,8 +24,7 @@ from vip_factors.io.schemas.live_message_pb2 import LiveWearer as WearerMessage
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
 from vip_factors.sensors.calibration import PRESETS, preset
-from vip_factors.sensors.camera_model import VideoClock
-from vip_factors.sensors.camera_path import CameraPath
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.live import ImuSample, VideoFrame, checked_head

@@ -24,6 +24,16 @@ class Files:
     estimate: Path
 
 
+def assert_one_sentence(told: Outcome, *words: str) -> None:
+    """Refused in a line that holds the words."""
+    assert told.code == 2
+    assert told.err.startswith("vip-factors: ")
+    assert told.err.count("\n") == 1
+    assert "Traceback" not in told.err
+    for word in words:
+        assert word in told.err
+
+
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     def run_command(*arguments: object) -> Outcome:

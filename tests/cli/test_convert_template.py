@@ -106,17 +106,6 @@ def test_nothing_to_guess(run, tmp_path: Path, text: str, words: str) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["log.csv"]
 
 
-def test_what_a_guess_cannot_know_is_asked_for(run, tmp_path: Path) -> None:
-    (tmp_path / "log.csv").write_text("acc_x,acc_y,acc_z\n" + "0,0,9.81\n" * 9)
-    assert run("convert", tmp_path / "log.csv", "--template", tmp_path / "g").code == 0
-    told = run("convert", tmp_path / "log.csv", tmp_path / "a.mcap", "--columns", tmp_path / "g_columns.toml")
-    assert told.code == 2
-    assert "neither time nor rate_hz" in told.err
-    (tmp_path / "g_columns.toml").write_text("rate_hz = 50\n" + (tmp_path / "g_columns.toml").read_text())
-    told = run("convert", tmp_path / "log.csv", tmp_path / "a.mcap", "--columns", tmp_path / "g_columns.toml")
-    assert "nothing tells where the sensors" in told.err
-
-
 def test_existing_files_are_kept_and_one_thing_is_asked_at_a_time(run, tmp_path: Path) -> None:
     log = write_raw(tmp_path / "log.csv", 1.0, 1.0)
     (tmp_path / "g_placement.toml").write_text("precious")

@@ -7,19 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli.conftest import assert_one_sentence
 
 from vip_factors.cli.main import main
 from vip_factors.describe.recordings import path_text
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.sensors.calibration import Placement
-
-
-def assert_one_sentence(told, *words: str) -> None:
-    assert told.code == 2
-    assert told.err.count("\n") == 1
-    assert told.err.startswith("vip-factors: ")
-    for word in words:
-        assert word in told.err
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,6 @@ from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import write_recording
-from vip_factors.sensors.scene import Scene
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +21,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_estimate(estimate_of(scene, error), folder / f"{name}.mcap")
     bare = replace(scene, truth=None, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
     write_recording(bare, folder / "bare.mcap")
-    write_recording(Scene("alone", scene.wearers[:1]), folder / "alone.mcap")
     return folder
 
 

@@ -17,11 +17,11 @@ MATRIX = [f"Mat[{row}][{column}]" for column in (1, 2, 3) for row in (1, 2, 3)] 
 PREAMBLE = "// Start Time: Unknown\n// Update Rate: 100.0Hz\n// Firmware Version: 4.0.2\n"
 
 
-def turning(count: int, seed: int = 0) -> tuple[Array, Array, Array]:
+def turning(count: int = 6, seed: int = 0, hertz: float = 100.0) -> tuple[Array, Array, Array]:
     """Orientation, specific force and angular rate of a sensor that turns about and feels gravity only."""
     rng = np.random.default_rng(seed)
     rate = rng.normal(size=3)
-    R = exp(rng.normal(size=3)) @ exp(0.01 * np.arange(count)[:, None] * rate)
+    R = exp(rng.normal(size=3)) @ exp(np.arange(count)[:, None] / hertz * rate)
     return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (count, 1))
 
 
@@ -87,13 +87,6 @@ def write_dot(path: Path, R: Array, free: Array, clock_us: Array, ms: int = 839,
     text = DOT_PREAMBLE.format(ms=ms) + "\n".join([",".join(names), *rows])
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def sample(seed: int, count: int = 6) -> tuple[Array, Array, Array]:
-    rng = np.random.default_rng(seed)
-    rate = rng.normal(size=3)
-    R = exp(rng.normal(size=3)) @ exp(np.arange(count)[:, None] / 128 * rate)
-    return R, np.einsum("nji,j->ni", R, GRAVITY), np.tile(rate, (count, 1))
 
 
 def write_format7(path: Path, sensors: dict[str, tuple[Array, Array, Array]]) -> Path:

@@ -95,11 +95,6 @@ def test_existing_files_stay(tmp_path: Path) -> None:
     assert (tmp_path / "f.partial.mcap").exists()
 
 
-def test_a_stream_without_a_frame_leaves_nothing(tmp_path: Path) -> None:
-    write(live_scene(0.1), tmp_path / "e.mcap", [])
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_a_stream_without_smoothed_poses_says_so(tmp_path: Path) -> None:
     scene = live_scene(0.1)
     write(scene, tmp_path / "e.mcap", list(answers(scene)))

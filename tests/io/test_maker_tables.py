@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from table_samples import GRAVITY, STO_HEADER, sample, write_format7, write_named, write_quaternions
+from table_samples import GRAVITY, STO_HEADER, turning, write_format7, write_named, write_quaternions
 
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array, exp
@@ -17,7 +17,7 @@ R_DOWN = np.diag([1.0, -1.0, -1.0])
 
 
 def test_format_7(tmp_path: Path) -> None:
-    sensors = {"Lumbar": sample(1), "Right Ankle": sample(2)}
+    sensors = {"Lumbar": turning(seed=1, hertz=128.0), "Right Ankle": turning(seed=2, hertz=128.0)}
     path = write_format7(tmp_path / "log.csv", sensors)
     assert APDM.matches(path)
     assert APDM.matches(tmp_path)
@@ -32,7 +32,7 @@ def test_format_7(tmp_path: Path) -> None:
 
 
 def test_named_columns_and_other_units(tmp_path: Path) -> None:
-    R, force, rate = sample(3)
+    R, force, rate = turning(seed=3, hertz=128.0)
     path = write_named(tmp_path / "log.csv", {"Chest": (R, force / 9.80665, np.rad2deg(rate))}, ("g", "deg/s"))
     assert APDM.matches(path)
     stream = APDM.read(path).imus["Chest"]
@@ -42,21 +42,21 @@ def test_named_columns_and_other_units(tmp_path: Path) -> None:
 
 
 def test_a_frame_with_z_down_is_turned_over(tmp_path: Path) -> None:
-    R, force, rate = sample(4)
+    R, force, rate = turning(seed=4, hertz=128.0)
     log = APDM.read(write_named(tmp_path / "log.csv", {"Chest": (R_DOWN @ R, force, rate)}, ("m/s^2", "rad/s")))
     np.testing.assert_allclose(log.imus["Chest"].R_inertial_sensor, R, atol=1e-6)
     assert any("z down" in note for note in log.notes)
 
 
 def test_orientation_that_gravity_contradicts_is_told(tmp_path: Path) -> None:
-    R, force, rate = sample(5)
+    R, force, rate = turning(seed=5, hertz=128.0)
     sideways = exp(np.array([np.pi / 2, 0, 0]))
     log = APDM.read(write_named(tmp_path / "log.csv", {"Chest": (sideways @ R, force, rate)}, ("m/s^2", "rad/s")))
     assert any("90° off" in note for note in log.notes)
 
 
 def test_broken_files(tmp_path: Path) -> None:
-    path = write_format7(tmp_path / "log.csv", {"Lumbar": sample(1)})
+    path = write_format7(tmp_path / "log.csv", {"Lumbar": turning(seed=1, hertz=128.0)})
     whole = path.read_text()
     path.write_text(whole[:-60])
     log = APDM.read(path)

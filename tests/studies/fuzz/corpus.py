@@ -24,7 +24,6 @@ from tests.io.table_samples import (
     Layout,
     columns_of,
     made_up,
-    sample,
     turning,
     write_dot,
     write_export,
@@ -96,7 +95,7 @@ def written(write: Callable[[Path], object]) -> dict[str, bytes]:
 
 def log_cases() -> list[Case]:
     """One case for each format of logs: what is converted, its files, options that name further files, how seldom."""
-    opals = {"Lumbar": sample(1), "Right Ankle": sample(2)}
+    opals = {"Lumbar": turning(seed=1), "Right Ankle": turning(seed=2)}
     logs: tuple[tuple[str, str, Callable[[], Files], dict[str, str], int], ...] = (
         ("xsens-txt", "log", xsens_log, {}, 4),
         ("placement-toml", "log", lambda: {**xsens_log(), "p.toml": PLACEMENT.encode()}, {"placement": "p.toml"}, 4),
@@ -161,7 +160,8 @@ def _dot(folder: Path) -> None:
 
 
 def _quaternions(path: Path) -> None:
-    write_quaternions(path, np.stack([sample(seed, ROWS)[0] for seed in (1, 2)], axis=1), ["pelvis_imu", "tibia_l_imu"])
+    R = np.stack([turning(ROWS, seed)[0] for seed in (1, 2)], axis=1)
+    write_quaternions(path, R, ["pelvis_imu", "tibia_l_imu"])
 
 
 def _table() -> Files:

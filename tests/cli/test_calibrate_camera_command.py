@@ -73,7 +73,7 @@ def test_a_camera_file_is_told_where_it_stands(run, video: Path, tmp_path: Path)
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--checkerboard", "8x6"), ("8 x 6", "7 x 5")),
+        (("--checkerboard", "8x6"), ("8 x 6", "one less than the squares")),
         (("--checkerboard", "big"), ("big", "9x6")),
         ((), ("--checkerboard",)),
         (("--checkerboard", "7x5", "--floor", "last"), ("--square-m",)),

@@ -21,6 +21,7 @@ from vip_factors.io.video import (
     torso_colour,
     video_facts,
     with_torso_colours,
+    with_video,
 )
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
@@ -53,7 +54,7 @@ def test_frames_come_in_order_with_their_times(video: Path) -> None:
 
 
 def test_an_embedded_video_is_seen_without_its_file(video: Path, tmp_path: Path) -> None:
-    scene = embed_video(filmed_walk(20), video, every=3, width=64)
+    scene = embed_video(with_video(filmed_walk(20), video))
     write_recording(scene, tmp_path / "s.mcap")
     camera = read_scene(tmp_path / "s.mcap").camera
     assert camera is not None
@@ -77,7 +78,7 @@ def test_what_is_no_video_is_refused(tmp_path: Path, video: Path) -> None:
     with pytest.raises(FileFormatError, match="image of video frame 3 cannot be decoded"):
         list(iterate_frames(Video(None, {3: b"\xff\xd8 no image"})))
     with pytest.raises(InputError, match="has no camera"):
-        embed_video(Scene("s", (walk(3),)), video)
+        embed_video(Scene("s", (walk(3),)))
     with pytest.raises(InputError, match="names no video"):
         embed_video(filmed_walk(3))
 
@@ -87,7 +88,7 @@ def test_a_video_that_does_not_belong_is_refused(video: Path) -> None:
     assert camera is not None
     check_video(facts, replace(camera, model=replace(MODEL, height=488)))
     with pytest.raises(InputError, match="shorter than its detections"):
-        embed_video(filmed_walk(31), video)
+        with_video(filmed_walk(31), video)
     with pytest.raises(InputError, match="held as in the video"):
         check_video(facts, replace(camera, model=replace(MODEL, width=480, height=640)))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.io.checkerboard import HINT_IMAGES, BoardView, Checkerboard
+from vip_factors.io.checkerboard import BoardView, Checkerboard
 from vip_factors.io.video import opened_video
 from vip_factors.sensors.camera import CameraModel
 
@@ -64,10 +64,9 @@ def find_views(
     """Find the views of a board in a video, in order, and the images' width and height.
 
     Raises:
-        InputError: if the board is in none of them (what was seen instead is said), and as :func:`video_images`.
+        InputError: if the board is in none of them, and as :func:`video_images`.
     """
     views: list[BoardView] = []
-    without: list[np.ndarray] = []
     looked, size = 0, (0, 0)
     for image in video_images(source, MOST_IMAGES):
         on_progress("looking for the board", image.done)
@@ -75,12 +74,10 @@ def find_views(
         view = board.find(f"frame {image.number}", image.grey)
         if view is not None:
             views.append(view)
-        elif len(without) < 4 * HINT_IMAGES:
-            without.append(image.grey)
     if not views:
-        on_progress("looking for other boards", 0.0)
         raise InputError(
-            f"{source}: no {board.text} in {looked} images{board.hint(without[:: max(1, len(without) // HINT_IMAGES)])}"
+            f"{source}: no {board.text} in {looked} images: give one less than the squares on each side, and show the "
+            "whole board, with its white border"
         )
     return tuple(views), size
 

@@ -1,7 +1,5 @@
 """The checkerboard that cameras are calibrated with, and finding its corners in an image."""
 
-from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,10 +8,6 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 
 LEAST_CORNERS = 3  # a side, in both directions: fewer make no board that can be told from a window
-# A detector that may find boards of any size finds the least that it may, in noise; and of a blurred board a part.
-HINT_CORNERS = 4  # a side, and more on the other
-HINT_AGREEING = 2  # images that show the same size
-HINT_IMAGES = 6  # looked at once more, slowly, when no board was found
 
 
 @dataclass(frozen=True)
@@ -92,31 +86,6 @@ class Checkerboard:
         u, v = np.rint(cv2.perspectiveTransform(self.square_m * (squares[None] + 0.5), H)[0]).astype(int).T
         shades, even = grey[v, u].astype(float), squares.sum(axis=1) % 2 == 0
         return bool(shades[even].mean() > shades[~even].mean())
-
-    def hint(self, greys: Sequence[np.ndarray]) -> str:
-        """What was seen instead, in images where the board was not found; empty if nothing."""
-        import cv2
-
-        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_LARGER
-        seen: Counter[tuple[int, int]] = Counter()
-        for grey in greys[:HINT_IMAGES]:
-            found, _, meta = cv2.findChessboardCornersSBWithMeta(grey, (HINT_CORNERS, HINT_CORNERS), flags)
-            if found and max(meta.shape) > HINT_CORNERS:
-                seen[max(meta.shape), min(meta.shape)] += 1
-        own = (max(self.columns, self.rows), min(self.columns, self.rows))
-        return _size_hint(seen, own, one_image=len(greys) == 1)
-
-
-def _size_hint(seen: Counter[tuple[int, int]], own: tuple[int, int], one_image: bool) -> str:
-    """A size that several images agree on, of ``(columns, rows)`` seen, as a sentence; nothing of a chance find."""
-    seen.pop(own, None)
-    count, _, size = max(((count, size[0] * size[1], size) for size, count in seen.items()), default=(0, 0, own))
-    if count < (1 if one_image else HINT_AGREEING):
-        return ""
-    columns, rows = size
-    if columns <= own[0] and rows <= own[1]:
-        return f"; {columns} x {rows} inner corners were seen: show the whole board, or give that if it is all of it"
-    return f"; a board of {columns} x {rows} inner corners was seen: give that, or check the board"
 
 
 def _grid(columns: int, rows: int, square_m: float) -> Array:

@@ -19,7 +19,6 @@ from vip_factors.sensors.scene import Camera, Scene, Video
 if TYPE_CHECKING:
     import cv2
 
-JPEG_QUALITY = 80  # of OpenCV's 100: lines stay sharp to the eye, at an eighth of the best quality's size
 CODED_BLOCK = 16  # pixels: codecs fill images up to whole blocks, and some calibrations count those (1088 for 1080)
 
 
@@ -189,17 +188,8 @@ def _shown(image: np.ndarray, width: int | None) -> np.ndarray:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB)
 
 
-def embed_video(
-    scene: Scene, path: str | Path | None = None, every: int = 3, width: int = 640, quality: int = JPEG_QUALITY
-) -> Scene:
+def embed_video(scene: Scene) -> Scene:
     """The scene with frames of its video inside, as JPEG, so that its file can be looked at anywhere.
-
-    Args:
-        scene: with a camera.
-        path: of the video file; the scene's own if None.
-        every: embed each n-th frame: 10 a second of a video at 30, enough to see who is who.
-        width: of the images in pixels: about 50 kB each.
-        quality: of the JPEG, up to 100.
 
     Raises:
         InputError: if there is no camera or no video, or it is shorter than its detections.
@@ -208,11 +198,13 @@ def embed_video(
     camera = scene.camera
     if camera is None:
         raise InputError(f"scene '{scene.name}' has no camera: its video cannot be embedded")
-    source = Path(path) if path is not None else camera.video.path if camera.video is not None else None
+    source = camera.video.path if camera.video is not None else None
     if source is None:
         raise InputError(f"scene '{scene.name}' names no video file: give one to embed")
     import cv2
 
+    every, width = 3, 640  # ten images a second of a video at 30, about 50 kB each: enough to see who is who
+    quality = 80  # of 100: lines stay sharp to the eye, at an eighth of the best quality's size
     images: dict[int, bytes] = {}
     frames = len(camera.detections.time)
     last = -1

@@ -2,7 +2,6 @@
 runs the command line with it."""
 
 import sys
-import types
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,11 +13,11 @@ from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.scene import Scene
 
 
-def tracker_module(scene: Scene) -> types.ModuleType:
-    """A stand-in for ``vip_factors.live.tracker``: the truth of a scene, frame by frame as its samples pass."""
+def tracker_class(scene: Scene) -> type:
+    """A stand-in for ``FixedLagTracker``: the truth of a scene, frame by frame as its samples pass."""
 
     class FixedLagTracker:
-        def __init__(self, head: Scene, settings: object, real_time: bool = False) -> None:
+        def __init__(self, head: Scene, settings: object, extra_factors: object, real_time: bool) -> None:
             assert [one.subject.name for one in head.wearers] == [one.subject.name for one in scene.wearers]
             self.settings = settings
             self._left: Iterator[LiveEstimate] = answers(scene)
@@ -43,9 +42,7 @@ def tracker_module(scene: Scene) -> types.ModuleType:
         def note_behind(self, seconds: float) -> None:
             pass
 
-    module = types.ModuleType("vip_factors.live.tracker")
-    module.FixedLagTracker = FixedLagTracker  # type: ignore[attr-defined]
-    return module
+    return FixedLagTracker
 
 
 def scene_file(folder: Path, seconds: float = 1.0) -> Path:
@@ -55,6 +52,7 @@ def scene_file(folder: Path, seconds: float = 1.0) -> Path:
 
 if __name__ == "__main__":
     from vip_factors.cli.main import main
+    from vip_factors.live import stream
 
-    sys.modules["vip_factors.live.tracker"] = tracker_module(read_scene(Path(sys.argv[1])))
+    stream.FixedLagTracker = tracker_class(read_scene(Path(sys.argv[1])))  # type: ignore[misc]
     sys.exit(main(sys.argv[2:]))

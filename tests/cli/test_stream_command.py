@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_answers import answer, live_scene
-from stub_tracker import scene_file, tracker_module
+from stub_tracker import scene_file, tracker_class
 
 from tests.studies.processes import begun_by
 from vip_factors.cli import stream_session
@@ -26,11 +26,13 @@ from vip_factors.findings import sentences
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene
+from vip_factors.live.stream import Stream
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, live_samples
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"
 FRAMES = 61  # of a second
+TRACKER = "vip_factors.live.stream.FixedLagTracker"
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +42,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def stubbed(monkeypatch: pytest.MonkeyPatch, scene: Path) -> None:
-    monkeypatch.setitem(sys.modules, "vip_factors.live.tracker", tracker_module(read_scene(scene)))
+    monkeypatch.setattr(TRACKER, tracker_class(read_scene(scene)))
 
 
 @pytest.mark.usefixtures("stubbed")
@@ -130,10 +132,10 @@ def test_bad_input_is_one_sentence(run: Callable, scene: Path, tmp_path: Path) -
 def test_a_stream_too_short_leaves_nothing(
     run: Callable, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = tracker_module(read_scene(scene))
-    monkeypatch.setattr(module.FixedLagTracker, "push", lambda self, sample: [])
-    monkeypatch.setattr(module.FixedLagTracker, "finish", lambda self: [])
-    monkeypatch.setitem(sys.modules, "vip_factors.live.tracker", module)
+    tracker = tracker_class(read_scene(scene))
+    monkeypatch.setattr(tracker, "push", lambda self, sample: [])
+    monkeypatch.setattr(tracker, "finish", lambda self: [])
+    monkeypatch.setattr(TRACKER, tracker)
     done = run("stream", scene, "--out", tmp_path / "e.mcap")
     assert done.code == 2
     assert "ended before there was anything to answer" in done.err
@@ -143,13 +145,13 @@ def test_a_stream_too_short_leaves_nothing(
 def test_what_goes_wrong_within_leaves_a_partial_file(
     run: Callable, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    module = tracker_module(read_scene(scene))
+    tracker = tracker_class(read_scene(scene))
 
     def broken(self: object) -> list[LiveEstimate]:
         raise ZeroDivisionError
 
-    monkeypatch.setattr(module.FixedLagTracker, "finish", broken)
-    monkeypatch.setitem(sys.modules, "vip_factors.live.tracker", module)
+    monkeypatch.setattr(tracker, "finish", broken)
+    monkeypatch.setattr(TRACKER, tracker)
     with pytest.raises(ZeroDivisionError):
         run("stream", scene, "--out", tmp_path / "e.mcap")
     assert (tmp_path / "e.partial.mcap").exists()
@@ -262,10 +264,13 @@ def test_a_rerun_file_that_is_lost_is_no_success(tmp_path: Path) -> None:
 
 
 class Silent:
-    behind_s = 0.0
+    """A tracker that answers at the end."""
+
+    def __init__(self, *_: object) -> None:
+        self.is_told_of_loss, self.behind_s = False, 0.0
 
     def note_loss(self) -> None:
-        self.lost = True
+        self.is_told_of_loss = True
 
     def note_behind(self, seconds: float) -> None:
         self.behind_s = seconds
@@ -277,37 +282,25 @@ class Silent:
         return [answer(live_scene(0.1), 0)]
 
 
-class Listening:
-    def __init__(self) -> None:
-        self.heard: list[LiveEstimate] = []
-
-    def write(self, estimate: LiveEstimate) -> None:
-        self.heard.append(estimate)
-
-
-def test_findings_of_the_source_are_told_and_kept(capsys: pytest.CaptureFixture[str]) -> None:
-    sink = Listening()
-    session = Session(Silent(), [sink], [], StatusLine(False))
-    session.take(LiveFinding("sensor 'x' is nobody's: its samples are left out"))
-    session.take(next(iter(live_samples(live_scene(0.1)))))
-    session.finish()
-    assert sentences(sink.heard[0].findings) == (
+def test_findings_of_the_source_are_told_at_once_and_answered(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(TRACKER, Silent)
+    scene = live_scene(0.1)
+    session = Session([], [], StatusLine(False))
+    stream = Stream(scene, on_finding=session.report)
+    assert stream.take(LiveFinding("sensor 'x' is nobody's: its samples are left out")) == []
+    assert capsys.readouterr().err == "care: sensor 'x' is nobody's: its samples are left out\n"
+    assert stream.take(next(iter(live_samples(scene))), 0.25) == []
+    assert stream._tracker.behind_s == 0.25
+    stream.take(LiveLoss("the tracker does not keep up", again=True))
+    assert stream._tracker.is_told_of_loss
+    (last,) = stream.finish()
+    assert sentences(last.findings) == (
         "sensor 'x' is nobody's: its samples are left out",
         "the stream has begun",
     )
-    assert capsys.readouterr().err.splitlines() == [
-        "care: sensor 'x' is nobody's: its samples are left out",
-        "care: the stream has begun",
-    ]
-
-
-def test_the_tracker_learns_of_lost_samples_and_of_those_that_have_waited() -> None:
-    tracker = Silent()
-    session = Session(tracker, [], [], StatusLine(False))
-    session.take(LiveLoss("the tracker does not keep up"))
-    assert tracker.lost
-    session.take(next(iter(live_samples(live_scene(0.1)))), 0.25)
-    assert tracker.behind_s == 0.25
+    assert capsys.readouterr().err == "care: the stream has begun\n"
 
 
 def test_an_interrupt_waits_for_the_update_to_end() -> None:

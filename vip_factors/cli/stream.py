@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
@@ -29,6 +29,7 @@ from vip_factors.findings import verdict
 from vip_factors.io.settings import LiveSourceSettings, SentPose
 from vip_factors.live.settings import LiveSettings
 from vip_factors.ranges import Port
+from vip_factors.sensors.live import VideoFrame
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
@@ -144,43 +145,32 @@ def _run(
             options.source, follow=options.follow, real_time=options.real_time, settings=options.limits,
             on_finding=lambda finding: line.note(f"note: {finding.sentence}"), token=read_token(options.token_file),
         )  # fmt: skip
-        from vip_factors.live.tracker import FixedLagTracker  # takes a second: before the clock runs
+        from vip_factors.live.stream import Stream  # takes a second: before the clock runs
 
         stack.enter_context(source)
         if source.listens:
             line.note(f"note: {source.listens}")
         line.show("waiting for the stream to begin")
         setup = interrupts.waiting_for(lambda: source.setup)
-        played = Path(options.source).is_file() and not options.real_time  # as fast as it can be tracked
-        tracker = FixedLagTracker(setup, settings, real_time=not played or options.follow)
-        interrupts.on_asked = tracker.give_up
         sinks = list(_sinks(options, settings, setup, stack, line))
         viewers = _viewers(options, settings, setup, stack)
-        session = Session(tracker, sinks, viewers, line, _lasts_s(options))
+        session = Session(sinks, viewers, line)
+        stream = Stream(setup, settings, real_time=not source.is_played, on_finding=session.report)
+        interrupts.on_asked = stream.give_up
         for item in interrupts.until_asked(iter(source)):
-            session.take(item, source.waited_s)
-            if session.over:
+            if isinstance(item, VideoFrame):
+                session.write_video(item)
+            session.write(stream.take(item, source.waited_s))
+            if session.is_over:
                 _silence_stdout()
                 break
-        session.finish()
+        session.write(stream.finish())
         told = [sentence for viewer in viewers for sentence in viewer.close()]
         session.lost = [viewer.lost for viewer in viewers if viewer.lost]
         dropped = sum(viewer.dropped for viewer in viewers)
         if dropped:
             told.append(f"{dropped} frames were not drawn: Rerun was busy")
     return session, told
-
-
-def _lasts_s(options: StreamOptions) -> float | None:
-    """Of a file that is played back, as its index says."""
-    from vip_factors.io.codec import NS_PER_S
-    from vip_factors.io.mcap_index import logged_interval, read_summary
-
-    path, interval = Path(options.source), None
-    if path.is_file() and not options.follow:
-        with suppress(VipFactorsError):  # a damaged index: the samples may be read all the same
-            interval = logged_interval(read_summary(path))
-    return None if interval is None else (interval[1] - interval[0]) / NS_PER_S
 
 
 def _wants_rerun(options: StreamOptions) -> bool:
@@ -255,7 +245,7 @@ def _conclude(
         note(f"note: {sentence}")
     if session.update_s:
         say(summary(session.update_s, settings.frame_rate), is_remark=options.json)
-        say(f"verdict: {verdict(session.found.values())}", is_remark=options.json)
+        say(f"verdict: {verdict(session.findings.values())}", is_remark=options.json)
         for path in (options.out, options.rerun_save):
             if path is not None and path.is_file():
                 say(path, is_remark=options.json)
@@ -268,7 +258,7 @@ def _conclude(
         raise VipFactorsError("; ".join(session.lost))
     if interrupts.asked:
         raise SystemExit(interrupts.exit_code)
-    fail_on(options.fail_on, verdict(session.found.values()))
+    fail_on(options.fail_on, verdict(session.findings.values()))
 
 
 def _tell_partial(*wanted: Path | None) -> None:

@@ -1,24 +1,21 @@
-"""A stream from its first sample to its last: tracked, told, and ended in order whatever ends it."""
+"""A stream at the command line: its outputs, its status, and an orderly end whatever ends it."""
 
 import signal
 import threading
 import time
 from array import array
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 from types import FrameType
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.cli.terminal import StatusLine
-from vip_factors.findings import Finding, bare
+from vip_factors.findings import Finding
 from vip_factors.live_estimate import LiveEstimate
-from vip_factors.sensors.live import LiveFinding, LiveItem, LiveLoss, VideoFrame
+from vip_factors.sensors.live import LiveItem, VideoFrame
 
 if TYPE_CHECKING:
-    from vip_factors.live.tracker import FixedLagTracker
     from vip_factors.viz.live_rerun import LiveRerunSink
 
 T = TypeVar("T")
@@ -105,90 +102,60 @@ class Interrupts:
 
 
 class Session:
-    """Hands samples to the tracker and its answers to the sinks, and keeps count.
+    """Outputs of a stream: hands answers to the sinks, tells findings, and keeps count.
 
     Attributes:
         update_s: what each update took.
-        over: nobody reads the JSON lines any more.
-        found: the last finding of each kind.
+        is_over: whether nobody reads the JSON lines any more.
+        findings: the last one of each kind.
         lost: a sentence for each output that was wanted and is not there.
     """
 
-    def __init__(
-        self,
-        tracker: "FixedLagTracker",
-        sinks: Sequence[Sink],
-        viewers: "Sequence[LiveRerunSink]",
-        line: StatusLine,
-        lasts_s: float | None = None,
-    ) -> None:
-        self._tracker, self._sinks, self._viewers, self._line = tracker, list(sinks), viewers, line
-        self._lasts_s = lasts_s  # of what is played back
+    def __init__(self, sinks: Sequence[Sink], viewers: "Sequence[LiveRerunSink]", line: StatusLine) -> None:
+        self._sinks, self._viewers, self._line = list(sinks), viewers, line
         self.update_s = array("d")
-        self.over = False
+        self.is_over = False
         self.lost: list[str] = []
-        self.found: dict[str, Finding] = {}
-        self._recent: deque[float] = deque(maxlen=RECENT)
-        self._pending: list[Finding] = []  # findings of the source, for the next answer to carry
-        self._looked = -LINE_S
+        self.findings: dict[str, Finding] = {}
+        self._shown_at = -LINE_S
 
-    def take(self, item: LiveItem, waited_s: float = 0.0) -> None:
-        """One item of the source, which has waited for so many seconds."""
-        if isinstance(item, LiveFinding):
-            if isinstance(item, LiveLoss):
-                self._tracker.note_loss()
-                if item.again:
-                    return
-            self._pending.append(bare(item.sentence))
-            self._report(self._pending[-1])
-            return
-        if isinstance(item, VideoFrame):
-            for viewer in self._viewers:
-                viewer.write_video(item)
-        self._tracker.note_behind(waited_s)
-        self._give(self._tracker.push(item))
-
-    def finish(self) -> None:
-        """What the tracker has left."""
-        self._give(self._tracker.finish())
-
-    def _report(self, finding: Finding) -> None:
-        self.found[finding.kind] = finding
+    def report(self, finding: Finding) -> None:
+        """Tell a finding of the source or of the tracker."""
+        self.findings[finding.kind] = finding
         self._line.note(f"{finding.severity}: {finding}")
 
-    def _give(self, estimates: list[LiveEstimate]) -> None:
+    def write_video(self, frame: VideoFrame) -> None:
+        """Show a video frame in the viewers."""
+        for viewer in self._viewers:
+            viewer.write_video(frame)
+
+    def write(self, estimates: list[LiveEstimate]) -> None:
+        """Hand answers to all sinks."""
         for estimate in estimates:
-            for finding in estimate.findings:
-                self._report(finding)
-            if self._pending:
-                estimate = replace(estimate, findings=(*self._pending, *estimate.findings))
-                self._pending = []
             self.update_s.append(estimate.seconds)
-            self._recent.append(estimate.seconds)
             for sink in [*self._sinks, *self._viewers]:
                 self._write(sink, estimate)
         now = time.monotonic()
-        if estimates and now - self._looked >= LINE_S:
-            self._looked = now
+        if estimates and now - self._shown_at >= LINE_S:
+            self._shown_at = now
             for viewer in self._viewers:
                 for sentence in viewer.findings():
                     self._line.note(f"note: {sentence}")
             if self._line.shown:
-                self._line.show(status(estimates[-1], np.array(self._recent), self._lasts_s))
+                self._line.show(status(estimates[-1], np.array(self.update_s[-RECENT:])))
 
     def _write(self, sink: Sink, estimate: LiveEstimate) -> None:
         try:
             sink.write(estimate)
         except BrokenPipeError:  # the reader of the JSON lines, ``head`` say, has seen enough
-            self.over = True
+            self.is_over = True
             self._sinks.remove(sink)
 
 
-def status(estimate: LiveEstimate, update_s: np.ndarray, lasts_s: float | None = None) -> str:
-    """One line: where the stream is, of how long a file, what updates take, who is seen, how sure headings are."""
+def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
+    """One line: where the stream is, what updates take, who is seen, how sure headings are."""
     median, late = 1e3 * np.percentile(update_s, [50, 99])
-    of = f" of {lasts_s:.1f}" if lasts_s is not None else ""
-    parts = [f"frame {estimate.frame}", f"{estimate.time:.1f}{of} s", f"update {median:.1f} ms, seldom {late:.1f} ms"]
+    parts = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, seldom {late:.1f} ms"]
     if estimate.preliminary:
         parts.append("preliminary")
     if estimate.camera is not None:

@@ -1,7 +1,7 @@
 """A stream within a program: samples pushed as they come, or a source opened; an answer to every frame."""
 
 import asyncio
-from collections.abc import AsyncIterable, AsyncIterator, Iterable, Iterator
+from collections.abc import AsyncIterable, AsyncIterator, Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -39,6 +39,7 @@ class Stream:
         extra_factors: makes GTSAM factors of your own, as of ``smooth``.
         real_time: whether samples come by themselves; else what is found anew of a calibration is waited for, and the
             answers are the same each time.
+        on_finding: gets every finding once: of a source as it comes, of the tracker with its answer.
 
     Raises:
         RecordingError: if nothing is placed, or two carriers have one name.
@@ -46,11 +47,12 @@ class Stream:
 
     def __init__(
         self, worn: Recording | Scene, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None,
-        real_time: bool = True,
+        real_time: bool = True, on_finding: Callable[[Finding], None] | None = None,
     ) -> None:  # fmt: skip
         head = worn if isinstance(worn, Scene) else Scene(worn.name, (worn,))
         self._tracker = FixedLagTracker(stream_head(head), settings, extra_factors, real_time)
-        self._pending: list[Finding] = []
+        self._on_finding = on_finding
+        self._pending: list[Finding] = []  # findings of the source, for the next answer to carry
 
     def push(
         self,
@@ -115,14 +117,20 @@ class Stream:
             if isinstance(item, LiveLoss):
                 self._tracker.note_loss()
             if not (isinstance(item, LiveLoss) and item.again):
-                self._pending.append(bare(item.sentence))
+                finding = bare(item.sentence)
+                self._pending.append(finding)
+                self._report(finding)
             return []
         self._tracker.note_behind(waited_s)
-        return self._told(self._tracker.push(item))
+        return self._with_findings(self._tracker.push(item))
+
+    def give_up(self) -> None:
+        """Wait for no calibration any more, as the end was asked for; a signal handler may call it."""
+        self._tracker.give_up()
 
     def finish(self) -> list[LiveEstimate]:
         """The end: answers to the last frames."""
-        return self._told(self._tracker.finish())
+        return self._with_findings(self._tracker.finish())
 
     def answers(self, items: Iterable[LiveItem]) -> Iterator[LiveEstimate]:
         """The answers to all samples of an iterable, to its end."""
@@ -144,7 +152,14 @@ class Stream:
             raise InputError(f"a sample of a wearer without a name: the stream has {', '.join(names)}")
         return wearer or names[0]
 
-    def _told(self, answers: list[LiveEstimate]) -> list[LiveEstimate]:
+    def _report(self, *findings: Finding) -> None:
+        if self._on_finding is not None:
+            for finding in findings:
+                self._on_finding(finding)
+
+    def _with_findings(self, answers: list[LiveEstimate]) -> list[LiveEstimate]:
+        for answer in answers:
+            self._report(*answer.findings)
         if answers and self._pending:
             answers[0] = replace(answers[0], findings=(*self._pending, *answers[0].findings))
             self._pending = []
@@ -179,8 +194,7 @@ def stream(
         opened = stack.enter_context(
             open_source(source, follow=follow, real_time=real_time, settings=limits, token=read_token(token_file))
         )
-        played = Path(source).is_file() and not real_time and not follow  # as fast as it can be tracked
-        tracked = Stream(opened.setup, settings, extra_factors, real_time=not played)
+        tracked = Stream(opened.setup, settings, extra_factors, real_time=not opened.is_played)
         for item in opened:
             yield from tracked.take(item, opened.waited_s)
         yield from tracked.finish()

@@ -60,6 +60,11 @@ class RecordingSource(LiveSource):
         self._scene = scene
         self._real_time = real_time
 
+    @property
+    def is_played(self) -> bool:
+        """Whether samples come as fast as they can be tracked."""
+        return not self._real_time
+
     def _read(self) -> None:
         samples = live_samples(self._scene)
         self._announce(stream_head(self._scene))

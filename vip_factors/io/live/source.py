@@ -201,6 +201,11 @@ class LiveSource(ABC):
         return self._queue.waited_s
 
     @property
+    def is_played(self) -> bool:
+        """Whether it is a recording that is played as fast as it can be tracked."""
+        return False
+
+    @property
     def listens(self) -> str:
         """Where it listens and who can send, in words, once open; empty if it does not listen."""
         return ""

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vip_factors.cli.settings_file import read_settings
+from vip_factors.cli.options import read_settings
 from vip_factors.settings import Settings
 
 FILE = Path(__file__).parent.parent / "docs" / "kaichi.toml"

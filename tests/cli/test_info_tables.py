@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from vip_factors.cli.tables import terminal_text
+from vip_factors.cli.terminal import terminal_text
 from vip_factors.describe.table import UNKNOWN, Quantity, Table, facts
 
 SENSORS = Table(

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vip_factors.cli.window_workers import windows_elsewhere
+from vip_factors.cli.workers import windows_elsewhere
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording

@@ -14,7 +14,7 @@ from mcap.records import Chunk
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion
-from vip_factors.cli.settings_file import read_settings
+from vip_factors.cli.options import read_settings
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.io.camera_file import read_camera_file

@@ -14,7 +14,7 @@ from mcap_samples import assert_same, calibration, copy_messages, estimates, mot
 from scene_samples import filmed_walk, scene_estimates
 
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.cli.tables import terminal_text
+from vip_factors.cli.terminal import terminal_text
 from vip_factors.describe.estimates import estimate_tables
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstimate

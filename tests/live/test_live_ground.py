@@ -10,7 +10,7 @@ import pytest
 from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, tracked_by_placed_camera
 
 from vip_factors.body.kinematics import forward_kinematics
-from vip_factors.cli.settings_file import read_settings
+from vip_factors.cli.options import read_settings
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver

@@ -30,7 +30,7 @@ from tests.studies.scenes import (
 )
 from tests.studies.study import NAN, Fixed, Tell, bullets, group, mean, table
 from vip_factors.body.kinematics import Motion
-from vip_factors.cli.settings_file import read_settings
+from vip_factors.cli.options import read_settings
 from vip_factors.errors import InputError, RecordingError, SolveError
 from vip_factors.evaluate.metrics import GLOBAL_JOINTS, common_frames, global_position_error, indices, orientation_error
 from vip_factors.findings import sentences

@@ -21,7 +21,7 @@ from tests.studies.scenes import HOLD_S, PLACEMENT, POSE, straps_and_sensors
 from tests.studies.study import MB, Study, Tell, group, table
 from vip_factors.atomic import atomic_open
 from vip_factors.body.kinematics import Motion
-from vip_factors.cli.window_workers import windows_elsewhere
+from vip_factors.cli.workers import windows_elsewhere
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.mcap_estimate_writer import write_estimate

@@ -21,7 +21,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from tests.studies.study import Study, Tell, group, table
-from vip_factors.cli.settings_file import read_settings
+from vip_factors.cli.options import read_settings
 from vip_factors.errors import VipFactorsError
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.findings import sentences

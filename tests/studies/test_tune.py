@@ -8,7 +8,7 @@ import pytest
 from tests.studies.__main__ import main
 from tests.studies.tune import PARAMETERS, Parameter, Trial, best, changed, leave_one_out, parsed, search, value_of
 from vip_factors.cli.main import main as vip_factors
-from vip_factors.cli.settings_file import read_settings
+from vip_factors.cli.options import read_settings
 from vip_factors.errors import InputError, SolveError
 from vip_factors.settings import Settings
 

@@ -15,8 +15,7 @@ from optuna.trial import TrialState
 
 from tests.studies.study import Study, Tell, no_news, table
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Output
-from vip_factors.cli.settings_file import read_settings
+from vip_factors.cli.options import Output, read_settings
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.io.mcap_recording import read_scene

@@ -38,7 +38,7 @@ class BodyOptions(WritingOptions):
 
 def main(options: BodyOptions) -> None:
     """Run the command."""
-    from vip_factors.cli.tables import print_tables
+    from vip_factors.cli.terminal import print_tables
     from vip_factors.describe.estimates import hinge_table, length_table
     from vip_factors.io.body_file import body_of_estimate, write_body_file
     from vip_factors.viz.body_chart import body_picture

@@ -121,7 +121,7 @@ class ConvertOptions(WritingOptions):
 def main(options: ConvertOptions) -> None:
     """Convert a log as the command line's arguments say."""
     from vip_factors.api import convert
-    from vip_factors.cli.tables import print_tables
+    from vip_factors.cli.terminal import print_tables
     from vip_factors.describe.recordings import recording_tables, scene_tables
     from vip_factors.io.mcap_recording import write_recording
 

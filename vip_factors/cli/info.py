@@ -45,7 +45,7 @@ def main(options: InfoOptions) -> None:
         raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
     if options.picture is not None:
         raise InputError("--picture draws the sites: give --sites instead of a file")
-    from vip_factors.cli.tables import print_tables
+    from vip_factors.cli.terminal import print_tables
 
     print_tables(file_tables(options.file, options.verbose))
 
@@ -81,7 +81,7 @@ def file_tables(path: Path, verbose: bool = False) -> Iterator["Table"]:
 
 
 def _print_sites(options: InfoOptions) -> None:
-    from vip_factors.cli.tables import print_tables
+    from vip_factors.cli.terminal import print_tables
     from vip_factors.describe.recordings import site_table
 
     if options.picture is not None:

@@ -1,8 +1,8 @@
 """From words on the command line to a dataclass of options: parsed, in range, and never writing over what is read."""
 
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import MISSING, dataclass, fields, is_dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
@@ -10,11 +10,13 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast, get_args, g
 
 import tyro
 
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, nearest
 from vip_factors.findings import Severity, Verdict
+from vip_factors.io.typed_files import convert, read_toml
 from vip_factors.ranges import Range, RangeError, check_ranges
 
 Options = TypeVar("Options")
+Tree = TypeVar("Tree")
 
 Flag = tyro.conf.FlagCreatePairsOff[bool]
 """A switch that is off unless named; settings keep both spellings, ``--use`` and ``--no-use``."""
@@ -80,8 +82,6 @@ def parse(options: type[Options], prog: str, words: Sequence[str]) -> Options:
 
 def _with_settings(options: type[Options], prog: str, words: Sequence[str]) -> Options:
     """Defaults of options, with the settings of the file that ``--settings`` names."""
-    from vip_factors.cli.settings_file import read_settings
-
     named, _ = tyro.cli(SettingsOptions, prog=prog, args=words, add_help=False, return_unknown_args=True)
     declared = {field.name: field for field in fields(cast(Any, options))}
     settings = cast(Any, declared["settings"]).default_factory()
@@ -91,6 +91,33 @@ def _with_settings(options: type[Options], prog: str, words: Sequence[str]) -> O
         name for name, field in declared.items() if field.default is MISSING and field.default_factory is MISSING
     ]
     return cast(Any, options)(**dict.fromkeys(required, tyro.MISSING), settings=settings)
+
+
+def read_settings(path: Path, defaults: Tree) -> Tree:
+    """Read settings from a file: tables are nested dataclasses, keys their fields, the rest is as in ``defaults``.
+
+    Raises:
+        InputError: for an unknown key, whose nearest is named, or a value of another type or out of range.
+        FileFormatError: if the file is not TOML, or cannot be read.
+    """
+    try:
+        return _overlaid(path, defaults, read_toml(path, dict[str, object], "TOML with settings"), "")
+    except RangeError as error:
+        raise InputError(f"{path}: setting {error}") from error
+
+
+def _overlaid(path: Path, defaults: Tree, content: Mapping[str, object], where: str) -> Tree:
+    types, changes = get_type_hints(type(defaults)), dict[str, Any]()
+    for key, value in content.items():
+        place = f"{where}.{key}".lstrip(".")
+        if key not in types:
+            raise InputError(f"{path}: unknown setting '{place}'{nearest(key, types)}")
+        default = getattr(defaults, key)
+        if is_dataclass(default):
+            changes[key] = _overlaid(path, default, convert(path, place, value, dict[str, object]), place)
+        else:
+            changes[key] = convert(path, place, value, types[key])
+    return cast(Tree, replace(cast(Any, defaults), **changes))
 
 
 def _check_ranges(options: Any) -> None:

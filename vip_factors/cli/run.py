@@ -81,7 +81,7 @@ class RunOptions:
 
 def main(options: RunOptions) -> None:
     """Run the command."""
-    from vip_factors.cli.window_workers import windows_elsewhere
+    from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.steps import take
     from vip_factors.workflow import ESTIMATE, check, guess_camera, steps

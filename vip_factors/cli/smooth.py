@@ -40,7 +40,7 @@ class SmoothOptions(SettingsOptions, ManyOptions):
 
 def main(options: SmoothOptions) -> None:
     """Run the command."""
-    from vip_factors.cli.window_workers import windows_elsewhere
+    from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.workflow import estimate_lines, smooth_file
 
     if not options.recording:

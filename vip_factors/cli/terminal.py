@@ -1,10 +1,12 @@
-"""What a person sees while waiting, on stderr: bars at a terminal, elsewhere (a pipe, a log) a line now and then."""
+"""What a person sees: results and tables on stdout; on stderr progress, as bars at a terminal, else as lines."""
 
 import re
+import shutil
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from io import StringIO
 from typing import TYPE_CHECKING
 
 from vip_factors.progress import ProgressCallback
@@ -12,10 +14,13 @@ from vip_factors.progress import ProgressCallback
 if TYPE_CHECKING:
     from rich.live import Live
 
+    from vip_factors.describe.table import Table
+
 # C0 and C1 controls (ESC moves cursors and sets titles), separators of lines, marks that turn text round, surrogates.
 CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
 LINE_S = 5.0  # between plain lines: often enough to see that it lives, and a minute fits on a screen
 STREAM_LINE_S = 10.0  # of a stream, which may run for hours
+UNBROKEN = 10_000  # characters, where no terminal breaks lines
 MINUTES_S = 120.0  # from here on times are told in minutes
 
 
@@ -96,6 +101,41 @@ def say(result: object, is_remark: bool = False) -> None:
 def note(text: str) -> None:
     """A remark that is not a result, on stderr."""
     print(printable(text), file=sys.stderr)
+
+
+def print_tables(tables: Iterable["Table"]) -> None:
+    """Print the tables, as wide as the terminal is; where stdout is none, no line is broken."""
+    say(terminal_text(tables, shutil.get_terminal_size().columns if sys.stdout.isatty() else UNBROKEN))
+
+
+def terminal_text(tables: Iterable["Table"], width: int = UNBROKEN) -> str:
+    """Tables below each other as plain text, those without rows left out; ``width`` in characters."""
+    from rich.console import Console
+    from rich.padding import Padding
+    from rich.table import Table as Grid
+
+    texts = []
+    for table in filter(lambda table: table.rows, tables):
+        rows = [[printable(str(cell)) for cell in row] for row in table.rows]
+        if not table.head:
+            rows = [[f"{label}:", *cells] for label, *cells in rows]
+        grid = Grid(box=None, show_header=bool(table.head), padding=(0, 2, 0, 0), pad_edge=False)
+        longest = max(len(row[0]) for row in rows)
+        for column, name in enumerate(table.head or ("", "")):
+            grid.add_column(
+                printable(name),
+                justify="left" if column < table.words else "right",
+                no_wrap=column == 0 and longest <= width // 3,  # names stay whole; Rich cuts longer ones instead
+                overflow="fold",
+            )
+        for row in rows:
+            grid.add_row(*row)
+        text = StringIO()
+        console = Console(file=text, width=width, color_system=None, markup=False, emoji=False)
+        console.print(Padding(grid, (0, 0, 0, 2)))
+        lines = [line.rstrip() for line in text.getvalue().splitlines()]
+        texts.append("\n".join([printable(table.title), *lines] if table.title else lines))
+    return "\n\n".join(texts)
 
 
 class StatusLine:

@@ -41,8 +41,8 @@ from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, keypoi
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import SHIPPED_PRIOR, load_pose_prior
-from vip_factors.cli.settings_file import read_settings
-from vip_factors.cli.tables import terminal_text
+from vip_factors.cli.options import read_settings
+from vip_factors.cli.terminal import terminal_text
 from vip_factors.describe.recordings import motion_facts, recording_tables
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file

@@ -20,7 +20,7 @@ from tests.studies.fuzz.run import Case, Files
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.cli.info import file_tables
 from vip_factors.cli.options import run_command
-from vip_factors.cli.tables import terminal_text
+from vip_factors.cli.terminal import terminal_text
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import exp

@@ -62,7 +62,7 @@ FUNCTIONS = {
     "read": "path then",
     "read_estimate": "path",
     "read_motion": "path",
-    "repetitions": "estimate settings out overwrite",
+    "repetitions": "estimate out overwrite",
     "report": "estimate path recording truth settings overwrite video",
     "run": "options progress",
     "serve": "worn port host token",

@@ -19,7 +19,6 @@ from vip_factors.io.scene_building import CameraOptions
 from vip_factors.io.settings import ExportSettings
 from vip_factors.progress import ProgressCallback
 from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
-from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.report.page import ReportSettings
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.detections import Detections
@@ -160,7 +159,7 @@ def detect(
 
     Args:
         video: file (.mp4, .mov …).
-        settings: thresholds and periods.
+        settings: how people are searched for.
         out: file (.json) to write them to as well, which ``convert`` and ``run`` take.
         model: ONNX file of another pose model than BlazePose, for the keypoints.
         keypoints: name of that model's keypoint set; told by their number if absent.
@@ -350,20 +349,19 @@ def gait(
 
 
 def repetitions(
-    estimate: Moved, settings: RepetitionSettings | None = None, *, out: StrPath | None = None, overwrite: bool = False
+    estimate: Moved, *, out: StrPath | None = None, overwrite: bool = False
 ) -> tuple[WearerRepetitions, ...]:
     """Squats, lunges, jumps and curls of each wearer: times, depth, tempo, ranges, symmetry, jump height, with their ±.
 
     Args:
         estimate: of one wearer or several.
-        settings: what counts.
         out: folder for a table, JSON and a picture of it, made if need be; none if absent.
         overwrite: whether files there may be replaced.
 
     Raises:
         InputError: if one has no frames, or files may not be written.
     """
-    found = all_repetitions(_estimate(estimate), settings)
+    found = all_repetitions(_estimate(estimate))
     if out is not None:
         from vip_factors.repetitions.files import write_repetitions
 

@@ -32,7 +32,7 @@ class DetectorOptions:
     """How the 2D poses in a video are found.
 
     Attributes:
-        settings: thresholds and periods.
+        settings: how people are searched for.
         model: ONNX file of another pose model than BlazePose, for the keypoints.
         keypoints: name of that model's keypoint set; told by their number if None.
         blazepose: wheel or folder with BlazePose's files; fetched once if None.

@@ -43,7 +43,7 @@ def at(x: float, y: float) -> int:
 
 
 def test_a_person_is_where_the_model_says() -> None:
-    detector = PersonDetector(Answering([((0.5, 0.5), (0.5, 0.2), 2.0, at(0.5, 0.25))]), 0.5, 0.3)
+    detector = PersonDetector(Answering([((0.5, 0.5), (0.5, 0.2), 2.0, at(0.5, 0.25))]))
     image = np.zeros((400, 200, 3), np.uint8)
     (found,) = detector.find(image, Square(100.0, 200.0, 400.0))
     assert np.allclose(found.square.centre, [100, 200], atol=1e-3)
@@ -56,7 +56,7 @@ def test_neighbouring_answers_are_one_person_and_unsure_ones_nobody() -> None:
     here, there = ((0.3, 0.5), (0.3, 0.2)), ((0.8, 0.5), (0.8, 0.2))
     people = [(*here, 3.0, at(0.3, 0.25)), (*here, 1.0, at(0.32, 0.25)), (*there, 2.0, at(0.8, 0.25))]
     people.append(((0.5, 0.9), (0.5, 0.8), -1.0, at(0.5, 0.9)))
-    found = PersonDetector(Answering(people), 0.5, 0.3).find(np.zeros((100, 100, 3), np.uint8), Square(50, 50, 100))
+    found = PersonDetector(Answering(people)).find(np.zeros((100, 100, 3), np.uint8), Square(50, 50, 100))
     assert [round(one.square.x) for one in found] == [30, 80]
     assert found[0].score > found[1].score
 

@@ -28,8 +28,8 @@ def test_the_person_is_found_where_openpose_found_him(data_folder: Path, camera:
         files = blazepose_files(Path(given) if given else None)
     except InputError as error:
         pytest.skip(str(error))
-    folder, settings = data_folder / "pose2sim" / "balancing", DetectSettings()
-    poses = detect_video(folder / "videos" / f"{camera}.mp4", blazepose_tracker(files, settings, 2), settings)
+    folder = data_folder / "pose2sim" / "balancing"
+    poses = detect_video(folder / "videos" / f"{camera}.mp4", blazepose_tracker(files, DetectSettings(), 2))
     names = [name for name in poses.keypoints.keypoints if name in BODY25B.keypoints]
     ours, theirs = ([one.keypoints.index(name) for name in names] for one in (poses.keypoints, BODY25B))
     found, distances = 0, []

@@ -31,7 +31,7 @@ def tracker(people: People) -> Tracker:
 
 
 def test_everybody_is_in_the_file_that_convert_reads(video: Path, tmp_path: Path) -> None:
-    poses = detect_video(video, tracker(People({"a": (150, 120), "b": (450, 120)})), DetectSettings())
+    poses = detect_video(video, tracker(People({"a": (150, 120), "b": (450, 120)})))
     assert poses.tracks == [1, 2]
     assert all(len(people) == 2 for people in poses.frames)
     out = tmp_path / "walk.json"
@@ -49,13 +49,12 @@ def test_everybody_is_in_the_file_that_convert_reads(video: Path, tmp_path: Path
 
 def test_a_stretch_and_every_third_frame(video: Path) -> None:
     stretch = Stretch(0.4, 1.6, 3)
-    settings = DetectSettings(least_s=0.0)
-    poses = detect_video(video, tracker(People({"a": (150, 120)})), settings, stretch)
+    poses = detect_video(video, tracker(People({"a": (150, 120)})), stretch)
     assert [index for index, people in enumerate(poses.frames) if people] == list(range(6, 25, 3))
     assert len(poses.frames) == FRAMES
     for wrong in (Stretch(5.0), Stretch(1.0, 0.5), Stretch(every=0)):
         with pytest.raises(InputError):
-            detect_video(video, tracker(People({})), settings, wrong)
+            detect_video(video, tracker(People({})), wrong)
 
 
 def test_a_short_track_is_left_out_and_the_others_are_numbered_anew(video: Path) -> None:
@@ -67,7 +66,7 @@ def test_a_short_track_is_left_out_and_the_others_are_numbered_anew(video: Path)
             return super().look(image, square)  # type: ignore[arg-type]
 
     people = Leaving({"a": (150, 120), "b": (450, 120)})
-    poses = detect_video(video, tracker(people), DetectSettings())
+    poses = detect_video(video, tracker(people))
     assert poses.tracks == [1]
     assert len([one for people in poses.frames for one in people]) == FRAMES
 
@@ -82,7 +81,7 @@ def test_another_model_sees_the_people_who_are_followed(video: Path) -> None:
             return np.full((17, 2), [box.left, box.lower]), np.full(17, 0.7)
 
     people = People({"a": (150, 120), "b": (450, 120)})
-    poses = detect_video(video, tracker(people), DetectSettings(), Stretch(end_s=0.1), Model())  # type: ignore[arg-type]
+    poses = detect_video(video, tracker(people), Stretch(end_s=0.1), Model())  # type: ignore[arg-type]
     assert poses.keypoints.name == "coco17"
     assert [len(one) for one in poses.frames[:3]] == [2, 2, 0]
     assert len(Model.boxes) == 4
@@ -94,7 +93,7 @@ def test_another_model_sees_the_people_who_are_followed(video: Path) -> None:
 
 def test_the_overlay_shows_them_in_the_frames_looked_at(video: Path, tmp_path: Path) -> None:
     stretch = Stretch(every=2)
-    poses = detect_video(video, tracker(People({"a": (150, 120)})), DetectSettings(), stretch)
+    poses = detect_video(video, tracker(People({"a": (150, 120)})), stretch)
     write_overlay(tmp_path / "o.mp4", poses)
     capture = cv2.VideoCapture(str(tmp_path / "o.mp4"))
     good, image = capture.read()
@@ -110,7 +109,7 @@ def test_the_overlay_shows_them_in_the_frames_looked_at(video: Path, tmp_path: P
 @pytest.mark.parametrize("most_bytes", [100, 4000])
 def test_a_full_disk_is_told_and_leaves_no_overlay(video: Path, tmp_path: Path, most_bytes: int) -> None:
     resource = pytest.importorskip("resource")
-    poses = detect_video(video, tracker(People({"a": (150, 120)})), DetectSettings())
+    poses = detect_video(video, tracker(People({"a": (150, 120)})))
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (most_bytes, hard))
     try:

@@ -16,7 +16,6 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.pipeline import smooth
 from vip_factors.repetitions.repetitions import Repetition, repetitions_of
-from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.sensors.scene import Scene
 
 # Counted by hand: in the videos of the sit-to-stands, and by what the index of the clips says and the motion shows.
@@ -115,7 +114,7 @@ def _words(counts: Mapping[str, int]) -> str:
 
 
 def trial(name: str, estimate: Estimate, true: Mapping[str, int] | None, scene: Scene | None = None) -> RepetitionTrial:
-    found = repetitions_of(estimate.wearers[0], RepetitionSettings()).repetitions
+    found = repetitions_of(estimate.wearers[0]).repetitions
     known = _of_truth(scene)
     if true is None:
         true = _counts(known)
@@ -137,7 +136,7 @@ def _of_truth(scene: Scene | None) -> tuple[Repetition, ...]:
     truth = None if scene is None else scene.wearers[0].truth
     if truth is None:
         return ()
-    return repetitions_of(WearerEstimate("truth", "truth", truth.motion, {}), RepetitionSettings()).repetitions
+    return repetitions_of(WearerEstimate("truth", "truth", truth.motion, {})).repetitions
 
 
 def _counts(repetitions: Sequence[Repetition]) -> dict[str, int]:

@@ -3,7 +3,7 @@
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
@@ -12,9 +12,6 @@ from vip_factors.cli.options import UNPREFIXED, Output, WritingOptions, beside
 from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

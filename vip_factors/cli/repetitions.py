@@ -1,14 +1,13 @@
 """``vip-factors repetitions``: squats, lunges, jumps and curls, with their figures, as tables, JSON and a picture."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.options import UNPREFIXED, WritingOptions, beside
+from vip_factors.cli.options import WritingOptions, beside
 from vip_factors.cli.terminal import say, waiting
-from vip_factors.repetitions.settings import RepetitionSettings
 
 
 @dataclass(frozen=True)
@@ -23,7 +22,6 @@ class RepetitionOptions(WritingOptions):
     """Estimate (.mcap)."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder to write to, made if need be; beside the estimate, ending in .repetitions, if not given."""
-    settings: Annotated[RepetitionSettings, UNPREFIXED] = field(default_factory=RepetitionSettings)
 
 
 def main(options: RepetitionOptions) -> None:
@@ -34,7 +32,7 @@ def main(options: RepetitionOptions) -> None:
     from vip_factors.repetitions.repetitions import all_repetitions
 
     with waiting(f"reading {options.estimate.name}"):
-        wearers = all_repetitions(read_estimate(options.estimate), options.settings)
+        wearers = all_repetitions(read_estimate(options.estimate))
     for wearer in wearers:
         if wearer.repetitions:
             print_tables([repetition_table(wearer)])

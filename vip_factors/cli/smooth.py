@@ -4,7 +4,7 @@ import shlex
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
@@ -13,9 +13,6 @@ from vip_factors.cli.options import UNPREFIXED, FailOn, ManyOptions, Output, Set
 from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.errors import InputError
 from vip_factors.settings import Settings
-
-if TYPE_CHECKING:
-    pass
 
 
 @dataclass(frozen=True)

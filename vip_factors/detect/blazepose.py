@@ -148,6 +148,9 @@ def anchor_centres() -> Array:
     return np.concatenate(centres)
 
 
+# MediaPipe's own: how sure the detector is of whom the landmark model looks at, and the intersection over union of two
+# boxes of one person.
+LEAST_SCORE, BOX_OVERLAP = 0.5, 0.3
 HIP_COLUMNS, TOP_COLUMNS = (
     slice(4, 6),
     slice(6, 8),
@@ -167,22 +170,19 @@ class PersonDetector:
 
     Args:
         model: takes ``(1, 224, 224, 3)`` in [−1, 1] and gives ``(1, 2254, 12)`` and ``(1, 2254, 1)``.
-        least_score: people that it is less sure of are left out.
-        overlap: of boxes that show one person (intersection over union).
     """
 
-    def __init__(self, model: Model, least_score: float, overlap: float) -> None:
-        self._model, self._least_score, self._overlap = model, least_score, overlap
-        self._anchors = anchor_centres()
+    def __init__(self, model: Model) -> None:
+        self._model, self._anchors = model, anchor_centres()
 
     def find(self, image: np.ndarray, region: Square) -> list[DetectedPerson]:
         """People in an upright square part of an image ``(height, width, 3)``, red first, bytes; best first."""
         given = _shrunk(image, region).astype(np.float32) / 127.5 - 1
         raw, logit = self._model(given[None])
         rows, score = decoded(raw, logit, self._anchors)
-        sure = score >= self._least_score
+        sure = score >= LEAST_SCORE
         found = []
-        for row, best in merged(rows[sure], score[sure], self._overlap):
+        for row, best in merged(rows[sure], score[sure]):
             hip, top = (region.to_image(row[one], 1) for one in (HIP_COLUMNS, TOP_COLUMNS))
             found.append(DetectedPerson(square_of(hip, top), best))
         return [one for one in found if one.square.side > 0]
@@ -214,12 +214,12 @@ def decoded(raw: np.ndarray, logit: np.ndarray, anchors: Array) -> tuple[Array, 
     return rows, 1 / (1 + np.exp(-np.clip(logit[0, :, 0].astype(float), -100, 100)))
 
 
-def merged(rows: Array, score: Array, overlap: float) -> list[tuple[Array, float]]:
+def merged(rows: Array, score: Array) -> list[tuple[Array, float]]:
     """Weighted suppression of what is found twice: overlapping rows become their mean, weighed by score; best first."""
     left = np.argsort(-score, kind="stable")
     found = []
     while len(left):
-        same = intersection_over_union(rows[left[0]], rows[left]) > overlap
+        same = intersection_over_union(rows[left[0]], rows[left]) > BOX_OVERLAP
         same[0] = True  # of a box without an area, too
         members = left[same]
         found.append((np.average(rows[members], axis=0, weights=score[members]), float(score[left[0]])))

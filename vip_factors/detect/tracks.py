@@ -73,6 +73,12 @@ def same_place(a: Square, b: Square) -> bool:
 
 SURE = 0.5  # confidence of a landmark that counts when two poses are compared
 ENOUGH = 4  # landmarks that both poses must have for that
+# Mean distance of two poses' landmarks, in sides of their squares, below which they are of one person. A side is 1.25
+# times a person's height and more, so this is a shoulder's width: nobody stands so near another without hiding him.
+SAME_PERSON = 0.1
+LEAST_PRESENCE = 0.5  # of the landmark model, that its square shows a person; MediaPipe's own
+LOST_S = 1.0  # that a person may be out of sight and keep the track's number, if found about where lost
+CHANCES = 2  # searches that may miss a new track before it is nobody's: things that look like people seldom do so twice
 
 
 @dataclass
@@ -100,7 +106,7 @@ class Tracker:
     Args:
         detector: finds people.
         landmarks: finds their landmarks.
-        settings: thresholds and periods.
+        settings: how often and where it searches.
     """
 
     def __init__(self, detector: PersonDetector, landmarks: LandmarkModel, settings: DetectSettings) -> None:
@@ -125,7 +131,7 @@ class Tracker:
                 self._tracks.append(replace(track, seen=seen, time=time))
             else:
                 self._lost.append(track)
-        self._lost = [one for one in self._lost if time - one.time <= self._settings.lost_s]
+        self._lost = [one for one in self._lost if time - one.time <= LOST_S]
         self._drop_doubles()
         due = time - self._searched >= self._settings.search_s
         if due or len(self._tracks) < len(before) or not self._tracks:
@@ -134,7 +140,7 @@ class Tracker:
         return list(self._tracks)
 
     def _is_person(self, seen: PersonLandmarks) -> bool:
-        return seen.presence >= self._settings.least_presence and seen.following.side > 0
+        return seen.presence >= LEAST_PRESENCE and seen.following.side > 0
 
     def _search(self, image: np.ndarray, time: float, levels: int) -> None:
         height, width = image.shape[:2]
@@ -156,7 +162,7 @@ class Tracker:
         for track in self._tracks:
             track.confirmed |= any(same_place(one, track.seen.following) for one in squares)
             track.missed += not track.confirmed
-        wrong = [one for one in self._tracks if one.missed >= self._settings.chances]
+        wrong = [one for one in self._tracks if one.missed >= CHANCES]
         self.given_up |= {one.number for one in wrong}
         self._tracks = [one for one in self._tracks if one not in wrong]
 
@@ -182,7 +188,7 @@ class Tracker:
         if both.sum() < ENOUGH:
             return same_place(a.following, b.following)
         distance = np.linalg.norm(a.pixels[both] - b.pixels[both], axis=1).mean()
-        return bool(distance < self._settings.same_person * min(a.following.side, b.following.side))
+        return bool(distance < SAME_PERSON * min(a.following.side, b.following.side))
 
 
 MOST_THREADS = 4  # more gain nothing on models of this size
@@ -201,5 +207,5 @@ def blazepose_tracker(files: BlazePoseFiles, settings: DetectSettings, threads: 
         InputError: if the library that runs the models is not installed.
         FileFormatError: if a file is no model.
     """
-    detector = PersonDetector(LiteModel(files.detector, threads), settings.least_score, settings.box_overlap)
+    detector = PersonDetector(LiteModel(files.detector, threads))
     return Tracker(detector, LandmarkModel(LiteModel(files.landmarks, threads)), settings)

@@ -32,6 +32,8 @@ WIDTHS = ("shoulder", "hip")
 # Of a vote, in squares of the trunk's length; people seen from the front or behind vote with about 0.4, those who turn
 # about within half a second with 0.1 at most.
 CLEAR = 0.12
+TURN_S = 0.25  # in which nobody turns about
+LEAST_S = 0.2  # that a track must last to be written: wrong finds last shorter, and help nobody
 
 
 def confused(keypoints: KeypointSet, pixels: Array, confidence: Array, reach: int) -> np.ndarray:
@@ -142,7 +144,6 @@ class VideoPoses:
 def detect_video(
     path: Path,
     tracker: Tracker,
-    settings: DetectSettings,
     stretch: Stretch | None = None,
     model: OnnxPose | None = None,
     on_progress: Callable[[int, int], None] = lambda done, count: None,
@@ -152,7 +153,6 @@ def detect_video(
     Args:
         path: of the video.
         tracker: follows people; its landmarks are the poses, if no other model is given.
-        settings: thresholds and periods.
         stretch: which frames to look at; all if None.
         model: that finds the keypoints of the people followed.
         on_progress: called with the frames that are done, and of how many.
@@ -171,8 +171,8 @@ def detect_video(
         on_progress(index + 1 - looked.start, looked.stop - looked.start)
     somebody = [[one for one in poses if one.track not in tracker.given_up] for poses in frames]
     rate = facts.rate / looked.step
-    least = min(math.ceil(settings.least_s * rate), len(looked))  # a short video has no longer tracks
-    tidy = _tidied(somebody, keypoints, least, max(1, round(settings.turn_s * rate)))
+    least = min(math.ceil(LEAST_S * rate), len(looked))  # a short video has no longer tracks
+    tidy = _tidied(somebody, keypoints, least, max(1, round(TURN_S * rate)))
     return VideoPoses(facts, keypoints, tidy, looked)
 
 
@@ -191,7 +191,8 @@ def detect_people(
     """Poses of everybody in a video by BlazePose, or their keypoints by another model.
 
     Args:
-        path, settings, stretch, on_progress: as of :func:`detect_video`.
+        path, stretch, on_progress: as of :func:`detect_video`.
+        settings: how people are searched for.
         model: ONNX file.
         keypoints: name of its keypoint set; told by their number if None.
         blazepose: wheel of mediapipe or folder with BlazePose's files; they are fetched once if None.
@@ -205,7 +206,7 @@ def detect_people(
     other = OnnxPose(model, threads, keypoints) if model is not None else None
     blazepose_models.check_interpreter()
     tracker = tracks.blazepose_tracker(model_files.blazepose_files(blazepose, on_message), settings, threads)
-    found = detect_video(path, tracker, settings, stretch, other, on_progress)
+    found = detect_video(path, tracker, stretch, other, on_progress)
     return found if model is None else replace(found, detector=model.name)
 
 

@@ -17,7 +17,6 @@ from vip_factors.body.model_errors import shape_factor
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.repetitions.signals import SIDES, Signals, signals_of
 from vip_factors.summarised import Summarised
 
@@ -25,6 +24,7 @@ Kind = Literal["squat", "lunge", "jump", "curl"]
 Side = Literal["left", "right", "both"]
 GRAVITY = 9.81  # m/s²
 UNKNOWN = float("nan")
+LEAST_DEPTH = 0.12  # lengths of a leg: who walks sinks by 0.09 at most, shallow squats are 0.18 and deeper
 
 
 @dataclass(frozen=True)
@@ -105,16 +105,16 @@ class WearerRepetitions(Summarised):
         return [title, *(f"{one.kind}: {one.start:.1f} to {one.end:.1f} s, {one.side}" for one in self.repetitions)]
 
 
-def all_repetitions(estimate: Estimate, settings: RepetitionSettings | None = None) -> tuple[WearerRepetitions, ...]:
+def all_repetitions(estimate: Estimate) -> tuple[WearerRepetitions, ...]:
     """Of every wearer, with standard deviations if the estimate has a covariance.
 
     Raises:
         InputError: if one has no frames.
     """
-    return tuple(repetitions_of(one, settings or RepetitionSettings()) for one in estimate.wearers)
+    return tuple(repetitions_of(one) for one in estimate.wearers)
 
 
-def repetitions_of(wearer: WearerEstimate, settings: RepetitionSettings) -> WearerRepetitions:
+def repetitions_of(wearer: WearerEstimate) -> WearerRepetitions:
     """Of one wearer; see :func:`all_repetitions`."""
     name = wearer.motion.name or wearer.name
     if not len(wearer.motion):
@@ -123,13 +123,13 @@ def repetitions_of(wearer: WearerEstimate, settings: RepetitionSettings) -> Wear
     fewest = 3  # frames: with fewer nothing is higher than what is beside it
     if len(wearer.motion) < fewest:
         return WearerRepetitions(name, signals, ())
-    lows = _lows(-signals.reach, 0.25 * settings.least_depth * signals.legs, signals.motion.rate)
-    jumps = [_jump(signals, one, lows) for one in _flights(signals, settings.least_fall_s)]
-    deep = [one for one in lows if one.depth >= settings.least_depth * signals.legs]
-    dips = [dip for one in deep if (dip := _dip(signals, one, settings)) is not None]
+    lows = _lows(-signals.reach, 0.25 * LEAST_DEPTH * signals.legs, signals.motion.rate)
+    jumps = [_jump(signals, one, lows) for one in _flights(signals)]
+    deep = [one for one in lows if one.depth >= LEAST_DEPTH * signals.legs]
+    dips = [dip for one in deep if (dip := _dip(signals, one)) is not None]
     free = [one for one in dips if not any(jump.start <= one.turn <= jump.end for jump in jumps)]
     sets = [_sets([one for one in free if one.kind == kind]) for kind in ("squat", "lunge")]
-    curls = _sets(list(_curls(signals, settings)))
+    curls = _sets(list(_curls(signals)))
     found = sorted([*jumps, *sets[0], *sets[1], *curls], key=lambda one: one.start)
     return WearerRepetitions(name, signals, tuple(found))
 
@@ -170,7 +170,7 @@ def _moves_from(speed: Array, half: int, rim: int, step: int) -> float:
     return float(way[slow[0]] if len(slow) else rim)
 
 
-def _dip(signals: Signals, low: _Low, settings: RepetitionSettings) -> Repetition | None:
+def _dip(signals: Signals, low: _Low) -> Repetition | None:
     """A squat or a lunge, if a low of the pelvis is one."""
     knees = [signals.flexion(side, "knee")[low.turn] for side in SIDES]
     hips = [signals.flexion(side, "hip")[low.turn] for side in SIDES]
@@ -178,12 +178,13 @@ def _dip(signals: Signals, low: _Low, settings: RepetitionSettings) -> Repetitio
     apart = signals.apart[low.turn] / signals.legs
     lunge_apart = 0.4  # lengths of a leg between the ankles, fore and aft: squats 0.2 at most, lunges 0.6 and more
     feet_level = 0.25  # lengths of a leg between the balls of both feet on the floor: soles roll, and estimates err
+    least_knee_deg = 45.0  # of a walker's two knees one is below 35; of squats both are above 60
     least_hip_deg = 30.0  # who sinks without bending the hips leans back, kneels or lies down
     # Beyond half of the depth: quick squats 0.69 s and more; before and after jumps, and boxers 0.57 at most. The
     # geometric mean of both; with any one recording left out, the limit that the others give still tells it.
     least_dip_s = 0.63
     is_lunge = abs(apart) >= lunge_apart
-    bent = min(knees) >= settings.least_knee_deg and (max(hips) if is_lunge else min(hips)) >= least_hip_deg
+    bent = min(knees) >= least_knee_deg and (max(hips) if is_lunge else min(hips)) >= least_hip_deg
     if not bent or level > feet_level or low.width < least_dip_s * signals.motion.rate:
         return None
     side: Side = "both" if not is_lunge else "left" if apart > 0 else "right"
@@ -246,8 +247,9 @@ class _Flight:
     sigma: float
 
 
-def _flights(signals: Signals, least_s: float) -> Iterator[_Flight]:
+def _flights(signals: Signals) -> Iterator[_Flight]:
     """Where the body falls freely for long enough, with both feet off the floor."""
+    least_s = 0.23  # of a fall: runs 0.16, a step with a kick 0.21, a jump of 12 cm 0.25
     falls = np.concatenate([[False], signals.fall > 0.5 * GRAVITY, [False]])
     edges = np.flatnonzero(np.diff(falls.astype(int)))
     for start, stop in zip(edges[::2].tolist(), (edges[1::2] - 1).tolist(), strict=True):
@@ -299,11 +301,12 @@ def _jump(signals: Signals, flight: _Flight, lows: Sequence[_Low]) -> Repetition
     )  # fmt: skip
 
 
-def _curls(signals: Signals, settings: RepetitionSettings) -> Iterator[Repetition]:
+def _curls(signals: Signals) -> Iterator[Repetition]:
     """Bends of elbows whose upper arms hang; those of both arms at a time are one."""
     found: dict[str, list[_Low]] = {}
+    least_curl_deg = 60.0  # half of a curl's range
     for side in SIDES:
-        bends = _lows(signals.flexion(side, "elbow"), settings.least_curl_deg, signals.motion.rate)
+        bends = _lows(signals.flexion(side, "elbow"), least_curl_deg, signals.motion.rate)
         found[side] = [one for one in bends if _is_curl(signals, side, one)]
     pairs = {}
     for number, one in enumerate(found["left"]):

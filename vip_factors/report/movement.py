@@ -16,7 +16,6 @@ from vip_factors.gait.strides import QUANTITIES
 from vip_factors.geometry.rotations import Array
 from vip_factors.repetitions import files
 from vip_factors.repetitions.repetitions import repetitions_of
-from vip_factors.repetitions.settings import RepetitionSettings
 from vip_factors.report.charts import SIDE_COLOURS, Chart, time_charts
 from vip_factors.report.report_data import ReportWearer
 from vip_factors.viz.charts import Curve, png
@@ -174,5 +173,5 @@ def _side_table(gait: Gait) -> Table:
 
 def repetition_table(wearer: ReportWearer) -> Table:
     """A row of each repetition."""
-    exercises = repetitions_of(wearer.estimate, RepetitionSettings())
+    exercises = repetitions_of(wearer.estimate)
     return replace(files.repetition_table(exercises), title=exercises.counts)

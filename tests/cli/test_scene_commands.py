@@ -27,9 +27,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_evaluate_prints_the_scene_and_writes_json(run: Callable, folder: Path, tmp_path: Path) -> None:
     done = run("evaluate", folder / "vip.mcap", "--truth", folder / "scene.mcap", "--json", tmp_path / "e.json")
     assert done.code == 0, done.err
-    for row in ("| camera_translation |", "| association_precision | 100.00 |", "| ann - bob |", "## bob"):
+    for row in ("| camera_translation |", "| association_precision | 100.00 |", "## bob"):
         assert row in done.out
-    assert json.loads((tmp_path / "e.json").read_text())["pairs"]["ann - bob"]["relative_mm"] == pytest.approx(50, 0.01)
+    assert json.loads((tmp_path / "e.json").read_text())["metrics"]["scene_position_error"]["value"] > 1
 
 
 def test_a_chart_takes_several_estimates_of_one_scene(run: Callable, folder: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Errors of bodies: lengths, joint centres, and poses apart from them."""
+"""Errors of the lengths of bodies, and the flexion of knees."""
 
 from dataclasses import replace
 
@@ -40,22 +40,13 @@ def test_lengths_are_compared_one_by_one(truth: Motion) -> None:
     assert found.lengths["forearm"]["error_mm"] == pytest.approx(-10.0)
     assert found.lengths["shank"]["error_mm"] == pytest.approx(0.0, abs=1e-9)
     assert found["length_error"] == pytest.approx((20 + 10) / 7)
-    assert found.joints["left_knee"]["centre_mm"] == pytest.approx(20.0)
-    assert found["joint_centre_error"] == pytest.approx((2 * 20 + 2 * 10) / 23)
     assert "| thigh |" in found.to_table()
-
-
-def test_the_pose_is_judged_apart_from_the_body(truth: Motion) -> None:
-    found = evaluate(with_body(truth, {"thigh": 0.04, "upper arm": -0.03}), Truth(truth))
-    assert found["mpjpe"] > 5
-    assert found["mpjpe_true_body"] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_honest_lengths_have_a_nees_of_one(truth: Motion) -> None:
     names = ("thigh", "shank", "upper arm", "forearm", "hip width", "shoulder width")
     found = evaluate(with_body(truth, dict.fromkeys(names, float(np.hypot(0.01, LENGTH)))), Truth(truth))
     assert found["nees_lengths"] == pytest.approx(1.0, rel=1e-6)
-    assert found["coverage_95_lengths"] == 1.0
 
 
 def test_without_a_body_that_was_found_there_is_no_honesty(truth: Motion) -> None:

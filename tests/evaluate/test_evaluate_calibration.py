@@ -9,11 +9,9 @@ from tests.studies.consistency import nees_bounds, over_seeds
 from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration import (
     calibration_error,
-    heading_error_over_time,
     heading_nees,
     mounting_nees,
     nees,
-    summarise,
 )
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import SensorCalibration
@@ -57,15 +55,13 @@ def test_only_shared_sensors_count() -> None:
         calibration_error({"spare": truth["head"]}, truth)
 
 
-def test_honest_errors_have_nees_one_and_95_percent_coverage() -> None:
+def test_honest_errors_have_nees_one() -> None:
     random = np.random.default_rng(0)
     root = random.standard_normal((3, 3))
     error = random.standard_normal((20_000, 3)) @ root.T
-    honest = summarise(nees(error, np.broadcast_to(root @ root.T, (20_000, 3, 3))), 3)
-    assert honest[0] == pytest.approx(1.0, abs=0.03)
-    assert honest[1] == pytest.approx(0.95, abs=0.01)
-    too_sure = summarise(nees(error, np.broadcast_to(root @ root.T / 4, (20_000, 3, 3))), 3)
-    assert too_sure[0] == pytest.approx(4.0, abs=0.1)
+    covariance = np.broadcast_to(root @ root.T, (20_000, 3, 3))
+    assert nees(error, covariance).mean() == pytest.approx(1.0, abs=0.03)
+    assert nees(error, covariance / 4).mean() == pytest.approx(4.0, abs=0.1)
 
 
 def test_calibration_nees_uses_the_reported_sigmas() -> None:
@@ -77,20 +73,6 @@ def test_calibration_nees_uses_the_reported_sigmas() -> None:
     assert mounting_nees(error, estimate) == pytest.approx([1 / 3] * 4)
     unknown = {name: SensorCalibration(one.heading, one.R_bone_sensor) for name, one in estimate.items()}
     assert np.all(np.isnan(mounting_nees(calibration_error(unknown, truth), unknown)))
-
-
-def test_heading_errors_over_time_follow_both_paths() -> None:
-    time = np.array([0.0, 5.0, 10.0])
-    truth = {
-        "a": SensorCalibration(0.1, np.eye(3), heading_time=time, heading_path=np.array([0.1, 0.2, 0.4])),
-        "b": SensorCalibration(-0.3, np.eye(3)),
-    }
-    constant = {name: SensorCalibration(one.heading + 7.0, np.eye(3)) for name, one in truth.items()}
-    error = heading_error_over_time(constant, truth, time, gauge=7.0)
-    np.testing.assert_allclose(error["a"], [0.0, -0.1, -0.3], atol=1e-12)
-    np.testing.assert_allclose(error["b"], 0.0, atol=1e-12)
-    right = heading_error_over_time(truth, truth, np.array([2.5, 20.0]))
-    np.testing.assert_allclose(list(right.values()), 0.0, atol=1e-12)
 
 
 def test_bounds_hold_95_percent_of_honest_means() -> None:

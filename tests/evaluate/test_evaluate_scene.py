@@ -26,13 +26,11 @@ def test_the_truth_in_another_gauge_is_perfect(moving: bool) -> None:
     scene = scene_sample(0.5, moving)
     result = evaluate_scene(estimate_of(scene, TURNED), scene)
     for name in (
-        "mpjpe", "scene_position_error", "heading_error", "mounting_error", "camera_translation_95th",
-        "camera_rotation_95th", "camera_heading_error", "camera_mounting_error", "reprojection_rms",
-        "time_offset_error",
+        "mpjpe", "scene_position_error", "heading_error", "mounting_error", "camera_translation",
+        "camera_rotation", "camera_heading_error", "camera_mounting_error", "time_offset_error",
     ):  # fmt: skip
         assert result[name] == pytest.approx(0.0, abs=1e-4), name
     assert result["association_precision"] == result["association_recall"] == 100
-    assert result.pairs["ann - bob"] == pytest.approx(dict.fromkeys(result.pairs["ann - bob"], 0.0), abs=1e-6)
     assert list(result.wearers) == ["ann", "bob"]
 
 
@@ -66,7 +64,6 @@ def test_camera_error_is_what_was_put_in(scene: Scene) -> None:
     # A camera that is too near also moves the gauge, by its share of the scene: one of three bodies.
     result = evaluate_scene(estimate_of(scene, replace(TURNED, camera_m=0.03)), scene)
     assert result["camera_translation"] == pytest.approx(0.02, rel=0.05)
-    assert result["reprojection_rms"] > 1
 
 
 def test_paths_at_other_instants_are_compared_at_the_coarser_ones() -> None:
@@ -84,11 +81,9 @@ def test_paths_at_other_instants_are_compared_at_the_coarser_ones() -> None:
         common_instants(CameraPath(truth.time + 9, truth.R_world_camera, truth.p_world_camera), sparse)
 
 
-def test_wearers_apart_show_in_pairs_not_in_their_poses(scene: Scene) -> None:
+def test_wearers_apart_show_in_the_scene_not_in_their_poses(scene: Scene) -> None:
     result = evaluate_scene(estimate_of(scene, replace(TURNED, apart_m=0.05)), scene)
     assert result["mpjpe"] == pytest.approx(0.0, abs=1e-5)
-    assert result.pairs["ann - bob"]["relative_mm"] == pytest.approx(50.0, rel=1e-3)
-    assert result.pairs["ann - bob"]["distance_mm"] < 10  # up, across their line
     assert 1 < result["scene_position_error"] < 5
 
 
@@ -97,14 +92,12 @@ def test_camera_covariance_is_judged_in_the_gauge_of_the_prior(scene: Scene) -> 
     covariance = np.tile(np.diag([0.01, 0.01, 0.01, 0.03, 0.03, 0.03]) ** 2, (len(estimate.camera.path), 1, 1))
     result = evaluate_scene(replace(estimate, camera=replace(estimate.camera, covariance=covariance)), scene)
     assert result["nees_camera"] == pytest.approx(1 / 6)
-    assert result["coverage_95_camera"] == 1.0
 
 
 def test_without_a_camera_every_wearer_has_a_gauge_of_its_own(scene: Scene) -> None:
     estimate = estimate_of(scene, replace(TURNED, apart_m=0.5))
     result = evaluate_scene(replace(estimate, camera=None, wearer_of_detection=np.zeros(0, int)), scene)
     assert result["scene_position_error"] == pytest.approx(0.0, abs=1e-5)
-    assert not result.pairs
     assert "camera_translation" not in result.metrics
     assert "association_recall" not in result.metrics
 

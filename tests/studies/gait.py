@@ -15,7 +15,7 @@ from vip_factors.body.joint_angles import R_BODY_ISB
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse, rmse_without_offset
+from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
@@ -59,6 +59,12 @@ class AngleError:
 
     rmse: float
     without_offset: float
+
+
+def rmse_without_offset(estimate: Array, truth: Array) -> float:
+    """Root mean square difference once its mean is removed: two laboratories' zero angles seldom agree."""
+    difference = np.asarray(estimate) - np.asarray(truth)
+    return float(np.sqrt(np.nanmean((difference - np.nanmean(difference)) ** 2)))
 
 
 def vicon_angles(folder: Path) -> GaitMotion:

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 class EvaluateOptions(WritingOptions):
     """Compare an estimate with the truth: positions, orientations, path, headings, mountings, honesty.
 
-    Of scenes also the camera, who was assigned to what, and how the wearers stand to each other. The first five
-    lines tell the most important, and in which alignment. Limbs of which the truth knows nothing are left out.
+    Of scenes also the camera, and who was assigned to what. The first five lines tell the most important, and in
+    which alignment. Limbs of which the truth knows nothing are left out.
     """
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]

@@ -1,4 +1,4 @@
-"""How near the body of an estimate is to the true one (lengths, joint centres), and clinical angles of gait."""
+"""How near the lengths of an estimated body are to the true ones, and the flexion of knees."""
 
 from collections.abc import Collection, Mapping
 
@@ -53,28 +53,17 @@ def true_lengths(truth: Skeleton) -> dict[str, float]:
     return {name: float(lengths[name]) for name in (*LIMBS, *WIDTHS)}
 
 
-def joint_centre_error(skeleton: Skeleton, truth: Skeleton) -> Array:
-    """Distance ``(24,)`` in metres of every joint from its true place on the bone above, whatever the pose."""
-    return np.linalg.norm(skeleton.p_parent_joint - truth.p_parent_joint, axis=1)
-
-
 def body_metrics(
     lengths: Mapping[str, Mapping[str, float]],
     body: BodyEstimate | None,
-    motion: Motion,
-    truth: Motion,
-    compared: Compared = EVERYTHING,
+    truth: Skeleton,
 ) -> dict[str, Metric]:
-    """Mean errors of lengths (of :func:`length_table`) and joint centres, and whether an estimated body is honest."""
+    """Mean error of lengths (of :func:`length_table`), and whether an estimated body is honest."""
     off = [abs(row["error_mm"]) for name, row in lengths.items() if name not in UNSURE]
-    centres = joint_centre_error(motion.skeleton, truth.skeleton)[compared.positions()[1:]]
-    table = {
-        "length_error": Metric(float(np.mean(off)), "mm"),
-        "joint_centre_error": Metric(float(MM * centres.mean()), "mm"),
-    }
+    table = {"length_error": Metric(float(np.mean(off)), "mm")}
     if body is None:
         return table
-    return table | consistency_metrics("lengths", length_nees(body, truth.skeleton, tuple(lengths)), 1)
+    return table | consistency_metrics("lengths", length_nees(body, truth, tuple(lengths)))
 
 
 def length_nees(body: BodyEstimate, truth: Skeleton, lengths: Collection[str] = (*LIMBS, *WIDTHS)) -> Array:
@@ -106,9 +95,3 @@ def knee_flexion_of(motion: Motion, side: str) -> Array:
 def rmse(estimate: Array, truth: Array) -> float:
     """Root mean square difference, NaN samples left out."""
     return float(np.sqrt(np.nanmean((np.asarray(estimate) - np.asarray(truth)) ** 2)))
-
-
-def rmse_without_offset(estimate: Array, truth: Array) -> float:
-    """Root mean square difference once its mean is removed: two laboratories' zero angles seldom agree."""
-    difference = np.asarray(estimate) - np.asarray(truth)
-    return float(np.sqrt(np.nanmean((difference - np.nanmean(difference)) ** 2)))

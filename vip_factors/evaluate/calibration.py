@@ -11,7 +11,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import chdtri
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
@@ -81,19 +80,6 @@ def calibration_error(estimate: Calibration, truth: Calibration, gauge: float | 
     )
 
 
-def heading_error_over_time(
-    estimate: Calibration, truth: Calibration, time: Array, gauge: float | None = None
-) -> dict[str, Array]:
-    """Heading errors ``(T,)`` in radians, wrapped, of the sensors that both know, at instants in seconds.
-
-    The gauge is as in :func:`calibration_error`, one for all times.
-    """
-    difference = {n: estimate[n].heading_at(time) - truth[n].heading_at(time) for n in estimate if n in truth}
-    if gauge is None:
-        gauge = float(np.angle(sum(np.exp(1j * one).sum() for one in difference.values())))
-    return {name: wrap_angle(one - gauge) for name, one in difference.items()}
-
-
 def mean_and_95th(errors_rad: Array) -> tuple[float, float]:
     """Mean and 95th percentile in degrees of errors in radians."""
     degrees = np.rad2deg(errors_rad)
@@ -121,14 +107,6 @@ def joint_nees(estimate: Motion, truth: Motion, covariance: PoseCovariance) -> A
     return nees(log(transpose(estimate.R_parent_child) @ truth.R_parent_child), covariance.joints)
 
 
-def summarise(values: Array, dimension: int) -> tuple[float, float]:
-    """Mean of NEES values, and the share of errors inside their own 95 % ellipsoid (0.95 is honest); without NaN."""
-    finite = values[np.isfinite(values)]
-    if len(finite) == 0:
-        return float("nan"), float("nan")
-    return float(finite.mean()), float(np.mean(finite * dimension <= chdtri(dimension, 0.05)))
-
-
 def heading_nees(error: CalibrationError, estimate: Calibration) -> Array:
     """NEES of every sensor's heading, after the gauge."""
     sigma = np.array([estimate[name].heading_sigma for name in error.heading])
@@ -151,11 +129,10 @@ def calibration_metrics(
     against it.
     """
     table = error_metrics([error])
-    table["yaw_gauge"] = Metric(float(np.rad2deg(error.gauge)), "deg")
     against = _against_the_surest(error, estimate) if mean_gauge else error
     if against.heading:
-        table |= consistency_metrics("heading", heading_nees(against, estimate), 1)
-    return table | consistency_metrics("mounting", mounting_nees(error, estimate), 3)
+        table |= consistency_metrics("heading", heading_nees(against, estimate))
+    return table | consistency_metrics("mounting", mounting_nees(error, estimate))
 
 
 def _against_the_surest(error: CalibrationError, estimate: Calibration) -> CalibrationError:
@@ -195,12 +172,10 @@ def sensor_table(error: CalibrationError) -> dict[str, Mapping[str, float]]:
     }
 
 
-def consistency_metrics(what: str, values: Array, dimension: int) -> dict[str, Metric]:
-    """NEES and coverage of values that are already over their dimension; empty if none is defined."""
-    if not np.any(np.isfinite(values)):
-        return {}
-    mean, coverage = summarise(values, dimension)
-    return {f"nees_{what}": Metric(mean, ""), f"coverage_95_{what}": Metric(coverage, "")}
+def consistency_metrics(name: str, values: Array) -> dict[str, Metric]:
+    """Mean of those NEES values that are known; empty if none is."""
+    known = values[np.isfinite(values)]
+    return {f"nees_{name}": Metric(float(known.mean()), "")} if len(known) else {}
 
 
 @dataclass(frozen=True)
@@ -263,12 +238,8 @@ def camera_error(pair: PathPair, gauge: Alignment) -> CameraError:
 
 
 def camera_metrics(error: CameraError) -> dict[str, Metric]:
-    """Mean and 95th percentile of translation and rotation."""
-    table: dict[str, Metric] = {}
-    for name, values, unit in (
-        ("camera_translation", error.translation, "m"),
-        ("camera_rotation", np.rad2deg(error.rotation), "deg"),
-    ):
-        table[name] = Metric(float(values.mean()), unit)
-        table[f"{name}_95th"] = Metric(float(np.quantile(values, 0.95)), unit)
-    return table
+    """Means of translation and rotation."""
+    return {
+        "camera_translation": Metric(float(error.translation.mean()), "m"),
+        "camera_rotation": Metric(float(np.rad2deg(error.rotation).mean()), "deg"),
+    }

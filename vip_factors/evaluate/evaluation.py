@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 
@@ -14,11 +13,9 @@ from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.evaluate import metrics
 from vip_factors.evaluate.body import (
     body_metrics,
-    joint_centre_error,
     knee_flexion_of,
     length_table,
     rmse,
-    rmse_without_offset,
 )
 from vip_factors.evaluate.calibration import (
     calibration_error,
@@ -26,12 +23,9 @@ from vip_factors.evaluate.calibration import (
     camera_error,
     camera_metrics,
     consistency_metrics,
-    heading_error_over_time,
     joint_nees,
-    mean_and_95th,
     sensor_table,
     share_sensors,
-    summarise,
 )
 from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare_motion, compare_scene
 from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, position_error
@@ -39,8 +33,6 @@ from vip_factors.evaluate.scene_metrics import (
     association,
     camera_imu,
     honesty,
-    relative_position_error,
-    reprojection,
     sensors,
 )
 from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines, summary_lines
@@ -63,11 +55,10 @@ class Evaluation(Summarised):
         metrics: by name, in the order of the table; of a scene those of the whole.
         frames: of one wearer: how many were compared.
         joints: per joint: ``position_mm`` and ``orientation_deg`` after the alignment of MPJPE, ``local_deg`` in the
-            parent's frame, ``centre_mm`` from its true place on the bone above; with a covariance ``nees``.
+            parent's frame; with a covariance ``nees``.
         sensors: per sensor: ``heading_deg`` (signed, after the gauge) and ``mounting_deg``.
         lengths: of the body: ``estimate_mm``, ``truth_mm``, ``error_mm``.
         wearers: of a scene, by subject.
-        pairs: of a scene's wearers, ``"one - other"``: ``relative_mm`` and ``distance_mm``.
     """
 
     name: str
@@ -79,7 +70,6 @@ class Evaluation(Summarised):
     sensors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     lengths: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     wearers: Mapping[str, "Evaluation"] = field(default_factory=dict)
-    pairs: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __getitem__(self, metric: str) -> float:
         return self.metrics[metric].value
@@ -94,10 +84,10 @@ class Evaluation(Summarised):
         return [f"evaluation of '{self.name}', {self.method}", *lines]
 
     def to_table(self) -> str:
-        """Markdown: the metrics, then joints, lengths and sensors, or pairs and every wearer of a scene."""
+        """Markdown: the metrics, then joints, lengths and sensors, or every wearer of a scene."""
         lines = [f"## {self.name}, {self.method}", ""] if self.wearers else []
         lines += metric_lines(self.metrics) + row_lines("joint", self.joints) + row_lines("length", self.lengths)
-        lines += row_lines("sensor", self.sensors) + row_lines("pair", self.pairs)
+        lines += row_lines("sensor", self.sensors)
         for name, one in self.wearers.items():
             lines += ["", f"## {name}", "", one.to_table().rstrip()]
         return "\n".join(lines) + "\n"
@@ -132,7 +122,7 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
         "jitter_truth": Metric(metrics.jitter(truth.motion), "m/s³"),
     }
     lengths = length_table(motion.skeleton, reference.skeleton, compared)
-    table |= body_metrics(lengths, estimate.body, motion, reference, compared)
+    table |= body_metrics(lengths, estimate.body, reference.skeleton)
     joints = _joint_table(motion, reference, compared)
     if estimate.covariance is not None:
         covariance = PoseCovariance(
@@ -141,9 +131,10 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
         values = joint_nees(motion, reference, covariance)
         # Of joints whose rotation against the bone above is known; the pelvis has none.
         turned = [row for row in compared.orientations() if row in compared.positions() and row]
-        table |= consistency_metrics("joints", values[:, turned], 3)
+        table |= consistency_metrics("joints", values[:, turned])
         for name, row in joints.items():
-            row["nees"] = summarise(values[:, joint_index(name)], 3)[0]
+            known = values[np.isfinite(values[:, joint_index(name)]), joint_index(name)]
+            row["nees"] = float(known.mean()) if len(known) else float("nan")
     sensors: dict[str, Mapping[str, float]] = {}
     if estimate.calibration and truth.calibration and not share_sensors(estimate.calibration, truth.calibration):
         ours, true = _some(estimate.calibration), _some(truth.calibration)
@@ -152,9 +143,6 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
     elif estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
         table |= calibration_metrics(error, estimate.calibration, mean_gauge=gauge is None)
-        if any(len(one.heading_path) for one in estimate.calibration.values()):
-            over_time = heading_error_over_time(estimate.calibration, truth.calibration, motion.time, gauge)
-            table["heading_error_over_time"] = Metric(mean_and_95th(np.abs(list(over_time.values())))[0], "deg")
         sensors = sensor_table(error)
     told = Estimate.of_one(estimate).verdict.severity
     return Evaluation(estimate.name, estimate.method, table, told, len(motion), joints, sensors, lengths)
@@ -174,13 +162,9 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
     root_cm, root_percent = metrics.root_translation_error(motion, truth)
     legs = [side for side in ("left", "right") if len(compared.orientations((f"{side}_hip", f"{side}_knee"))) == 2]
     flexion = [[knee_flexion_of(one, side) for one in (motion, truth)] for side in legs]
-    knees, knees_centred = (
-        float(np.mean([compare(*pair) for pair in flexion])) if flexion else float("nan")
-        for compare in (rmse, rmse_without_offset)
-    )
+    knees = float(np.mean([rmse(*pair) for pair in flexion])) if flexion else float("nan")
     return {
         "mpjpe": Metric(metrics.mpjpe(motion, truth, compared), "mm"),
-        "mpjpe_true_body": Metric(metrics.mpjpe_true_body(motion, truth, compared), "mm"),
         "mpjae": Metric(metrics.mpjae(motion, truth, compared), "deg"),
         "mpjae_local": Metric(metrics.local_mpjae(motion, truth, compared), "deg"),
         "pa_mpjpe": Metric(metrics.pa_mpjpe(motion, truth, compared), "mm"),
@@ -193,7 +177,6 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
         "wa_mpjpe": Metric(metrics.wa_mpjpe(motion, truth, compared), "mm"),
         "foot_sliding": Metric(metrics.foot_sliding(motion, truth, compared), "mm"),
         "knee_flexion_rmse": Metric(knees, "deg"),
-        "knee_flexion_rmse_without_offset": Metric(knees_centred, "deg"),
     }
 
 
@@ -203,7 +186,6 @@ def _joint_table(motion: Motion, truth: Motion, compared: Compared) -> dict[str,
     position = metrics.MM * metrics.position_error(motion, truth, alignment).mean(axis=0)
     orientation = np.rad2deg(metrics.orientation_error(motion, truth, alignment).mean(axis=0))
     local = np.rad2deg(metrics.local_orientation_error(motion, truth).mean(axis=0))
-    centre = metrics.MM * joint_centre_error(motion.skeleton, truth.skeleton)
     unknown = sorted(set(range(len(JOINT_NAMES))) - set(compared.orientations()))
     orientation[unknown] = local[unknown] = np.nan
     return {
@@ -211,7 +193,6 @@ def _joint_table(motion: Motion, truth: Motion, compared: Compared) -> dict[str,
             "position_mm": float(position[row]),
             "orientation_deg": float(orientation[row]),
             "local_deg": float(local[row]),
-            "centre_mm": float(centre[row]),
         }
         for row in compared.positions()
     }
@@ -221,7 +202,7 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     """Every metric that the scene's truth allows.
 
     One yaw and one translation are removed from the whole scene, camera and wearers together; an estimate without
-    camera does not tie wearers to each other, so there each one has its own, and pairs are not compared.
+    camera does not tie wearers to each other, so there each one has its own.
 
     Raises:
         InputError: if estimate and scene do not hold the same wearers, no wearer has a truth, or nothing overlaps.
@@ -233,7 +214,7 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     wearers = {
         scene.wearers[index].subject.name: _wearer(estimate, scene, index, comparison) for index in comparison.wearers
     }
-    for name in ("mpjpe", "mpjpe_true_body", "mpjae", "scene_position_error", "length_error", "joint_centre_error"):
+    for name in ("mpjpe", "mpjae", "scene_position_error", "length_error"):
         values = [evaluation.metrics[name] for evaluation in wearers.values()]
         table[name] = Metric(float(np.mean([metric.value for metric in values])), values[0].unit)
     gauge = comparison.gauge
@@ -243,14 +224,8 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
         table |= camera_metrics(camera_error(comparison.camera, gauge))
     table |= camera_imu(estimate, scene, turn)
     table |= honesty(estimate, scene, comparison)
-    table |= reprojection(estimate, scene) | association(estimate, scene)
-    together = {
-        f"{scene.wearers[i].subject.name} - {scene.wearers[j].subject.name}": relative_position_error(
-            comparison.wearers[i].pair, comparison.wearers[j].pair, comparison.gauges[i]
-        )
-        for i, j in (combinations(comparison.wearers, 2) if comparison.is_tied else ())
-    }
-    return Evaluation(estimate.name, estimate.method, table, estimate.verdict.severity, wearers=wearers, pairs=together)
+    table |= association(estimate, scene)
+    return Evaluation(estimate.name, estimate.method, table, estimate.verdict.severity, wearers=wearers)
 
 
 def _wearer(estimate: Estimate, scene: Scene, index: int, scene_comparison: SceneComparison) -> Evaluation:

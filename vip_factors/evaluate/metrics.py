@@ -5,7 +5,7 @@ the one place where evaluation interpolates). Joints of which the truth knows no
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -143,11 +143,6 @@ def mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> f
     """Mean per-joint position error in mm: 14 joints, rigid alignment of every frame (thesis eq. 2.72)."""
     error = position_error(estimate, truth, align_frames(estimate, truth, compared=compared))
     return float(MM * error[:, compared.positions(POSITION_JOINTS)].mean())
-
-
-def mpjpe_true_body(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
-    """As :func:`mpjpe`, in mm, of the estimate's joint rotations on the true skeleton: what the pose alone is off."""
-    return mpjpe(replace(estimate, skeleton=truth.skeleton), truth, compared)
 
 
 def pa_mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:

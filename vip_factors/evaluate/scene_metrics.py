@@ -1,4 +1,4 @@
-"""What takes more than one wearer, or the camera: sensors, honesty, image, labels, distances; is it the same recording?
+"""What takes more than one wearer, or the camera: sensors, honesty, labels; is it the same recording?
 
 Precision and recall of labels are as VIP reports them on 3DPW (thesis 4.4.3).
 """
@@ -21,12 +21,9 @@ from vip_factors.evaluate.calibration import (
     share_sensors,
 )
 from vip_factors.evaluate.comparison import SceneComparison
-from vip_factors.evaluate.metrics import MM
 from vip_factors.evaluate.table import Metric
 from vip_factors.geometry.poses import Alignment
-from vip_factors.geometry.quaternions import interpolate_points
-from vip_factors.sensors.camera import MotionPair, anchored_gauge
-from vip_factors.sensors.detections import reprojection_error
+from vip_factors.sensors.camera import anchored_gauge
 from vip_factors.sensors.scene import Scene
 
 CAMERA = "camera"  # stands for the IMU on the camera where calibrations go by sensor name
@@ -68,9 +65,9 @@ def honesty(estimate: Estimate, scene: Scene, comparison: SceneComparison) -> di
             headings.append(heading_nees(free, calibration))
         mountings.append(mounting_nees(error, calibration))
     table: dict[str, Metric] = {}
-    for name, values, dimension in (("heading", headings, 1), ("mounting", mountings, 3)):
+    for name, values in (("heading", headings), ("mounting", mountings)):
         if values:
-            table |= consistency_metrics(name, np.concatenate(values), dimension)
+            table |= consistency_metrics(name, np.concatenate(values))
     if comparison.camera is not None and estimate.camera.covariance is not None:
         known = wearer not in comparison.wearers  # where the camera's path was given, and with it the world
         gauge = (
@@ -81,23 +78,8 @@ def honesty(estimate: Estimate, scene: Scene, comparison: SceneComparison) -> di
         nees_of_camera = nees(
             camera_error(comparison.camera, gauge).tangent, estimate.camera.covariance[comparison.instants]
         )
-        table |= consistency_metrics("camera", nees_of_camera, 6)
+        table |= consistency_metrics("camera", nees_of_camera)
     return table
-
-
-def reprojection(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
-    """Root mean square distance in pixels of the reprojected keypoints from the detections given to their wearer."""
-    camera, labels = estimate.camera, estimate.wearer_of_detection
-    if camera is None or scene.camera is None or len(labels) != len(scene.camera.detections):
-        return {}
-    detections = scene.camera.detections.timed(camera.clock)
-    distances = [
-        reprojection_error(wearer.motion, camera.path, camera.model, detections, np.flatnonzero(labels == index))
-        for index, wearer in enumerate(estimate.wearers)
-    ]
-    values = np.concatenate([distance.ravel() for distance in distances])
-    values = values[np.isfinite(values)]
-    return {"reprojection_rms": Metric(float(np.sqrt(np.mean(values**2))), "px")} if len(values) else {}
 
 
 def association(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
@@ -156,25 +138,6 @@ def label_metrics(labels: np.ndarray, truth: np.ndarray) -> dict[str, Metric]:
         f"association_{name}": Metric(100 * float(correct / count) if count else float("nan"), "%")
         for name, count in counts.items()
     }
-
-
-def relative_position_error(one: MotionPair, other: MotionPair, gauge: Alignment) -> dict[str, float]:
-    """Errors of the vector from one wearer's pelvis to the other's, in mm, over the time that both share.
-
-    Of the gauge only the yaw is applied (a shift moves both). ``distance`` compares lengths alone, which no
-    alignment touches. NaN if the two share no time.
-    """
-    time = one[0].time
-    time = time[(time >= other[0].time[0] - 1e-6) & (time <= other[0].time[-1] + 1e-6)]
-    first, second = (
-        [interpolate_points(motion.time, motion.p_world_pelvis, time) for motion in pair] for pair in (one, other)
-    )
-    estimated, true = (there - here for here, there in zip(first, second, strict=True))
-    if not len(time):
-        return dict.fromkeys(("relative_mm", "distance_mm"), float("nan"))
-    vector = MM * np.linalg.norm(estimated @ gauge.R_target_source.T - true, axis=1)
-    distance = MM * np.abs(np.linalg.norm(estimated, axis=1) - np.linalg.norm(true, axis=1))
-    return {"relative_mm": float(vector.mean()), "distance_mm": float(distance.mean())}
 
 
 def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:

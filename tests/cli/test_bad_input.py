@@ -166,8 +166,6 @@ def test_no_input_is_written_over(run, files, tmp_path: Path) -> None:
 
 
 def test_two_outputs_have_two_names(run, files, tmp_path: Path) -> None:
-    picture = tmp_path / "a.png"
-    assert_one_sentence(run("view", files.estimate, "--picture", picture, "--chart", picture), "named twice")
     assert_one_sentence(run("export", files.estimate, tmp_path / "a.bvh", tmp_path / "a.bvh"), "named twice")
 
 

@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,10 +16,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("scene")
     scene = scene_sample(0.5)
     write_recording(scene, folder / "scene.mcap")
-    for name, error in (("vip", Injected(yaw=1.0, apart_m=0.05)), ("other", Injected(heading=0.3))):
-        write_estimate(estimate_of(scene, error), folder / f"{name}.mcap")
-    bare = replace(scene, truth=None, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
-    write_recording(bare, folder / "bare.mcap")
+    write_estimate(estimate_of(scene, Injected(yaw=1.0, apart_m=0.05)), folder / "vip.mcap")
     return folder
 
 
@@ -30,14 +26,3 @@ def test_evaluate_prints_the_scene_and_writes_json(run: Callable, folder: Path, 
     for row in ("| camera_translation |", "| association_precision | 100.00 |", "## bob"):
         assert row in done.out
     assert json.loads((tmp_path / "e.json").read_text())["metrics"]["scene_position_error"]["value"] > 1
-
-
-def test_a_chart_takes_several_estimates_of_one_scene(run: Callable, folder: Path, tmp_path: Path) -> None:
-    estimates = (folder / "vip.mcap", folder / "other.mcap")
-    done = run("view", folder / "scene.mcap", *estimates, "--chart", tmp_path / "c.png")
-    assert done.code == 0, done.err
-    assert run("view", folder / "scene.mcap", *estimates, "--save", tmp_path / "a.rrd").code == 2
-    done = run("view", folder / "scene.mcap", folder / "bare.mcap", estimates[0], "--chart", tmp_path / "d.png")
-    assert "several scenes" in done.err
-    done = run("view", folder / "scene.mcap", "--chart", tmp_path / "d.png")
-    assert "no estimate" in done.err

@@ -36,7 +36,7 @@ def drawn(scene: Scene, items: list[LiveEstimate | VideoFrame], rrd: Path, at_on
         view.log(items[start : start + at_once])
     stream.flush()
     stream.disconnect()
-    return set(re.findall(r"/(?:world|plots|findings|summary|legend)[^\s`:,]*", printed(rrd)))
+    return set(re.findall(r"/(?:world|plots|findings|summary)[^\s`:,]*", printed(rrd)))
 
 
 @pytest.mark.parametrize("at_once", [1, 40])
@@ -48,8 +48,8 @@ def test_bodies_camera_people_and_curves_are_there(tmp_path: Path, at_once: int)
     for entity in (
         "/world/ann/newest/left_knee", "/world/bob/smoothed/left_knee", "/world/camera", "/world/camera/image",
         "/world/camera/image/detected/ann/points", "/world/camera/image/body/ann/limbs",
-        "/world/ann/newest/head/head", "/plots/heading/ann", "/plots/heading_sigma/bob", "/plots/pose_sigma/ann",
-        "/plots/update_ms", "/findings", "/summary", "/legend/sensors", "/world/centre",
+        "/world/ann/newest/head/head", "/plots/heading_sigma/bob", "/plots/pose_sigma/ann",
+        "/plots/update_ms", "/findings", "/summary", "/world/centre",
     ):  # fmt: skip
         assert entity in there, entity
     assert any("nobody" in entity for entity in there)  # the stranger

@@ -32,7 +32,7 @@ def found(sample: Scene) -> Estimate:
 def entities(scene: Scene | None, estimate: Estimate | None, rrd: Path) -> set[str]:
     """The entities of the file, as Rerun's own command line reads them back."""
     show(drawn_scene(scene, estimate), rrd, overwrite=True)
-    return set(re.findall(r"/(?:world|camera|plots|summary|legend)[^\s`:,]*", printed(rrd)))
+    return set(re.findall(r"/(?:world|camera|plots|summary)[^\s`:,]*", printed(rrd)))
 
 
 def test_camera_people_labels_and_curves_are_there(sample: Scene, found: Estimate, tmp_path: Path) -> None:
@@ -41,8 +41,7 @@ def test_camera_people_labels_and_curves_are_there(sample: Scene, found: Estimat
         "/world/camera", "/world/camera/image", "/world/camera_path", "/world/true_camera/image",
         "/world/ann/estimate/left_knee", "/world/bob/truth/left_knee", "/world/bob/estimate/head/name",
         "/world/camera/image/body/ann/limbs", "/world/camera/image/detected/ann/points",
-        "/legend/sensors", "/plots/reprojection_px/ann", "/plots/joint_error_mm/bob",
-        "/plots/camera_error", "/plots/heading/bob", "/summary",
+        "/plots/reprojection_px/ann", "/plots/joint_error_mm/bob", "/summary",
     ):  # fmt: skip
         assert entity in there, entity
     assert any("nobody" in entity for entity in there)
@@ -56,16 +55,6 @@ def test_further_cameras_have_frusta_and_images(sample: Scene, found: Estimate, 
     for entity in ("", "/image", "/image/body/ann/limbs"):
         assert f"/world/cameras/left{entity}" in there, entity
     assert any(re.fullmatch(r"/world/cameras/left/image/detected/nobody.*/points", one) for one in there)
-
-
-def test_headings_that_change_are_drawn_over_time(sample: Scene, found: Estimate, tmp_path: Path) -> None:
-    ann = found.wearers[0]
-    head = replace(ann.calibration["head"], heading_time=np.array([0.0, 0.5]), heading_path=np.array([0.1, 0.2]))
-    changed = replace(ann, calibration={**ann.calibration, "head": head})
-    there = entities(sample, replace(found, wearers=(changed, *found.wearers[1:])), tmp_path / "a.rrd")
-    assert {one for one in there if one.startswith("/plots/heading/") and "@" not in one} == {
-        "/plots/heading/ann", "/plots/heading/ann/head", "/plots/heading/bob",
-    }  # fmt: skip
 
 
 def test_every_part_may_be_missing(sample: Scene, found: Estimate, tmp_path: Path) -> None:
@@ -100,8 +89,6 @@ def test_nothing_to_show_is_said(sample: Scene, found: Estimate, tmp_path: Path)
 def test_pictures_come_from_images_or_a_video_file(sample: Scene, tmp_path: Path) -> None:
     grey = np.full((72, 128, 3), 120, np.uint8)
     blob = cv2.imencode(".jpg", grey)[1].tobytes()
-    plain = tmp_path / "plain.rrd"
-    show(drawn_scene(sample, None), plain)
     embedded = replace(sample.camera, video=Video(None, {0: blob, 3: blob, 999: blob}))
     show(drawn_scene(replace(sample, camera=embedded), None), tmp_path / "images.rrd")
     filed = replace(sample.camera, video=Video(write_video(tmp_path / "v.avi", [grey] * 5)))
@@ -109,10 +96,10 @@ def test_pictures_come_from_images_or_a_video_file(sample: Scene, tmp_path: Path
     gone = replace(sample.camera, video=Video(tmp_path / "gone.mp4"))
     show(drawn_scene(replace(sample, camera=gone), None), tmp_path / "gone.rrd")
     pictures = {}
-    for name in ("plain.rrd", "gone.rrd", "images.rrd", "file.rrd"):
-        pictures[name] = printed(tmp_path / name, "-vv").count("EncodedImage:blob")  # the legend is one, too
-    assert pictures["gone.rrd"] == pictures["plain.rrd"]
-    assert min(pictures["images.rrd"], pictures["file.rrd"]) > pictures["plain.rrd"]
+    for name in ("gone.rrd", "images.rrd", "file.rrd"):
+        pictures[name] = printed(tmp_path / name, "-vv").count("EncodedImage:blob")
+    assert pictures["gone.rrd"] == 0
+    assert min(pictures["images.rrd"], pictures["file.rrd"]) > 0
 
 
 def test_a_camera_without_frames_is_nothing_to_show(sample: Scene, tmp_path: Path) -> None:

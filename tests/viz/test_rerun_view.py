@@ -20,7 +20,6 @@ def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> 
         "/world/ann/truth/left_knee",
         "/plots/joint_error_mm/ann",
         "/plots/residual/orientation_deg",
-        "/plots/imu/specific_force_m_s2/head",
         "/summary",
     ):
         assert f"{entity} " in chunks or f"{entity}`" in chunks or f"{entity}:" in chunks, entity

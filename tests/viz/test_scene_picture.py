@@ -1,4 +1,4 @@
-"""Filmstrip and charts of a scene: what is drawn is there, in its colour."""
+"""Filmstrip of a scene: what is drawn is there, in its colour."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -7,14 +7,11 @@ import cv2
 import numpy as np
 import pytest
 from films import write_video
-from matplotlib.colors import to_rgb
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.viz.charts import INK, LINE_COLOURS, scene_charts
-from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.images import video_stream
 from vip_factors.viz.picture import filmstrip
@@ -25,16 +22,6 @@ ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)
 @pytest.fixture(scope="module")
 def sample() -> Scene:
     return scene_sample(0.5)
-
-
-def rgb(colour: str) -> tuple[int, int, int]:
-    red, green, blue = (round(255 * channel) for channel in to_rgb(colour))
-    return red, green, blue
-
-
-def pixels_like(png: Path, colour: tuple[int, int, int], tolerance: int = 10) -> int:
-    image = cv2.imread(str(png))[..., ::-1].astype(int)
-    return int((np.abs(image - colour).max(axis=-1) <= tolerance).sum())
 
 
 def test_every_wearer_is_on_the_picture_in_its_colour(sample: Scene, tmp_path: Path) -> None:
@@ -61,31 +48,9 @@ def test_frames_are_found_in_files_and_rubbish_is_left_out(tmp_path: Path) -> No
     assert list(video_stream(None, [0])) == [None]
 
 
-def test_charts_show_every_estimate_and_the_headings(sample: Scene, tmp_path: Path) -> None:
-    one, other = (drawn_scene(sample, estimate_of(sample, replace(ERRORS, yaw=yaw))) for yaw in (0.0, 1.0))
-    wobbly = replace(one, wearers=tuple(_off(wearer, 0.05) for wearer in one.wearers))
-    worse = replace(other, wearers=tuple(_off(wearer, 0.10) for wearer in other.wearers))
-    scene_charts({"IT": worse, "VIP": wobbly}, tmp_path / "a.png")
-    for colour in (*map(rgb, (*LINE_COLOURS[:2], INK)), wearer_colour(0), wearer_colour(1)):
-        assert pixels_like(tmp_path / "a.png", colour) > 100
-    alone = drawn_scene(None, estimate_of(sample))
-    scene_charts({"VIP": alone}, tmp_path / "b.png")  # without truth: headings alone
-    assert pixels_like(tmp_path / "b.png", rgb(LINE_COLOURS[0])) < 20
-
-
-def _off(wearer, metres: float):
-    R = wearer.motion.R_parent_child.copy()
-    R[:, 16] = R[:, 16] @ cv2.Rodrigues(np.array([10 * metres, 0.0, 0.0]))[0]
-    return replace(wearer, motion=replace(wearer.motion, R_parent_child=R))
-
-
 def test_what_cannot_be_drawn_is_said(sample: Scene, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no camera"):
         filmstrip(drawn_scene(replace(sample, camera=None, truth=None), None), tmp_path / "a.png")
-    with pytest.raises(InputError, match="no chart"):
-        scene_charts({"truth": drawn_scene(sample, None)}, tmp_path / "a.png")
-    with pytest.raises(InputError, match="no chart"):
-        scene_charts({}, tmp_path / "a.png")
     (tmp_path / "b.png").write_text("precious")
     with pytest.raises(InputError, match="exists"):
         filmstrip(drawn_scene(sample, None), tmp_path / "b.png")

@@ -128,9 +128,7 @@ def _check(options: StreamOptions) -> None:
         import_module("vip_factors.io.live.network")
     if _wants_rerun(options):
         os.environ.setdefault("RUST_LOG", "off")  # Rerun's complaints about a viewer that was closed, line after line
-        from vip_factors.viz.live_rerun import prepare
-
-        prepare()
+        import_module("vip_factors.viz.live_rerun")  # takes seconds, better spent before a stream begins
 
 
 def _run(

@@ -1,6 +1,5 @@
 """``vip-factors view``: look at recordings, scenes, estimates and motions, in Rerun or as pictures."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -8,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.files import Opened, open_all, open_one
+from vip_factors.cli.files import Opened, open_all
 from vip_factors.cli.options import RERUN_FILE, Flag, Output, WritingOptions
 from vip_factors.cli.terminal import note, say
 from vip_factors.errors import InputError
@@ -25,13 +24,12 @@ INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd or --picture"
 class ViewOptions(WritingOptions):
     """Look at a recording or scene, an estimate, or both together, in Rerun's viewer or as files.
 
-    Give the recording beside the estimate to see the sensors, what they measured, and the truth if it is known; of a
+    Give the recording beside the estimate to see the sensors and the truth if it is known; of a
     scene also the video, who was assigned to what, and the estimated bodies over the image.
     """
 
     files: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
-    """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most, but any number of estimates
-    for --chart."""
+    """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most."""
     save: Annotated[Path | None, RERUN_FILE] = None
     """Write a Rerun file (.rrd) instead of opening the viewer."""
     serve: Flag = False
@@ -42,8 +40,6 @@ class ViewOptions(WritingOptions):
     """Of the page that --serve serves; its data come from the port after it."""
     picture: Annotated[Path | None, Output(".png")] = None
     """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
-    chart: Annotated[Path | None, Output(".png")] = None
-    """Write a chart (.png): joint error per frame of every estimate, headings with their uncertainty; needs nothing."""
     compare: Literal["root", "world", "side"] = "root"
     """Where to draw the estimate beside the truth: on the true root path, in the true world, or to the side. Scenes
     are always drawn in the true world."""
@@ -53,16 +49,10 @@ def main(options: ViewOptions) -> None:
     """Run the command."""
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
-    targets = (options.save, options.picture, options.chart)
+    targets = (options.save, options.picture)
     for wanted in targets:
         if wanted is not None:
             check_target(wanted, options.overwrite)
-    if options.chart is not None:
-        _chart(options.files, options.chart, options.overwrite)
-        say(options.chart)
-        others = (options.save, options.picture)
-        if not options.serve and all(one is None for one in others):
-            return
     opened = open_all(options.files)
     if not options.serve and all(one is None for one in targets):
         check_display(INSTEAD_OF_A_WINDOW)
@@ -89,25 +79,6 @@ def _drawn(opened: Opened, compare: str = "root") -> "DrawnScene":
     if opened.is_scene:
         return drawn_scene(opened.scene, opened.estimate)
     return drawn_wearer(opened.recording, opened.wearer_estimate, opened.motion, Compare(compare))
-
-
-def _chart(paths: Sequence[Path], png: Path, overwrite: bool) -> None:
-    """Every file's estimate against the scene (or recording) among the files; curves are named by method or file."""
-    from vip_factors.viz.charts import scene_charts
-    from vip_factors.viz.drawn_scene import drawn_scene
-
-    opened = {path: open_one(path) for path in paths}
-    scenes = [one.scene for one in opened.values() if one.scene is not None]
-    if len(scenes) > 1:
-        raise InputError("several scenes for one chart: expected one, beside any number of its estimates")
-    scene = scenes[0] if scenes else None
-    estimates = {path: one.estimate for path, one in opened.items() if one.estimate is not None}
-    if not estimates:
-        raise InputError("no estimate for the chart: give at least one, and its recording or scene for the truth")
-    methods = [estimate.method for estimate in estimates.values()]
-    names = methods if len(set(methods)) == len(methods) else [path.stem for path in estimates]
-    drawn = [drawn_scene(scene, estimate) for estimate in estimates.values()]
-    scene_charts(dict(zip(names, drawn, strict=True)), png, overwrite=overwrite)
 
 
 def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:

@@ -1,9 +1,9 @@
-"""Charts by matplotlib, on pages measured in pixels: curves over time, headings beside the truth, the sensors' colours.
+"""Charts by Matplotlib, on pages measured in pixels: axes, curves over time, and files.
 
 Its import takes some tenths of a second: whoever draws imports it late.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -18,19 +18,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from vip_factors.atomic import atomic_path
-from vip_factors.body.mannequin import Colour
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.viz.colours import hexadecimal, mixed, wearer_colour
-from vip_factors.viz.drawn_scene import DrawnScene, HeadingRow, rows_of
 
 INK, SOFT_INK, GRID, ERROR = "#282e3a", "#66707e", "#e4e7ec", "#c44854"
-LINE_COLOURS = ("#3e6ebe", "#289650", "#e27828", "#965abe", "#c83c50", "#5a6473")
 WIDTH, MARGIN, TEXT = 1600, 60, 16.0
-ROW_HEIGHT, HEAD_HEIGHT, FOOT_HEIGHT, NAME_WIDTH, GAP = 28, 64, 44, 190, 60  # of headings
-# A bar that is longer than the first says "unknown" as well as one that fills the panel.
-WIDEST_ERROR_DEG, NARROWEST_ERROR_DEG = 90.0, 2.0
-LEGEND_COLUMNS, LEGEND_ROW_PX, LEGEND_PAPER = 5, 40, "#101113"  # dark as the plots of Rerun that it explains
 
 Point = tuple[float, float]
 Box = tuple[float, float, float, float]
@@ -51,9 +43,9 @@ class Curve:
     sigma: Array | None = None
 
 
-def page(width: float, height: float, paper: str = "white") -> Figure:
+def page(width: float, height: float) -> Figure:
     """An empty picture of a size in pixels: sizes of text and lines are pixels too."""
-    figure = Figure(figsize=(width / 72, height / 72), dpi=72, facecolor=paper)
+    figure = Figure(figsize=(width / 72, height / 72), dpi=72)
     FigureCanvasAgg(figure)
     return figure
 
@@ -196,124 +188,3 @@ def curve_chart(
     draw_curves(axes, [curve], labels[0], [mark])
     axes.set_xlabel(labels[1], size=TEXT, color=SOFT_INK, labelpad=12)
     save(figure, path, overwrite)
-
-
-def headings_height(rows: Sequence[HeadingRow]) -> int:
-    """Pixels that a chart of these rows takes."""
-    return HEAD_HEIGHT + ROW_HEIGHT * len(rows) + FOOT_HEIGHT
-
-
-def draw_headings(
-    figure: Figure, corner: tuple[float, float], width: float, title: str, rows: Sequence[HeadingRow], colour: Colour
-) -> None:
-    """Draw one wearer's headings: absolute, and where the truth is known the error with one and two sigma.
-
-    Args:
-        figure: to draw on.
-        corner: left and top in pixels.
-        width: in pixels; the height is :func:`headings_height`.
-        title: above the rows.
-        rows: one per sensor.
-        colour: of the wearer.
-    """
-    left, top = corner
-    compared = any(np.isfinite(row.truth) for row in rows)
-    write(figure, (left, top + 22), title, 20, weight="bold")
-    first, bottom = left + NAME_WIDTH, top + HEAD_HEIGHT + ROW_HEIGHT * len(rows)
-    each = (width - NAME_WIDTH - (GAP if compared else 0)) / (2 if compared else 1)
-    heading, sigma, truth = (np.array([getattr(row, name) for row in rows]) for name in ("heading", "sigma", "truth"))
-    reach = np.abs(heading) + 2 * np.nan_to_num(sigma)
-    span = float(np.clip(np.nanmax(np.concatenate([reach, np.abs(truth)])), 5.0, 180.0))
-    axes = panel(figure, (first, top + HEAD_HEIGHT, first + each, bottom))
-    _rows(axes, heading, sigma, span, "heading, °" + ("   (ring: truth)" if compared else ""), colour)
-    axes.set_yticks(range(len(rows)), [row.sensor.replace("_", " ") for row in rows])
-    axes.plot(truth, np.arange(len(rows)), "o", markersize=16, markerfacecolor="none", markeredgecolor=INK)
-    if not compared:
-        return
-    error = np.where(np.isfinite(truth), [row.error for row in rows], np.nan)
-    span = float(np.nanmax(np.abs(error) + 2 * np.nan_to_num(sigma)))
-    axes = panel(figure, (first + each + GAP, top + HEAD_HEIGHT, first + 2 * each + GAP, bottom))
-    span = float(np.clip(span, NARROWEST_ERROR_DEG, WIDEST_ERROR_DEG))
-    _rows(axes, error, sigma, span, "error, °   (bars: 1, 2 sigma)", colour)
-    axes.set_yticks([])
-
-
-def _rows(axes: Axes, values: Array, sigma: Array, span: float, label: str, colour: Colour) -> None:
-    """A dot with bars of one and two sigma for each row, the first uppermost."""
-    y = np.arange(len(values))
-    for row in y[::2]:
-        axes.axhspan(row - 0.5, row + 0.5, color="#f7f8fa", zorder=0)
-    axes.axvline(0, color=hexadecimal(mixed((228, 231, 236), (40, 46, 58), 0.4)), linewidth=1.6, zorder=1)
-    axes.grid(axis="x", color=GRID, linewidth=1.2)
-    pale, shown = hexadecimal(mixed(colour, (255, 255, 255), 0.35)), np.clip(values, -span, span)
-    for times, thickness in ((2.0, 2.0), (1.0, 6.0)):
-        axes.hlines(y, values - times * sigma, values + times * sigma, color=pale, linewidth=thickness, zorder=2)
-    axes.plot(shown, y, "o", color=hexadecimal(colour), markersize=11, markeredgecolor="white", zorder=3)
-    axes.set_xlim(-1.04 * span, 1.04 * span)
-    axes.set_ylim(len(values) - 0.5, -0.5)
-    axes.xaxis.set_major_locator(MaxNLocator(9, steps=[1, 2, 2.5, 5, 10]))
-    axes.xaxis.set_major_formatter("{x:g}")
-    axes.set_title(label, loc="left", size=TEXT, color=SOFT_INK, pad=8)
-
-
-def scene_charts(estimates: Mapping[str, DrawnScene], path: Path, *, overwrite: bool = False) -> None:
-    """Draw a PNG: joint error per frame of every estimate (as thesis fig. 4.9), then the headings of the last one.
-
-    Args:
-        estimates: of one scene, by the name to write beside the curve.
-        path: of the PNG.
-        overwrite: replace an existing file.
-
-    Raises:
-        InputError: if there is neither an error nor a heading to draw, or the file exists.
-    """
-    if not estimates:
-        raise InputError("no chart to draw: expected at least one estimate")
-    errors = _error_curves(estimates)
-    last = list(estimates.values())[-1]
-    blocks = [(wearer, rows) for wearer in last.wearers if (rows := rows_of(wearer))]
-    if not errors and not blocks:
-        raise InputError("no chart to draw: expected an estimate with headings, or the truth to compare it with")
-    curves_height = 300
-    figure = page(
-        WIDTH, 90 + (curves_height + 70) * len(errors) + sum(headings_height(rows) + 20 for _, rows in blocks)
-    )
-    write(figure, (MARGIN, 56), last.name, 28, weight="bold")
-    top = 90.0
-    for name, curves in errors.items():
-        axes = panel(figure, (MARGIN + 40, top + 50, WIDTH - MARGIN, top + curves_height))
-        draw_curves(axes, curves, f"{name}: joint error, mm (mean)" if name else "joint error, mm (mean)")
-        top += curves_height + 70
-    for wearer, rows in blocks:
-        title = f"Headings of {wearer.name}" + (f", {list(estimates)[-1]}" if len(estimates) > 1 else "")
-        draw_headings(figure, (MARGIN, top), WIDTH - 2 * MARGIN, title, rows, wearer_colour(wearer.index))
-        top += headings_height(rows) + 20
-    save(figure, path, overwrite)
-
-
-def _error_curves(estimates: Mapping[str, DrawnScene]) -> dict[str, list[Curve]]:
-    """Curves by wearer; the wearer's name is empty where there is but one."""
-    curves: dict[str, list[Curve]] = {}
-    for index, (label, drawn) in enumerate(estimates.items()):
-        for wearer in drawn.wearers:
-            error = wearer.error_mm
-            if error is not None and wearer.motion is not None and np.any(np.isfinite(error)):
-                name = wearer.name if len(drawn.wearers) > 1 else ""
-                colour = LINE_COLOURS[index % len(LINE_COLOURS)]
-                curves.setdefault(name, []).append(Curve(label, wearer.motion.time, error, colour))
-    return curves
-
-
-def colour_legend(colours: Mapping[str, Colour]) -> Figure:
-    """A square in its colour beside every sensor's name, columns filled first: Rerun's legends fit no small plot."""
-    rows = -(-len(colours) // LEGEND_COLUMNS)
-    figure = page(1200, LEGEND_ROW_PX * rows + 20, LEGEND_PAPER)
-    axes = panel(figure, (0, 10, 1200, LEGEND_ROW_PX * rows + 10))
-    axes.set_axis_off()
-    axes.set_xlim(0, LEGEND_COLUMNS)
-    axes.set_ylim(rows - 0.5, -0.5)
-    for index, (sensor, colour) in enumerate(colours.items()):
-        column, row = divmod(index, rows)
-        axes.plot(column + 0.08, row, "s", color=hexadecimal(colour), markersize=20)
-        axes.text(column + 0.14, row, sensor.replace("_", " "), size=21, color="#d6dae0", va="center_baseline")
-    return figure

@@ -1,7 +1,4 @@
-"""A scene and its estimate made ready to draw: one world, one clock, and a colour for each wearer.
-
-Headings are numbers to draw: estimates and sigmas beside the truth, and what single frames say over time.
-"""
+"""A scene and its estimate made ready to draw: one world, one clock, and a colour for each wearer."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,9 +11,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare_motion, compare_scene
 from vip_factors.geometry.poses import Alignment
-from vip_factors.geometry.quaternions import interpolate_rotations
-from vip_factors.geometry.rotations import Array, transpose, wrap_angle, yaw_of
-from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock, move_motion, move_path
 from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
 from vip_factors.sensors.recording import Recording, Truth
@@ -37,7 +32,6 @@ class DrawnWearer:
         truth: at the estimate's frames if there is one, or None.
         comparison: of the two as they are; None without both.
         rest: how the wearer of a bare recording is drawn: standing still.
-        gauge_yaw: radians that the estimate's world is turned against the true one; 0 if that is not known.
     """
 
     name: str
@@ -46,7 +40,6 @@ class DrawnWearer:
     truth: Motion | None
     recording: Recording | None
     estimate: WearerEstimate | None
-    gauge_yaw: float = 0.0
     comparison: Comparison | None = None
     rest: Motion | None = None
 
@@ -54,14 +47,6 @@ class DrawnWearer:
     def shown(self) -> Motion | None:
         """The body to draw: estimated, else true."""
         return self.motion if self.motion is not None else self.truth
-
-    @property
-    def calibrations(self) -> list[tuple[SensorCalibration, SensorCalibration]]:
-        """Estimated and true calibration of the sensors of which both are known."""
-        truth = self.recording.truth.calibration if self.recording is not None and self.recording.truth else None
-        if self.estimate is None or not truth:
-            return []
-        return [(one, truth[name]) for name, one in self.estimate.calibration.items() if name in truth]
 
     @property
     def error_mm(self) -> Array | None:
@@ -167,11 +152,7 @@ def drawn_wearer(
         wearer = replace(wearer, rest=_resting(recording))
     shown = wearer.shown or wearer.rest
     assert shown is not None
-    wearer = replace(
-        wearer,
-        name=(recording.subject.name if recording is not None else shown.name) or "wearer",
-        gauge_yaw=_shared_heading_error(wearer),
-    )
+    wearer = replace(wearer, name=(recording.subject.name if recording is not None else shown.name) or "wearer")
     name = estimate.name if estimate is not None else recording.name if recording is not None else shown.name
     return DrawnScene(name, (wearer,), compare=compare)
 
@@ -208,7 +189,7 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
         wearers = [_moved(wearer, gauge) for wearer in wearers]
         path = move_path(path, gauge)
     elif comparison is not None:
-        wearers = [_moved_alone(wearer, comparison.gauges.get(wearer.index)) for wearer in wearers]
+        wearers = [_moved(wearer, comparison.gauges.get(wearer.index)) for wearer in wearers]
     apart = camera_estimate is None and _unknown_places(wearers)
     if apart:
         wearers = _apart(wearers)
@@ -287,23 +268,10 @@ def _wearer(
     return DrawnWearer(name, index, motion, true_motion, recording, estimate)
 
 
-def _moved(wearer: DrawnWearer, gauge: Alignment) -> DrawnWearer:
-    motion = move_motion(wearer.motion, gauge) if wearer.motion is not None else None
-    return replace(wearer, motion=motion, gauge_yaw=-float(yaw_of(gauge.R_target_source)))
-
-
-def _moved_alone(wearer: DrawnWearer, gauge: Alignment | None) -> DrawnWearer:
-    """A wearer with a gauge of its own; its headings share their mean error, for a path may drift."""
-    if gauge is None:
+def _moved(wearer: DrawnWearer, gauge: Alignment | None) -> DrawnWearer:
+    if gauge is None or wearer.motion is None:
         return wearer
-    moved = _moved(wearer, gauge)
-    return replace(moved, gauge_yaw=_shared_heading_error(wearer)) if wearer.calibrations else moved
-
-
-def _shared_heading_error(wearer: DrawnWearer) -> float:
-    """Radians by which the headings are off on average; 0 where the truth is not known."""
-    errors = [one.heading - true.heading for one, true in wearer.calibrations]
-    return float(np.angle(np.exp(1j * np.array(errors)).sum())) if errors else 0.0
+    return replace(wearer, motion=move_motion(wearer.motion, gauge))
 
 
 def _unknown_places(wearers: Sequence[DrawnWearer]) -> bool:
@@ -328,72 +296,3 @@ def _labels(scene: Scene | None, estimate: Estimate | None) -> np.ndarray | None
     if estimate is None and scene.truth is not None:
         return scene.truth.wearer
     return np.full(count, NOBODY)
-
-
-@dataclass(frozen=True)
-class HeadingRow:
-    """One sensor, in degrees: heading in the true world, its sigma (NaN if unknown), and the truth (NaN)."""
-
-    sensor: str
-    heading: float
-    sigma: float
-    truth: float
-
-    @property
-    def error(self) -> float:
-        """Estimate less truth, wrapped."""
-        return float(np.rad2deg(wrap_angle(np.deg2rad(self.heading - self.truth))))
-
-
-def rows_of(wearer: DrawnWearer) -> Sequence[HeadingRow]:
-    """Every sensor's heading, in the true world as far as that is known; empty without an estimate."""
-    if wearer.estimate is None:
-        return []
-    truth = wearer.recording.truth.calibration if wearer.recording is not None and wearer.recording.truth else None
-    rows = []
-    for sensor, one in wearer.estimate.calibration.items():
-        known = (truth or {}).get(sensor)
-        true = np.nan if known is None else wrap_angle(known.heading)
-        radians = (wrap_angle(one.heading - wearer.gauge_yaw), one.heading_sigma, true)
-        rows.append(HeadingRow(sensor, *(float(np.rad2deg(value)) for value in radians)))
-    return rows
-
-
-def implied_headings(wearer: DrawnWearer) -> tuple[Array, dict[str, Array]] | None:
-    """What single frames say of each heading, less the estimated one.
-
-    In every frame the heading that would take the sensor's own orientation onto its bone as estimated: drift shows as
-    a slope, a strap that slipped as a step. Of a heading that is estimated over time, less what it starts with.
-
-    Returns:
-        Times ``(T,)`` and by sensor ``(T,)`` degrees, NaN where the sensor has no samples; None without estimate or
-        recording.
-    """
-    estimate, recording = wearer.estimate, wearer.recording
-    if estimate is None or recording is None:
-        return None
-    motion, found = estimate.motion, {}
-    sites = {site.sensor: site for site in recording.placement.sites}
-    for sensor, one in estimate.calibration.items():
-        imu = recording.imus.get(sensor)
-        if imu is None or imu.R_inertial_sensor is None or sensor not in sites:
-            continue
-        R_world_sensor = motion.state.R_world_bone[:, sites[sensor].bone_index] @ one.R_bone_sensor
-        R_inertial_sensor = interpolate_rotations(imu.time, imu.R_inertial_sensor, motion.time)
-        implied = yaw_of(R_world_sensor @ transpose(R_inertial_sensor))
-        off = np.rad2deg(wrap_angle(implied - one.heading))
-        after = np.clip(np.searchsorted(imu.time, motion.time), 0, len(imu.time) - 1)
-        before = np.maximum(after - 1, 0)
-        lost = np.minimum(np.abs(imu.time[after] - motion.time), np.abs(imu.time[before] - motion.time))
-        found[sensor] = np.where(lost > 2 / motion.rate, np.nan, off)
-    return motion.time, found
-
-
-def heading_paths(wearer: DrawnWearer) -> dict[str, tuple[Array, Array]]:
-    """Estimated headings that change with time, less what they start with: by sensor times and degrees ``(n,)``."""
-    calibration = wearer.estimate.calibration if wearer.estimate is not None else {}
-    return {
-        sensor: (one.heading_time, np.rad2deg(one.heading_path - one.heading_path[0]))
-        for sensor, one in calibration.items()
-        if len(one.heading_path)
-    }

@@ -15,17 +15,9 @@ from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.live_view import LiveView
-from vip_factors.viz.rerun_series import BLUE, UPDATE_MS, log_curve_style, log_legend
 from vip_factors.viz.viewer import APPLICATION, complete, open_viewer, write_out
 
 QUEUE_ITEMS = 2400  # 20 s of answers and video frames that may wait
-
-
-def prepare() -> None:
-    """Import what Rerun and the legend import with their first use: seconds, better spent before a stream begins."""
-    stream, curves = rr.RecordingStream(APPLICATION), {"sensor": BLUE}
-    log_legend(stream, curves)
-    log_curve_style(stream, UPDATE_MS, curves)
 
 
 class LiveRerunSink:

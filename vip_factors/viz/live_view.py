@@ -34,18 +34,15 @@ from vip_factors.viz.rerun_camera import (
 from vip_factors.viz.rerun_layout import SUMMARY, Stage, centre_path, live_panels, log_centre
 from vip_factors.viz.rerun_series import (
     HEADING_SIGMAS,
-    HEADINGS,
     POSE_SIGMAS,
     UPDATE_MS,
     LiveSeries,
-    log_legend,
     sensor_colours_of,
 )
 from vip_factors.viz.summaries import live_summary
 
 CAMERA, IMAGE, FINDINGS = f"{WORLD}/camera", f"{WORLD}/camera/image", "/findings"
 PLOTS = (
-    (HEADINGS, "Headings (°)"),
     (HEADING_SIGMAS, "Standard deviation of the headings (°)"),
     (POSE_SIGMAS, "Standard deviation of the newest joints (°)"),
     (UPDATE_MS, "Update (ms)"),
@@ -126,7 +123,6 @@ class LiveView:
         self._is_laid_out, self._height = False, 0.0
         stream.send_recording_name(setup.name)
         stream.log(WORLD, rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        log_legend(stream, self._sensor_colours)
         if setup.camera is not None:
             log_pinhole(stream, IMAGE, setup.camera.model)
             log_image_style(stream, IMAGE, setup.camera.model, setup.camera.keypoints, setup.names)

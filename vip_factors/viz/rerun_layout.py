@@ -12,7 +12,6 @@ from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.viz.compare import APART_TITLE
 from vip_factors.viz.rerun_body import WORLD, see_through, time_column
-from vip_factors.viz.rerun_series import LEGEND
 
 SUMMARY, CENTRE = "/summary", f"{WORLD}/centre"
 EYE_TURN = 0.68  # radians to the left of straight ahead: from there a body has depth
@@ -171,24 +170,23 @@ def image_view(title: str, image: str, model: CameraModel, bodies: Sequence[str]
     )
 
 
-def recorded_panels(plots: Mapping[str, str], span: tuple[float, float], has_legend: bool) -> rrb.Vertical:
+def recorded_panels(plots: Mapping[str, str], span: tuple[float, float]) -> rrb.Vertical:
     """The text above plots of a recording.
 
     Args:
         plots: titles by entity, the main ones first; three stand below each other, the others are tabs.
         span: first and last second of the recording, whatever else was logged.
-        has_legend: whether the legend of the sensors was logged.
     """
     instant = rr.TimeRangeBoundary.absolute
     axis = rrb.TimeAxis(view_range=rr.TimeRange(start=instant(seconds=span[0]), end=instant(seconds=span[1])))
     views: list[rrb.View | rrb.Container] = []
     for entity, title in plots.items():
-        has_sensors = entity.startswith(("/plots/heading", "/plots/residual", "/plots/imu"))
+        has_sensors = entity.startswith("/plots/residual")  # their names would cover the curves
         corner = rrb.PlotLegend(visible=not has_sensors, corner=rrb.Corner2D.RightTop)
         views.append(rrb.TimeSeriesView(origin=entity, name=title, plot_legend=corner, axis_x=axis))
     if len(views) > 3:
         views = [*views[:3], rrb.Tabs(*views[3:])]
-    return _panels(views, has_legend)
+    return _panels(views)
 
 
 def live_panels(plots: Sequence[tuple[str, str]]) -> rrb.Vertical:
@@ -201,11 +199,9 @@ def live_panels(plots: Sequence[tuple[str, str]]) -> rrb.Vertical:
         )
         for entity, title in plots
     ]  # fmt: skip
-    return _panels([*views[:-2], rrb.Tabs(*views[-2:], active_tab=0)], has_legend=True)
+    return _panels([*views[:-2], rrb.Tabs(*views[-2:], active_tab=0)])
 
 
-def _panels(plots: Sequence[rrb.View | rrb.Container], has_legend: bool) -> rrb.Vertical:
-    legend = rrb.Spatial2DView(origin=LEGEND, name="Sensors' colours", background=(16, 17, 19))  # the plots' dark
+def _panels(plots: Sequence[rrb.View | rrb.Container]) -> rrb.Vertical:
     text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
-    shares = [2.5, *[1.0] * len(plots), *[0.85] * has_legend]
-    return rrb.Vertical(text, *plots, *[legend] * has_legend, row_shares=shares)
+    return rrb.Vertical(text, *plots, row_shares=[2.5, *[1.0] * len(plots)])

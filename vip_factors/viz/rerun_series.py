@@ -1,4 +1,4 @@
-"""Curves in Rerun: errors, residuals, headings and measured norms of recordings; headings and sigmas of streams."""
+"""Curves in Rerun: errors and residuals of recordings; standard deviations and update times of streams."""
 
 from collections.abc import Iterable, Mapping, Sequence
 
@@ -7,28 +7,13 @@ import rerun as rr
 
 from vip_factors.body.mannequin import Colour
 from vip_factors.estimate import WearerEstimate
-from vip_factors.geometry.rotations import Array, angle_between
+from vip_factors.geometry.rotations import Array
 from vip_factors.live_estimate import LiveEstimate, LiveWearerEstimate
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import sensor_colours, wearer_colour
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, heading_paths, implied_headings
+from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
 from vip_factors.viz.rerun_body import time_column
-
-LEGEND = "/legend/sensors"
-GREY: Colour = (120, 120, 120)
-YELLOW: Colour = (240, 210, 90)
-BLUE: Colour = (120, 170, 240)
-
-
-def log_legend(stream: rr.RecordingStream, colours: Mapping[str, Colour]) -> bool:
-    """Log the legend of the sensors' colours; returns whether there is any sensor to tell of."""
-    if colours:
-        from vip_factors.viz.charts import colour_legend, png
-
-        picture = rr.EncodedImage(contents=png(colour_legend(colours)), media_type="image/png")
-        stream.log(LEGEND, picture, static=True)
-    return bool(colours)
 
 
 def sensor_colours_of(
@@ -84,10 +69,7 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
             log_curves(stream, f"{entity}/{part}", wearer.motion.time, wearer.error_mm[:, None], curve)
             titles[entity] = "Joint error (mm)"
         if drawn.one_alone:
-            titles |= _log_residuals(stream, wearer, colours) | _log_samples(stream, wearer, colours)
-    titles |= _log_camera_error(stream, drawn)
-    for wearer in drawn.wearers:
-        titles |= _log_headings(stream, wearer, colours)
+            titles |= _log_residuals(stream, wearer, colours)
     return titles
 
 
@@ -108,52 +90,7 @@ def _log_residuals(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Map
     return titles
 
 
-def _log_samples(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Mapping[str, Colour]) -> dict[str, str]:
-    """Log the norms of what each sensor measured, which has times of its own."""
-    titles = {}
-    for sensor, imu in wearer.recording.imus.items() if wearer.recording is not None else ():
-        for kind, title, samples in (
-            ("specific_force_m_s2", "Specific force (m/s²)", imu.specific_force),
-            ("angular_rate_rad_s", "Angular rate (rad/s)", imu.angular_rate),
-        ):
-            if samples is not None:
-                entity = f"/plots/imu/{kind}"
-                norm = np.linalg.norm(samples, axis=1, keepdims=True)
-                path = f"{entity}/{rr.escape_entity_path_part(sensor)}"
-                log_curves(stream, path, imu.time, norm, {sensor: colours[sensor]})
-                titles[entity] = title
-    return titles
-
-
-def _log_camera_error(stream: rr.RecordingStream, drawn: DrawnScene) -> dict[str, str]:
-    if drawn.path is None or drawn.true_path is None:
-        return {}
-    time = drawn.path.time if len(drawn.path) > 1 else drawn.true_path.time
-    estimate, truth = drawn.path.at(time), drawn.true_path.at(time)
-    centimetres = 100 * np.linalg.norm(estimate.p_world_camera - truth.p_world_camera, axis=1)
-    degrees = np.rad2deg(angle_between(estimate.R_world_camera, truth.R_world_camera))
-    entity, curves = "/plots/camera_error", {"position (cm)": YELLOW, "rotation (°)": BLUE}
-    log_curves(stream, entity, time, np.stack([centimetres, degrees], axis=1), curves)
-    return {entity: "Camera error (cm, °)"}
-
-
-def _log_headings(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Mapping[str, Colour]) -> dict[str, str]:
-    """Log what single frames say of each heading, and beside it a heading that is estimated over time."""
-    implied = implied_headings(wearer)
-    if implied is None or not implied[1]:
-        return {}
-    time, degrees = implied
-    entity = f"/plots/heading/{rr.escape_entity_path_part(wearer.name)}"
-    curves = {sensor: colours[sensor] for sensor in degrees}
-    log_curves(stream, entity, time, np.stack(list(degrees.values()), axis=1), curves)
-    for sensor, (knots, path) in heading_paths(wearer).items():
-        curve = {f"{sensor}, estimated": colours.get(sensor, GREY)}
-        log_curves(stream, f"{entity}/{rr.escape_entity_path_part(sensor)}", knots, path[:, None], curve)
-    return {entity: f"Heading over time, {wearer.name} (° off the estimate)"}
-
-
-HEADINGS, HEADING_SIGMAS = "/plots/heading", "/plots/heading_sigma"
-POSE_SIGMAS, UPDATE_MS = "/plots/pose_sigma", "/plots/update_ms"
+HEADING_SIGMAS, POSE_SIGMAS, UPDATE_MS = "/plots/heading_sigma", "/plots/pose_sigma", "/plots/update_ms"
 
 
 class LiveSeries:
@@ -163,11 +100,10 @@ class LiveSeries:
         self._stream = stream
         self._parts = [rr.escape_entity_path_part(name) for name in setup.names]
         self._sensors = [[site.sensor for site in wearer.placement.sites] for wearer in setup.wearers]
-        log_curve_style(stream, UPDATE_MS, {"update": BLUE})
+        log_curve_style(stream, UPDATE_MS, {"update": (120, 170, 240)})
         for index, (part, sensors) in enumerate(zip(self._parts, self._sensors, strict=True)):
             log_curve_style(stream, f"{POSE_SIGMAS}/{part}", {setup.names[index]: wearer_colour(index)})
-            for entity in (HEADINGS, HEADING_SIGMAS):
-                log_curve_style(stream, f"{entity}/{part}", {sensor: colours[sensor] for sensor in sensors})
+            log_curve_style(stream, f"{HEADING_SIGMAS}/{part}", {sensor: colours[sensor] for sensor in sensors})
 
     def log(self, estimates: Sequence[LiveEstimate]) -> None:
         """Log the points of the next frames; of headings, which change slowly, the last ones."""
@@ -178,17 +114,12 @@ class LiveSeries:
             wearers = [estimate.wearers[index] for estimate in estimates]
             sigmas = np.array([[_sigma_deg(wearer)] for wearer in wearers])
             log_points(self._stream, f"{POSE_SIGMAS}/{part}", time, sigmas)
-            self._log_headings(part, self._sensors[index], time[-1:], wearers[-1])
+            self._log_heading_sigmas(part, self._sensors[index], time[-1:], wearers[-1])
 
-    def _log_headings(self, part: str, sensors: Sequence[str], time: Array, wearer: LiveWearerEstimate) -> None:
-        values = np.full((2, 1, len(sensors)), np.nan)
-        for column, sensor in enumerate(sensors):
-            if sensor in wearer.calibration:
-                calibration = wearer.calibration[sensor]
-                heading = np.angle(np.exp(1j * calibration.heading_at(time)))[0]
-                values[:, 0, column] = np.rad2deg([heading, calibration.heading_sigma])
-        log_points(self._stream, f"{HEADINGS}/{part}", time, values[0])
-        log_points(self._stream, f"{HEADING_SIGMAS}/{part}", time, values[1])
+    def _log_heading_sigmas(self, part: str, sensors: Sequence[str], time: Array, wearer: LiveWearerEstimate) -> None:
+        known = (wearer.calibration.get(sensor) for sensor in sensors)
+        radians = [[np.nan if calibration is None else calibration.heading_sigma for calibration in known]]
+        log_points(self._stream, f"{HEADING_SIGMAS}/{part}", time, np.rad2deg(radians))
 
 
 def _sigma_deg(wearer: LiveWearerEstimate) -> float:

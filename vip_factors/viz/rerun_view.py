@@ -37,7 +37,7 @@ from vip_factors.viz.rerun_camera import (
     people_below,
 )
 from vip_factors.viz.rerun_layout import SUMMARY, Stage, centre_path, log_centre, recorded_panels
-from vip_factors.viz.rerun_series import log_legend, log_series, sensor_colours_of
+from vip_factors.viz.rerun_series import log_series, sensor_colours_of
 from vip_factors.viz.summaries import scene_summary
 from vip_factors.viz.viewer import APPLICATION, complete, open_viewer
 
@@ -96,7 +96,7 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
         standing += [wearer.truth for wearer in drawn.wearers if wearer.motion is not None and wearer.truth is not None]
     seen_through = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None and drawn.video is None]
     stage = Stage(standing, floor, images, seen_through, bool(shown), _towards_camera(drawn), drawn.apart)
-    panels = recorded_panels(plots, span_of(drawn), log_legend(stream, colours))
+    panels = recorded_panels(plots, span_of(drawn))
     stream.send_blueprint(stage.blueprint(panels))
 
 

@@ -25,7 +25,7 @@ from vip_factors.viz.drawn_scene import DrawnScene
 
 KEPT = 40  # findings of a stream that are shown: an hour's list would be sent again with each
 LIMBS = "left limbs are lighter, right ones darker"
-SENSORS = "- Small boxes are the sensors, each in the colour of its curves: see *Sensors' colours*."
+SENSORS = "- Small boxes are the sensors, each in the colour of its curves."
 IMAGE = "- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's."
 _PLACED = {
     Compare.ROOT: "turned about the vertical once, drawn on the true root path",

@@ -66,7 +66,6 @@ COMMANDS: tuple[tuple[str, str, str, int, tuple[str, ...]], ...] = (
         for name, sound, seldom, line in (
             ("view", "", 70, "view PAIR --save {}/out.rrd --overwrite"),
             ("picture", "", 250, "view PAIR --picture {}/out.png --overwrite"),
-            ("chart", "", 50, "view PAIR --chart {}/out.png --overwrite"),
             ("report", "", 120, "report {}/NAME.estimate.mcap --recording {}/NAME.mcap --out {}/out.html --overwrite"),
             ("evaluate", "NAME.estimate.mcap", 18, "evaluate {}/NAME.estimate.mcap --truth {}/NAME.mcap"),
         )

@@ -19,7 +19,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.codec import set_timestamp
-from vip_factors.io.detections.formats import load_json
+from vip_factors.io.detections.formats import read_people
 from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx_document import read_document
 from vip_factors.io.mcap_chunks import RECORD_HEAD
@@ -147,7 +147,7 @@ def test_json_without_end(tmp_path: Path, text: str) -> None:
     path = tmp_path / "poses.json"
     path.write_text(text)
     with pytest.raises(FileFormatError, match=r"poses\.json"):
-        load_json(path)
+        read_people(path)
 
 
 def test_a_single_number_where_poses_should_be(tmp_path: Path) -> None:

@@ -137,21 +137,21 @@ def test_what_is_not_as_expected_is_refused_with_its_place(tmp_path: Path) -> No
     entries = json.loads((tmp_path / "a.json").read_text())
     del entries[1]["keypoints"]
     (tmp_path / "e.json").write_text(json.dumps(entries))
-    refused(tmp_path / "e.json", r"e\.json, entry 1: keypoints missing")
+    refused(tmp_path / "e.json", r"e\.json: \[1\]\.keypoints is missing", InputError)
     entries[1]["keypoints"] = [1, 2, "x"]
     (tmp_path / "f.json").write_text(json.dumps(entries))
-    refused(tmp_path / "f.json", r"f\.json, entry 1: keypoints are not all numbers")
+    refused(tmp_path / "f.json", r"f\.json: \[1\]\.keypoints\[2\]: expected number", InputError)
     entries[1]["keypoints"] = [1, 2]
     (tmp_path / "g.json").write_text(json.dumps(entries))
     refused(tmp_path / "g.json", r"entry 1: keypoints are 2 numbers: expected x, y, confidence")
     (tmp_path / "h.json").write_text(json.dumps(entries, indent=1)[:200])
-    refused(tmp_path / "h.json", r"h\.json, line \d+: not JSON.*cut off")
+    refused(tmp_path / "h.json", r"h\.json: .*line \d+ .*: expected 2D poses")
     (tmp_path / "i.json").write_text("[]")
     refused(tmp_path / "i.json", "list is empty")
     (tmp_path / "j.json").write_text('{"skeleton": 1}')
     refused(tmp_path / "j.json", "expected 2D poses as OpenPose")
     (tmp_path / "k.json").write_text("")
-    refused(tmp_path / "k.json", "empty")
+    refused(tmp_path / "k.json", r"k\.json: .*: expected 2D poses")
     entries = [{"image_id": "left.jpg", "keypoints": person().ravel().tolist()}]
     (tmp_path / "l.json").write_text(json.dumps(entries))
     refused(tmp_path / "l.json", r"no frame number in 'left\.jpg'")
@@ -201,7 +201,7 @@ def test_a_folder_that_is_not_one_video_is_refused(tmp_path: Path) -> None:
     refused(tmp_path / "p", r"other_0+_keypoints\.json and walk_0+_keypoints\.json are both frame 0")
     write_openpose(tmp_path / "q", {0: [person()], 1: []})
     (tmp_path / "q" / "walk_000000000002_keypoints.json").write_text('{"people": {}}')
-    refused(tmp_path / "q", r"walk_000000000002_keypoints\.json: people is dict")
+    refused(tmp_path / "q", r"walk_000000000002_keypoints\.json: people: expected list", InputError)
 
 
 @pytest.mark.data

@@ -46,9 +46,9 @@ def read_toml(path: Path, kind: type[Declared], what: str) -> Declared:
     return _converted(path, msgspec.toml.decode, text, kind, what)
 
 
-def read_json(path: Path, kind: type[Declared], what: str) -> Declared:
+def read_json(path: Path, kind: type[Declared], what: str, most_bytes: int = MOST_BYTES) -> Declared:
     """Read a JSON file into a declared type, as :func:`read_toml`; NaN is parsed, as Python's programs write it."""
-    return _converted(path, json.loads, read_text(path, what, strict=True), kind, what)
+    return _converted(path, json.loads, read_text(path, what, strict=True, most_bytes=most_bytes), kind, what)
 
 
 def _converted(path: Path, decode: Any, text: str, kind: type[Declared], what: str) -> Declared:

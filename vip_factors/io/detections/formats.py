@@ -15,23 +15,25 @@ were found, a frame has ``time_s`` and an instance ``track_id``.
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from vip_factors.atomic import atomic_open
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
+from vip_factors.io.typed_files import MOST_MOTION_BYTES, Number, convert, read_json
 
 PERSON = 1  # COCO's category
-TIME = "time_s"  # of a frame; our own detector writes it
-OPENPOSE_KEYS = ("pose_keypoints_2d", "pose_keypoints")  # the second up to OpenPose 1.2
+EXPECTED = "2D poses as OpenPose (a folder), AlphaPose, MMPose or COCO's results (a .json file)"
+Numbers = list[float | None]
+MOST_DIGITS = 15  # of a frame's number
 
 
 @dataclass
@@ -65,189 +67,163 @@ class DetectedPeople:
         self.where.append(where)
 
 
+class _OpenPosePerson(msgspec.Struct, frozen=True):
+    pose_keypoints_2d: Numbers = []
+    pose_keypoints: Numbers = []  # up to OpenPose 1.2
+
+
+class _OpenPoseFile(msgspec.Struct, frozen=True):
+    people: list[_OpenPosePerson]
+
+
+class _Result(msgspec.Struct, frozen=True):
+    """Person of COCO's results or AlphaPose."""
+
+    image_id: int | str
+    keypoints: Numbers
+    category_id: int = PERSON
+
+
+class _Instance(msgspec.Struct, frozen=True):
+    keypoints: list[tuple[float | None, float | None]]
+    keypoint_scores: Numbers
+
+
+class _Frame(msgspec.Struct, frozen=True):
+    frame_id: int | str
+    instances: list[_Instance]
+    time_s: Number | None = None
+
+
+class _Meta(msgspec.Struct, frozen=True):
+    keypoint_id2name: dict[str, str] | list[str] = []
+
+
+class _MmposeFile(msgspec.Struct, frozen=True):
+    instance_info: list[_Frame]
+    meta_info: _Meta = _Meta()
+
+
 def read_people(path: Path) -> DetectedPeople:
     """Everybody in all frames of a file or folder of any known format.
 
     Raises:
-        InputError: if there is nothing at the path.
-        FileFormatError: for content that is of no known format, or a person, frame or file that is not of its form.
+        InputError: if there is nothing at the path, or a person, frame or file is not of its form.
+        FileFormatError: for content that is of no known format.
     """
     if not path.exists():
         raise InputError(f"{path}: no such file or folder of 2D poses")
-    expected = "2D poses as OpenPose (a folder), AlphaPose, MMPose or COCO's results (a .json file)"
     if path.is_dir():
-        files, expected = sorted(path.glob("*.json")), "a folder with OpenPose's JSON files, one a frame"
-        if files and _holds(load_json(files[0]), "people"):
-            return _openpose(path, files)
-    elif path.suffix.lower() == ".json":
-        content = load_json(path)
-        first: Any = content[0] if isinstance(content, list) and content else None
-        if _holds(content, "people"):
-            return _openpose(path, [path])
-        if _holds(content, "instance_info") or _holds(first, "instances"):
-            return _mmpose(path, content)
-        if _holds(first, "keypoints") and isinstance(first.get("image_id"), int | str):
-            return _results(path, content)
-        expected = "people; the list is empty" if content == [] else expected
-    raise FileFormatError(f"{path}: expected {expected}")
+        files = sorted(path.glob("*.json"))
+        if not files:
+            raise FileFormatError(f"{path}: expected a folder with OpenPose's JSON files, one a frame")
+        return _openpose(path, ((file, _content(file)) for file in files))
+    if path.suffix.lower() == ".json":
+        content = _content(path)
+        first = content[0] if isinstance(content, list) and content else None
+        if _has(content, "people"):
+            return _openpose(path, [(path, content)])
+        if _has(content, "instance_info"):
+            return _mmpose(path, convert(path, "", content, _MmposeFile))
+        if _has(first, "instances"):
+            return _mmpose(path, _MmposeFile(convert(path, "", content, list[_Frame])))
+        if _has(first, "image_id"):
+            return _results(path, convert(path, "", content, list[_Result]))
+        if content == []:
+            raise FileFormatError(f"{path}: expected people; the list is empty")
+    raise FileFormatError(f"{path}: expected {EXPECTED}")
 
 
-def _holds(content: Any, name: str) -> Any:
+def _content(path: Path) -> Any:
+    return read_json(path, object, EXPECTED, MOST_MOTION_BYTES)
+
+
+def _has(content: object, name: str) -> bool:
     return isinstance(content, dict) and name in content
 
 
-def _openpose(path: Path, files: Sequence[Path]) -> DetectedPeople:
-    found, of_number = DetectedPeople(path), dict[int, Path]()
-    for file in files:
+def _openpose(path: Path, contents: Iterable[tuple[Path, object]]) -> DetectedPeople:
+    detected, file_of = DetectedPeople(path), dict[int, Path]()
+    for file, content in contents:
         number = frame_number(file.stem.removesuffix("_keypoints"), str(file))
-        if number in of_number:
+        if number in file_of:
             raise FileFormatError(
-                f"{path}: {of_number[number].name} and {file.name} are both frame {number}: expected the frames of one "
+                f"{path}: {file_of[number].name} and {file.name} are both frame {number}: expected the frames of one "
                 "video; give each camera a folder of its own"
             )
-        of_number[number] = file
-        people = _list_of(_entry_of(load_json(file), str(file), ["people"])["people"], str(file), "people")
-        for index, person in enumerate(people):
-            if person == {}:
-                continue  # as tools that sort people leave a place empty
-            where = f"{file}, person {index}"
-            key = next((one for one in OPENPOSE_KEYS if _holds(person, one)), OPENPOSE_KEYS[0])
-            row = _keypoint_row(_entry_of(person, where, [key])[key], where)
-            if len(row):  # empty: only a face or a hand was found
-                found.add(number, row, where)
-    found.listed = sorted(of_number)
-    found.first_number = 1 if found.listed and found.listed[0] == 1 else 0
-    return found
+        file_of[number] = file
+        for index, person in enumerate(convert(file, "", content, _OpenPoseFile).people):
+            # Empty where only a face or a hand was found, and where tools that sort people leave a place.
+            if keypoints := person.pose_keypoints_2d or person.pose_keypoints:
+                where = f"{file}, person {index}"
+                detected.add(number, _row(keypoints, where), where)
+    detected.listed = sorted(file_of)
+    detected.first_number = 1 if detected.listed and detected.listed[0] == 1 else 0
+    return detected
 
 
-def _results(path: Path, content: Any) -> DetectedPeople:
-    found = DetectedPeople(path)
-    for index, entry in enumerate(content):
+def _results(path: Path, people: Sequence[_Result]) -> DetectedPeople:
+    detected = DetectedPeople(path)
+    for index, person in enumerate(people):
         where = f"{path}, entry {index}"
-        person = _entry_of(entry, where, ["image_id", "keypoints"])
-        if person.get("category_id", PERSON) == PERSON:
-            found.add(frame_number(person["image_id"], where), _keypoint_row(person["keypoints"], where), where)
-    found.listed = sorted(set(found.numbers))
-    return found
+        if person.category_id == PERSON:
+            detected.add(frame_number(person.image_id, where), _row(person.keypoints, where), where)
+    detected.listed = sorted(set(detected.numbers))
+    return detected
 
 
-def _mmpose(path: Path, content: Any) -> DetectedPeople:
-    told = content if isinstance(content, dict) else {"instance_info": content}
-    found = DetectedPeople(path, names=_names(told.get("meta_info")))
-    for index, frame in enumerate(_list_of(told["instance_info"], str(path), "instance_info")):
-        where = f"{path}, frame entry {index}"
-        entry = _entry_of(frame, where, ["frame_id", "instances"])
-        number = frame_number(entry["frame_id"], where)
-        found.listed.append(number)
-        if TIME in entry:
-            found.time[number] = _seconds(entry[TIME], where)
-        for one, instance in enumerate(_list_of(entry["instances"], where, "instances")):
-            of_person = f"{where}, instance {one}"
-            given = _entry_of(instance, of_person, ["keypoints", "keypoint_scores"])
-            points, scores = (_numbers(given[name], of_person) for name in ("keypoints", "keypoint_scores"))
-            if points.ndim != 2 or points.shape[1] != 2 or scores.shape != points.shape[:1]:
+def _mmpose(path: Path, content: _MmposeFile) -> DetectedPeople:
+    detected = DetectedPeople(path, names=_names(content.meta_info.keypoint_id2name))
+    for index, frame in enumerate(content.instance_info):
+        number = frame_number(frame.frame_id, f"{path}, frame entry {index}")
+        detected.listed.append(number)
+        if frame.time_s is not None:
+            detected.time[number] = frame.time_s
+        for place, person in enumerate(frame.instances):
+            where = f"{path}, frame entry {index}, instance {place}"
+            points = np.array(person.keypoints, dtype=float).reshape(-1, 2)
+            scores = np.array(person.keypoint_scores, dtype=float)
+            if len(points) != len(scores):
                 raise FileFormatError(
-                    f"{of_person}: keypoints {points.shape} and scores {scores.shape}: expected (J, 2) and (J,), in "
-                    "pixels"
+                    f"{where}: {len(points)} keypoints and {len(scores)} scores: expected a score for each"
                 )
-            found.add(number, np.column_stack([points, scores]).ravel(), of_person)
-    found.listed = sorted(set(found.listed))
-    found.first_number = 0 if found.listed and found.listed[0] == 0 else 1
-    return found
+            detected.add(number, np.column_stack([points, scores]).ravel(), where)
+    detected.listed = sorted(set(detected.listed))
+    detected.first_number = 0 if detected.listed and detected.listed[0] == 0 else 1
+    return detected
 
 
-def _seconds(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise FileFormatError(f"{where}: {TIME} is {value!r}: expected seconds")
-    return float(value)
-
-
-def _names(meta: Any) -> tuple[str, ...]:
+def _names(names: dict[str, str] | list[str]) -> tuple[str, ...]:
     """The keypoints' names in order, if they are told."""
-    names = meta.get("keypoint_id2name") if isinstance(meta, dict) else None
     if isinstance(names, dict):
-        try:
-            return tuple(str(name) for _, name in sorted((int(key), name) for key, name in names.items()))
-        except ValueError:
-            return ()
-    return tuple(map(str, names)) if isinstance(names, list) else ()
+        numbered = {int(key): name for key, name in names.items() if key.isdecimal()}
+        return tuple(name for _, name in sorted(numbered.items()))
+    return tuple(names)
 
 
-@lru_cache(maxsize=2)  # a format is recognised by the content that is then read
-def _content(path: Path, stamp: tuple[int, int]) -> Any:
-    try:
-        return json.loads(path.read_bytes())
-    except json.JSONDecodeError as error:
+def _row(keypoints: Numbers, where: str) -> Array:
+    """One person's flat list x, y, confidence … as an array, NaN for null."""
+    if len(keypoints) % 3:
         raise FileFormatError(
-            f"{path}, line {error.lineno}: not JSON ({error.msg}); the file may be cut off: write or copy it again"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise FileFormatError(f"{path}: not JSON, but binary (byte {error.start})") from error
-    except (ValueError, RecursionError) as error:  # numbers of too many digits, brackets in brackets without end
-        raise FileFormatError(f"{path}: not readable as JSON ({error})") from error
+            f"{where}: keypoints are {len(keypoints)} numbers: expected x, y, confidence of every keypoint"
+        )
+    return np.array(keypoints, dtype=float)
 
 
-def load_json(path: Path) -> Any:
-    """The content of a JSON file.
-
-    Raises:
-        InputError: if there is no such file.
-        FileFormatError: if it is not JSON, with the line.
-    """
-    if not path.is_file():
-        raise InputError(f"{path}: no such file")
-    status = path.stat()
-    if status.st_size == 0:
-        raise FileFormatError(f"{path} is empty (0 bytes): expected JSON")
-    return _content(path, (status.st_size, status.st_mtime_ns))
-
-
-def _keypoint_row(values: Any, where: str) -> Array:
-    """One person's flat list x, y, confidence … as an array."""
-    if not isinstance(values, list) or len(values) % 3:
-        found = f"{len(values)} numbers" if isinstance(values, list) else type(values).__name__
-        raise FileFormatError(f"{where}: keypoints are {found}: expected x, y, confidence of every keypoint")
-    row = _numbers(values, where)
-    if row.ndim != 1:
-        raise FileFormatError(f"{where}: keypoints are lists in a list: expected one flat list x, y, confidence, …")
-    return row
-
-
-def _numbers(values: Any, where: str) -> Array:
-    """A (nested) list of numbers as an array; null and NaN become NaN."""
-    try:
-        return np.array(values, dtype=float)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise FileFormatError(f"{where}: keypoints are not all numbers ({error})") from error
-
-
-def _entry_of(entry: Any, where: str, needed: Sequence[str]) -> Mapping[str, Any]:
-    """An entry that has all of the fields."""
-    missing = [name for name in needed if name not in entry] if isinstance(entry, dict) else list(needed)
-    if missing:
-        raise FileFormatError(f"{where}: {', '.join(missing)} missing: expected fields {', '.join(needed)}")
-    checked: Mapping[str, Any] = entry
-    return checked
-
-
-def _list_of(entries: Any, where: str, what: str) -> list[Any]:
-    if not isinstance(entries, list):
-        raise FileFormatError(f"{where}: {what} is {type(entries).__name__}: expected a list")
-    return entries
-
-
-def frame_number(name: Any, where: str) -> int:
+def frame_number(name: int | str, where: str) -> int:
     """The last digits of a file's name, or the number itself: ``cam1_000012_keypoints`` → 12.
 
     Raises:
         FileFormatError: if there are none.
     """
-    if isinstance(name, int) and not isinstance(name, bool) and name >= 0:
+    if isinstance(name, int) and name >= 0:
         return name
-    found = re.findall(r"\d+", re.sub(r"\.[A-Za-z]\w*$", "", name)) if isinstance(name, str) else []
-    if not found:
-        raise FileFormatError(f"{where}: no frame number in {name!r}: expected one such as 12 or 'walk_000012.jpg'")
-    return int(found[-1])
+    digits = re.findall(r"[0-9]+", re.sub(r"\.[A-Za-z]\w*$", "", name)) if isinstance(name, str) else []
+    if not digits or len(digits[-1].lstrip("0")) > MOST_DIGITS:
+        raise FileFormatError(
+            f"{where}: no frame number in {str(name)[:60]!r}: expected one such as 12 or 'walk_000012.jpg'"
+        )
+    return int(digits[-1])
 
 
 PIXEL_DIGITS, SCORE_DIGITS, TIME_DIGITS = 2, 4, 6

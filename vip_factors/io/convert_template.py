@@ -12,7 +12,6 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.convert import detect_format, read_log
 from vip_factors.io.importers.column_guess import UNIT_KEYS, guess_columns
 from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, SensorColumns
-from vip_factors.io.importers.maker_tables import column_map
 from vip_factors.io.importers.shared import candidates, likely_sites
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, number, read_text_table, split
 from vip_factors.io.typed_files import toml_text
@@ -54,10 +53,10 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False) -> Te
     known_format = _format(path)
     if known_format == "recording":
         raise InputError(f"{path} is a recording of this package already: it needs neither columns nor places")
-    if known_format not in ("", "opensim_export"):
+    if known_format:
         sensors, files = list(read_log(path, known_format).imus), Templates(placement_file)
     else:
-        columns, reasons = (column_map(path), {}) if known_format else guess(path)
+        columns, reasons = guess(path)
         sensors, files = _names(path, columns), Templates(placement_file, columns_file)
         with atomic_open(columns_file, "w", overwrite) as stream:
             stream.write(columns_text(path, columns, reasons))

@@ -41,7 +41,6 @@ class McapChannel:
     encoding: str
     schema_name: str = ""
     schema_encoding: str = ""
-    schema_data: bytes = b""
 
 
 @dataclass
@@ -231,7 +230,7 @@ class McapPass:
             self._schemas.setdefault(record.id, record)
         else:
             schema = self._schemas.get(record.schema_id)
-            described = ("", "", b"") if schema is None else (schema.name, schema.encoding, schema.data)
+            described = ("", "") if schema is None else (schema.name, schema.encoding)
             self.know(McapChannel(record.id, record.topic, record.message_encoding, *described))
 
 

@@ -36,13 +36,11 @@ class ExportFormat:
 
     Attributes:
         writer: ``module:function`` in this folder, imported when asked for; a :data:`Writer`.
-        holds: what of an estimate, in words.
         several: whether one file holds several wearers.
         package: that must be installed for it, of the extra ``export``.
     """
 
     writer: str
-    holds: str
     several: bool = False
     package: str = ""
 
@@ -53,16 +51,16 @@ class ExportFormat:
 
 
 FORMATS: dict[str, ExportFormat] = {
-    ".bvh": ExportFormat("animation:write_bvh", "skeleton and motion, for animation programs"),
-    ".glb": ExportFormat("animation:write_gltf", "bodies that move, and the camera's path", True, "pygltflib"),
-    ".fbx": ExportFormat("animation:write_fbx", "the same as .glb, written by Blender", True, "pygltflib"),
-    ".npz": ExportFormat("smpl:write_amass", "poses and root path, as AMASS has them"),
-    ".csv": ExportFormat("tables:write_csv", "joint positions and joint angles, as a table"),
-    ".trc": ExportFormat("tables:write_trc", "joint centres and keypoints as markers, for OpenSim"),
-    ".mot": ExportFormat("tables:write_mot", "coordinates of OpenSim's model Rajagopal2016"),
-    ".sto": ExportFormat("tables:write_opensense", "orientations of segments, for OpenSense"),
-    ".c3d": ExportFormat("tables:write_c3d", "joint centres, keypoints and joint angles as points", package="ezc3d"),
-    ".pkl": ExportFormat("smpl:write_three_dpw", "poses, camera and 2D poses, as 3DPW has them", several=True),
+    ".bvh": ExportFormat("animation:write_bvh"),
+    ".glb": ExportFormat("animation:write_gltf", True, "pygltflib"),
+    ".fbx": ExportFormat("animation:write_fbx", True, "pygltflib"),
+    ".npz": ExportFormat("smpl:write_amass"),
+    ".csv": ExportFormat("tables:write_csv"),
+    ".trc": ExportFormat("tables:write_trc"),
+    ".mot": ExportFormat("tables:write_mot"),
+    ".sto": ExportFormat("tables:write_opensense"),
+    ".c3d": ExportFormat("tables:write_c3d", package="ezc3d"),
+    ".pkl": ExportFormat("smpl:write_three_dpw", several=True),
 }
 
 

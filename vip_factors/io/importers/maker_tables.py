@@ -21,7 +21,7 @@ from msgspec import structs
 from vip_factors.errors import FileFormatError
 from vip_factors.io.importers import table
 from vip_factors.io.importers.column_map import QUANTITIES, UP_OR_DOWN, ColumnMap, Columns, SensorColumns
-from vip_factors.io.importers.shared import SAME_RATE, ImportedLog, LogFormat, candidates
+from vip_factors.io.importers.shared import SAME_RATE, ImportedLog, LogFormat, candidates, only_file
 from vip_factors.io.importers.text_table import (
     COMPONENTS,
     SEPARATORS,
@@ -60,28 +60,14 @@ def _read_export(path: Path) -> ImportedLog:
         FileFormatError: for several exports, or tables that are malformed.
         InputError: for a quantity that lacks one of the sensors.
     """
-    tables = _tables(path)
-    found = table.read(path, _columns(path, tables), {one.path: one for one in tables.values()})
-    return ImportedLog(EXPORT.name, found.imus, found.default_sites, start_ns=found.start_ns, notes=found.notes)
-
-
-def column_map(path: Path) -> ColumnMap:
-    """What the columns of an export mean, in the words of a column map.
-
-    Raises:
-        FileFormatError: for several exports, or tables that are malformed.
-    """
-    return _columns(path, _tables(path))
-
-
-def _tables(path: Path) -> dict[str, TextTable]:
-    """By quantity, the table of the one export at a path."""
     exports = {prefix: files for prefix, files in _exports(path).items() if len(files) > 1}
     if len(exports) != 1:
-        found = ", ".join(exports) or "none"
-        raise FileFormatError(f"{path}: expected the tables of one recording, found {found}: name the one you mean")
+        names = ", ".join(exports) or "none"
+        raise FileFormatError(f"{path}: expected the tables of one recording, found {names}: name the one you mean")
     (files,) = exports.values()
-    return {quantity: read_text_table(file) for quantity, file in files.items()}
+    tables = {quantity: read_text_table(file) for quantity, file in files.items()}
+    log = table.read(path, _columns(path, tables), {one.path: one for one in tables.values()})
+    return replace(log, format=EXPORT.name, clock_s=None)
 
 
 def _columns(path: Path, tables: Mapping[str, TextTable]) -> ColumnMap:
@@ -137,11 +123,7 @@ def _read_quaternions(path: Path) -> ImportedLog:
     Raises:
         FileFormatError: for other files, malformed cells, or a table without rows.
     """
-    files = _quaternion_tables(path)
-    if len(files) != 1:
-        found = ", ".join(file.name for file in files) or "none"
-        raise FileFormatError(f"{path}: expected one .sto table of quaternions, found {found}")
-    path = files[0]
+    path = only_file(path, _quaternion_tables(path), "one .sto table of quaternions")
     one = read_text_table(path)
     notes = [
         f"{path.name}: taken to be in the sensors' own inertial frame, z up, as OpenSense writes raw tables; "
@@ -208,10 +190,7 @@ def _read_apdm(path: Path) -> ImportedLog:
         FileFormatError: for other files, without samples, or with cells that are not numbers.
     """
     files = [file for file in candidates(path, (".csv",)) if _is_export(file)]
-    if len(files) != 1:
-        found = ", ".join(file.name for file in files) or "none"
-        raise FileFormatError(f"{path}: expected one APDM csv file with all sensors, found {found}")
-    path, comma = files[0], SEPARATORS["comma"]
+    path, comma = only_file(path, files, "one APDM csv file with all sensors"), SEPARATORS["comma"]
     kept = [(i + 1, line) for i, line in enumerate(checked_lines(path, read_text(path))) if line.strip(", ")]
     head = [[cell.strip() for cell in split(line, comma)] for _, line in kept[:PEEKED_LINES]]
     first, width, layout, units = _format7(head, path) if head[0][0].startswith("Format=") else _slash_names(head, path)

@@ -5,7 +5,7 @@ Right Ankle), and which way is up in a sensor's inertial frame.
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -38,6 +38,18 @@ def candidates(path: Path, suffixes: tuple[str, ...]) -> list[Path]:
     if path.name and path.parent.is_dir():
         return [file for file in candidates(path.parent, suffixes) if file.name.startswith(path.name)]
     return []
+
+
+def only_file(path: Path, files: Sequence[Path], expected: str) -> Path:
+    """The only one of the files of a format at ``path``.
+
+    Raises:
+        FileFormatError: if there are none or several.
+    """
+    if len(files) != 1:
+        names = ", ".join(file.name for file in files) or "none"
+        raise FileFormatError(f"{path}: expected {expected}, found {names}")
+    return files[0]
 
 
 def sensor_files(

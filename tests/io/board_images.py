@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, exp, rotation_x
-from vip_factors.io.checkerboard import Checkerboard
+from vip_factors.io.calibrate_camera import Checkerboard
 from vip_factors.sensors.camera import CameraModel
 
 CAMERA = CameraModel(640, 480, (520.0, 516.0), (326.0, 235.0), (-0.12, 0.06, 0.001, -0.0008))

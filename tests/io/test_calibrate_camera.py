@@ -11,8 +11,7 @@ from films import write_video
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
-from vip_factors.io.calibrate_camera import calibrate, floor_pose, video_images
-from vip_factors.io.checkerboard import BoardView, Checkerboard
+from vip_factors.io.calibrate_camera import BoardView, Checkerboard, calibrate, find_views, floor_pose
 from vip_factors.sensors.camera import CameraModel
 
 SIZE = (CAMERA.width, CAMERA.height)
@@ -83,13 +82,12 @@ def test_what_is_not_determined_is_said() -> None:
     assert good.warnings == ()
 
 
-def test_images_of_a_video(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="none"):
-        list(video_images(tmp_path / "none", 10))
+def test_a_video_without_the_board_or_none_at_all_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no such video"):
+        find_views(tmp_path / "none", CHECKERBOARD)
     (tmp_path / "video.mp4").write_bytes(b"no video")
-    with pytest.raises(FileFormatError, match="video"):
-        list(video_images(tmp_path / "video.mp4", 10))
+    with pytest.raises(FileFormatError, match="not a video"):
+        find_views(tmp_path / "video.mp4", CHECKERBOARD)
     film(tmp_path / "v.avi", [np.full((48, 64), 20 * index, np.uint8) for index in range(10)])
-    images = list(video_images(tmp_path / "v.avi", 4))
-    assert [image.number for image in images] == [0, 3, 6, 9]
-    np.testing.assert_allclose([image.grey[0, 0] for image in images], [0, 60, 120, 180], atol=4)
+    with pytest.raises(InputError, match=r"no checkerboard of .* in 10 images"):
+        find_views(tmp_path / "v.avi", CHECKERBOARD)

@@ -14,8 +14,7 @@ from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.io.calibrate_camera import CameraCalibration
-    from vip_factors.io.checkerboard import BoardView, Checkerboard
+    from vip_factors.io.calibrate_camera import BoardView, CameraCalibration, Checkerboard
     from vip_factors.sensors.camera import CameraModel
 
 
@@ -113,7 +112,7 @@ def calibration_text(calibration: "CameraCalibration", seen: int) -> str:
 
 
 def _board(options: CalibrateCameraOptions) -> "Checkerboard":
-    from vip_factors.io.checkerboard import Checkerboard
+    from vip_factors.io.calibrate_camera import Checkerboard
 
     if options.floor is not None and options.floor_image is not None:
         raise InputError("--floor and --floor-image: expected one of them")

@@ -4,19 +4,18 @@ The images come from a video, evenly spread. Which of them are used matters more
 of those that differ. Views that do not fit the rest are left out, and what the views cannot determine is said.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.io.checkerboard import BoardView, Checkerboard
-from vip_factors.io.video import opened_video
+from vip_factors.io.video import iterate_frames, opened_video
 from vip_factors.sensors.camera import CameraModel
 
+LEAST_CORNERS = 3  # a side, in both directions: fewer make no board that can be told from a window
 LEAST_VIEWS = 3  # below, focal lengths and centre are not determined (Zhang 2000, section 3.1)
 ROUNDS = 4  # of leaving out views that do not fit
 MOST_IMAGES = 150  # looked at
@@ -30,6 +29,98 @@ FEW_VIEWS = 10  # fewer are warned of
 LEAST_TILT_DEG = 20.0  # if no two views differ by so much in direction, focal length and distance are confused
 LEAST_COVERAGE = 0.5  # share of the image that corners should reach, for the distortion near its edges
 FOCAL_SIGMA = 0.01  # relative standard deviation of the focal length that is warned of; 1 % is 3 cm at 3 m
+
+
+@dataclass(frozen=True)
+class BoardView:
+    """Corners of a board in one image.
+
+    Attributes:
+        name: of the image, for people.
+        points_board: ``(n, 3)`` metres in the board's frame (x along its columns, y along its rows, z = 0).
+        pixels: ``(n, 2)``.
+        outline: ``(4, 2)`` pixels of the outermost corners, in order around the board.
+        sharpness: larger is sharper; comparable between images of the same board.
+    """
+
+    name: str
+    points_board: Array
+    pixels: Array
+    outline: Array
+    sharpness: float
+
+
+@dataclass(frozen=True)
+class Checkerboard:
+    """Black and white squares.
+
+    Attributes:
+        columns, rows: numbers of *inner* corners: one less than squares.
+        square_m: side of a square in metres.
+    """
+
+    columns: int
+    rows: int
+    square_m: float = 1.0
+
+    def __post_init__(self) -> None:
+        sides = sorted((self.columns, self.rows))
+        if sides[0] < LEAST_CORNERS or sides[1] <= LEAST_CORNERS:  # any cross of two bars is found to be 3 x 3
+            raise InputError(
+                f"{self.text}: expected at least {LEAST_CORNERS + 1} x {LEAST_CORNERS}; anything in an image looks "
+                "like less"
+            )
+        if not (np.isfinite(self.square_m) and self.square_m > 0):
+            raise InputError(f"checkerboard with squares of {self.square_m} m: expected metres above 0")
+
+    @property
+    def text(self) -> str:
+        """The board with its size, in words."""
+        return f"checkerboard of {self.columns} x {self.rows} inner corners"
+
+    def find(self, name: str, grey: np.ndarray) -> BoardView | None:
+        """Its corners in an image ``(height, width)`` of bytes, or None."""
+        import cv2
+
+        # The sector-based detector (Duda & Frese 2018): subpixel by itself, and certain about what is no board.
+        flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
+        found, corners = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
+        if not found:
+            return None
+        points, pixels = _grid(self.columns, self.rows, self.square_m), corners.reshape(-1, 2).astype(float)
+        if not self.looks_alike_turned and self._begins_white(grey, points, pixels):
+            pixels = pixels[::-1]
+        outer = [0, self.columns - 1, len(points) - 1, len(points) - self.columns]
+        return BoardView(name, points, pixels, pixels[outer], _sharpness(grey, pixels))
+
+    @property
+    def looks_alike_turned(self) -> bool:
+        """Whether half a turn leaves the board as it is: then two cameras may take different corners for its origin."""
+        return (self.columns + self.rows) % 2 == 0
+
+    def _begins_white(self, grey: np.ndarray, points: Array, pixels: Array) -> bool:
+        """Whether the square before the first corner is white: corners are counted from where it is black."""
+        import cv2
+
+        H, _ = cv2.findHomography(points[:, :2], pixels)
+        squares = _grid(self.columns - 1, self.rows - 1, 1.0)[:, :2]
+        u, v = np.rint(cv2.perspectiveTransform(self.square_m * (squares[None] + 0.5), H)[0]).astype(int).T
+        shades, even = grey[v, u].astype(float), squares.sum(axis=1) % 2 == 0
+        return bool(shades[even].mean() > shades[~even].mean())
+
+
+def _grid(columns: int, rows: int, square_m: float) -> Array:
+    y, x = np.mgrid[:rows, :columns]
+    return square_m * np.stack([x.ravel(), y.ravel(), np.zeros(columns * rows)], axis=1)
+
+
+def _sharpness(grey: np.ndarray, pixels: Array) -> float:
+    """Energy of the second derivative over that of the image, where the board is."""
+    import cv2
+
+    (left, top), (right, bottom) = np.floor(pixels.min(axis=0)).astype(int), np.ceil(pixels.max(axis=0)).astype(int)
+    there = grey[max(top, 0) : bottom + 1, max(left, 0) : right + 1]
+    return float(cv2.Laplacian(there, cv2.CV_64F).var() / max(float(there.var()), 1.0))
 
 
 @dataclass(frozen=True)
@@ -64,16 +155,24 @@ def find_views(
     """Find the views of a board in a video, in order, and the images' width and height.
 
     Raises:
-        InputError: if the board is in none of them, and as :func:`video_images`.
+        InputError: if there is no such file, or the board is in none of its images.
+        FileFormatError: if it is no video, or has no frame.
     """
+    import cv2
+
+    with opened_video(source) as capture:
+        total = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    step = -(-total // MOST_IMAGES) if total > 0 else BLIND_STEP
     views: list[BoardView] = []
     looked, size = 0, (0, 0)
-    for image in video_images(source, MOST_IMAGES):
-        on_progress("looking for the board", image.done)
-        looked, size = looked + 1, (image.grey.shape[1], image.grey.shape[0])
-        view = board.find(f"frame {image.number}", image.grey)
+    for number, _, image in iterate_frames(source, every=step):
+        on_progress("looking for the board", number / total if total > 0 else 0.0)
+        looked, size = looked + 1, (image.shape[1], image.shape[0])
+        view = board.find(f"frame {number}", cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
         if view is not None:
             views.append(view)
+    if not looked:
+        raise FileFormatError(f"{source}: OpenCV finds no frame in it: expected a video")
     if not views:
         raise InputError(
             f"{source}: no {board.text} in {looked} images: give one less than the squares on each side, and show the "
@@ -230,38 +329,6 @@ def _warnings(
             "show it there too"
         )
     return tuple(said)
-
-
-class VideoImage(NamedTuple):
-    """A frame of a video: its number from 0, how much of the video is done by then, and its grey bytes."""
-
-    number: int
-    done: float
-    grey: np.ndarray
-
-
-def video_images(path: Path, most: int) -> Iterator[VideoImage]:
-    """Read at most about ``most`` frames of a video, evenly spread.
-
-    Raises:
-        InputError: if there is no such file.
-        FileFormatError: if it is no video, or has no frame.
-    """
-    import cv2
-
-    with opened_video(path) as video:
-        total = int(video.get(cv2.CAP_PROP_FRAME_COUNT))
-        step = -(-total // most) if total > 0 else BLIND_STEP
-        number = 0
-        while video.grab():
-            if number % step == 0:
-                read, frame = video.retrieve()
-                if read:
-                    grey = frame if frame.ndim == 2 else cv2.cvtColor(frame, cv2.COLOR_BGR2GRAY)
-                    yield VideoImage(number, number / total if total > 0 else 0.0, grey)
-            number += 1
-    if number == 0:
-        raise FileFormatError(f"{path}: OpenCV finds no frame in it: expected a video")
 
 
 def photograph(path: Path) -> np.ndarray:

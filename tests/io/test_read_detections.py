@@ -152,9 +152,10 @@ def test_what_is_not_as_expected_is_refused_with_its_place(tmp_path: Path) -> No
     refused(tmp_path / "j.json", "expected 2D poses as OpenPose")
     (tmp_path / "k.json").write_text("")
     refused(tmp_path / "k.json", r"k\.json: .*: expected 2D poses")
-    entries = [{"image_id": "left.jpg", "keypoints": person().ravel().tolist()}]
-    (tmp_path / "l.json").write_text(json.dumps(entries))
-    refused(tmp_path / "l.json", r"no frame number in 'left\.jpg'")
+    for image, told in (("left.jpg", r"'left\.jpg'"), (5000 * "9", "'999")):
+        entries = [{"image_id": image, "keypoints": person().ravel().tolist()}]
+        (tmp_path / "l.json").write_text(json.dumps(entries))
+        refused(tmp_path / "l.json", f"no frame number in {told}")
 
 
 def test_fractions_of_the_image_are_no_pixels(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pose_files import People, person, write_alphapose, write_coco, write_mmpose, write_openpose
 
+from tests.studies.fuzz.outcome import limited_memory
 from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.detections.read import DetectionsWarning, read_detections
@@ -218,3 +219,9 @@ def test_real_openpose_folders(data_folder: Path, camera: str) -> None:
     assert read.confidence.max() <= 1
     cleaned = read_detections(folder / "pose-associated" / f"{camera}_json", 60.0, "body25b")
     assert len(cleaned) <= len(read)
+
+
+def test_a_small_file_needs_little_memory(tmp_path: Path) -> None:
+    path = write_coco(tmp_path / "c.json", {0: [person()]})
+    with limited_memory(2**28):
+        assert len(read_detections(path, 30.0)) == 1

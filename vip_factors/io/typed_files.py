@@ -8,6 +8,8 @@ import json
 import re
 from collections.abc import Iterable, Sequence
 from enum import EnumType
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar, get_args, get_origin
 
@@ -144,7 +146,9 @@ def read_text(path: Path, what: str, strict: bool = False, most_bytes: int = MOS
     """
     try:
         with path.open(encoding="utf-8-sig", errors="strict" if strict else "replace") as file:
-            text = file.read(most_bytes + 1)
+            # In pieces: whatever the file's size, room is made for as many bytes as are asked for.
+            pieces = iter(partial(file.read, MOST_BYTES), "")
+            text = "".join(islice(pieces, most_bytes // MOST_BYTES + 1))
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected {what}") from error
     except ValueError as error:

@@ -79,8 +79,8 @@ def test_no_setting_may_be_infinite(whole: Settings) -> None:
 def test_patience_may_be_endless() -> None:
     check_ranges(LiveSourceSettings())
     check_ranges(LiveSourceSettings(next_client_wait=0.0))
-    with pytest.raises(InputError, match="header_wait is inf: expected a finite number"):
-        check_ranges(LiveSourceSettings(header_wait=float("inf")))
+    with pytest.raises(InputError, match="growth_wait is inf: expected a finite number"):
+        check_ranges(LiveSourceSettings(growth_wait=float("inf")))
 
 
 @dataclass(frozen=True)

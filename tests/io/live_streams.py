@@ -18,7 +18,7 @@ from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample, live_sam
 from vip_factors.sensors.scene import Scene
 
 # Short waits, and nobody is waited for after the first good client.
-QUICK = LiveSourceSettings(header_wait=0.4, growth_wait=0.3, next_client_wait=0.0, queue_limit=100_000)
+QUICK = LiveSourceSettings(growth_wait=0.3, next_client_wait=0.0, queue_limit=100_000)
 PATIENT = replace(QUICK, next_client_wait=20.0)
 
 

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from live_sender import delimited, live_messages, sample_message
-from live_streams import QUICK, assert_arrived, short_walk, sorted_out
+from live_streams import assert_arrived, short_walk, sorted_out
 from scene_samples import scenes
 
 from vip_factors.errors import FileFormatError, RecordingError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.live.messages import header_message, rotation_of, setup_of
+from vip_factors.io.live.open import delimited_messages, follow
 from vip_factors.io.live.session import Client, ClientError, Session
-from vip_factors.io.live.standard_input import delimited_messages, follow
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import ImuSample, LiveItem, VideoFrame, stream_head
@@ -62,7 +62,7 @@ def heard(data: bytes) -> tuple[Received, str]:
     """What arrives of a stream of bytes, and why it ended."""
     got = Received()
     client = got.client()
-    reason = follow(client, BytesIO(data), QUICK.largest_message)
+    reason = follow(client, BytesIO(data))
     client.leave(reason)
     return got, reason
 
@@ -224,6 +224,5 @@ def test_it_is_the_usual_delimited_form(carrier: str) -> None:
 
 
 def test_a_length_beyond_the_limit_is_refused_before_its_bytes_come() -> None:
-    head = delimited(b"x" * 1001)[:2]
-    with pytest.raises(FileFormatError, match=r"1,001 bytes is announced: expected at most 1,000"):
-        list(delimited_messages(BytesIO(head), 1000))
+    with pytest.raises(FileFormatError, match="16,777,217 bytes is announced: expected at most 16,777,216"):
+        list(delimited_messages(BytesIO(b"\x81\x80\x80\x08")))

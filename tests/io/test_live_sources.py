@@ -12,11 +12,9 @@ from live_sender import delimited, live_messages, write_messages
 from live_streams import QUICK, Background, assert_arrived, received, short_walk, sorted_out
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.live.open import RecordingSource, open_source
-from vip_factors.io.live.standard_input import StandardInputSource
+from vip_factors.io.live.open import RecordingSource, StandardInputSource, open_source
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.settings import LiveSourceSettings
-from vip_factors.sensors.live import LiveFinding
 
 
 def test_a_recording_is_read_as_fast_as_it_goes_and_nothing_is_dropped(tmp_path: Path) -> None:
@@ -107,25 +105,6 @@ def test_standard_input_ends_with_one_line_at_garbage() -> None:
 def test_standard_input_without_a_header_is_an_input_error(data: bytes, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         piped(data)
-
-
-def test_a_late_header_on_standard_input_is_told_and_waited_for() -> None:
-    scene, told = short_walk(), []
-    out, into = os.pipe()
-
-    def write() -> None:
-        time.sleep(0.6)
-        with open(into, "wb") as stream:
-            write_messages(scene, stream)
-
-    with (
-        open(out, "rb"),
-        Background(write),
-        StandardInputSource(replace(QUICK, header_wait=0.2), told.append, out) as source,
-    ):
-        setup, samples, _ = received(source)
-    assert_arrived(scene, setup, samples)
-    assert told == [LiveFinding("standard input: no header came within 0.2 s; still waiting for it")]
 
 
 def test_closed_standard_input_is_an_input_error(monkeypatch: pytest.MonkeyPatch) -> None:

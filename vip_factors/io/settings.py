@@ -8,8 +8,6 @@ from pathlib import Path
 
 from vip_factors.ranges import MaybeRate, check_ranges
 
-MIB = 1024 * 1024
-
 
 class SentPose(StrEnum):
     """Which pose is sent: that of the newest frame, or the one a lag earlier that changes no more."""
@@ -23,22 +21,12 @@ class LiveSourceSettings:
     """Limits of a live source.
 
     Attributes:
-        header_wait: seconds that a client may take for its header.
-        silence_wait: seconds without a message after which a sender over the network gives way to another one.
-        largest_rate: messages a second that are read of a sender over the network, after the first second's; whoever
-            sends more has to wait, and the tracker keeps its processor.
-        largest_message: bytes.
         queue_limit: samples that wait for the tracker before some are dropped.
-        growth_wait: seconds without growth after which a file counts as finished.
+        growth_wait: seconds that a file may take to appear, and without growth after which it counts as finished.
         next_client_wait: seconds that a server waits for another client after one whose samples were used has gone;
             infinite: until Ctrl-C.
     """
 
-    header_wait: float = 10.0  # a program that has it ready sends it at once, ten seconds forgive a slow start
-    silence_wait: float = 2.0  # a sender that was lost comes back sooner than its old connection is known to be dead
-    largest_rate: float = 10_000.0  # three wearers of 17 sensors at 100 Hz send 5,100
-    # A header with the skeletons of ten wearers has 30 kB, a frame of fifty people 30 kB: more is a stray length.
-    largest_message: int = 16 * MIB
     # Two wearers of 13 sensors at 100 Hz send 2,600 a second: a start-up of a second and a half loses nothing.
     queue_limit: int = 4096
     # Recorders flush several times a second; a minute of slack for the operating system would only delay the end.

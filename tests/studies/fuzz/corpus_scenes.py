@@ -25,8 +25,8 @@ from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.live.growing import GrowingFileSource
+from vip_factors.io.live.open import follow
 from vip_factors.io.live.session import Client, ClientError, Session
-from vip_factors.io.live.standard_input import follow
 from vip_factors.io.live.websocket import take_message
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_estimate_writer import write_estimate
@@ -315,7 +315,7 @@ def _stream(folder: Path) -> None:
     """As a pipe does; what ends the stream is told, and nothing is raised."""
     client = Client(Session(lambda setup: None, lambda item: None), "fuzz")
     with (folder / "a.messages").open("rb") as stream:
-        client.leave(follow(client, stream, LiveSourceSettings().largest_message))
+        client.leave(follow(client, stream))
 
 
 def _websocket(folder: Path) -> None:
@@ -334,7 +334,7 @@ def _websocket(folder: Path) -> None:
 
 def _growing(folder: Path) -> None:
     """As a file that another program writes."""
-    quick = LiveSourceSettings(header_wait=0.001, growth_wait=0.001)
+    quick = LiveSourceSettings(growth_wait=0.001)
     with GrowingFileSource(folder / "scene.mcap", quick, lambda finding: None) as source:
         for _ in source:
             pass

@@ -124,7 +124,7 @@ class GrowingFileSource(LiveSource):
             self._begin(head, early)
 
     def _open_when_it_comes(self) -> GrowingFile:
-        begun, wait = time.monotonic(), self._settings.header_wait
+        begun, wait = time.monotonic(), self._settings.growth_wait
         while True:
             try:
                 return GrowingFile(self._path, self._settings, self._stop)

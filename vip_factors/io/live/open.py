@@ -1,19 +1,93 @@
-"""A live source from what the user wrote, and a recording as one."""
+"""Live sources by what the user names: a recording, standard input, a file that grows, a port."""
 
+import io
 import os
+import select
+import stat
+import sys
 import time
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, BinaryIO
 from urllib.parse import urlsplit
 
-from vip_factors.errors import InputError
-from vip_factors.io.live.source import LiveSource
-from vip_factors.io.live.standard_input import StandardInputSource
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.io.live.session import LARGEST_MESSAGE, Client, ClientError, Session
+from vip_factors.io.live.source import POLL, LiveSource
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding, LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 
+if TYPE_CHECKING:
+    from _typeshed import WriteableBuffer
+
 VARIABLE = "VIP_FACTORS_TOKEN"
+VARINT_BYTES = 5  # enough for 32 GiB
+LOCAL = "127.0.0.1"
+EXPECTED = (
+    "an MCAP file, - for standard input, ws://:port to listen at 127.0.0.1, or ws://host:port to listen elsewhere"
+)
+
+
+def open_source(
+    text: str | os.PathLike[str],
+    follow: bool = False,
+    real_time: bool = False,
+    settings: LiveSourceSettings = DEFAULT,
+    on_finding: Callable[[LiveFinding], None] | None = None,
+    token: str = "",
+) -> LiveSource:
+    """The source that a text names, to be entered as a context.
+
+    Args:
+        text: path of an MCAP file, ``-`` for standard input, or ``ws://host:port`` to listen there, without a host at
+            127.0.0.1.
+        follow: whether another program still writes the file.
+        real_time: whether the file is played back in its own time.
+        settings: limits.
+        on_finding: gets the findings that come before the header, at once.
+        token: that senders over the network must have; one is made up where other machines are listened to.
+
+    Raises:
+        InputError: for a text that names no source, options that do not belong to it, or a file that is no recording.
+    """
+    text = os.fspath(text)
+    is_file = text != "-" and "://" not in text
+    if (follow or real_time) and not is_file:
+        raise InputError(f"{text}: following and playing back in real time are for MCAP files only")
+    if follow and real_time:
+        raise InputError(f"{text}: a file that is followed comes in its own time: choose following or real time")
+    if text == "-":
+        return StandardInputSource(settings, on_finding)
+    if not is_file:
+        return _network(text, settings, on_finding, token)
+    if follow:
+        from vip_factors.io.live.growing import GrowingFileSource
+
+        return GrowingFileSource(text, settings, on_finding)
+    from vip_factors.io.mcap_recording import read_scene
+
+    return RecordingSource(read_scene(text), real_time, settings, on_finding)
+
+
+def _network(
+    text: str, settings: LiveSourceSettings, on_finding: Callable[[LiveFinding], None] | None, token: str
+) -> LiveSource:
+    try:
+        url = urlsplit(text)
+        host, port = url.hostname, url.port
+    except ValueError as error:
+        raise InputError(f"{text}: {error}: expected {EXPECTED}") from error
+    if url.scheme != "ws" or url.path not in ("", "/") or url.query or url.fragment or url.username is not None:
+        raise InputError(f"{text}: expected {EXPECTED}")
+    if port is None:
+        raise InputError(
+            f"{text}: it names no port: expected ws://host:port; no host, or {LOCAL}, is for senders on this machine, "
+            "0.0.0.0 for those in all its networks"
+        )
+    from vip_factors.io.live.websocket import WebSocketSource
+
+    return WebSocketSource(host or LOCAL, port, settings, on_finding, token)
 
 
 def read_token(path: Path | None = None) -> str:
@@ -83,70 +157,117 @@ def when_due(samples: Iterable[LiveSample], wait: Callable[[float], object]) -> 
         yield sample
 
 
-LOCAL = "127.0.0.1"
-EXPECTED = (
-    "an MCAP file, - for standard input, ws://:port to listen at 127.0.0.1, or ws://host:port to listen elsewhere"
-)
-
-
-def open_source(
-    text: str | os.PathLike[str],
-    follow: bool = False,
-    real_time: bool = False,
-    settings: LiveSourceSettings = DEFAULT,
-    on_finding: Callable[[LiveFinding], None] | None = None,
-    token: str = "",
-) -> LiveSource:
-    """The source that a text names, to be entered as a context.
-
-    Args:
-        text: path of an MCAP file, ``-`` for standard input, or ``ws://host:port`` to listen there, without a host at
-            127.0.0.1.
-        follow: whether another program still writes the file.
-        real_time: whether the file is played back in its own time.
-        settings: limits.
-        on_finding: gets the findings that come before the header, at once.
-        token: that senders over the network must have; one is made up where other machines are listened to.
+def delimited_messages(stream: BinaryIO) -> Iterator[bytes]:
+    """The messages of a delimited stream that is open for reading, each after its length as a varint.
 
     Raises:
-        InputError: for a text that names no source, options that do not belong to it, or a file that is no recording.
+        FileFormatError: for a length that no message has, or an end in the middle of a message.
     """
-    text = os.fspath(text)
-    is_file = text != "-" and "://" not in text
-    if (follow or real_time) and not is_file:
-        raise InputError(f"{text}: following and playing back in real time are for MCAP files only")
-    if follow and real_time:
-        raise InputError(f"{text}: a file that is followed comes in its own time: choose following or real time")
-    if text == "-":
-        return StandardInputSource(settings, on_finding)
-    if not is_file:
-        return _network(text, settings, on_finding, token)
-    if follow:
-        from vip_factors.io.live.growing import GrowingFileSource
-
-        return GrowingFileSource(text, settings, on_finding)
-    from vip_factors.io.mcap_recording import read_scene
-
-    return RecordingSource(read_scene(text), real_time, settings, on_finding)
+    while (length := _length(stream)) is not None:
+        if length > LARGEST_MESSAGE:
+            raise FileFormatError(
+                f"a message of {length:,} bytes is announced: expected at most {LARGEST_MESSAGE:,}: the bytes are no "
+                "live messages"
+            )
+        data = stream.read(length)
+        if len(data) < length:
+            raise _cut_off(length - len(data))
+        yield data
 
 
-def _network(
-    text: str, settings: LiveSourceSettings, on_finding: Callable[[LiveFinding], None] | None, token: str
-) -> LiveSource:
+def follow(client: Client, stream: BinaryIO) -> str:
+    """Give a client the messages of a delimited stream; a clause about why it ended, empty if between two messages."""
     try:
-        url = urlsplit(text)
-        host, port = url.hostname, url.port
-    except ValueError as error:
-        raise InputError(f"{text}: {error}: expected {EXPECTED}") from error
-    if url.scheme != "ws" or url.path not in ("", "/") or url.query or url.fragment or url.username is not None:
-        raise InputError(f"{text}: expected {EXPECTED}")
-    if host and port is None and host.isdecimal() and int(host) < 1 << 16:  # ws://5005
-        port, host = int(host), LOCAL
-    if port is None:
-        raise InputError(
-            f"{text}: it names no port: expected ws://host:port; no host, or {LOCAL}, is for senders on this machine, "
-            "0.0.0.0 for those in all its networks"
-        )
-    from vip_factors.io.live.websocket import WebSocketSource
+        for message in delimited_messages(stream):
+            client.take(message)
+    except OSError as error:
+        return f"the connection was lost ({error.strerror or error})"
+    except (FileFormatError, ClientError) as error:  # where the next message would begin is not known
+        return str(error)
+    return "" if client.has_header else "the stream ended before a header came"
 
-    return WebSocketSource(host or LOCAL, port, settings, on_finding, token)
+
+def _length(stream: BinaryIO) -> int | None:
+    """The next varint; None at the end of the stream."""
+    length = 0
+    for number in range(VARINT_BYTES):
+        byte = stream.read(1)
+        if not byte:
+            if number:
+                raise _cut_off(1)
+            return None
+        length |= (byte[0] & 0x7F) << 7 * number
+        if byte[0] < 0x80:
+            return length
+    raise FileFormatError("the bytes are no live messages: expected each after its length as a varint")
+
+
+def _cut_off(missing: int) -> FileFormatError:
+    return FileFormatError(f"the stream ended in the middle of a message, at least {missing} bytes before its end")
+
+
+class StandardInputSource(LiveSource):
+    """Standard input, or any other descriptor that a sender writes to.
+
+    Args:
+        settings, on_finding: as of every source.
+        descriptor: to read from instead; it stays open.
+    """
+
+    def __init__(
+        self,
+        settings: LiveSourceSettings = DEFAULT,
+        on_finding: Callable[[LiveFinding], None] | None = None,
+        descriptor: int | None = None,
+    ) -> None:
+        super().__init__("standard input", settings, drops=not _is_file(descriptor), on_finding=on_finding)
+        self._descriptor = descriptor
+
+    def _open(self) -> None:
+        if self._descriptor is None:
+            try:
+                self._descriptor = sys.stdin.fileno()
+            except (AttributeError, OSError, ValueError) as error:
+                raise InputError("standard input is closed: expected a sender's live messages") from error
+        if os.isatty(self._descriptor):
+            raise InputError("standard input is a terminal: pipe a sender's live messages into it")
+
+    def _read(self) -> None:
+        client = Client(Session(self._announce, self._put), self.name)
+
+        def wait() -> bool:
+            """Called ever again while nothing comes; whether to wait on."""
+            self._pause()
+            return not self._stop.is_set()
+
+        assert self._descriptor is not None  # open
+        pipe = io.BufferedReader(_Pipe(self._descriptor, wait))
+        reason = follow(client, pipe)
+        client.leave("" if self._stop.is_set() else reason)
+
+
+class _Pipe(io.RawIOBase):
+    """A descriptor that is read as long as ``wait`` says so: who leaves a stream need not wait for its sender."""
+
+    def __init__(self, descriptor: int, wait: Callable[[], bool]) -> None:
+        self._descriptor, self._wait = descriptor, wait
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: "WriteableBuffer", /) -> int:
+        view = memoryview(buffer)
+        while self._wait():
+            if select.select([self._descriptor], [], [], POLL)[0]:
+                data = os.read(self._descriptor, len(view))
+                view[: len(data)] = data
+                return len(data)
+        return 0
+
+
+def _is_file(descriptor: int | None) -> bool:
+    """Whether a file is read, which has time: nothing of it need be dropped."""
+    try:
+        return stat.S_ISREG(os.fstat(sys.stdin.fileno() if descriptor is None else descriptor).st_mode)
+    except (AttributeError, OSError, ValueError):
+        return False

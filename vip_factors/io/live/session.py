@@ -16,29 +16,10 @@ from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample
 from vip_factors.sensors.scene import Scene
 
 TELL_EVERY = 1.0  # seconds between findings of one kind about one sender: a person reads them
-LEAST_S = 0.02  # a shorter wait costs more than it spares
 CLAIM_S = 1.0  # of samples, which the first answer needs anyway
 MOST_HELD = 4096  # samples of a sender that has not claimed the stream
-
-
-class Pace:
-    """Counts messages against a rate; a second's worth may come at once.
-
-    Args:
-        rate: messages a second.
-        clock: monotonic seconds.
-    """
-
-    def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self._rate = rate
-        self._clock = clock
-        self._due = -float("inf")  # when those until now would have come at that rate
-
-    def take(self, messages: int = 1) -> float:
-        """Count messages; the seconds to wait before the next are read, 0 if none."""
-        now = self._clock()
-        self._due = max(self._due, now - 1.0) + messages / self._rate
-        return self._due - now if self._due - now >= LEAST_S else 0.0
+# A header with the skeletons of ten wearers has 30 kB, a frame of fifty people 30 kB: more is a stray length.
+LARGEST_MESSAGE = 16 * 1024 * 1024  # bytes
 
 
 class FindingReporter:

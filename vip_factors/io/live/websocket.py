@@ -5,13 +5,39 @@ from collections.abc import Callable
 
 from vip_factors.errors import FileFormatError
 from vip_factors.io.live.network import GOING, REFUSED, ConnectionClosed, Listener, ServerConnection, cut_off
-from vip_factors.io.live.session import CLAIM_S, Client, ClientError, Pace, Session
+from vip_factors.io.live.session import CLAIM_S, LARGEST_MESSAGE, Client, ClientError, Session
 from vip_factors.io.live.source import POLL, LiveSource
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import LiveFinding
 
 MOST_SENDERS = 8  # connected at once; beyond, the one that has been silent longest makes room
 REASON_BYTES = 120  # a close frame holds 123
+HEADER_S = 10.0  # a program that has its header ready sends it at once; this forgives a slow start
+SILENCE_S = 2.0  # a sender that was lost comes back sooner than its old connection is known to be dead
+# Messages a second that are read of a sender, after the first second's: three wearers of 17 sensors at 100 Hz send
+# 5,100. Whoever sends more has to wait, and the tracker keeps its processor.
+LARGEST_RATE = 10_000.0
+
+
+class Pace:
+    """Counts messages against a rate; a second's worth may come at once.
+
+    Args:
+        rate: messages a second.
+        clock: monotonic seconds.
+    """
+
+    def __init__(self, rate: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self._rate = rate
+        self._clock = clock
+        self._due = -float("inf")  # when those until now would have come at that rate
+
+    def take(self, messages: int = 1) -> float:
+        """Count messages; the seconds to wait before the next are read, 0 if none."""
+        now = self._clock()
+        self._due = max(self._due, now - 1.0) + messages / self._rate
+        wait = self._due - now
+        return wait if wait >= 0.02 else 0.0  # a shorter one costs more than it spares
 
 
 class WebSocketSource(LiveSource):
@@ -37,7 +63,7 @@ class WebSocketSource(LiveSource):
     ) -> None:
         super().__init__(f"ws://{host}:{port}", settings, on_finding=on_finding)
         self._where, self._token = (host, port), token
-        self._session = Session(self._announce, self._put, settings.silence_wait)
+        self._session = Session(self._announce, self._put, SILENCE_S)
         self._clients: dict[ServerConnection, Client] = {}
         self._gone = float("inf")  # when the last client that took part went
 
@@ -52,8 +78,9 @@ class WebSocketSource(LiveSource):
         return f"listening at {self.url}, to {self._listener.audience}"
 
     def _open(self) -> None:
-        largest = self._settings.largest_message
-        self._listener = Listener(self.name, *self._where, self._token, "/", self._hear, self._is_full, {}, largest)
+        self._listener = Listener(
+            self.name, *self._where, self._token, "/", self._hear, self._is_full, {}, LARGEST_MESSAGE
+        )
 
     def _read(self) -> None:
         while not self._stop.wait(POLL):
@@ -69,7 +96,7 @@ class WebSocketSource(LiveSource):
         if len(clients) < MOST_SENDERS:
             return False
         connection, client = min(clients, key=lambda item: item[1].heard)
-        if time.monotonic() - client.heard < self._settings.silence_wait:
+        if time.monotonic() - client.heard < SILENCE_S:
             return True
         cut_off(connection)
         return False
@@ -95,7 +122,7 @@ class WebSocketSource(LiveSource):
 
     def _follow(self, client: Client, connection: ServerConnection) -> str:
         """Take a sender's messages to its end; a clause about why it ended, empty if it said goodbye."""
-        pace = Pace(self._settings.largest_rate)
+        pace = Pace(LARGEST_RATE)
         while not self._stop.is_set():
             try:
                 data = connection.recv(POLL)
@@ -104,29 +131,27 @@ class WebSocketSource(LiveSource):
                         return ""
                 take_message(client, data)
             except TimeoutError:
-                if not client.has_header and time.monotonic() - client.heard > self._settings.header_wait:
-                    return f"no header came within {self._settings.header_wait:g} s"
+                if not client.has_header and time.monotonic() - client.heard > HEADER_S:
+                    return f"no header came within {HEADER_S:g} s"
                 continue
             except ClientError as error:
                 return str(error)
             except ConnectionClosed as error:
-                return self._problem(error)
+                return _problem(error)
             wait = pace.take()
             if wait:
-                rate = self._settings.largest_rate
-                client.report("pace", f"it sends more than {rate:g} messages a second and has to wait")
+                client.report("pace", f"it sends more than {LARGEST_RATE:g} messages a second and has to wait")
                 self._stop.wait(wait)
         return ""
 
-    def _problem(self, error: ConnectionClosed) -> str:
-        if error.sent is not None and error.sent.code == 1009:
-            return (
-                f"a message was larger than {self._settings.largest_message:,} bytes: either it is no live message, or "
-                "the setting largest_message must grow"
-            )
-        if error.rcvd is not None and error.rcvd.code in (1000, 1001, 1005):
-            return ""
-        return f"the connection was lost ({error})"
+
+def _problem(error: ConnectionClosed) -> str:
+    """Why a connection ended; empty if the sender said goodbye."""
+    if error.sent is not None and error.sent.code == 1009:
+        return f"a message was larger than {LARGEST_MESSAGE:,} bytes: it is no live message"
+    if error.rcvd is not None and error.rcvd.code in (1000, 1001, 1005):
+        return ""
+    return f"the connection was lost ({error})"
 
 
 def take_message(client: Client, data: str | bytes) -> None:

@@ -19,7 +19,7 @@ from vip_factors.io.scene_building import CameraOptions
 from vip_factors.io.settings import ExportSettings
 from vip_factors.progress import ProgressCallback
 from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
-from vip_factors.report.page import ReportSettings
+from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from enum import StrEnum
 from typing import Any, Literal
 
-from vip_factors.associate.associate import AssociationSettings
+from vip_factors.associate.settings import AssociationSettings
 from vip_factors.initialise.sensor_assignment import AssignmentSettings
 from vip_factors.initialise.sensor_faults import AccelerometerSettings, SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings

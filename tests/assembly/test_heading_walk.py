@@ -15,7 +15,8 @@ from vip_factors.problem.wearer import knot_weights
 from vip_factors.solve import chain_system
 from vip_factors.solve.chain_elimination import ChainElimination, last_marginals
 from vip_factors.solve.chain_system import frame_keys, knot_key
-from vip_factors.solve.levenberg_marquardt import SolveSettings, eliminate, levenberg_marquardt
+from vip_factors.solve.elimination import eliminate
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
 
 def in_order_of_elimination(whole: FactorGraph) -> list[int]:

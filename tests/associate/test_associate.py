@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from association_samples import MODEL, Sample, in_another_world, scene
 
-from vip_factors.associate.associate import Association, AssociationSettings, associate, make_context
+from vip_factors.associate.associate import Association, associate, make_context
 from vip_factors.associate.features import vote_turn
+from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.tracklets import tracklets
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from association_samples import MODEL, Sample, scene
 
-from vip_factors.associate.associate import Association, AssociationSettings, add_by_position, associate, make_context
+from vip_factors.associate.associate import Association, add_by_position, associate, make_context
 from vip_factors.associate.cues import SURELY, assign_by_position, clothes_log_odds
 from vip_factors.associate.features import Context
+from vip_factors.associate.settings import AssociationSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.detections import Detections
 

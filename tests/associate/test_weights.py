@@ -7,7 +7,8 @@ from association_samples import MODEL, scene
 
 from tests.studies.association_scenes import LabelledScene
 from tests.studies.train_association import fit_logistic, save_weights, train_association
-from vip_factors.associate.associate import AssociationSettings, associate
+from vip_factors.associate.associate import associate
+from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.weights import FEATURES, load_weights
 from vip_factors.errors import FileFormatError, InputError
 

@@ -10,7 +10,8 @@ import pytest
 from scene_sample import estimate_of, scene_sample
 
 import vip_factors
-from vip_factors.report.page import ReportSettings, write_report
+from vip_factors.report.page import write_report
+from vip_factors.report.settings import ReportSettings
 
 VIEWER = Path(vip_factors.__file__).parent / "report" / "viewer"
 SOURCES = ("viewer.js", "stage.js", "report.js", "live.js", "world.js", "body.js", "charts.js")

@@ -8,7 +8,8 @@ from vip_factors.errors import SolveError
 from vip_factors.solve import chain_elimination, segments, strands
 from vip_factors.solve.chain_elimination import ChainElimination, chain_marginals, last_covariance, tree_marginals
 from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, static_key
-from vip_factors.solve.levenberg_marquardt import SolveSettings, eliminate, levenberg_marquardt
+from vip_factors.solve.elimination import eliminate
+from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
 T, D, S = 7, 3, 2
 

@@ -10,7 +10,7 @@ from vip_factors.atomic import check_target
 from vip_factors.cli.options import UNPREFIXED, FailOn, Output, WritingOptions, beside, fail_on
 from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.errors import InputError
-from vip_factors.report.page import ReportSettings
+from vip_factors.report.settings import ReportSettings
 
 if TYPE_CHECKING:
     from vip_factors.sensors.scene import Scene

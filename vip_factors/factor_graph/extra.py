@@ -15,7 +15,7 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import ROWS
 from vip_factors.solve.chain_system import frame_keys, knot_key, static_key
-from vip_factors.solve.levenberg_marquardt import coupling_factor
+from vip_factors.solve.elimination import coupling_factor
 from vip_factors.solve.slices import REACH, Slices
 
 ExtraFactors = Callable[[Array, int], gtsam.NonlinearFactorGraph]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, fields
 
-from vip_factors.associate.associate import AssociationSettings
+from vip_factors.associate.settings import AssociationSettings
 from vip_factors.errors import InputError
 from vip_factors.problem.variables import RELINEARISE_DEG, ProcessNoiseSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated
 
 import jinja2
 import numpy as np
@@ -25,13 +24,11 @@ from vip_factors.body.skeleton import JOINT_NAMES, calibration_pose
 from vip_factors.describe import estimates, recordings
 from vip_factors.describe.estimates import LIMB_JOINTS, limb_sigma, mountings_are_held
 from vip_factors.describe.table import degrees, joint_words
-from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
 from vip_factors.io.live_json import VERSION
 from vip_factors.io.video import with_video
 from vip_factors.progress import ProgressCallback, silent
-from vip_factors.ranges import Range, check_ranges
 from vip_factors.report import fit, movement
 from vip_factors.report.movement import PAIRED, TRUNK, angle_section
 from vip_factors.report.report_data import (
@@ -44,29 +41,10 @@ from vip_factors.report.report_data import (
     poses_data,
     report_data,
 )
+from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.images import png_bytes
 from vip_factors.viz.picture import pose_picture
-
-
-@dataclass(frozen=True)
-class ReportSettings:
-    """The film beside the page.
-
-    Attributes:
-        video_height: pixels, of the film beside the page.
-        video_seconds: first and last second of the recording that the film shows; all of it if not given.
-    """
-
-    video_height: Annotated[int, Range(least=64, most=2160)] = 480  # fills the page's width; 720 takes twice as long
-    video_seconds: tuple[float, float] | None = None
-
-    def __post_init__(self) -> None:
-        check_ranges(self)
-        if self.video_seconds is not None and not self.video_seconds[0] < self.video_seconds[1]:
-            raise InputError(
-                f"film from second {self.video_seconds[0]} to {self.video_seconds[1]}: expected a later end"
-            )
 
 
 @dataclass(frozen=True)

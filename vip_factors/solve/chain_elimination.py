@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dpotrf
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 from vip_factors.solve.chain_system import ChainSystem
-from vip_factors.solve.levenberg_marquardt import LinearSystem, eliminate
+from vip_factors.solve.elimination import LinearSystem, eliminate
 from vip_factors.solve.segments import SEGMENT, SegmentedStrand
 from vip_factors.solve.strands import Border, Strand
 

@@ -11,8 +11,8 @@ import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
+from vip_factors.solve.elimination import coupling_factor
 from vip_factors.solve.knots import KnotSystem
-from vip_factors.solve.levenberg_marquardt import coupling_factor
 
 REACH = 2  # frames that a factor reaches ahead of its first one
 STRETCH = 100  # frames handed to GTSAM at once: its factors take more room than the arrays they are made from

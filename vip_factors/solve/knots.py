@@ -12,7 +12,7 @@ import gtsam
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.levenberg_marquardt import coupling_factor
+from vip_factors.solve.elimination import coupling_factor
 
 
 @dataclass

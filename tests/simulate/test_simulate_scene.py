@@ -176,4 +176,4 @@ def test_further_cameras_are_calibrated_before_a_moving_one(people) -> None:
     assert second.mount is None
     np.testing.assert_allclose(second.known_path.R_world_camera, truth.camera.R_world_camera, atol=1e-12)
     with pytest.raises(InputError, match="only that of a fixed one"):
-        plain("hand-held", known_pose=True)
+        plain("hand-held", known_camera_pose=True)

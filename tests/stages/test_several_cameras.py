@@ -23,7 +23,7 @@ from vip_factors.simulate.staging import placed
 def filmed(camera: str = "fixed", cameras: int = 1, known_pose: bool | None = None) -> Scene:
     """One wearer of ten sensors, four seconds."""
     motion = placed(gestures(4.0), 0.3, (0.4, -0.2))
-    settings = SceneSettings(camera=camera, cameras=cameras, known_pose=known_pose, azimuth_deg=20.0)
+    settings = SceneSettings(camera=camera, cameras=cameras, known_camera_pose=known_pose, azimuth_deg=20.0)
     return simulate_scene([Performer("anna", motion, preset("tnt10", motion.skeleton))], settings, seed=1)
 
 

@@ -132,7 +132,7 @@ class Kaichi(ClipStudy):
 
     def scene(self, motion: Motion, name: str, seed: int) -> Scene:
         """On a level floor, before a standing camera whose pose is known as a board on the floor tells it."""
-        settings = SceneSettings(camera="fixed", known_pose=True, video_rate=VIDEO_RATE, imu=self.sensors)
+        settings = SceneSettings(camera="fixed", known_camera_pose=True, video_rate=VIDEO_RATE, imu=self.sensors)
         return posed_scene(grounded(middle_of(motion, self.seconds, name)), name, settings, self.pose_error_deg, seed)
 
     def tables(self, rows: Sequence[KaichiTrial]) -> Iterator[str]:

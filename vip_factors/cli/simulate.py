@@ -1,6 +1,7 @@
 """``vip-factors simulate``: a recording with known truth from a motion, or a filmed scene of several people."""
 
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -10,46 +11,14 @@ from vip_factors.atomic import check_target
 from vip_factors.cli.options import UNPREFIXED, Flag, Input, Output, WritingOptions
 from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
-from vip_factors.ranges import NotNegativeInt, Range, Rate
-from vip_factors.simulate.settings import DetectorSettings, SimulateSettings
+from vip_factors.ranges import NotNegativeInt, Range
+from vip_factors.simulate.settings import CameraKind, DetectorSettings, FilmSettings, SceneSettings, SimulateSettings
 
 if TYPE_CHECKING:
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
-    from vip_factors.simulate.settings import SceneSettings
 
 PresetName = Literal["sip6", "tnt10", "totalcapture13", "mvn17"]
-CameraName = Literal["none", "fixed", "hand-held", "walking"]
-
-
-@dataclass(frozen=True)
-class VideoOptions:
-    """What films the people, if anything does."""
-
-    camera: CameraName = "none"
-    """On a tripod, in the hands of somebody who stands, or of somebody who walks along; none makes no scene."""
-    cameras: int = 1
-    """Cameras in all: further ones stand on tripods around the action, at known poses."""
-    known_camera_pose: bool | None = None
-    """Whether a fixed first camera's pose is known too; absent, if there are further cameras."""
-    also: Annotated[tuple[str, ...], Input()] = ()
-    """Motions of further wearers, as MOTION."""
-    bystanders: int = 0
-    """People without sensors in the scene; they repeat the motions of the wearers, elsewhere and out of step."""
-    video_rate: Rate = 30.0
-    """Frames per second."""
-    image: tuple[int, int] = (1920, 1080)
-    """Width and height in pixels."""
-    fov_deg: float = 60.0
-    """Horizontal field of view; a phone's when filming."""
-    distance_m: Annotated[float | None, Range(above=0, most=1_000)] = None
-    """From the action to the camera; absent, as far as it takes to see it."""
-    keypoints: str = "openpose18"
-    """Keypoint set of the simulated detector: coco17, openpose18, body25, body25b, halpe26 …"""
-    time_offset_s: float = 0.0
-    """To be added to the video's times to get the sensors'; what is written says 0."""
-    camera_mounting_error_deg: float = 5.0
-    """Of the IMU on the camera, each axis."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +46,11 @@ class SimulateOptions(WritingOptions):
     """Length of the package's own motion (20 if absent); in a scene, files are repeated or cut to it too."""
     noise_free: Flag = False
     """Perfect sensors instead of realistic ones; error options given besides are ignored."""
-    video: Annotated[VideoOptions, UNPREFIXED] = field(default_factory=VideoOptions)
+    also: Annotated[tuple[str, ...], Input()] = ()
+    """Motions of further wearers, as MOTION."""
+    bystanders: int = 0
+    """People without sensors in the scene; they repeat the motions of the wearers, elsewhere and out of step."""
+    film: Annotated[FilmSettings, UNPREFIXED] = field(default_factory=partial(FilmSettings, camera=None))
     errors: Annotated[SimulateSettings, UNPREFIXED] = field(default_factory=SimulateSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
 
@@ -86,21 +59,21 @@ def main(options: SimulateOptions) -> None:
     """Run the command."""
     from vip_factors.io.mcap_recording import write_recording
 
-    video = options.video
-    if video.camera == "none" and (video.also or video.bystanders or video.cameras > 1 or video.known_camera_pose):
+    film = options.film
+    if film.camera is None and (options.also or options.bystanders or film.cameras > 1 or film.known_camera_pose):
         raise InputError("--also, --bystanders and --cameras make a scene: expected a --camera as well")
     check_target(options.out, options.overwrite)
     with waiting("simulating"):
         scene = simulated_scene(options)
-        plain = options.video.camera == "none"
-        write_recording(scene.wearers[0] if plain else scene, options.out, overwrite=options.overwrite)
-    say(_summary(scene, options.video.camera))
+        content = scene.wearers[0] if film.camera is None else scene
+        write_recording(content, options.out, overwrite=options.overwrite)
+    say(_summary(scene, film.camera))
     say(options.out)
 
 
-def _summary(scene: "Scene", camera: CameraName) -> str:
+def _summary(scene: "Scene", camera: CameraKind | None) -> str:
     sensors = sum(len(wearer.imus) for wearer in scene.wearers)
-    if camera == "none":
+    if camera is None:
         start, end = scene.wearers[0].interval
         return f"{sensors} sensors, {end - start:.1f} s"
     found = [one.detections for one in scene.cameras]
@@ -120,34 +93,10 @@ def simulated_scene(options: SimulateOptions) -> "Scene":
     """The scene that the options ask for."""
     from vip_factors.api import simulate
 
-    camera = None if options.video.camera == "none" else options.video.camera
-    own = (options.motion, *options.video.also)
+    perfect, film = options.noise_free, options.film
+    settings = SceneSettings(**vars(film), imu=options.errors, detector=options.detector)
     return simulate(
-        own, options.placement, camera, options.seconds, options.seed,
-        settings=_scene_settings(options), initial_pose=options.initial_pose, pose_error_deg=options.pose_error_deg,
-        bystanders=options.video.bystanders, name=options.out.stem,
+        (options.motion, *options.also), options.placement, film.camera, options.seconds, options.seed,
+        settings=SceneSettings.noise_free(film) if perfect else settings, initial_pose=options.initial_pose,
+        pose_error_deg=options.pose_error_deg, bystanders=options.bystanders, name=options.out.stem,
     )  # fmt: skip
-
-
-def _scene_settings(options: SimulateOptions) -> "SceneSettings":
-    from vip_factors.simulate.settings import SceneSettings
-
-    video = options.video
-    perfect = options.noise_free
-    return SceneSettings(
-        camera="fixed" if video.camera == "none" else video.camera,
-        video_rate=video.video_rate,
-        width=video.image[0],
-        height=video.image[1],
-        fov_deg=video.fov_deg,
-        distance_m=video.distance_m,
-        cameras=video.cameras,
-        known_pose=video.known_camera_pose,
-        keypoints=video.keypoints,
-        time_offset_s=video.time_offset_s,
-        camera_mounting_error_deg=0.0 if perfect else video.camera_mounting_error_deg,
-        pose_error_deg=0.0 if perfect else SceneSettings.pose_error_deg,
-        pose_error_m=0.0 if perfect else SceneSettings.pose_error_m,
-        imu=SimulateSettings.noise_free() if perfect else options.errors,
-        detector=DetectorSettings.noise_free() if perfect else options.detector,
-    )

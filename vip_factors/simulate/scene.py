@@ -120,7 +120,7 @@ def simulate_scene(
 
     films, azimuth = [], None
     # Further cameras stand on tripods, without sensors, at known poses.
-    fixed = replace(settings, camera="fixed", camera_imu=False, known_pose=True)
+    fixed = replace(settings, camera="fixed", camera_imu=False, known_camera_pose=True)
     for number, one in enumerate([settings, *[fixed] * (settings.cameras - 1)]):
         one = one if azimuth is None else replace(one, azimuth_deg=azimuth + 360.0 * number / settings.cameras)
         body, around = _camera_body(dense, worn, one, seed)
@@ -154,8 +154,8 @@ def _film(
 def _known_pose(path: CameraPath, settings: SceneSettings, seed: int) -> CameraPath:
     """The pose of a fixed camera as it was measured."""
     random = np.random.default_rng([seed, 0xB0A2D])
-    R = path.R_world_camera @ exp(np.deg2rad(settings.pose_error_deg) * random.standard_normal(3))
-    p = path.p_world_camera + settings.pose_error_m * random.standard_normal(3)
+    R = path.R_world_camera @ exp(np.deg2rad(settings.camera_pose_error_deg) * random.standard_normal(3))
+    p = path.p_world_camera + settings.camera_pose_error_m * random.standard_normal(3)
     return CameraPath(path.time, R, p)
 
 

@@ -140,41 +140,49 @@ class DetectorSettings:
 
 
 @dataclass(frozen=True)
-class SceneSettings:
-    """Camera, detector and sensors of a simulated scene; by default with the errors that they have in use."""
+class FilmSettings:
+    """What films a simulated scene, and how well its place is known."""
 
-    camera: CameraKind = "hand-held"  # on a tripod, in the hands of somebody who stands, or of somebody who follows
-    video_rate: Rate = 30.0  # Hz: what phones film at, and 3DPW was
-    width: int = 1920  # pixels
+    camera: CameraKind | None = "hand-held"
+    """On a tripod, in the hands of somebody who stands, or of somebody who walks along; nothing films if None."""
+    cameras: Annotated[int, Range(least=1)] = 1
+    """Cameras in all: further ones stand on tripods around the action, evenly spread, at known poses."""
+    known_camera_pose: bool | None = None
+    """Whether a fixed first camera's pose is known too; if None, if there are further cameras."""
+    video_rate: Rate = 30.0
+    """Frames per second: what phones film at, and 3DPW was."""
+    width: int = 1920
+    """Pixels of the image, across."""
     height: int = 1080
-    fov_deg: Annotated[float, Range(least=5, most=150)] = (
-        60.0  # horizontal: a phone's main camera (65–70) less what filming crops
-    )
-    distortion: tuple[float, ...] = ()  # OpenCV's; phones correct theirs
-    azimuth_deg: float | None = None  # direction from the action to the camera, about the vertical; drawn if None
-    distance_m: Annotated[float | None, Range(above=0)] = (
-        None  # from the action to the camera; as its extent asks for if None
-    )
-    keypoints: str = "openpose18"  # the thesis's COCO-18
-    time_offset_s: float = 0.0  # to add to the video's times to get the sensors'; the scene itself says 0
-    camera_imu: bool | None = None  # whether the camera carries one; None: if it moves
-    cameras: Annotated[int, Range(least=1)] = (
-        1  # in all: further ones stand around the action, evenly spread, and their poses are known
-    )
-    known_pose: bool | None = None  # whether a fixed first camera's pose is known too; None: if there are further ones
+    """Pixels of the image, down."""
+    fov_deg: Annotated[float, Range(least=5, most=150)] = 60.0
+    """Horizontal field of view: a phone's main camera (65 to 70) less what filming crops."""
+    distortion: tuple[float, ...] = ()
+    """OpenCV's coefficients; phones correct theirs."""
+    azimuth_deg: float | None = None
+    """Direction from the action to the camera, about the vertical; drawn if None."""
+    distance_m: Annotated[float | None, Range(above=0, most=1_000)] = None
+    """From the action to the camera; if None, as far as it takes to see it."""
+    keypoints: str = "openpose18"
+    """Keypoint set of the simulated detector: coco17, openpose18, body25, body25b, halpe26 …"""
+    time_offset_s: float = 0.0
+    """To be added to the video's times to get the sensors'; what is written says 0."""
+    camera_imu: bool | None = None
+    """Whether the camera carries an IMU; if None, if it moves."""
     # What a board on the floor tells of a camera four metres away, each axis: half a metre of board, corners to 0.2 px.
-    pose_error_deg: float = 0.1
-    pose_error_m: float = 0.005
-    camera_mounting_error_deg: float = 5.0  # of the IMU on the camera, each axis: taped along the edges by eye
-    imu: SimulateSettings = field(default_factory=SimulateSettings)
-    detector: DetectorSettings = field(default_factory=DetectorSettings)
+    camera_pose_error_deg: float = 0.1
+    """Of a known pose of a camera, each axis."""
+    camera_pose_error_m: float = 0.005
+    """The same of its position."""
+    camera_mounting_error_deg: float = 5.0
+    """Of the IMU on the camera, each axis: taped along the edges by eye."""
 
     def __post_init__(self) -> None:
         keypoint_set(self.keypoints)
-        if self.camera not in ("fixed", "hand-held", "walking"):
+        if self.camera not in (None, "fixed", "hand-held", "walking"):
             raise InputError(f"camera '{self.camera}': expected fixed, hand-held or walking")
         check_ranges(self, zero=True)
-        if self.known_pose and self.camera != "fixed":
+        if self.known_camera_pose and self.camera not in (None, "fixed"):
             raise InputError(f"a known pose of a {self.camera} camera: only that of a fixed one can be known")
         self.model  # its own checks  # noqa: B018
 
@@ -194,15 +202,21 @@ class SceneSettings:
     @property
     def has_known_pose(self) -> bool:
         """Whether the first camera's pose is known."""
-        if self.known_pose is None:
+        if self.known_camera_pose is None:
             return self.cameras > 1 and self.camera == "fixed"
-        return self.known_pose
+        return self.known_camera_pose
+
+
+@dataclass(frozen=True)
+class SceneSettings(FilmSettings):
+    """Camera, detector and sensors of a simulated scene; by default with the errors that they have in use."""
+
+    imu: SimulateSettings = field(default_factory=SimulateSettings)
+    detector: DetectorSettings = field(default_factory=DetectorSettings)
 
     @classmethod
-    def noise_free(cls, **changes: Any) -> "SceneSettings":
+    def noise_free(cls, film: FilmSettings | None = None, **changes: Any) -> "SceneSettings":
         """No error of any sensor, of the camera's mounting, or of the detector; the camera moves all the same."""
-        perfect = cls(
-            camera_mounting_error_deg=0.0, pose_error_deg=0.0, pose_error_m=0.0,
-            imu=SimulateSettings.noise_free(), detector=DetectorSettings.noise_free(),
-        )  # fmt: skip
-        return replace(perfect, **changes)
+        perfect = {"camera_mounting_error_deg": 0.0, "camera_pose_error_deg": 0.0, "camera_pose_error_m": 0.0}
+        errors = {"imu": SimulateSettings.noise_free(), "detector": DetectorSettings.noise_free()}
+        return cls(**(vars(film or FilmSettings()) | perfect | errors | changes))

@@ -28,8 +28,8 @@ from vip_factors.sensors.scene import Video
 from vip_factors.viz.charts import GRID, SOFT_INK, page, panel, pixels, seconds_axis, write
 from vip_factors.viz.colours import hexadecimal, mixed, wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
+from vip_factors.viz.film import overlaid_frames
 from vip_factors.viz.images import png_bytes
-from vip_factors.viz.overlay import overlaid_frames
 
 DOCS = Path(__file__).parent
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]

@@ -12,8 +12,7 @@ from vip_factors.errors import InputError
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.colours import wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
-from vip_factors.viz.film import film
-from vip_factors.viz.overlay import GROUND, overlaid_frames
+from vip_factors.viz.film import GROUND, film, overlaid_frames
 
 
 @pytest.fixture(scope="module")

@@ -16,8 +16,7 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.detections import Detections
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.rerun_body import cut_skin, log_poses, see_through
-from vip_factors.viz.rerun_camera import log_detections, log_image_style
+from vip_factors.viz.rerun_body import cut_skin, log_detections, log_image_style, log_poses, see_through
 from vip_factors.viz.rerun_layout import abreast
 from vip_factors.viz.summaries import KEPT, live_summary, scene_summary
 

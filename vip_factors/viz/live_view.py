@@ -21,22 +21,31 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.viz.colours import body_colours
 from vip_factors.viz.compare import floor_height, set_apart
 from vip_factors.viz.drawn_scene import NOBODY
-from vip_factors.viz.rerun_body import GHOST_COLOURS, WORLD, cut_skin, log_poses, log_sensors, log_skin
-from vip_factors.viz.rerun_camera import (
+from vip_factors.viz.rerun_body import (
+    GHOST_COLOURS,
+    WORLD,
+    cut_skin,
     log_camera,
     log_camera_poses,
     log_detections,
     log_image_style,
     log_pinhole,
+    log_poses,
     log_projection,
+    log_sensors,
+    log_skin,
     people_below,
 )
-from vip_factors.viz.rerun_layout import SUMMARY, Stage, centre_path, live_panels, log_centre
-from vip_factors.viz.rerun_series import (
+from vip_factors.viz.rerun_layout import (
     HEADING_SIGMAS,
     POSE_SIGMAS,
+    SUMMARY,
     UPDATE_MS,
     LiveSeries,
+    Stage,
+    centre_path,
+    live_panels,
+    log_centre,
     sensor_colours_of,
 )
 from vip_factors.viz.summaries import live_summary

@@ -35,7 +35,7 @@ from vip_factors.viz.charts import (
 from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, wearer_colour
 from vip_factors.viz.compare import floor_height
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
-from vip_factors.viz.overlay import GROUND, overlaid_frames
+from vip_factors.viz.film import GROUND, overlaid_frames
 
 GHOST = (220, 222, 226)  # of the truth, behind the estimate
 GAP, HEADER, STRIP_HEIGHT, CHART_HEIGHT = 20, 130, 470, 190

@@ -17,27 +17,32 @@ from vip_factors.viz.colours import GHOST_COLOUR, body_colours
 from vip_factors.viz.compare import Compare, floor_height
 from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer
 from vip_factors.viz.rerun_body import (
+    FRUSTUM_COLOUR,
     GHOST_COLOURS,
     WORLD,
     cut_skin,
-    log_name,
-    log_poses,
-    log_sensors,
-    log_skin,
-    log_trail,
-)
-from vip_factors.viz.rerun_camera import (
-    FRUSTUM_COLOUR,
     log_camera,
     log_detections,
     log_image_style,
+    log_name,
     log_pinhole,
+    log_poses,
     log_projection,
+    log_sensors,
+    log_skin,
+    log_trail,
     log_video,
     people_below,
 )
-from vip_factors.viz.rerun_layout import SUMMARY, Stage, centre_path, log_centre, recorded_panels
-from vip_factors.viz.rerun_series import log_series, sensor_colours_of
+from vip_factors.viz.rerun_layout import (
+    SUMMARY,
+    Stage,
+    centre_path,
+    log_centre,
+    log_series,
+    recorded_panels,
+    sensor_colours_of,
+)
 from vip_factors.viz.summaries import scene_summary
 from vip_factors.viz.viewer import APPLICATION, complete, open_viewer
 

@@ -21,7 +21,7 @@ from vip_factors.body.joint_angles import (
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, calibration_pose, joint_index
 from vip_factors.errors import InputError
-from vip_factors.evaluate.body import knee_flexion_of
+from vip_factors.evaluate.calibration import knee_flexion_of
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.simulate.gestures import gestures
 

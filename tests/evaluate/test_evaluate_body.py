@@ -13,7 +13,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.model_errors import LENGTH
 from vip_factors.estimate import BodyEstimate, WearerEstimate
-from vip_factors.evaluate.body import knee_flexion_deg
+from vip_factors.evaluate.calibration import knee_flexion_deg
 from vip_factors.evaluate.evaluation import evaluate
 from vip_factors.geometry.rotations import exp, rotation_x, rotation_y, rotation_z
 from vip_factors.sensors.recording import Truth

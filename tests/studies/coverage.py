@@ -19,8 +19,7 @@ from vip_factors.body.model_errors import FILMED, UNFILMED, shape_factor
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import VipFactorsError
 from vip_factors.estimate import Estimate
-from vip_factors.evaluate.body import UNSURE, true_lengths
-from vip_factors.evaluate.calibration import calibration_error
+from vip_factors.evaluate.calibration import UNSURE, calibration_error, true_lengths
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import Array

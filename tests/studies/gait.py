@@ -15,7 +15,7 @@ from vip_factors.body.joint_angles import R_BODY_ISB
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.body import knee_flexion_deg, knee_flexion_of, rmse
+from vip_factors.evaluate.calibration import knee_flexion_deg, knee_flexion_of, rmse
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array

@@ -75,7 +75,7 @@ def _wearer(options: BodyOptions) -> "WearerEstimate":
 
 def _true_lengths(path: Path, name: str) -> Mapping[str, float]:
     """Of the wearer of that name, or the only one."""
-    from vip_factors.evaluate.body import true_lengths
+    from vip_factors.evaluate.calibration import true_lengths
     from vip_factors.io.mcap_recording import read_scene
 
     wearers = {one.subject.name: one for one in read_scene(path).wearers}

@@ -11,19 +11,17 @@ from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.evaluate import metrics
-from vip_factors.evaluate.body import (
-    body_metrics,
-    knee_flexion_of,
-    length_table,
-    rmse,
-)
 from vip_factors.evaluate.calibration import (
+    body_metrics,
     calibration_error,
     calibration_metrics,
     camera_error,
     camera_metrics,
     consistency_metrics,
     joint_nees,
+    knee_flexion_of,
+    length_table,
+    rmse,
     sensor_table,
     share_sensors,
 )

@@ -17,8 +17,7 @@ from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import VideoFrame, live_samples
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz import live_rerun
-from vip_factors.viz.live_rerun import LiveRerunSink
-from vip_factors.viz.live_view import LiveView
+from vip_factors.viz.live_rerun import LiveRerunSink, LiveView
 from vip_factors.viz.viewer import complete
 
 
@@ -36,7 +35,7 @@ def drawn(scene: Scene, items: list[LiveEstimate | VideoFrame], rrd: Path, at_on
         view.log(items[start : start + at_once])
     stream.flush()
     stream.disconnect()
-    return set(re.findall(r"/(?:world|plots|findings|summary)[^\s`:,]*", printed(rrd)))
+    return set(re.findall(r"/(?:world|plots|summary)[^\s`:,]*", printed(rrd)))
 
 
 @pytest.mark.parametrize("at_once", [1, 40])
@@ -49,7 +48,7 @@ def test_bodies_camera_people_and_curves_are_there(tmp_path: Path, at_once: int)
         "/world/ann/newest/left_knee", "/world/bob/smoothed/left_knee", "/world/camera", "/world/camera/image",
         "/world/camera/image/detected/ann/points", "/world/camera/image/body/ann/limbs",
         "/world/ann/newest/head/head", "/plots/heading_sigma/bob", "/plots/pose_sigma/ann",
-        "/plots/update_ms", "/findings", "/summary", "/world/centre",
+        "/plots/update_ms", "/summary", "/world/centre",
     ):  # fmt: skip
         assert entity in there, entity
     assert any("nobody" in entity for entity in there)  # the stranger

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 import pytest
 from films import write_video
-from mcap_samples import copy_messages
 from scene_sample import estimate_of, scene_sample
 
+from tests.io.mcap_samples import copy_messages
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate_writer import write_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording

@@ -111,4 +111,4 @@ def test_what_is_too_large_or_too_deep_is_refused_in_a_sentence(
     with limited_memory(2**28), pytest.raises(InputError, match=name) as refused:
         read(path)
     assert "\n" not in str(refused.value)
-    assert len(str(refused.value)) < 400
+    assert len(str(refused.value).replace(str(path), "")) < 400

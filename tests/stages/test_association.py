@@ -60,7 +60,7 @@ def test_who_is_found_is_left_as_tracked(monkeypatch: pytest.MonkeyPatch) -> Non
     wearers, associated = stage.first_association(alone, before, QUICK, SOLVER)
     assert not calls
     assert wearers == before
-    assert stage.share_seen(associated, 0) > stage.OFTEN_SEEN
+    assert stage.share_seen(associated, 0) > 0.9
 
 
 def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:

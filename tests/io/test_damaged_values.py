@@ -21,7 +21,7 @@ from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.codec import set_timestamp
 from vip_factors.io.detections.formats import read_people
 from vip_factors.io.importers.maker_tables import APDM
-from vip_factors.io.importers.mvnx_document import read_document
+from vip_factors.io.importers.mvnx import read_document
 from vip_factors.io.mcap_chunks import RECORD_HEAD
 from vip_factors.io.mcap_reader import McapWarning, read_contents
 from vip_factors.io.motions.amass import read_amass

@@ -9,7 +9,10 @@ bones are straight then says how. Which convention a file follows is not written
 right one, the points that two segments share coincide in every frame.
 """
 
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,14 +20,25 @@ from vip_factors.body.anthropometry import STATURE_RANGE_M, skeleton_from_statur
 from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.lengths import HAND_KNUCKLES, LEGS
 from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, ancestors, joint_index
-from vip_factors.errors import FileFormatError
+from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, transpose
-from vip_factors.io.importers.mvnx_document import FULL_BODY, MvnxDocument, read_document
-from vip_factors.io.importers.shared import ImportedLog, rotations_or_nan
+from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog, rotations_or_nan
 from vip_factors.io.motions.skeleton_maps import both_sides
 from vip_factors.sensors.calibration import Placement, SensorSite, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
+
+FORMAT = "mvnx"
+# MVN's mountings come from a pose held by eye and some steps walked: better than a careless pose (15°), not exact.
+MVN_MOUNTING_SIGMA = np.deg2rad(10.0)
+UTC_YEAR_2000_MS = 946_684_800_000  # earlier "ms" attributes count from the recording's start, not from 1970
+_LIMBS = {
+    "shoulder": "{}Shoulder", "upper_arm": "{}UpperArm", "forearm": "{}ForeArm", "hand": "{}Hand",
+    "thigh": "{}UpperLeg", "shank": "{}LowerLeg", "foot": "{}Foot",
+}  # fmt: skip
+SENSOR_SITES = {"Pelvis": "pelvis", "T8": "sternum", "Head": "head"} | {
+    segment: site for site, segment in both_sides(_LIMBS, "Left", "Right").items()
+}
 
 # Our bone axes in MVN's: x left, y up, z forward.
 R_segment_bone = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
@@ -57,30 +71,164 @@ LANDMARK_POINTS = {"head_top": ("Head", "pTopOfHead")} | {
     )
 }  # fmt: skip
 
+# What is read of a frame: the element, and how many numbers each segment or sensor has in it.
+CHANNELS = {
+    "orientation": 4, "position": 3, "sensorOrientation": 4, "sensorFreeAcceleration": 3, "sensorAcceleration": 3,
+    "sensorAngularVelocity": 3,
+}  # fmt: skip
+FULL_BODY = "FullBody"  # MVN's configuration in which every limb carries a sensor
 STRAIGHT_POSES = ("identity", "npose", "tpose")  # poses of the calibration that show the zero pose, the best first
 SANE_CLOSURE_M = 0.03  # joints of a right convention meet within millimetres; the arms of a wrong one miss by 0.3 m
 
 
-def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Motion, bool] | None:
-    """The wearer's motion in our skeleton, and whether its stature is from the file; or None, and a note says why."""
+class MvnxFrame(NamedTuple):
+    """One frame: its attributes, and the numbers of the channels it has, one row per segment or sensor."""
+
+    attributes: dict[str, str]
+    channels: dict[str, Array]
+
+
+@dataclass
+class MvnxDocument:
+    """The content of an MVNX file.
+
+    Attributes:
+        path: of the file.
+        version: of the format, as written.
+        software: version of MVN, as written.
+        frame_rate: Hz.
+        configuration: which sensors the subject wears, in MVN's words.
+        segments, sensors: labels, in the order of the rows of every channel.
+        points: (segment, point) → metres, in the segment's axes in the T-pose (x forward, y left, z up).
+        joints: pairs of (segment, point), parent first, that coincide.
+        samples: frames of the recording, in order.
+        calibration_poses: frames before it: identity, T-pose, N-pose …
+        truncated: what is wrong with the end of the file, if it breaks off.
+    """
+
+    path: Path
+    version: str = "?"
+    software: str = "?"
+    frame_rate: float = 0.0
+    configuration: str = FULL_BODY
+    segments: list[str] = field(default_factory=list)
+    sensors: list[str] = field(default_factory=list)
+    points: dict[tuple[str, str], Array] = field(default_factory=dict)
+    joints: list[tuple[tuple[str, str], tuple[str, str]]] = field(default_factory=list)
+    samples: list[MvnxFrame] = field(default_factory=list)
+    calibration_poses: list[MvnxFrame] = field(default_factory=list)
+    truncated: str = ""
+
+    def shape(self, name: str) -> tuple[int, int]:
+        """Rows and columns of a channel."""
+        return len(self.sensors if name.startswith("sensor") else self.segments), CHANNELS[name]
+
+    def channel(self, name: str) -> Array | None:
+        """One channel of all samples, ``(N, rows, width)``, NaN where a sample lacks it; None if all do."""
+        if not any(name in sample.channels for sample in self.samples):
+            return None
+        empty = np.full(self.shape(name), np.nan)
+        return np.stack([sample.channels.get(name, empty) for sample in self.samples])
+
+
+def read_document(path: Path) -> MvnxDocument:
+    """Parse an MVNX file of any size as a stream; one that breaks off gives the frames it holds.
+
+    Raises:
+        FileFormatError: if the file is not MVNX, has no samples, or a frame's numbers do not fit the labels.
+    """
+    document, frames = MvnxDocument(path), None
+    try:
+        for event, element in ET.iterparse(path, events=("start", "end")):
+            tag = _tag(element)
+            if event == "start" and tag == "frames":
+                frames = element
+            if (event == "start") == (tag in ("mvnx", "subject")):
+                _take(document, tag, element)
+            if event == "end" and tag == "frame" and frames is not None:
+                frames.clear()  # its numbers are taken
+    except FileFormatError:
+        raise
+    except (ET.ParseError, LookupError, ValueError) as error:  # the latter two: an encoding that is none
+        if not document.samples:
+            raise FileFormatError(f"{path}: not readable as XML ({error}): expected an MVNX file") from error
+        document.truncated = str(error)
+    if not document.samples:
+        raise FileFormatError(f"{path}: no frame of type 'normal': expected an MVNX recording with frames")
+    if not document.frame_rate > 0:
+        raise FileFormatError(f"{path}: <subject> gives no frameRate: expected frames per second")
+    return document
+
+
+def _tag(element: ET.Element) -> str:
+    """Without its namespace."""
+    return element.tag.rpartition("}")[2]
+
+
+def _take(document: MvnxDocument, tag: str, element: ET.Element) -> None:
+    """An element at its end, of ``mvnx`` and ``subject`` at its start."""
+    label = element.get("label", "?")
+    if tag == "mvnx":
+        document.version = element.get("version", "?")
+    elif tag == "mvn":
+        document.software = element.get("version", "?")
+    elif tag == "subject":
+        document.configuration = element.get("configuration", FULL_BODY)
+        rate = element.get("frameRate", "0")
+        try:
+            document.frame_rate = float(rate)
+        except ValueError as error:
+            raise FileFormatError(f"{document.path}: frameRate = '{rate}': expected a number") from error
+    elif tag == "segment":
+        document.segments.append(label)
+        for point in element.iter():
+            if _tag(point) == "point" and len(point):
+                document.points[label, point.get("label", "?")] = _numbers(document.path, point[0], "a point", 3)
+    elif tag == "sensor":
+        document.sensors.append(label)
+    elif tag == "joint":
+        ends = [tuple((end.text or "").strip().split("/", 1)) for end in element]
+        if len(ends) == 2 and all(len(end) == 2 for end in ends):
+            document.joints.append((ends[0], ends[1]))  # type: ignore[arg-type]
+    elif tag == "frame":
+        channels = {}
+        for child in element:
+            if (name := _tag(child)) in CHANNELS:
+                rows, width = document.shape(name)
+                where = f"<{name}> of frame {element.get('index', len(document.samples))}"
+                channels[name] = _numbers(document.path, child, where, rows * width).reshape(-1, width)
+        is_sample = element.get("type", "normal") == "normal"
+        (document.samples if is_sample else document.calibration_poses).append(MvnxFrame(element.attrib, channels))
+
+
+def _numbers(path: Path, element: ET.Element, where: str, count: int) -> Array:
+    try:
+        numbers = np.array((element.text or "").split(), dtype=float)
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {where}: {error}: expected {count} numbers") from error
+    if len(numbers) != count:
+        raise FileFormatError(f"{path}: {where} has {len(numbers)} numbers: expected {count}")
+    return numbers
+
+
+def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Motion, bool]:
+    """The wearer's motion in our skeleton, and whether its stature is from the file.
+
+    Raises:
+        InputError: if the file does not hold all of it.
+    """
     quaternions, positions = document.channel("orientation"), document.channel("position")
     missing = sorted({"Pelvis", *SEGMENT_PARENTS} - set(document.segments))
     if missing:
-        notes.append(f"no motion of MVN's own: segment {missing[0]} is missing")
-        return None
+        raise InputError(f"segment {missing[0]} is missing")
     if quaternions is None or positions is None:
-        notes.append("no motion of MVN's own: the frames hold no segment orientations and positions")
-        return None
+        raise InputError("the frames hold no segment orientations and positions")
     whole = np.all(np.isfinite(quaternions), axis=(1, 2)) & np.all(np.isfinite(positions), axis=(1, 2))
     if not np.all(whole) or np.any(np.abs(np.diff(time) * document.frame_rate - 1) > 0.1):
-        notes.append("no motion of MVN's own: some frames are missing")
-        return None
+        raise InputError("some frames are missing")
     offsets = _offsets(document)
     if offsets is None:
-        notes.append(
-            "no motion of MVN's own: neither the segments' points nor a pose of the calibration is in the file"
-        )
-        return None
+        raise InputError("neither the segments' points nor a pose of the calibration is in the file")
     try:
         R_world_segment = matrix_from_quaternion(quaternions, Order.WXYZ)
         R_zero, convention, closure_m = _zero_pose(document, offsets, R_world_segment, positions)
@@ -174,25 +322,8 @@ def _skeleton(document: MvnxDocument, offsets: dict[str, Array]) -> tuple[Skelet
             p_parent_joint[joint] = HAND_KNUCKLES * p_bone_point
             p_bone_point = (1 - HAND_KNUCKLES) * p_bone_point
         landmarks[name] = Landmark(usual.landmarks[name].bone, p_bone_point)
-    return Skeleton(p_parent_joint, landmarks, f"Xsens MVN {document.software}, {document.path.name}"), len(
-        present
-    ) == len(LANDMARK_POINTS)
-
-
-FORMAT = "mvnx"
-
-GRAVITY = np.array([0.0, 0.0, 9.80665])  # the value MVN subtracts
-# MVN's mountings come from a pose held by eye and some steps walked: better than a careless pose (15°), not exact.
-MVN_MOUNTING_SIGMA = np.deg2rad(10.0)
-UTC_YEAR_2000_MS = 946_684_800_000  # earlier "ms" attributes count from the recording's start, not from 1970
-
-_LIMBS = {
-    "shoulder": "{}Shoulder", "upper_arm": "{}UpperArm", "forearm": "{}ForeArm", "hand": "{}Hand",
-    "thigh": "{}UpperLeg", "shank": "{}LowerLeg", "foot": "{}Foot",
-}  # fmt: skip
-SENSOR_SITES = {"Pelvis": "pelvis", "T8": "sternum", "Head": "head"} | {
-    segment: site for site, segment in both_sides(_LIMBS, "Left", "Right").items()
-}
+    skeleton = Skeleton(p_parent_joint, landmarks, f"Xsens MVN {document.software}, {document.path.name}")
+    return skeleton, len(present) == len(LANDMARK_POINTS)
 
 
 def matches(path: Path) -> bool:
@@ -217,12 +348,15 @@ def read(path: Path) -> ImportedLog:
         notes.append(f"the file breaks off ({document.truncated}): {len(document.samples)} frames were read")
     time = _times(document)
     imus = _streams(document, time, notes)
-    body = body_of(document, time, notes)
-    motion, has_stature = body or (None, False)
-    placement = None
-    if motion is not None:
+    motion, placement, has_stature = None, None, False
+    try:
+        motion, has_stature = body_of(document, time, notes)
         placement = _placement(imus, motion)
         notes.append("the mountings are those that MVN's own motion implies")
+    except FileFormatError:
+        raise
+    except InputError as error:
+        notes.append(f"no motion of MVN's own: {error}")
     sites = {name: SENSOR_SITES[name] for name in imus if name in SENSOR_SITES}
     notes += [f"sensor {name} has no usual place on the body" for name in imus if name not in sites]
     return ImportedLog(
@@ -266,7 +400,7 @@ def _streams(document: MvnxDocument, time: Array, notes: list[str]) -> dict[str,
         R = rotations_or_nan(quaternions[:, row], Order.WXYZ, f"{document.path}, sensor {name}", notes)
         f = None if force is None else force[:, row]
         if f is None and free is not None:
-            f = np.einsum("nji,nj->ni", R, free[:, row] + GRAVITY)
+            f = np.einsum("nji,nj->ni", R, free[:, row] + GRAVITY * UP)
         imus[name] = ImuStream.from_samples(name, time, f, R, None if rate is None else rate[:, row])
     return imus
 

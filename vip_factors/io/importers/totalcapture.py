@@ -6,6 +6,7 @@ A sequence is a ``.sensors`` file with its calibration (``calib_imu_bone.txt``, 
 skeleton has 21 joints, in inches, Y up.
 """
 
+import re
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -20,24 +21,23 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, angle_between, exp, log, rotation_x, transpose
 from vip_factors.io.importers.shared import ImportedLog, rotations_or_nan, z_up
-from vip_factors.io.importers.totalcapture_files import (
-    SensorTable,
-    companion,
-    is_sensors_file,
-    read_calibration,
-    read_sensors,
-    read_truth,
-    sensors_file,
-)
 from vip_factors.io.motions.skeleton_maps import both_sides
 from vip_factors.sensors.calibration import Placement, SensorSite, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
 
+FORMAT = "totalcapture"
+# The published mountings leave bones 2–7° from the optical ones: soft tissue, mostly.
+MOUNTING_SIGMA = np.deg2rad(7.0)
+_LIMBS = {
+    "upper_arm": "{}_UpArm", "forearm": "{}_LowArm", "thigh": "{}_UpLeg", "shank": "{}_LowLeg", "foot": "{}_Foot",
+}  # fmt: skip
+SENSOR_SITES = {"Head": "head", "Sternum": "sternum", "Pelvis": "pelvis"} | {
+    name: site for site, name in both_sides(_LIMBS, "L", "R").items()
+}
 METRES_PER_INCH = 0.0254
 RATE = 60.0  # Hz
 R_WORLD_VICON = rotation_x(np.pi / 2)  # Y up to Z up
 SNAP_DEG = 20.0  # bone axes this near to a signed permutation were meant to be one
-REST_DEG = 30.0  # limbs further from the T-pose at identity mean another zero pose
 
 # Our bones and the joint that carries their position and turning; spine1 shares Spine and Spine1.
 BONE_JOINTS = {
@@ -49,11 +49,33 @@ BONE_JOINTS = {
     }, "Left", "Right",
 )  # fmt: skip
 ENDS = ("left_hand", "right_hand", "left_foot", "right_foot")  # joints that the optical skeleton does not have
-# Where limbs point at rest, in our axes.
-REST_DIRECTIONS = {
-    "left_elbow": (1, 0, 0), "left_wrist": (1, 0, 0), "right_elbow": (-1, 0, 0), "right_wrist": (-1, 0, 0),
-    "left_knee": (0, -1, 0), "left_ankle": (0, -1, 0), "right_knee": (0, -1, 0), "right_ankle": (0, -1, 0),
-}  # fmt: skip
+COMPANIONS = {
+    "bone": "calib_imu_bone.txt",
+    "ref": "calib_imu_ref.txt",
+    "position": "gt_skel_gbl_pos.txt",
+    "orientation": "gt_skel_gbl_ori.txt",
+}
+MOST_DIGITS = 12  # of a frame's number
+_NUMBER = r"[ \t]+[-+.\deE]+"
+# Counts of sensors and frames, a frame's number, and the first sensor with 7 or 13 numbers.
+_HEAD = re.compile(rf"\d+[ \t]+\d+\s*\n\d+\s*\n[^\d\s]\S*(?:{_NUMBER}){{7}}(?:(?:{_NUMBER}){{6}})?\s")
+
+
+@dataclass(frozen=True)
+class SensorTable:
+    """Content of a ``.sensors`` file.
+
+    Attributes:
+        names: of the sensors.
+        index: ``(N,)`` 1-based frame numbers.
+        values: ``(N, S, 7)`` ``qw qx qy qz ax ay az``, or ``(N, S, 13)`` with ``gx gy gz mx my mz``.
+        truncated: a sentence if the file holds fewer frames than it announces.
+    """
+
+    names: tuple[str, ...]
+    index: Array
+    values: Array
+    truncated: str = ""
 
 
 @dataclass(frozen=True)
@@ -104,7 +126,7 @@ def optical_body(names: tuple[str, ...], positions: Array, quaternions: Array, n
     )
     has_twin = [name not in ENDS for name in JOINT_NAMES]
     error = np.linalg.norm(motion.state.p_world_joint - p_world_joint, axis=-1)[:, has_twin]
-    notes += [*_odd_limbs(skeleton), f"our joints lie {error.mean() * 1000:.1f} mm from the optical skeleton's"]
+    notes.append(f"our joints lie {error.mean() * 1000:.1f} mm from the optical skeleton's")
     return OpticalBody(motion, R_joint_bone, R, names, first)
 
 
@@ -159,34 +181,11 @@ def _skeleton(R_world_bone: Array, p_world_joint: Array) -> Skeleton:
     return Skeleton(offsets, usual.landmarks, "TotalCapture Vicon; hands and feet from the legs' length")
 
 
-def _odd_limbs(skeleton: Skeleton) -> list[str]:
-    notes = []
-    for name, direction in REST_DIRECTIONS.items():
-        offset = skeleton.p_parent_joint[joint_index(name)]
-        angle = np.rad2deg(np.arccos(np.clip(offset @ np.array(direction) / np.linalg.norm(offset), -1, 1)))
-        if angle > REST_DEG:
-            notes.append(f"truth: at identity the bone towards {name} lies {angle:.0f}° off the T-pose")
-    return notes
-
-
-FORMAT = "totalcapture"
-
-# The published mountings leave bones 2–7° from the optical ones: soft tissue, mostly.
-MOUNTING_SIGMA = np.deg2rad(7.0)
-
-_LIMBS = {
-    "upper_arm": "{}_UpArm", "forearm": "{}_LowArm", "thigh": "{}_UpLeg", "shank": "{}_LowLeg", "foot": "{}_Foot",
-}  # fmt: skip
-SENSOR_SITES = {"Head": "head", "Sternum": "sternum", "Pelvis": "pelvis"} | {
-    name: site for site, name in both_sides(_LIMBS, "L", "R").items()
-}
-
-
 def matches(path: Path) -> bool:
     """Whether the path is a ``.sensors`` file by its first lines, or a folder that holds one."""
     if path.is_dir():
-        return any(is_sensors_file(file) for file in path.glob("*.sensors"))
-    return is_sensors_file(path)
+        return any(_is_sensors_file(file) for file in path.glob("*.sensors"))
+    return _is_sensors_file(path)
 
 
 def read(path: Path) -> ImportedLog:
@@ -198,8 +197,8 @@ def read(path: Path) -> ImportedLog:
     Raises:
         FileFormatError: if a file is not of the form, naming the line.
     """
-    file = sensors_file(path)
-    table = read_sensors(file)
+    file = _sensors_file(path)
+    table = _read_sensors(file)
     notes = [table.truncated] if table.truncated else []
     imus, R_inertial_sensor = _streams(file, table, notes)
     body = _body(file, notes)
@@ -231,12 +230,12 @@ def _streams(file: Path, table: SensorTable, notes: list[str]) -> tuple[dict[str
 
 
 def _body(file: Path, notes: list[str]) -> OpticalBody | None:
-    positions, orientations = companion(file, "position"), companion(file, "orientation")
+    positions, orientations = _companion(file, "position"), _companion(file, "orientation")
     if positions is None or orientations is None:
         notes.append("no optical truth: gt_skel_gbl_pos.txt and gt_skel_gbl_ori.txt are not both beside the sensors")
         return None
-    names, p = read_truth(positions, 3)
-    names_too, q = read_truth(orientations, 4)
+    names, p = _read_truth(positions, 3)
+    names_too, q = _read_truth(orientations, 4)
     if set(names) != set(names_too):
         raise FileFormatError(f"{orientations}: its joints are not those of {positions.name}: expected the same names")
     try:
@@ -249,12 +248,12 @@ def _placement(
     file: Path, table: SensorTable, body: OpticalBody, R_inertial_sensor: Array, notes: list[str]
 ) -> Placement | None:
     """The published mountings; a note tells how far the bones that they give are from the optical ones."""
-    bone_file, ref_file = companion(file, "bone"), companion(file, "ref")
+    bone_file, ref_file = _companion(file, "bone"), _companion(file, "ref")
     if bone_file is None:
         notes.append("no mountings: calib_imu_bone.txt is not beside the sensors")
         return None
-    R_joint_sensor = read_calibration(bone_file)
-    R_vicon_inertial = read_calibration(ref_file) if ref_file else {}
+    R_joint_sensor = _read_calibration(bone_file)
+    R_vicon_inertial = _read_calibration(ref_file) if ref_file else {}
     frames = table.index.astype(int) - 1 - body.first_frame
     rows = np.flatnonzero((frames >= 0) & (frames < len(body.motion)))
     sites, angles = [], []
@@ -272,3 +271,108 @@ def _placement(
         middle = np.rad2deg(np.nanmedian(np.concatenate(angles)))
         notes.append(f"calibrated sensors turn their bones {middle:.1f}° (median) from the optical ones")
     return Placement(tuple(sites), FORMAT)
+
+
+def _is_sensors_file(path: Path) -> bool:
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return _HEAD.match(file.read(2048).decode("ascii", "replace")) is not None
+
+
+def _sensors_file(path: Path) -> Path:
+    """The ``.sensors`` file at a path; of a folder's, the one with angular rates if there are two of one sequence."""
+    if path.is_file():
+        return path
+    files = [file for file in sorted(path.glob("*.sensors")) if _is_sensors_file(file)]
+    if not files:
+        raise FileFormatError(f"{path}: no .sensors file of TotalCapture there: expected 13 and the number of frames")
+    if len({_sequence(file) for file in files}) > 1:
+        names = ", ".join(file.name for file in files[:4])
+        raise FileFormatError(f"{path}: holds several sequences ({names}): name the .sensors file you mean")
+    return next((file for file in files if "AuxFields" in file.name), files[0])
+
+
+def _sequence(file: Path) -> str:
+    """The sequence's name without the subject, which only some of its files carry: ``s1_walking2_Xsens`` → walking2."""
+    words = [word for word in file.stem.split("_") if word not in ("Xsens", "AuxFields")]
+    return re.sub(r"^[sS]\d+_", "", "_".join(words))
+
+
+def _companion(sensors: Path, kind: str) -> Path | None:
+    """The calibration or truth beside a ``.sensors`` file, by its ending; of several, the same sequence's."""
+    ending = COMPANIONS[kind]
+    files = sorted(file for file in sensors.parent.iterdir() if file.name.endswith(ending))
+    if len(files) > 1:
+        files = [file for file in files if _sequence(sensors) in file.name.removesuffix(ending)]
+    if len(files) > 1:
+        names = ", ".join(file.name for file in files)
+        raise FileFormatError(f"{sensors}: {names} may all belong to it: keep one sequence in a folder")
+    return files[0] if files else None
+
+
+def _lines(path: Path) -> list[str]:
+    return path.read_text(encoding="ascii", errors="replace").rstrip().split("\n")
+
+
+def _read_sensors(path: Path) -> SensorTable:
+    """One that breaks off gives its whole frames."""
+    lines = _lines(path)
+    counts = lines[0].split()
+    if len(counts) != 2 or not all(word.isdigit() for word in counts) or int(counts[0]) < 1:
+        raise FileFormatError(f"{path}: line 1 is '{lines[0][:40]}': expected the numbers of sensors and of frames")
+    sensors, announced = map(int, counts)
+    frames = (len(lines) - 1) // (sensors + 1)
+    if frames < 1:
+        raise FileFormatError(f"{path}: holds no whole frame: expected {announced}")
+    names = tuple((line.split() or ["?"])[0] for line in lines[2 : 2 + sensors])
+    index, rows = [], []
+    for at, line in enumerate(lines[1 : 1 + frames * (sensors + 1)]):
+        words, row = line.split(), at % (sensors + 1)
+        if row == 0:
+            if not line.strip().isdigit() or len(line.strip()) > MOST_DIGITS:
+                raise FileFormatError(f"{path}: line {at + 2} is '{line[:40]}': expected a frame's number alone")
+            index.append(float(line))
+        elif words[:1] != [names[row - 1]]:
+            raise FileFormatError(f"{path}: line {at + 2} is '{line[:40]}': expected sensor {names[row - 1]}")
+        else:
+            rows.append(words[1:])
+    values = _numbers(path, rows, widths=(7, 13)).reshape(frames, sensors, -1)
+    truncated = "" if frames >= announced else f"{path.name} announces {announced} frames and holds {frames} whole ones"
+    return SensorTable(names, np.array(index), values, truncated)
+
+
+def _read_calibration(path: Path) -> dict[str, Array]:
+    """Rotations ``(3, 3)`` by sensor name, of a ``calib_imu_*.txt`` (w last)."""
+    rotations = {}
+    for number, line in enumerate(_lines(path)[1:], start=2):
+        name, *words = line.split() or [""]
+        if not name:
+            continue
+        try:
+            rotations[name] = matrix_from_quaternion(np.array(words, float).reshape(4), Order.XYZW)
+        except (InputError, ValueError) as error:
+            raise FileFormatError(f"{path}: line {number} is '{line[:60]}': expected Name qx qy qz qw") from error
+    return rotations
+
+
+def _read_truth(path: Path, width: int) -> tuple[tuple[str, ...], Array]:
+    """Joint names and ``(T, J, width)`` numbers of a ``gt_skel_gbl_*.txt``; a last line that breaks off is left out."""
+    header, *rows = [line.split() for line in _lines(path)]
+    if rows and len(rows[-1]) < len(header) * width:
+        rows = rows[:-1]
+    if not rows:
+        raise FileFormatError(f"{path}: holds no frame: expected joint names and a line a frame")
+    return tuple(header), _numbers(path, rows, widths=(len(header) * width,)).reshape(len(rows), -1, width)
+
+
+def _numbers(path: Path, rows: list[list[str]], widths: tuple[int, ...]) -> Array:
+    """The rows as numbers, all with as many, which has to be one of ``widths``."""
+    width = len(rows[0]) if len(rows[0]) in widths else widths[0]
+    for number, row in enumerate(rows, start=1):
+        if len(row) != width:
+            raise FileFormatError(f"{path}: row {number} has {len(row)} numbers: expected {width} numbers")
+    try:
+        return np.array(rows, dtype=float)
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {error}: expected numbers") from error

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from vip_factors.display import ProgressCallback
 from vip_factors.errors import InputError
-from vip_factors.progress import ProgressCallback
 from vip_factors.steps import Result, Step, take
 
 

@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING, Literal
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.detect.settings import DetectSettings
+from vip_factors.display import ProgressCallback
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.scene_building import CameraOptions
 from vip_factors.io.settings import ExportSettings
-from vip_factors.progress import ProgressCallback
 from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
 from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera import VideoClock

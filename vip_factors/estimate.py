@@ -13,12 +13,12 @@ from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.model_errors import FILMED, LENGTH, UNFILMED, ModelErrors, shape_factor
 from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding, Verdict, verdict
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
-from vip_factors.summarised import Summarised
 
 if TYPE_CHECKING:
     import pandas

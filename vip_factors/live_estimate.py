@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 
 from vip_factors.body.skeleton import Skeleton
+from vip_factors.display import Summarised
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.summarised import Summarised
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from itertools import zip_longest
 
 from threadpoolctl import threadpool_limits
 
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate
 from vip_factors.estimate_chunks import EstimateChunks
@@ -20,7 +21,6 @@ from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.findings import Finding
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
-from vip_factors.progress import ProgressCallback, silent
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource

@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 
 from vip_factors import __version__
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError, VipFactorsError
-from vip_factors.progress import ProgressCallback, silent
 
 
 @dataclass(frozen=True)

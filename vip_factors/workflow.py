@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 from vip_factors import api
 from vip_factors.atomic import check_target
 from vip_factors.detect.settings import DetectSettings
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.files import export_format
 from vip_factors.io.scene_building import CameraOptions
-from vip_factors.progress import ProgressCallback, silent
 from vip_factors.settings import Settings
 from vip_factors.steps import Result, Step, take
 

@@ -15,6 +15,7 @@ from scene_sample import estimate_of, scene_sample
 
 from vip_factors import pipeline
 from vip_factors.cli.main import main
+from vip_factors.display import ProgressCallback
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import sentences
@@ -24,7 +25,6 @@ from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
-from vip_factors.progress import ProgressCallback
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource

@@ -22,6 +22,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Skeleton, calibration_pose, joint_index
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import (
     Array,
@@ -32,7 +33,6 @@ from vip_factors.geometry.rotations import (
     transpose,
     wrap_angle,
 )
-from vip_factors.summarised import Summarised
 
 
 @dataclass(frozen=True)

@@ -12,10 +12,10 @@ import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, ancestors
 from vip_factors.compiled import kernels
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, hat, transpose
-from vip_factors.summarised import Summarised
 
 # Of each joint (row), the bones it moves; the last row is the root's translation, which moves them all.
 MOVES = np.ones((JOINT_COUNT + 1, JOINT_COUNT))

@@ -22,9 +22,9 @@ from vip_factors.cli.options import FAILED as DOUBTED
 from vip_factors.cli.options import options_of, parse
 from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.cli.workers import run_child, workers, working_folder
+from vip_factors.display import table_cell
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import Severity
-from vip_factors.names import table_cell
 
 ENDINGS = {"smooth": ".estimate.mcap", "stream": ".live.estimate.mcap"}
 DONE, THERE, FAILED = "done", "there already", "failed"

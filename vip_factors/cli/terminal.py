@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from io import StringIO
 from typing import TYPE_CHECKING
 
-from vip_factors.progress import ProgressCallback
+from vip_factors.display import ProgressCallback
 
 if TYPE_CHECKING:
     from rich.live import Live

@@ -8,6 +8,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.evaluate import metrics
@@ -37,7 +38,6 @@ from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_line
 from vip_factors.sensors.camera import move_motion, yaw
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
-from vip_factors.summarised import Summarised
 
 
 class EvaluationWarning(UserWarning):

@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.body.joint_angles import is_measured, joint_angle_sigmas, joint_angles
 from vip_factors.body.model_errors import shape_factor
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.findings import Finding
@@ -26,7 +27,6 @@ from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.summarised import Summarised
 
 CYCLE = np.arange(101.0)  # per cent
 # What all strides of a recording are off by together, one standard deviation, as walks of six people with a reference

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from msgspec import structs
 
 from vip_factors.atomic import atomic_open, check_target
+from vip_factors.display import one_line
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.convert import detect_format, read_log
 from vip_factors.io.importers.column_guess import UNIT_KEYS, guess_columns
@@ -15,7 +16,6 @@ from vip_factors.io.importers.column_map import QUANTITIES, ColumnMap, Columns, 
 from vip_factors.io.importers.shared import candidates, likely_sites
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, number, read_text_table, split
 from vip_factors.io.typed_files import toml_text
-from vip_factors.names import one_line
 from vip_factors.sensors.calibration import SITES, site_axes
 
 MOST_SENSORS = 64  # of different words in a column that is to name sensors

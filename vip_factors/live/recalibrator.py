@@ -25,6 +25,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from vip_factors.assembly.objective import SceneObjective
+from vip_factors.display import silent
 from vip_factors.errors import SolveError, VipFactorsError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
@@ -43,7 +44,6 @@ from vip_factors.live.start import (
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.progress import silent
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.solve.chain_elimination import last_covariance

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vip_factors.body.skeleton import Skeleton
+from vip_factors.display import silent
 from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
@@ -18,7 +19,6 @@ from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.progress import silent
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.recording import Recording

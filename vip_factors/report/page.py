@@ -24,11 +24,11 @@ from vip_factors.body.skeleton import JOINT_NAMES, calibration_pose
 from vip_factors.describe import estimates, recordings
 from vip_factors.describe.estimates import LIMB_JOINTS, limb_sigma, mountings_are_held
 from vip_factors.describe.table import degrees, joint_words
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.estimate import Estimate
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
 from vip_factors.io.live_json import VERSION
 from vip_factors.io.video import with_video
-from vip_factors.progress import ProgressCallback, silent
 from vip_factors.report import fit, movement
 from vip_factors.report.movement import PAIRED, TRUNK, angle_section
 from vip_factors.report.report_data import (

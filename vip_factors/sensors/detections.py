@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.body.kinematics import Motion
+from vip_factors.display import Summarised
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import NEAREST_M, CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.imu_stream import check_times
-from vip_factors.summarised import Summarised
 
 
 @dataclass(frozen=True, repr=False)

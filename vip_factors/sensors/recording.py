@@ -11,10 +11,10 @@ from vip_factors.body.hinges import HingeEstimate, HingePrior
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.sensors.calibration import Calibration, Placement, placement_of
 from vip_factors.sensors.imu_stream import ImuStream, rotations_of, with_orientation
-from vip_factors.summarised import Summarised
 
 DEFAULT_STATURE_M = 1.72  # of logs whose wearers nobody measured, for their sensors' places
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.keypoints import KeypointOffsets, KeypointSet
+from vip_factors.display import Summarised
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorCalibration
@@ -14,7 +15,6 @@ from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.summarised import Summarised
 
 CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its edges
 UNKNOWN_MOUNTING_SIGMA = np.pi  # nobody said how it sits: the data have to tell

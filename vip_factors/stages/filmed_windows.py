@@ -8,12 +8,12 @@ from functools import partial
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import Finding, MergedFindings
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.problem.scene import ExtraTerms
-from vip_factors.progress import ProgressCallback, silent
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.settings import Settings, flatten

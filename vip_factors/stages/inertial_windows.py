@@ -14,6 +14,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import Finding
@@ -23,7 +24,6 @@ from vip_factors.initialise.sensor_faults import CLOCK_SECONDS
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.progress import ProgressCallback, silent
 from vip_factors.sensors.frames import ImuFrames, in_stretches
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording

@@ -12,12 +12,12 @@ import numpy as np
 
 from vip_factors.body.hinges import hinge_estimates
 from vip_factors.body.keypoints import KeypointOffsets
+from vip_factors.display import silent
 from vip_factors.estimate import Estimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.progress import silent
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.recording import Recording, Subject

@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from vip_factors.assembly.objective import SceneObjective
+from vip_factors.display import ProgressCallback
 from vip_factors.estimate import SolveReport
 from vip_factors.factor_graph.graph import optimise_with_gtsam
 from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.progress import ProgressCallback
 from vip_factors.settings import SolverName
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 

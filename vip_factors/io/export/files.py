@@ -15,12 +15,12 @@ from scipy.interpolate import make_interp_spline
 from vip_factors.atomic import atomic_path, check_target
 from vip_factors.body.joint_angles import R_WORLD_ISB
 from vip_factors.body.kinematics import Motion
+from vip_factors.display import distinct_file_names
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.settings import ExportSettings
-from vip_factors.names import distinct_file_names
 
 DEFAULT = ExportSettings()
 R_YUP_WORLD = R_WORLD_ISB.T

@@ -13,6 +13,7 @@ from vip_factors.body.joint_angles import R_WORLD_ISB, JointAngles, joint_angles
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
+from vip_factors.display import one_line
 from vip_factors.estimate import TABLES, Estimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import (
@@ -26,7 +27,6 @@ from vip_factors.geometry.rotations import (
     transpose,
 )
 from vip_factors.io.settings import ExportSettings
-from vip_factors.names import one_line
 
 
 def write_csv(estimate: Estimate, path: Path, settings: ExportSettings) -> None:

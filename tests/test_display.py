@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from vip_factors.cli.multi_file import Row, write_summary
-from vip_factors.names import one_line, table_cell
+from vip_factors.display import one_line, table_cell
 
 
 @pytest.mark.parametrize("name", ["=1+1", "+49", "-2", "@sum", "\t=1", "\r=1", "=a,b\nc", '="x"'])

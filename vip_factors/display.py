@@ -1,11 +1,35 @@
-"""Names of people and recordings where they can do harm: in names of files, in lines of text and in spreadsheets."""
+"""What people see: progress of work, objects in a few lines, and names without characters that do harm."""
 
 import re
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from html import escape
 
+ProgressCallback = Callable[[str, float], None]
+"""Called with the name of a stage and the fraction of it that is done."""
 FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f\x7f]')  # in names of files, on one system or another
 CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]+")
+
+
+def silent(stage: str, fraction: float) -> None:
+    """Progress that nobody looks at; unlike a lambda, it may be sent to another process."""
+
+
+class Summarised:
+    """Base of objects that show themselves in a few lines: a title, then ``label: value`` or ``label  value`` each."""
+
+    def summary(self) -> list[str]:
+        """The lines, without indents."""
+        raise NotImplementedError
+
+    def __repr__(self) -> str:
+        return "\n  ".join(self.summary())
+
+    def _repr_html_(self) -> str:
+        title, *lines = self.summary()
+        rows = (re.match("(.*?)(?:: +|  +|$)(.*)", escape(line)) for line in lines)
+        cells = "".join(f"<tr><th>{row[1]}</th><td>{row[2]}</td></tr>" for row in rows if row)
+        return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
 def distinct_file_names(names: Iterable[str]) -> list[str]:

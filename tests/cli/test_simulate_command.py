@@ -11,7 +11,7 @@ def test_a_simulated_scene_is_what_was_asked_for(run, tmp_path: Path, camera: st
     path = tmp_path / "scene.mcap"
     told = run(
         "simulate", "gestures", path, "--seconds", "3", "--placement", "sip6", "--camera", camera, "--also", "gestures",
-        "--bystanders", "1", "--keypoints", "coco17", "--detector.merge", "0", "--width", "1280", "--height", "720",
+        "--bystanders", "1", "--keypoints", "coco17", "--detector.mixed", "0", "--width", "1280", "--height", "720",
     )  # fmt: skip
     assert told.code == 0
     assert f"2 wearers with 12 sensors, {camera} camera" in told.out

@@ -12,10 +12,11 @@ from vip_factors.geometry.rotations import angle_between, log, rotation_z, trans
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.dense import dense_motion
+from vip_factors.simulate.detector import LEAST_CONFIDENCE
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import GRAVITY
 from vip_factors.simulate.scene import CAMERA_IMU, Performer, simulate_scene
-from vip_factors.simulate.settings import CameraKind, DetectorSettings, SceneSettings, SimulateSettings
+from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import from_time, staged
 
 CAMERAS: tuple[CameraKind, ...] = ("fixed", "hand-held", "walking")
@@ -131,7 +132,7 @@ def test_realistic_scene_has_the_detectors_troubles(people) -> None:
         assert 0.6 * len(detections.time) < len(frames)
     shuffled = [np.any(np.diff(truth.wearer[detections.of_frame(f)]) < 0) for f in range(len(detections.time))]
     assert 0.1 < np.mean(shuffled) < 0.9
-    assert np.all(detections.confidence[detections.seen] >= DetectorSettings().least_confidence)
+    assert np.all(detections.confidence[detections.seen] >= LEAST_CONFIDENCE)
 
 
 def test_impossible_scenes_say_why(people) -> None:

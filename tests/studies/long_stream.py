@@ -36,7 +36,7 @@ from vip_factors.sensors.live import ImuSample, LiveSample, live_samples, stream
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.gestures import gestures
-from vip_factors.simulate.recording import simulate_recording
+from vip_factors.simulate.recording import WHITE_DEG, WHITE_FORCE, simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import with_initial_pose
@@ -82,7 +82,7 @@ def backwards(motion: Motion) -> Motion:
 
 def without_white_noise(imu_rate: float) -> SimulateSettings:
     """Sensors of which every lap adds the noise."""
-    return replace(straps_and_sensors(), imu_rate=imu_rate, filter_white_deg=0.0, acceleration_white=0.0)
+    return replace(straps_and_sensors(), imu_rate=imu_rate, white_noise=0.0)
 
 
 def stream_scene(trials: LongStreamTrials) -> Scene:
@@ -127,10 +127,9 @@ class LongStream:
             lap += 1
 
     def _lap(self, lap: int, random: np.random.Generator) -> Iterator[LiveSample]:
-        noise = straps_and_sensors()
-        turns = exp(np.deg2rad(noise.filter_white_deg) * random.standard_normal((len(self._R), 3)))
+        turns = exp(np.deg2rad(WHITE_DEG) * random.standard_normal((len(self._R), 3)))
         R = self._R @ turns
-        force = noise.acceleration_white * random.standard_normal((len(self._R), 3))
+        force = WHITE_FORCE * random.standard_normal((len(self._R), 3))
         there = lap % 2 == 0
         imu = 0 if there else len(self._R) - 1
         for sample in self._samples if there else reversed(self._samples):

@@ -54,8 +54,10 @@ def sensor_slide(
     random: np.random.Generator,
 ) -> SensorSlide | None:  # fmt: skip
     """How the sensor slides during the motion; None if the settings hold it still."""
-    if not (settings.wobble or settings.skin_deg or settings.skin_m):
+    if not (settings.wobble or settings.skin):
         return None
+    # Of a thigh, each axis; Leardini et al. 2005 report 5–30 mm. Muscles and skin follow the steps.
+    skin_rad, skin_m, skin_time_s = np.deg2rad(2.0), 0.004, 0.5
     frequency, share = SEGMENTS[JOINT_NAMES[bone].removeprefix("left_").removeprefix("right_")]
     count = int(np.ceil((dense.end - dense.start) * GRID_HZ)) + 1
     time, step = np.linspace(dense.start, dense.end, count, retstep=True)
@@ -63,9 +65,9 @@ def sensor_slide(
     # The box rocks about the axis across its outward direction (its z) and the shift: 4 degrees a centimetre, which is
     # 1 cm over its 15 cm strap.
     rocking = np.deg2rad(4.0) * 100 * np.cross(R_bone_sensor[:, 2], sprung)
-    slow = smooth_process(random, count, float(step), share, settings.skin_time_s, axes=6)
-    shift = sprung + settings.skin_m * slow[:, :3]
-    turn = rocking + np.deg2rad(settings.skin_deg) * slow[:, 3:]
+    slow = settings.skin * smooth_process(random, count, float(step), share, skin_time_s, axes=6)
+    shift = sprung + skin_m * slow[:, :3]
+    turn = rocking + skin_rad * slow[:, 3:]
     return SensorSlide(make_interp_spline(time, shift, 5), make_interp_spline(time, turn, 5))
 
 
@@ -81,7 +83,8 @@ def _sprung(state: BoneKinematics, p_bone_sensor: Array, frequency: float, step:
 
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-PATH_STEP = 1.0  # s between the instants of a true heading: it drifts over minutes
+TRUTH_RATE = 60.0  # Hz of the true motion: the frame rate of TotalCapture and of most video
+WHITE_DEG, WHITE_FORCE = 0.3, 0.3  # a sample, degrees and m/s²: rounding and time stamps; noise and unmodelled shaking
 
 
 def simulate_recording(
@@ -118,7 +121,7 @@ def record(
     for site in placement.sites:
         imus[site.sensor], calibration[site.sensor] = simulate_sensor(dense, site, settings, seed)
     subject = Subject(stature_m=stature_of(dense.skeleton), skeleton=dense.skeleton)
-    truth = Truth(dense.sample(settings.truth_rate), calibration)
+    truth = Truth(dense.sample(TRUTH_RATE), calibration)
     notes = f"simulated from motion '{dense.name}', seed {seed}"
     return Recording(name, subject, imus, placement, initial_pose, truth, notes)
 
@@ -141,11 +144,10 @@ def simulate_sensor(
     heading = float(np.deg2rad(random["heading"].uniform(-1, 1) * settings.heading_offset_deg))
     drift = random_walk(random["drift"], count, 1 / settings.imu_rate, np.deg2rad(settings.heading_drift_deg))
     R_inertial_sensor = _attitude(R_world_sensor, heading + drift, settings, random["filter"])
-    force = force + _error(
-        random["acceleration"], count, settings, settings.acceleration_white, settings.acceleration_bias
-    )
-    gyro_white, gyro_bias = np.deg2rad([settings.gyro_white_deg_s, settings.gyro_bias_deg_s])
-    rate = rate + _error(random["gyro"], count, settings, gyro_white, gyro_bias)
+    # 5 mg of bias are usual without a tumble calibration. Of gyroscopes MEMS have 0.01 °/s/√Hz, range and shaking add;
+    # their bias is that after a usual still period.
+    force = force + _error(random["acceleration"], count, settings, WHITE_FORCE, 0.05)
+    rate = rate + _error(random["gyro"], count, settings, np.deg2rad(0.5), np.deg2rad(0.1))
 
     here = received(random["packets"], count, settings.imu_rate, settings.packet_loss, settings.gap_s)
     angular_rate = rate[here] if settings.angular_rate else None
@@ -160,7 +162,8 @@ def _path(time: Array, heading: Array) -> tuple[Array, Array]:
     """The heading over time, as a true calibration keeps it; empty if it does not drift."""
     if not np.any(heading != heading[0]):
         return np.zeros(0), np.zeros(0)
-    every = max(1, round(PATH_STEP * (len(time) - 1) / (time[-1] - time[0])))
+    step_s = 1.0  # it drifts over minutes
+    every = max(1, round(step_s * (len(time) - 1) / (time[-1] - time[0])))
     kept = np.unique([*range(0, len(time), every), len(time) - 1])
     return time[kept], heading[kept]
 
@@ -193,18 +196,18 @@ def _ideal(
 
 def _attitude(R_world_sensor: Array, heading: Array, settings: SimulateSettings, random: np.random.Generator) -> Array:
     """``R_inertial_sensor``: the sensor's own estimate, in its own world turned by a heading that drifts."""
+    sigma = np.deg2rad([1.0, 1.0, 2.5])  # data sheets say 0.5–1 of tilt, which gravity holds, and 1.5–2.5 of heading
+    average_s = 1.5  # attitude filters average gravity over about a second
     count, step = len(R_world_sensor), 1 / settings.imu_rate
-    sigma = np.deg2rad([settings.filter_tilt_deg, settings.filter_tilt_deg, settings.filter_heading_deg])
-    error = gauss_markov(random, count, step, sigma, settings.filter_time_s)
-    error += np.deg2rad(settings.filter_white_deg) * random.standard_normal((count, 3))
+    error = gauss_markov(random, count, step, settings.attitude_error * sigma, average_s)
+    error += settings.white_noise * np.deg2rad(WHITE_DEG) * random.standard_normal((count, 3))
     return transpose(rotation_z(heading)) @ exp(error) @ R_world_sensor
 
 
-def _error(
-    random: np.random.Generator, count: int, settings: SimulateSettings, white: float, bias: float
-) -> Array:  # fmt: skip
-    slow = gauss_markov(random, count, 1 / settings.imu_rate, bias, settings.bias_time_s)
-    return slow + white * random.standard_normal((count, 3))
+def _error(random: np.random.Generator, count: int, settings: SimulateSettings, white: float, bias: float) -> Array:
+    warming_s = 100.0  # biases follow the temperature
+    slow = gauss_markov(random, count, 1 / settings.imu_rate, settings.bias * bias, warming_s)
+    return slow + settings.white_noise * white * random.standard_normal((count, 3))
 
 
 def _into(R: Array, v: Array) -> Array:

@@ -154,8 +154,10 @@ def _film(
 def _known_pose(path: CameraPath, settings: SceneSettings, seed: int) -> CameraPath:
     """The pose of a fixed camera as it was measured."""
     random = np.random.default_rng([seed, 0xB0A2D])
-    R = path.R_world_camera @ exp(np.deg2rad(settings.camera_pose_error_deg) * random.standard_normal(3))
-    p = path.p_world_camera + settings.camera_pose_error_m * random.standard_normal(3)
+    # What a board on the floor tells of a camera four metres away: half a metre of board, corners to 0.2 pixels.
+    turn, shift = np.deg2rad(0.1), 0.005
+    R = path.R_world_camera @ exp(settings.camera_pose_error * turn * random.standard_normal(3))
+    p = path.p_world_camera + settings.camera_pose_error * shift * random.standard_normal(3)
     return CameraPath(path.time, R, p)
 
 
@@ -193,10 +195,8 @@ def _person(dense: DenseMotion, time: Array) -> Person:
 
 def camera_mount(body: DenseMotion, settings: SceneSettings, seed: int) -> tuple[CameraMount, SensorCalibration]:
     """The IMU on the camera and its true calibration: nothing wobbles on it, all else is as on people."""
-    imu = replace(
-        settings.imu, mounting_error_deg=settings.camera_mounting_error_deg, position_error_m=0.0, skin_deg=0.0,
-        skin_m=0.0, wobble=0.0,
-    )  # fmt: skip
+    mounting_error_deg = settings.camera_mounting_error_deg
+    imu = replace(settings.imu, mounting_error_deg=mounting_error_deg, position_error_m=0.0, skin=0.0, wobble=0.0)
     site = SensorSite(CAMERA_IMU, "pelvis", P_CAMERA_IMU, R_CAMERA_IMU)  # bone 0 is the camera itself
     stream, calibration = simulate_sensor(body, site, imu, seed)
     sigma = max(CAMERA_MOUNTING_SIGMA, np.deg2rad(settings.camera_mounting_error_deg))

@@ -25,7 +25,7 @@ from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.solve.chain_system import ChainSystem
 from vip_factors.terms.ground_contact import pixel_rays
-from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
+from vip_factors.terms.registry import CameraFactorSettings, FactorSettings, unfilmed_problem
 
 T, S = 5, 6
 
@@ -37,7 +37,7 @@ class WearerObjective:
     """One wearer whom no camera sees, as an objective of their state."""
 
     def __init__(self, problem: WearerProblem) -> None:
-        self.problem, self.scene = problem, SceneObjective(SceneProblem.unfilmed([problem]))
+        self.problem, self.scene = problem, SceneObjective(unfilmed_problem([problem]))
 
     def cost(self, state: WearerState) -> Mapping[str, float]:
         return self.scene.cost(SceneState.unfilmed([state]))

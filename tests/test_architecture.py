@@ -29,6 +29,10 @@ ROWS = [
 ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
 # Within row 0, all may raise the package's errors, and rotations are compiled.
 NEIGHBOURS = {("geometry", "errors"), ("geometry", "compiled"), ("ranges", "errors"), ("atomic", "errors")}
+# Rooms that know the types of one above them, and import nothing of it at run time.
+TYPES_ONLY = {("problem", "terms"), ("problem", "gtsam")}
+# Rooms that open files and sockets: the functions, the commands, and the trades that read videos and write pages.
+OPENERS = {"io", "api", "workflow", "cli", "detect", "report", "stages"}
 # Third parties that only some rooms may see.
 FENCED = {
     "gtsam": {"solve", "factor_graph"},
@@ -62,14 +66,17 @@ def room_of(path: Path) -> str:
     return parts[0].removesuffix(".py")
 
 
-def imports_of(path: Path) -> list[str]:
-    found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+def imports_of(path: Path) -> list[tuple[str, bool]]:
+    """Names that a file imports, each with whether it is for type checkers alone."""
+    tree, found = ast.parse(path.read_text(encoding="utf-8")), list[tuple[str, bool]]()
+    guards = [node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    of_types = {id(node) for guard in guards for node in ast.walk(guard)}
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
-            found += [alias.name for alias in node.names]
+            found += [(alias.name, id(node) in of_types) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import; write the whole name"
-            found += [f"{node.module}.{alias.name}" for alias in node.names]
+            found += [(f"{node.module}.{alias.name}", id(node) in of_types) for alias in node.names]
     return found
 
 
@@ -84,17 +91,20 @@ FILES = [
 def test_imports_go_one_way(path: Path) -> None:
     room = room_of(path)
     assert room in ROW_OF, f"{path}: room '{room}' has no row in the table"
-    for name in imports_of(path):
+    for name, is_type in imports_of(path):
         package, _, rest = name.partition(".")
         if package != "vip_factors":
-            allowed = FENCED.get(package, {room})
-            assert room in allowed, f"{path}: {package} may be imported in {sorted(allowed)} only"
+            rooms = FENCED.get(package, {room})
+            allowed = room in rooms or (is_type and (room, package) in TYPES_ONLY)
+            assert allowed, f"{path}: {package} may be imported in {sorted(rooms)} only"
             continue
         target = rest.split(".")[0]
         if target in ("__version__", room):
             continue
+        assert target != "io" or room in OPENERS, f"{path}: {room} may not open files"
         above = ROW_OF[target] < ROW_OF[room]
-        assert above or (room, target) in NEIGHBOURS, f"{path}: {room} may not import {target}"
+        allowed_type = is_type and (room, target) in TYPES_ONLY
+        assert above or allowed_type or (room, target) in NEIGHBOURS, f"{path}: {room} may not import {target}"
 
 
 def test_every_room_is_in_the_table() -> None:

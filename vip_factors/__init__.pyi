@@ -15,6 +15,7 @@ from .api import (
     serve as serve,
     simulate as simulate,
     smooth as smooth,
+    stream as stream,
     sync as sync,
     write as write,
 )
@@ -31,7 +32,7 @@ from .io.motions import read_motion as read_motion
 from .io.scene_building import CameraOptions as CameraOptions
 from .io.settings import ExportSettings as ExportSettings
 from .live.settings import LiveSettings as LiveSettings
-from .live.stream import Stream as Stream, stream as stream
+from .live.stream import Stream as Stream
 from .live.tracker import FixedLagTracker as FixedLagTracker
 from .live_estimate import LiveEstimate as LiveEstimate
 from .report.settings import ReportSettings as ReportSettings

@@ -4,7 +4,7 @@ A recording of one wearer and a filmed scene of several are both a :class:`~vip_
 that one set of functions does. Commands of the same names call what these call.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -17,7 +17,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.scene_building import CameraOptions
-from vip_factors.io.settings import ExportSettings
+from vip_factors.io.settings import ExportSettings, LiveSourceSettings
 from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
 from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera import VideoClock
@@ -32,6 +32,8 @@ if TYPE_CHECKING:  # these take a while, and not every command that calls a func
     from vip_factors.factor_graph.graph import FactorGraph
     from vip_factors.gait.analysis import Gait
     from vip_factors.io.live_server import LiveServer
+    from vip_factors.live.settings import LiveSettings
+    from vip_factors.live_estimate import LiveEstimate
     from vip_factors.settings import Settings
 
 StrPath = str | PathLike[str]
@@ -42,6 +44,7 @@ SECONDS = 20.0  # of it
 OUT_OF_STEP_S = 3.7  # between people who show the package's own motion; no multiple of its periods
 BYSTANDER_REACH_M = 3.0  # from the middle: some pass between camera and wearers, some leave the image
 POSE_ERROR_DEG = 3.0
+LIVE_LIMITS = LiveSourceSettings()
 
 
 def read(path: StrPath, *then: StrPath) -> Scene:
@@ -424,6 +427,42 @@ def report(
     scene, true = (None if one is None else _scene(one) for one in (recording, truth))
     write_report(_estimate(estimate), path, scene, true, settings, overwrite, video=video)
     return Path(path)
+
+
+def stream(
+    source: StrPath,
+    settings: "LiveSettings | None" = None,
+    *,
+    follow: bool = False,
+    real_time: bool = False,
+    token_file: Path | None = None,
+    limits: LiveSourceSettings = LIVE_LIMITS,
+    extra_factors: "ExtraFactors | None" = None,
+) -> Iterator["LiveEstimate"]:
+    """The answers to a live source, as they come, until it ends: what the command ``stream`` does with it.
+
+    Args:
+        source: recording (.mcap), ``-`` for standard input, or ``ws://host:port`` to listen there.
+        settings: of all rooms.
+        follow: another program still writes the file.
+        real_time: play a recording in its own time instead of as fast as it can be tracked.
+        token_file: with a secret that senders must have.
+        limits: of what senders may do.
+        extra_factors: makes GTSAM factors of your own.
+
+    Raises:
+        InputError, FileFormatError, OSError: if the source cannot be opened.
+    """
+    from vip_factors.io.live.open import open_source, read_token
+    from vip_factors.live.settings import LiveSettings
+    from vip_factors.live.stream import Stream
+
+    token = read_token(token_file)
+    with open_source(source, follow=follow, real_time=real_time, settings=limits, token=token) as opened:
+        tracked = Stream(opened.setup, settings or LiveSettings(), extra_factors, real_time=not opened.is_played)
+        for item in opened:
+            yield from tracked.take(item, opened.waited_s)
+        yield from tracked.finish()
 
 
 def serve(worn: Recording | Scene, port: int = 8080, host: str = "127.0.0.1", token: str = "") -> "LiveServer":

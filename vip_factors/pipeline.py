@@ -19,7 +19,6 @@ from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.factor_graph.extra import ExtraFactors, UserTerms
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.findings import Finding
-from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
@@ -37,6 +36,7 @@ from vip_factors.stages.restarts import in_own_frames, with_restarts
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import Each, scene_plan
+from vip_factors.terms.registry import unfilmed_problem
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
 
@@ -191,4 +191,4 @@ def factor_graph(
             start = fusion_problem(start_fusion(associated, wearers, settings), None, associated, settings)
             return factor_graph_of(start.model, start.state)
     problems = [with_contacts(one.model, one.state) for one in wearers]
-    return factor_graph_of(SceneProblem.unfilmed(problems), SceneState.unfilmed([one.state for one in wearers]))
+    return factor_graph_of(unfilmed_problem(problems), SceneState.unfilmed([one.state for one in wearers]))

@@ -9,7 +9,6 @@ from small_problems import KNOTS, WearerObjective, small_model, walking_model, w
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
-from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import knot_weights
 from vip_factors.solve import chain_system
@@ -17,6 +16,7 @@ from vip_factors.solve.chain_elimination import ChainElimination, last_marginals
 from vip_factors.solve.chain_system import frame_keys, knot_key
 from vip_factors.solve.elimination import eliminate
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.terms.registry import unfilmed_problem
 
 
 def in_order_of_elimination(whole: FactorGraph) -> list[int]:
@@ -32,7 +32,7 @@ def in_order_of_elimination(whole: FactorGraph) -> list[int]:
 @pytest.mark.parametrize("knots", KNOTS)
 def test_cost_and_equations_are_those_of_the_graph(knots: str) -> None:
     problem, state = walking_model(knots)
-    whole = factor_graph_of(SceneProblem.unfilmed([problem]), SceneState.unfilmed([state]))
+    whole = factor_graph_of(unfilmed_problem([problem]), SceneState.unfilmed([state]))
     costs = WearerObjective(problem).cost(state)
     assert sum(costs.values()) == pytest.approx(whole.graph.error(whole.values), rel=1e-9)
     assert costs["heading walk"] > 0

@@ -12,16 +12,16 @@ from vip_factors.assembly import objective as assembly
 from vip_factors.errors import SolveError
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import in_stretches
 from vip_factors.solve.chain_elimination import chain_marginals
 from vip_factors.solve.chain_system import REACH, frame_keys
+from vip_factors.terms.registry import unfilmed_problem
 
 
 def graph_of(problem: WearerProblem, state: WearerState) -> FactorGraph:
-    return factor_graph_of(SceneProblem.unfilmed([problem]), SceneState.unfilmed([state]))
+    return factor_graph_of(unfilmed_problem([problem]), SceneState.unfilmed([state]))
 
 
 def with_limits(problem: WearerProblem, per_axis: bool) -> WearerProblem:

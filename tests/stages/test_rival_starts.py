@@ -8,7 +8,6 @@ import pytest
 
 from vip_factors.geometry.rotations import rotation_y
 from vip_factors.initialise.start_search import Start, Starts
-from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
@@ -23,6 +22,7 @@ from vip_factors.stages.inertial import InertialSolution, calibrated, find_start
 from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.solver import Solver
+from vip_factors.terms.registry import unfilmed_problem
 
 SETTINGS = Settings()
 SENSOR = 2
@@ -55,7 +55,7 @@ def decided(turn_deg: float = 40.0) -> Starts:
     turned[SENSOR] = rotation_y(np.deg2rad(turn_deg)) @ turned[SENSOR]
     rival = Start("a rival", replace(starts.best.calibration, R_bone_sensor=turned), starts.best.cost + 1.0)
     starts = replace(starts, margin=1.0, doubtful=(SENSOR,), rivals=(rival,))
-    problem = SceneProblem.unfilmed([with_contacts(solution.model, solution.state)])
+    problem = unfilmed_problem([with_contacts(solution.model, solution.state)])
     state = SceneState.unfilmed([solution.state])
     found = with_rivals_solved(starts, problem, state, 0, recorded(), SETTINGS, solver())
     assert found is not None

@@ -31,6 +31,7 @@ from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames, find_start, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
 from vip_factors.stages.solver import Solver
+from vip_factors.terms.registry import unfilmed_problem
 
 UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
 # By which a start from nothing may differ from the calibration found before that is gone on from: nearer than to any
@@ -102,7 +103,7 @@ class StretchSolution:
             fine = stretch.frames(recording.subject.name, model.frames.sensors)
             states.append(at_frames(state, model.frames.time, stretch.time))
             models.append(with_contacts(on_frames_with_fixed_calibration(model, fine), states[-1]))
-        problem = SceneProblem.unfilmed(models)
+        problem = unfilmed_problem(models)
         unseen = tuple(KeypointView.unseen((), len(stretch.time)) for _ in models)
         return replace(problem, views=unseen), SceneState.unfilmed(states), ()
 
@@ -145,7 +146,7 @@ def solve_stretch(
             return solution
     models = [with_contacts(replace(one.model, free_pose_mean=False), one.state) for one in wearers]
     states = [solver.solve_wearer(model, one.state, "start") for model, one in zip(models, wearers, strict=True)]
-    fused = FusionSolution(SceneProblem.unfilmed(models), SceneState.unfilmed(states), ())
+    fused = FusionSolution(unfilmed_problem(models), SceneState.unfilmed(states), ())
     return StretchSolution(scene, wearers, fused)
 
 

@@ -1,10 +1,8 @@
-"""A stream within a program: samples pushed as they come, or a source opened; an answer to every frame."""
+"""A stream within a program: samples are pushed as they come; an answer to every frame."""
 
 import asyncio
 from collections.abc import AsyncIterable, AsyncIterator, Callable, Iterable, Iterator
-from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,8 +11,6 @@ from vip_factors.errors import InputError
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.findings import Finding, bare
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.live.open import open_source, read_token
-from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import DEFAULT, FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate
@@ -22,8 +18,6 @@ from vip_factors.sensors.imu_stream import rotations_of
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame, stream_head
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-
-LIMITS = LiveSourceSettings()
 
 
 class Stream:
@@ -164,37 +158,3 @@ class Stream:
             answers[0] = replace(answers[0], findings=(*self._pending, *answers[0].findings))
             self._pending = []
         return answers
-
-
-def stream(
-    source: str | Path,
-    settings: LiveSettings = DEFAULT,
-    *,
-    follow: bool = False,
-    real_time: bool = False,
-    token_file: Path | None = None,
-    limits: LiveSourceSettings = LIMITS,
-    extra_factors: ExtraFactors | None = None,
-) -> Iterator[LiveEstimate]:
-    """The answers to a live source, as they come, until it ends: what the command ``stream`` does with it.
-
-    Args:
-        source: recording (.mcap), ``-`` for standard input, or ``ws://host:port`` to listen there.
-        settings: of all rooms.
-        follow: another program still writes the file.
-        real_time: play a recording in its own time instead of as fast as it can be tracked.
-        token_file: with a secret that senders must have.
-        limits: of what senders may do.
-        extra_factors: makes GTSAM factors of your own.
-
-    Raises:
-        InputError, FileFormatError, OSError: if the source cannot be opened.
-    """
-    with ExitStack() as stack:
-        opened = stack.enter_context(
-            open_source(source, follow=follow, real_time=real_time, settings=limits, token=read_token(token_file))
-        )
-        tracked = Stream(opened.setup, settings, extra_factors, real_time=not opened.is_played)
-        for item in opened:
-            yield from tracked.take(item, opened.waited_s)
-        yield from tracked.finish()

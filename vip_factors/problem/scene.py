@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -15,6 +15,11 @@ from vip_factors.problem.state import CameraState, SceneState
 from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem, sole_shift
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
+
+if TYPE_CHECKING:  # the types alone: terms are above problems, and read their settings from them
+    import gtsam
+
+    from vip_factors.terms.registry import CameraFactorSettings
 
 
 @dataclass(frozen=True)
@@ -32,12 +37,13 @@ class CameraProblem:
         free_clock: whether the offset and the drift of the video's clock move.
         clock_middle: seconds, the instant at which the offset is that.
         is_beginning: False for a stretch of something longer, whose beginning holds the priors.
-        settings: of the terms (:class:`~vip_factors.terms.registry.CameraFactorSettings`); None where none runs.
+        settings: of the terms.
         learned_offsets: of the detector's keypoints, where they were learnt.
     """
 
     model: CameraModel
     moving: bool
+    settings: "CameraFactorSettings" = field(kw_only=True)
     free_pose: bool = True
     imu: ImuFrames | None = None
     p_camera_imu: Array = field(default_factory=lambda: np.zeros(3))
@@ -47,7 +53,6 @@ class CameraProblem:
     free_clock: bool = False
     clock_middle: float = 0.0
     is_beginning: bool = True
-    settings: Any = None
     learned_offsets: KeypointOffsets | None = None
 
     @cached_property
@@ -67,10 +72,6 @@ class CameraProblem:
         A camera that stands still is told the same, errors included, in every frame: a second of it weighs as one.
         """
         return 1.0 if self.moving else min(1.0, step)
-
-
-# Where there is no camera: it sees nobody, and nothing of it moves.
-NO_CAMERA = CameraProblem(CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0)), moving=False, free_pose=False)
 
 
 @dataclass(frozen=True)
@@ -199,15 +200,23 @@ class KeypointView:
         cls, points: tuple[BodyPoint, ...], views: Sequence["KeypointView | None"], feet: tuple[Foot, ...] | None
     ) -> "KeypointView":
         """Views of single frames, one after the other; None of a frame that the camera did not take."""
-        nothing = cls.unseen(points)
-        each = [nothing if one is None else one for one in views]
-        arrays: dict[str, Any] = {name: np.concatenate([getattr(one, name) for one in each]) for name in OF_FRAMES}
+        unseen = cls.unseen(points)
+        taken = [unseen if view is None else view for view in views]
+
+        def join(name: str) -> Array:
+            return np.concatenate([getattr(view, name) for view in taken])
+
         return cls(
             points,
-            **arrays,
-            ground=None if feet is None else GroundView.joined(feet, [one.ground for one in each]),
-            names=next((one.names for one in each if one.names), ()),
-            frames_apart=max(one.frames_apart for one in each),
+            pixels=join("pixels"),
+            sigma=join("sigma"),
+            oks_px=join("oks_px"),
+            seen=join("seen"),
+            pixels_per_second=join("pixels_per_second"),
+            confidence=join("confidence"),
+            ground=None if feet is None else GroundView.joined(feet, [view.ground for view in taken]),
+            names=next((view.names for view in taken if view.names), ()),
+            frames_apart=max(view.frames_apart for view in taken),
         )
 
     @cached_property
@@ -243,7 +252,9 @@ class ExtraTerms(Protocol):
         """Half the sum of their squared whitened residuals, losses applied."""
         ...
 
-    def linearised(self, problem: "SceneProblem", layout: Layout, state: "SceneState") -> Iterable[tuple[int, Any]]:
+    def linearised(
+        self, problem: "SceneProblem", layout: Layout, state: "SceneState"
+    ) -> Iterable["tuple[int, gtsam.GaussianFactor]"]:
         """Their linear factors, on the vectors of the chain, each with the first frame that it sees."""
         ...
 
@@ -271,12 +282,6 @@ class SceneProblem:
     def viewpoints(self, camera: CameraState) -> tuple[Viewpoint, ...]:
         """All cameras, with the first one in a state."""
         return (Viewpoint(self.camera, camera, self.views), *self.further)
-
-    @classmethod
-    def unfilmed(cls, wearers: Sequence[WearerProblem], extra: ExtraTerms | None = None) -> "SceneProblem":
-        """Of wearers whom no camera sees."""
-        views = tuple(KeypointView.unseen((), len(one.frames)) for one in wearers)
-        return cls(tuple(wearers), NO_CAMERA, views, extra=extra)
 
     @property
     def frames(self) -> int:

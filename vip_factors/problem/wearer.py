@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +14,9 @@ from vip_factors.body.pose_prior import JointLimits, PosePrior
 from vip_factors.body.skeleton import HeldPose, Skeleton
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.frames import ImuFrames
+
+if TYPE_CHECKING:  # the type alone: terms are above problems, and read their settings from them
+    from vip_factors.terms.registry import FactorSettings
 
 
 @dataclass(frozen=True)
@@ -90,7 +93,7 @@ class WearerProblem:
         prior_headings, heading_sigma: ``(S,)`` radians; of the first knot, where headings walk.
         prior_R_bone_sensor: ``(S, 3, 3)``.
         mounting_sigma: ``(S,)`` radians.
-        settings: of the terms (:class:`~vip_factors.terms.registry.FactorSettings`), whose rooms are above this one.
+        settings: of the terms.
         p_world_start: root position of the first frame, metres; or ``(N, 3)``, of the first frame of each stretch.
         initial_pose: declared by the wearer, or None.
         contacts: points of the feet that may bear the body.
@@ -123,7 +126,7 @@ class WearerProblem:
     heading_sigma: Array
     prior_R_bone_sensor: Array
     mounting_sigma: Array
-    settings: Any
+    settings: "FactorSettings"
     p_world_start: Array = field(default_factory=lambda: np.zeros(3))
     initial_pose: InitialPose | None = None
     contacts: tuple[BodyPoint, ...] = ()

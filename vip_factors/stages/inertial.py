@@ -15,7 +15,7 @@ from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, first_poses, initial_calibration, known_calibration
 from vip_factors.initialise.start_search import Starts
-from vip_factors.problem.scene import ExtraTerms, SceneProblem
+from vip_factors.problem.scene import ExtraTerms
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams
@@ -36,6 +36,7 @@ from vip_factors.stages.inertial_model import (
     with_inflated_contact_sigma,
 )
 from vip_factors.stages.solver import Solver
+from vip_factors.terms.registry import unfilmed_problem
 
 # Beyond its range in most frames: then limits and the declared pose contradict each other, and thousands of frames are
 # not to overrule what was declared.
@@ -162,7 +163,7 @@ def with_calibration_sigmas(
         settings, extra: with which it was found.
     """
     model = with_contacts(with_inflated_contact_sigma(solution.model, settings), solution.state)
-    objective = SceneObjective(SceneProblem.unfilmed([model], extra))
+    objective = SceneObjective(unfilmed_problem([model], extra))
     if not objective.static_keys:
         return estimate
     try:

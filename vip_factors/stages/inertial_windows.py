@@ -21,7 +21,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, first_poses
 from vip_factors.initialise.sensor_faults import CLOCK_SECONDS
-from vip_factors.problem.scene import ExtraTerms, SceneProblem
+from vip_factors.problem.scene import ExtraTerms
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, in_stretches
@@ -55,6 +55,7 @@ from vip_factors.stages.solver import Solver
 from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import Each, WindowPlan
+from vip_factors.terms.registry import unfilmed_problem
 
 # m, of a window that is tracked afresh: where it begins the one before it tells, once it is moved there, and its height
 # the floor; held as the beginning of a recording is, that height would be the tracker's.
@@ -192,7 +193,7 @@ def calibrate(recording: RecordingSource, plan: WindowPlan, settings: Settings, 
     if settings.acceleration:
         inertial = calibrated(inertial, settings, solver, solver.extra)
         free = with_contacts(with_inflated_contact_sigma(inertial.model, settings.calibration), inertial.state)
-        problem, state = SceneProblem.unfilmed([free], solver.extra), SceneState.unfilmed([inertial.state])
+        problem, state = unfilmed_problem([free], solver.extra), SceneState.unfilmed([inertial.state])
         starts = with_rivals_solved(starts, problem, state, 0, together, settings, solver)
     # Without a camera an estimate has its recording's name.
     return replace(inertial, model=replace(inertial.model, name=recording.head.name), starts=starts)
@@ -261,7 +262,7 @@ def _solved(
     model, state = _solve_window(shared, frames, streams, plan, span, settings, own)
     covariance = None
     if settings.covariance:
-        scene = SceneProblem.unfilmed([model]), SceneState.unfilmed([state])
+        scene = unfilmed_problem([model]), SceneState.unfilmed([state])
         covariance = scene_covariance(*scene, own).wearers[0]
     wearer = _decode(model, state, settings, covariance)
     return SolvedWindow(span, (replace(wearer, reports=tuple(own.reports)),))

@@ -7,11 +7,12 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.display import ProgressCallback
 from vip_factors.estimate import SolveReport
 from vip_factors.factor_graph.graph import optimise_with_gtsam
-from vip_factors.problem.scene import ExtraTerms, SceneProblem
+from vip_factors.problem.scene import ExtraTerms
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.settings import SolverName
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.terms.registry import unfilmed_problem
 
 
 @dataclass
@@ -43,7 +44,7 @@ class Solver:
         self, model: WearerProblem, start: WearerState, stage: str, extra: ExtraTerms | None = None
     ) -> WearerState:
         """The same of one wearer whom no camera sees."""
-        objective = SceneObjective(SceneProblem.unfilmed([model], extra))
+        objective = SceneObjective(unfilmed_problem([model], extra))
         return self.solve(objective, SceneState.unfilmed([start]), stage).wearers[0]
 
     def progress_of(self, stage: str) -> Callable[[float], None]:

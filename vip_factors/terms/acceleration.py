@@ -59,7 +59,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquation
     problem = at.problem
     if not problem.use_acceleration:
         return
-    settings: AccelerationSettings = problem.settings.acceleration
+    settings = problem.settings.acceleration
     body, step = at.body.at(slice(first.start, first.stop + 2)), problem.frames.step
     p, centre = at.sensor_points.on(body), slice(first.start + 1, first.stop + 1)
     headings, force = at.headings(centre), problem.frames.specific_force_inertial[centre]

@@ -28,7 +28,7 @@ class AgreeingHeadingsSettings:
 
 def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor for each sensor, on the headings of all."""
-    settings: AgreeingHeadingsSettings = at.problem.settings.agreeing_headings
+    settings = at.problem.settings.agreeing_headings
     if settings.sigma_deg is not None and at.problem.free_headings:
         sigma, headings = np.deg2rad(settings.sigma_deg), at.state.headings
         mean = np.arctan2(np.sin(headings).sum(), np.cos(headings).sum())

@@ -28,7 +28,7 @@ def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
     imu = at.problem.imu
     if imu is None or not at.is_path:
         return
-    settings: CameraAccelerationSettings = at.problem.settings.acceleration
+    settings = at.problem.settings.acceleration
     poses, centre = at.poses(slice(first.start, first.stop + 2)), slice(first.start + 1, first.stop + 1)
     place, heading, force = at.problem.p_camera_imu, at.state.heading, imu.specific_force_inertial[centre, 0]
     p, step, count = poses.point(place), at.step, first.stop - first.start

@@ -33,7 +33,7 @@ def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
     imu = at.problem.imu
     if imu is None:
         return
-    settings: CameraOrientationSettings = at.problem.settings.orientation
+    settings = at.problem.settings.orientation
     sigma = settings.sigma(at.problem.orientation_weight(at.step))
     R, mounting = at.poses(first).R_world_camera, at.state.R_camera_imu
     error = orientation_residual(R, mounting, at.state.heading, imu.R_inertial_sensor[first, 0])

@@ -52,7 +52,7 @@ def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor for each frame and its next."""
     if not at.is_path:
         return
-    settings: CameraVelocitySettings = at.problem.settings.velocity
+    settings = at.problem.settings.velocity
     now, after = at.poses(first), at.poses(slice(first.start + 1, first.stop + 1))
     residual = camera_velocity_residual(now, after, at.step)
 

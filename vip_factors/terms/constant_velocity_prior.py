@@ -42,7 +42,7 @@ def root_equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEqu
     unmeasured = ~np.any(frames.acceleration_valid[centre], axis=1) & frames.follows[first] & frames.follows[centre]
     if not (_applies(at.problem) and unmeasured.any()):
         return
-    settings: ConstantVelocitySettings = at.problem.settings.constant_velocity
+    settings = at.problem.settings.constant_velocity
     p, step = at.state.p_world_pelvis[first.start : first.stop + 2, None], frames.step
     residual = (p[:-2] - 2 * p[1:-1] + p[2:]) / step**2 / settings.acceleration_sigma
     c = SECOND_DIFFERENCE / (step**2 * settings.acceleration_sigma)
@@ -56,7 +56,7 @@ def pelvis_equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquati
     unmeasured = ~seen & frames.follows[first]
     if not (_applies(at.problem) and unmeasured.any()):
         return
-    settings: ConstantVelocitySettings = at.problem.settings.constant_velocity
+    settings = at.problem.settings.constant_velocity
     R, step = at.state.R_parent_child[first.start : first.stop + 1, 0], frames.step
     turn = log(transpose(R[:-1]) @ R[1:])
 

@@ -28,7 +28,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:
     problem = at.problem
     if not (problem.has_floor and problem.contacts):
         return
-    settings: FloorContactSettings = problem.settings.floor_contact
+    settings = problem.settings.floor_contact
     body = at.body.at(first)
     p = at.contact_points.on(body)
 

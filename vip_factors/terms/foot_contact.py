@@ -28,7 +28,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquation
     problem = at.problem
     if not (problem.use_acceleration and problem.contacts):
         return
-    settings: FootContactSettings = problem.settings.foot_contact
+    settings = problem.settings.foot_contact
     body, step = at.body.at(slice(first.start, first.stop + 1)), problem.frames.step
     p, c = at.contact_points.on(body), np.array([-1.0, 1.0]) / (step * settings.sigma)
     yield DifferenceEquations(

@@ -24,7 +24,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     problem = at.problem
     if not (problem.use_acceleration and problem.is_gauge):
         return
-    settings: GaugePriorSettings = problem.settings.gauge_prior
+    settings = problem.settings.gauge_prior
     block = JacobianBlock(at.owner, "root", np.eye(3)[None, None] / settings.position_sigma)
     for frame, p_world in problem.placed_starts:
         if first.start <= frame < first.stop:

@@ -141,7 +141,7 @@ def equations(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
     ground = at.view.ground
     if ground is None or not ground.stands[first].any():
         return
-    settings: GroundContactSettings = at.camera.settings.ground_contact
+    settings = at.camera.settings.ground_contact
     stands, bones = ground.stands[first], tuple(foot.bone for foot in ground.feet)
     residual, by_foot = np.zeros((*stands.shape, 3)), []
     for g in range(len(bones)):

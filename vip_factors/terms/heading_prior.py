@@ -34,7 +34,7 @@ def heading_sigmas(problem: WearerProblem) -> Array:
     What the motion of a whole recording says of a heading that walks is its mean, against that of the gauge
     sensor: a walk's mean is off its start by a third of the variance that it gathers, and here two walk.
     """
-    settings: HeadingPriorSettings = problem.settings.heading_prior
+    settings = problem.settings.heading_prior
     sigmas = np.maximum(problem.heading_sigma, np.deg2rad(settings.least_sigma_deg))
     if problem.headings_walk:
         whole = walk_sigma(problem, problem.heading_knots[-1] - problem.heading_knots[0])

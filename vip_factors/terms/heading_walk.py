@@ -36,7 +36,7 @@ class HeadingWalkSettings:
 
 def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
     """Radians by which each sensor's heading walks in so many seconds, ``(..., S)``."""
-    settings: HeadingWalkSettings = problem.settings.heading_walk
+    settings = problem.settings.heading_walk
     unknown = np.full(len(problem.sensors), settings.unknown_drift_deg)
     return settings.sigma(seconds, problem.heading_drift_deg if len(problem.heading_drift_deg) else unknown)
 
@@ -45,7 +45,7 @@ def equations(at: WearerEvaluation) -> Iterator[KnotEquations]:
     """One factor for each sensor, from each knot to the next."""
     problem, knots = at.problem, at.state.heading_knots
     if problem.free_headings and problem.headings_walk:
-        settings: HeadingWalkSettings = problem.settings.heading_walk
+        settings = problem.settings.heading_walk
         walked = walk_sigma(problem, np.diff(problem.heading_knots)[:, None])
         root = 1 / np.where(problem.walks_on[:, None], walked, np.deg2rad(settings.restart_deg))
         residual = root * np.diff(knots, axis=0)

@@ -89,7 +89,7 @@ def hinge_jacobians(R_parent_child: Array, variables: Array) -> tuple[Array, Arr
 
 def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     """One factor a frame on all elbows and knees."""
-    settings: HingeSettings = at.problem.settings.hinge
+    settings = at.problem.settings.hinge
     if not settings.use:
         return
     R, whitening = at.state.R_parent_child[first], 1 / settings.sigmas

@@ -26,7 +26,7 @@ class JointLimitSettings:
 
 def equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     """One factor for each joint but the root, or for each of its axes."""
-    settings: JointLimitSettings = at.problem.settings.joint_limit
+    settings = at.problem.settings.joint_limit
     x, sigma = at.joint_vectors(first), np.deg2rad(settings.sigma_deg)
     outside = at.problem.limits.violation(x.reshape(len(x), -1))
     residual = outside.reshape(len(x), -1, 1 if settings.per_axis else 3) / sigma

@@ -52,7 +52,7 @@ def orientation_jacobians(R_world_bone: Array, R_bone_sensor: Array, residual: A
 def equations(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:
     """One factor for each sensor."""
     problem, bones = at.problem, at.problem.sensor_points.bones
-    settings: OrientationSettings = problem.settings.orientation
+    settings = problem.settings.orientation
     R, mounting = at.body.R_world_bone[first][:, bones], at.state.R_bone_sensor
     error = orientation_residual(R, mounting, at.headings(first), problem.frames.R_inertial_sensor[first])
 

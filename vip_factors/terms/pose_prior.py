@@ -27,7 +27,7 @@ class PosePriorSettings:
 
 def pose_equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     """One factor a frame."""
-    settings: PosePriorSettings = at.problem.settings.pose_prior
+    settings = at.problem.settings.pose_prior
     prior, x = at.problem.prior, at.joint_vectors(first)
     residual = settings.scale * (x.reshape(len(x), -1) - at.state.pose_mean) @ prior.whitening.T
     yield JointEquations(

@@ -1,7 +1,11 @@
 """The list of terms, and their settings in one tree: what sums, counts, tests or draws terms takes them from here."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, SceneProblem
+from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.acceleration import ACCELERATION, AccelerationSettings
 from vip_factors.terms.agreeing_headings import AGREEING_HEADINGS, AgreeingHeadingsSettings
 from vip_factors.terms.body_prior import BODY_PRIOR
@@ -105,3 +109,11 @@ class CameraFactorSettings:
     clock: VideoClockSettings = field(default_factory=VideoClockSettings)
     correlation_s: float = 0.35  # s, of what the camera's own sensor says, as factors.correlation_s
     heading_sigma_deg: float = 45.0  # of the camera IMU's heading, which nothing but the picture tells
+
+
+def unfilmed_problem(wearers: Sequence[WearerProblem], extra: ExtraTerms | None = None) -> SceneProblem:
+    """The problem of wearers before no camera: the one that it has sees nobody and has no free variables."""
+    lens = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
+    camera = CameraProblem(lens, moving=False, settings=CameraFactorSettings(), free_pose=False)
+    views = tuple(KeypointView.unseen((), len(wearer.frames)) for wearer in wearers)
+    return SceneProblem(tuple(wearers), camera, views, extra=extra)

@@ -99,7 +99,7 @@ def equations(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
     view, lens = at.view, at.camera.model
     if not view.points:
         return
-    settings: ReprojectionSettings = at.camera.settings.reprojection
+    settings = at.camera.settings.reprojection
     body, poses, points = at.wearer.body.at(first), at.state.at_frames(first), view.body_points
     p, sigma, speed = at.points_on(points).on(body), view.sigma[first, :, None], view.pixels_per_second[first]
     residual, p_camera = reprojection_residual(p, poses, lens, view.pixels[first])

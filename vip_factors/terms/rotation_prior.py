@@ -65,7 +65,7 @@ def initial_pose_equations(at: WearerEvaluation, first: slice) -> Iterator[Joint
     declared = at.problem.initial_pose
     if declared is None or first.start >= declared.left:
         return
-    settings: InitialPoseSettings = at.problem.settings.initial_pose
+    settings = at.problem.settings.initial_pose
     sigma = declared.pose.sigma[1:] * settings.scale * np.sqrt(declared.frames)  # (23, 3) rad
     held = slice(first.start, min(first.stop, declared.left))
     error = rotation_prior_residual(at.state.R_parent_child[held, 1:], declared.pose.R_parent_child[1:])

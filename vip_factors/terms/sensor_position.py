@@ -27,7 +27,7 @@ class SensorPositionSettings:
 
 def sensor_position_whitening(problem: WearerProblem) -> Array:
     """``(S, 3, 3)`` per metre: another sigma along limbs than across."""
-    settings: SensorPositionSettings = problem.settings.sensor_place
+    settings = problem.settings.sensor_place
     found = []
     for bone in problem.sensor_points.bones:
         limb = problem.skeleton.limb(bone)

@@ -34,7 +34,7 @@ def turn_jacobians(turn: Array) -> tuple[Array, Array]:
 def equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     """One factor for each frame and its next."""
     problem, prior = at.problem, at.problem.prior
-    settings: SmoothnessSettings = problem.settings.smoothness
+    settings = problem.settings.smoothness
     if not (problem.use_acceleration and settings.use):
         return
     R = at.state.R_parent_child[first.start : first.stop + 1, 1:]

@@ -32,7 +32,7 @@ class SoleSettings:
 def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor on the logarithm of the thickness."""
     if at.problem.free_sole:
-        settings: SoleSettings = at.problem.settings.sole
+        settings = at.problem.settings.sole
         block = JacobianBlock(at.owner, "sole", np.ones((1, 1, 1, 1)) / settings.spread)
         yield from prior_equations(block, np.full((1, 1), at.state.sole / settings.spread))
 

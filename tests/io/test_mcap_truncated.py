@@ -21,9 +21,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_samples import walk
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.mcap_chunks import LARGEST_CHUNK
-from vip_factors.io.mcap_index import logged_interval, read_summary
-from vip_factors.io.mcap_reader import MAGIC, McapContents, McapWarning, read_contents
+from vip_factors.io.mcap_reader import LARGEST_CHUNK, MAGIC, McapContents, McapWarning, read_contents, read_summary
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_source import open_source
 
@@ -110,9 +108,12 @@ def test_a_record_of_wrong_length_is_told_as_damage_not_as_a_cut(tmp_path: Path)
 
 def test_the_index_says_when_messages_begin_and_end_if_it_is_whole(tmp_path: Path) -> None:
     file = file_of(CompressionType.ZSTD, 5_000)
-    for cut, expected in ((0, (0, MESSAGES - 1)), (1, None), (9, None), (len(file) - 20, None)):
+    for cut in (0, 1, 9, len(file) - 20):
         (tmp_path / "cut.mcap").write_bytes(file[: len(file) - cut])
-        assert logged_interval(read_summary(tmp_path / "cut.mcap")) == expected
+        summary = read_summary(tmp_path / "cut.mcap")
+        assert (summary is not None) == (cut == 0)
+        if summary is not None and summary.statistics is not None:
+            assert (summary.statistics.message_start_time, summary.statistics.message_end_time) == (0, MESSAGES - 1)
 
 
 @pytest.fixture(scope="module")

@@ -136,7 +136,7 @@ def _check_exists(path: Path) -> None:
 
 
 def _mcap_format(path: Path) -> str:
-    from vip_factors.io.mcap_index import read_few
+    from vip_factors.io.mcap_reader import read_few
     from vip_factors.io.ros2 import is_imu
 
     channels = [one.channel for one in read_few(path, lambda channel: False).messages.values()]

@@ -22,9 +22,8 @@ from vip_factors.io.mcap_frames import (
     motion_of,
     residuals_of,
 )
-from vip_factors.io.mcap_index import read_few
 from vip_factors.io.mcap_messages import Topics, is_ours, naming, warn
-from vip_factors.io.mcap_reader import McapChannel, McapContents, read_contents
+from vip_factors.io.mcap_reader import McapChannel, McapContents, read_contents, read_few
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo, Residuals

@@ -1,35 +1,113 @@
-"""The messages of an MCAP file: all of them, or those of some channels.
+"""The messages of an MCAP file (https://mcap.dev/spec): all of them, those of some channels, or by its index of a time.
 
 The ``mcap`` library reads the records. Of a truncated or damaged file everything is read that its whole chunks hold.
+Chunks are decompressed here, within a limit: one of 65 kB may claim gigabytes, which the library would believe.
 """
 
 import os
 import struct
 import warnings
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import IO, BinaryIO
 
+import lz4.frame
+import numpy as np
+import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, ChunkIndex, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
+from mcap.summary import Summary
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.mcap_chunks import ChunkError, LargeChunkError, chunk_data, largest_chunk, records_of
 
 MAGIC = b"\x89MCAP0\r\n"
 MESSAGE = int(Opcode.MESSAGE)  # compared a million times
+RECORD_HEAD = struct.Struct("<BQ")  # opcode, length
 MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+INDEX_HEAD = struct.Struct("<HI")  # of the messages of a channel in a chunk: channel, bytes that follow
+LARGEST_CHUNK = "VIP_FACTORS_LARGEST_CHUNK"
 # What the library raises for records that are cut or damaged; a length in them may be any number.
 READ_ERRORS = (McapError, struct.error, ValueError, OverflowError, MemoryError)
 
 
 class McapWarning(UserWarning):
     """Something in a file was left out or could not be read, and what it was."""
+
+
+class ChunkError(Exception):
+    """A chunk that cannot be read; the message says why."""
+
+
+class LargeChunkError(ChunkError):
+    """A chunk that holds more than it may, or says so."""
+
+
+def largest_chunk() -> int:
+    """Bytes that a chunk may hold, packed or not: 128 MiB, or :data:`LARGEST_CHUNK` in the environment.
+
+    Recorders close chunks at 1 to 4 MB, those with images in them at a few more.
+    """
+    limit = os.environ.get(LARGEST_CHUNK) or str(128 << 20)
+    if not limit.isdecimal():
+        raise InputError(f"{LARGEST_CHUNK}={limit} in the environment: expected a number of bytes")
+    return int(limit)
+
+
+def chunk_data(chunk: Chunk, largest: int) -> bytes:
+    """The records of a chunk, decompressed.
+
+    Raises:
+        ChunkError: for an unknown compression, or data that does not match its size or checksum.
+        LargeChunkError: if it holds more than ``largest`` bytes, or says so.
+    """
+    packed, size = chunk.data, chunk.uncompressed_size
+    try:
+        # The size in a zstd frame's own head is allocated, whatever the chunk's head says.
+        framed = zstandard.frame_content_size(packed) if chunk.compression == "zstd" else 0
+        claimed = max(size, len(packed), framed)
+        if claimed > largest:
+            raise LargeChunkError(
+                f"a chunk of {len(packed):,} bytes claims to hold {claimed:,}: expected at most {largest:,}; if that "
+                f"is right, set {LARGEST_CHUNK} to more bytes in the environment"
+            )
+        data = _decompressed(chunk.compression, packed, size)
+    except (zstandard.ZstdError, RuntimeError) as error:  # RuntimeError is lz4's
+        raise ChunkError(f"a chunk of {size} bytes does not decompress ({error})") from error
+    if len(data) != size:
+        raise ChunkError(f"a chunk holds {len(data)} bytes where its head says {size}")
+    if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+        raise ChunkError("a chunk does not match its checksum")
+    return data
+
+
+def _decompressed(compression: str, packed: bytes, size: int) -> bytes:
+    if compression == "":
+        return packed
+    if compression == "zstd":
+        return zstandard.ZstdDecompressor().decompress(packed, max_output_size=size)
+    if compression == "lz4":
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
+    raise ChunkError(f"a chunk is compressed with '{compression}' (known: zstd, lz4)")
+
+
+def records_of(data: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and end of the content of every whole record of a chunk."""
+    size, start = len(data), 0
+    unpack = RECORD_HEAD.unpack_from
+    while start + RECORD_HEAD.size <= size:
+        opcode, length = unpack(data, start)
+        start += RECORD_HEAD.size
+        if opcode == 0 or start + length > size:
+            return
+        yield opcode, start, start + length
+        start += length
 
 
 @dataclass(frozen=True)
@@ -74,12 +152,7 @@ class McapContents:
 
     @property
     def topics(self) -> list[str]:
-        """All topics of the file, wanted or not, sorted."""
-        return sorted(self.topics_in_order)
-
-    @property
-    def topics_in_order(self) -> list[str]:
-        """The same as they first came."""
+        """All topics of the file, wanted or not, as they first came."""
         return list(dict.fromkeys(messages.channel.topic for messages in self.messages.values()))
 
 
@@ -94,9 +167,6 @@ class McapPass:
     Args:
         path: of the file.
         wanted: whether the messages of a channel are kept.
-
-    Raises:
-        InputError: for a limit in the environment that is no number.
     """
 
     def __init__(self, path: Path, wanted: Callable[[McapChannel], bool]) -> None:
@@ -108,16 +178,12 @@ class McapPass:
         self._nameless = 0  # messages of channels that the file never describes
 
     def records(self, file: IO[bytes], largest_record: int) -> Iterator[McapRecord]:
-        """Take in the records of a file, and give back each, up to the footer or what is not whole.
-
-        Args:
-            file: open, at its beginning.
-            largest_record: bytes of a record at most.
+        """Take in the records of a file that is open at its beginning, and give back each, up to the footer or damage.
 
         Raises:
             FileFormatError: if it is no MCAP file.
         """
-        check_magic(self.contents.path, file.read(len(MAGIC)))
+        _check_magic(self.contents.path, file.read(len(MAGIC)))
         reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=largest_record)
         position = len(MAGIC)
         try:
@@ -128,16 +194,20 @@ class McapPass:
         except FileFormatError:
             raise
         except READ_ERRORS:
-            self.end_early(file, position)
+            self._end_early(file, position)
 
     def take(self, record: McapRecord) -> None:
         """Take in a record that stands outside of chunks."""
         if isinstance(record, Chunk):
             self.take_chunk(record)
         elif isinstance(record, Message):
-            self.add(record.channel_id, record.log_time, record.data)
-        elif isinstance(record, Schema | Channel):
-            self._describe(record)
+            self._add(record.channel_id, record.log_time, record.data)
+        elif isinstance(record, Schema):
+            self._schemas.setdefault(record.id, record)
+        elif isinstance(record, Channel):
+            schema = self._schemas.get(record.schema_id)
+            described = ("", "") if schema is None else (schema.name, schema.encoding)
+            self.know(McapChannel(record.id, record.topic, record.message_encoding, *described))
 
     def take_chunk(self, chunk: Chunk) -> None:
         """Take in the records of a chunk; one that is damaged or larger than it may be is left out."""
@@ -150,11 +220,11 @@ class McapPass:
         for opcode, start, end in records_of(data):
             if opcode == MESSAGE and end - start >= MESSAGE_HEAD.size:
                 number, _, log_time, _ = MESSAGE_HEAD.unpack_from(data, start)
-                self.add(number, log_time, data[start + MESSAGE_HEAD.size : end])
+                self._add(number, log_time, data[start + MESSAGE_HEAD.size : end])
             elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 kind: type[Schema | Channel] = Schema if opcode == Opcode.SCHEMA else Channel
                 try:
-                    self._describe(kind.read(ReadDataStream(BytesIO(data[start:end]))))
+                    self.take(kind.read(ReadDataStream(BytesIO(data[start:end]))))
                 except READ_ERRORS:
                     self.contents.damage.append("the description of a channel is malformed: its messages are left out")
 
@@ -165,7 +235,7 @@ class McapPass:
             if self._wanted(channel):
                 self.gathered[channel.id] = messages
 
-    def add(self, number: int, log_time: int, data: bytes) -> None:
+    def _add(self, number: int, log_time: int, data: bytes) -> None:
         """Take in a message of the channel with this id."""
         self.contents.last_log_time = log_time
         messages = self.gathered.get(number)
@@ -194,7 +264,7 @@ class McapPass:
         self.refusals.clear()
         return complaints
 
-    def end_early(self, file: IO[bytes], position: int) -> None:
+    def _end_early(self, file: IO[bytes], position: int) -> None:
         """Take note of a file whose records end at a byte before they should."""
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - len(MAGIC), 0))
@@ -205,11 +275,7 @@ class McapPass:
         self.contents.damage.insert(0, f"the file is {where} ({upto}); what follows is lost")
 
     def close(self) -> None:
-        """Warn of the damage in a file that was read to its end.
-
-        Raises:
-            FileFormatError: if a chunk was larger than it may be.
-        """
+        """Warn of the damage in a file that was read to its end; refuse one with a chunk larger than it may be."""
         self.check_size()
         if self._nameless:
             self.contents.damage.append(f"{self._nameless} messages belong to no channel of the file: left out")
@@ -217,21 +283,9 @@ class McapPass:
             warnings.warn(McapWarning(f"{self.contents.path}: {sentence}"), stacklevel=3)
 
     def check_size(self) -> None:
-        """Check that no chunk was larger than it may be.
-
-        Raises:
-            FileFormatError: if one was.
-        """
+        """Refuse a file with a chunk larger than it may be (FileFormatError)."""
         if self.refusals:
             raise FileFormatError(f"{self.contents.path}: {self.refusals[0]}")
-
-    def _describe(self, record: Schema | Channel) -> None:
-        if isinstance(record, Schema):
-            self._schemas.setdefault(record.id, record)
-        else:
-            schema = self._schemas.get(record.schema_id)
-            described = ("", "") if schema is None else (schema.name, schema.encoding)
-            self.know(McapChannel(record.id, record.topic, record.message_encoding, *described))
 
 
 def read_contents(
@@ -249,19 +303,126 @@ def read_contents(
     if isinstance(path, McapContents):
         return path
     reading = McapPass(Path(path), wanted or (lambda channel: True))
-    with open_file(Path(path)) as file:
+    with _open_file(Path(path)) as file:
         for _ in reading.records(file, os.fstat(file.fileno()).st_size):
             pass
     reading.close()
     return reading.contents
 
 
-def open_file(path: Path) -> BinaryIO:
-    """The file, if it can be read from any place in it.
+def read_summary(path: str | os.PathLike[str]) -> Summary | None:
+    """What the end of a file says of it: statistics, channels and chunks; None if it does not."""
+    with _open_file(Path(path)) as file:
+        try:
+            return SeekingReader(file, record_size_limit=os.fstat(file.fileno()).st_size).get_summary()
+        except (*READ_ERRORS, OSError):
+            return None
 
-    Raises:
-        InputError: if it cannot.
+
+@dataclass(frozen=True)
+class McapByTime:
+    """An MCAP file larger than memory, of which as much is in memory as is asked for.
+
+    Attributes:
+        contents: the messages of channels that have few; of sampled channels the first and the last message.
+        sampled: which channels have many messages.
+        chunks: where the file's chunks lie, and which channels and log times they hold.
+        message_count: of all channels.
     """
+
+    contents: McapContents
+    sampled: Callable[[McapChannel], bool] = field(repr=False)
+    chunks: Sequence[ChunkIndex] = field(repr=False)
+    message_count: int
+
+    @classmethod
+    def open(
+        cls,
+        path: str | os.PathLike[str],
+        summary: Summary | None,
+        wanted: Callable[[McapChannel], bool],
+        sampled: Callable[[McapChannel], bool],
+    ) -> "McapByTime | None":
+        """Read what comes once, and the ends of the rest; None where there is no index, or one that does not fit.
+
+        Args:
+            path: of the file.
+            summary: of the file.
+            wanted: channels whose messages are few.
+            sampled: those whose messages are many.
+        """
+        if summary is None or summary.statistics is None:
+            return None
+        reading = McapPass(Path(path), lambda channel: wanted(channel) or sampled(channel))
+        for record in (*summary.schemas.values(), *summary.channels.values()):
+            reading.take(record)
+        needed = dict[int, ChunkIndex]()
+        for number, messages in reading.gathered.items():
+            chunks = [chunk for chunk in summary.chunk_indexes if number in chunk.message_index_offsets]
+            ends = [*chunks[:1], *chunks[-1:]]
+            needed |= {chunk.chunk_start_offset: chunk for chunk in (ends if sampled(messages.channel) else chunks)}
+        try:
+            _take_chunks(reading, [needed[start] for start in sorted(needed)])
+        except READ_ERRORS:
+            return None
+        reading.check_size()
+        counts = summary.statistics.channel_message_counts
+        for number, messages in reading.gathered.items():
+            if sampled(messages.channel) and messages.data:
+                order = np.argsort(messages.log_times, kind="stable").tolist()
+                reading.contents.messages[number] = messages.rows(order[:1] + order[1:][-1:])
+            elif not sampled(messages.channel) and len(messages.data) != counts.get(number, 0):
+                return None
+        if reading.contents.damage:
+            return None
+        return cls(reading.contents, sampled, summary.chunk_indexes, summary.statistics.message_count)
+
+    def between(self, start_ns: int, end_ns: int) -> McapContents:
+        """The messages of sampled channels logged from ``start_ns`` to ``end_ns``, in file order."""
+        reading = McapPass(self.contents.path, self.sampled)
+        for messages in self.contents.messages.values():
+            reading.know(messages.channel)
+        within = [
+            chunk for chunk in self.chunks if chunk.message_start_time <= end_ns and chunk.message_end_time >= start_ns
+        ]
+        _take_chunks(reading, within)
+        for number, messages in reading.gathered.items():
+            rows = [row for row, time in enumerate(messages.log_times) if start_ns <= time <= end_ns]
+            reading.contents.messages[number] = messages.rows(rows)
+        return reading.contents
+
+    def log_times(self) -> dict[int, np.ndarray] | None:
+        """Log times ``(N,)`` in nanoseconds by channel id, in file order; None if the index lacks some messages."""
+        times = dict[int, list[np.ndarray]]()
+        with open(self.contents.path, "rb", buffering=0) as file:  # a buffer would be filled anew for each chunk
+            for chunk in self.chunks:
+                file.seek(chunk.chunk_start_offset + chunk.chunk_length)
+                data = file.read(chunk.message_index_length)
+                for opcode, start, end in records_of(data):
+                    pairs_start = start + INDEX_HEAD.size
+                    if opcode == Opcode.MESSAGE_INDEX and end > pairs_start:
+                        pairs = np.frombuffer(data, "<i8", (end - pairs_start) // 8, pairs_start)
+                        number, _ = INDEX_HEAD.unpack_from(data, start)
+                        times.setdefault(number, []).append(pairs[::2])  # beside each, its place in the chunk
+        of_channel = {number: np.concatenate(pieces) for number, pieces in times.items()}
+        return of_channel if sum(map(len, of_channel.values())) == self.message_count else None
+
+
+def read_few(path: str | os.PathLike[str], wanted: Callable[[McapChannel], bool]) -> McapContents:
+    """The messages of channels that have few: by the index, or where there is none those of the whole file."""
+    file = McapByTime.open(path, read_summary(path), wanted, lambda channel: False)
+    return read_contents(path, wanted) if file is None else file.contents
+
+
+def _take_chunks(reading: McapPass, chunks: Sequence[ChunkIndex]) -> None:
+    with open(reading.contents.path, "rb") as file:
+        for chunk in chunks:
+            file.seek(chunk.chunk_start_offset + RECORD_HEAD.size)
+            reading.take_chunk(Chunk.read(ReadDataStream(file)))
+
+
+def _open_file(path: Path) -> BinaryIO:
+    """The file, if it can be read from any place in it."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected an MCAP file")
     if not path.exists():
@@ -271,12 +432,8 @@ def open_file(path: Path) -> BinaryIO:
     return open(path, "rb")
 
 
-def check_magic(path: Path, start: bytes) -> None:
-    """Whether a file begins as MCAP files do.
-
-    Raises:
-        FileFormatError: if it does not.
-    """
+def _check_magic(path: Path, start: bytes) -> None:
+    """Refuse a file that does not begin as MCAP files do."""
     if not start:
         raise FileFormatError(f"{path} is empty (0 bytes): expected an MCAP file; write or copy it again")
     if start != MAGIC[: len(start)]:

@@ -212,7 +212,7 @@ def is_read(channel: McapChannel) -> bool:
 
 def wearer_prefixes(contents: McapContents, info: SceneInfo | None) -> list[str]:
     """What the topics of each wearer begin with of whom something is left; who has nothing is told."""
-    remaining = {"/".join(topic.split("/")[:3]): None for topic in contents.topics_in_order if topic.startswith(WEARER)}
+    remaining = {"/".join(topic.split("/")[:3]): None for topic in contents.topics if topic.startswith(WEARER)}
     prefixes = list(info.wearer_topics) if info is not None else list(remaining) or [""]
     for prefix in prefixes:
         if prefix and prefix not in remaining:

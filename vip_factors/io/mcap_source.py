@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mcap.summary import Summary
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.codec import NS_PER_S, time_ns_of
 from vip_factors.io.mcap_camera import CameraTopics, camera_of
-from vip_factors.io.mcap_index import McapByTime, logged_interval, read_summary
 from vip_factors.io.mcap_messages import Topics, is_ours, naming, parsed
-from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages
+from vip_factors.io.mcap_reader import McapByTime, McapChannel, McapContents, read_summary
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, TRUTH_POSE, recording_of, wearer_prefixes
 from vip_factors.io.mcap_samples import detections_of, read_streams, sample_time
 from vip_factors.io.scene_building import read_scenes
@@ -50,36 +50,23 @@ class WearerFile(RecordingInMemory):
     """One wearer's recording in an MCAP file; ``recording`` has of each sensor the first and the last sample alone.
 
     Attributes:
-        file: it.
-        prefix: what its topics begin with.
+        file: the MCAP file.
+        prefix: what the wearer's topics begin with.
     """
 
     file: McapByTime
     prefix: str
 
-    def channels(self, contents: McapContents) -> list[McapMessages]:
-        """The wearer's samples among some messages."""
-        return [
-            messages for messages in contents.messages.values() if messages.channel.topic.startswith(self.prefix + IMU)
-        ]
-
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """What was measured from one instant to another.
-
-        Raises:
-            RecordingError, FileFormatError: if the samples are unusable.
-        """
+        """What was measured from one instant to another."""
         return self.among(self.file.between(*_logged(self.head.start_ns, start, end)), start, end)
 
     def among(self, contents: McapContents, start: float, end: float) -> Mapping[str, ImuStream]:
-        """The same among messages that were read already.
-
-        Raises:
-            RecordingError, FileFormatError: if the samples are unusable.
-        """
-        path = self.file.contents.path
+        """The same among messages that were read already."""
+        path, topics = self.file.contents.path, self.prefix + IMU
+        channels = [messages for messages in contents.messages.values() if messages.channel.topic.startswith(topics)]
         with naming(path):
-            streams = read_streams(path, self.channels(contents), self.head.start_ns)
+            streams = read_streams(path, channels, self.head.start_ns)
         return streams_between(streams, self.sensors, start, end)
 
 
@@ -90,7 +77,7 @@ class SceneFile(UnfilmedSource):
     Its ``scene`` has of each camera the first and the last video frame, and such samples of the sensors on them.
 
     Attributes:
-        file: it.
+        file: the MCAP file.
         topics: of the cameras.
     """
 
@@ -99,11 +86,7 @@ class SceneFile(UnfilmedSource):
     topics: tuple[CameraTopics, ...]
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """What was measured from one instant to another.
-
-        Raises:
-            RecordingError, FileFormatError: if what was measured is unusable.
-        """
+        """What was measured from one instant to another."""
         reach = start - MARGIN_S, end + MARGIN_S
         contents = self._contents(*reach)
         wearers = tuple(replace(source.head, imus=source.among(contents, *reach)) for source in self.sources)
@@ -128,12 +111,8 @@ class SceneFile(UnfilmedSource):
             start = piece_end
         return count
 
-    @property
-    def _start_ns(self) -> int:
-        return self.scene.start_ns
-
     def _contents(self, start: float, end: float) -> McapContents:
-        return self.file.between(*_logged(self._start_ns, start, end))
+        return self.file.between(*_logged(self.scene.start_ns, start, end))
 
     def _camera(self, camera: Camera, camera_topics: CameraTopics, topics: Topics, start: float, end: float) -> Camera:
         """One camera with what it filmed between two instants, and what the sensor on it measured."""
@@ -144,7 +123,7 @@ class SceneFile(UnfilmedSource):
         detections, _ = detections_of(info, frames)
         mount = camera.mount
         if mount is not None:
-            streams = read_streams(topics.path, topics.channels(camera_topics("imu"), ImuSample), self._start_ns)
+            streams = read_streams(topics.path, topics.channels(camera_topics("imu"), ImuSample), self.scene.start_ns)
             imu = streams.get(mount.imu.name)
             mount = None if imu is None else replace(mount, imu=imu)
         return camera_between(replace(camera, detections=detections, mount=mount), start, end)
@@ -167,10 +146,11 @@ def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -
         InputError: if there is no such file.
         FileFormatError: if it is no MCAP file, holds nothing of a recording, or files are not parts of one recording.
     """
-    long = np.isfinite(longer_than_s) and _logged_s(paths) > longer_than_s
+    summaries = [read_summary(path) for path in paths] if np.isfinite(longer_than_s) else []
+    is_long = bool(summaries) and _logged_s(summaries) > longer_than_s
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        sources = [_by_time(path) for path in paths] if long else [None]
+        sources = [_by_time(path, summary) for path, summary in zip(paths, summaries, strict=True)] if is_long else []
         source = _together([part for part in sources if part is not None], paths)
     if source is None or not any(wearer.interval[1] - wearer.interval[0] > longer_than_s for wearer in source.wearers):
         return SceneInMemory(read_scenes([Path(path) for path in paths]))
@@ -179,15 +159,14 @@ def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -
     return source
 
 
-def _logged_s(paths: Sequence[str | os.PathLike[str]]) -> float:
-    """Seconds from the first to the last message of files; infinite where one of them does not say."""
-    intervals = [logged_interval(read_summary(path)) for path in paths]
-    intervals_known = [interval for interval in intervals if interval is not None]
-    if len(intervals_known) < len(intervals):
+def _logged_s(summaries: Sequence[Summary | None]) -> float:
+    """Seconds from the first to the last message of files, and a little; infinite where one of them does not say."""
+    statistics = [summary.statistics for summary in summaries if summary is not None and summary.statistics is not None]
+    if len(statistics) < len(summaries):
         return np.inf
-    return (
-        max(end for _, end in intervals_known) - min(start for start, _ in intervals_known)
-    ) / NS_PER_S + 2 * CLOCK_SLACK_S
+    start_ns = min(file.message_start_time for file in statistics)
+    end_ns = max(file.message_end_time for file in statistics)
+    return (end_ns - start_ns) / NS_PER_S + 2 * CLOCK_SLACK_S
 
 
 def _together(sources: Sequence[UnfilmedSource], paths: Sequence[str | os.PathLike[str]]) -> UnfilmedSource | None:
@@ -200,10 +179,10 @@ def _together(sources: Sequence[UnfilmedSource], paths: Sequence[str | os.PathLi
     return UnfilmedSource(Scene(sources[0].scene.name, tuple(wearer.head for wearer in wearers)), wearers)
 
 
-def _by_time(path: str | os.PathLike[str]) -> UnfilmedSource | None:
+def _by_time(path: str | os.PathLike[str], summary: Summary | None) -> UnfilmedSource | None:
     """The scene in an MCAP file, to be read by time; None if it cannot be read so."""
-    file = McapByTime.open(path, read_summary(path), _comes_once, _comes_in_time)
-    if file is None or not file.is_complete:
+    file = McapByTime.open(path, summary, _comes_once, _comes_in_time)
+    if file is None or file.log_times() is None:
         return None
     of_file = Topics(file.contents)
     info = of_file.last(SCENE_INFO, SceneInfo)
@@ -273,8 +252,7 @@ def indexed_recording(path: str | os.PathLike[str], longer_than_s: float) -> Rec
         InputError: if there is no such file.
     """
     summary = read_summary(path)
-    logged = logged_interval(summary)
-    if logged is None or (logged[1] - logged[0]) / NS_PER_S <= longer_than_s:
+    if _logged_s([summary]) <= longer_than_s:
         return None
     file = McapByTime.open(path, summary, _is_told, lambda channel: is_ours(channel, ImuSample))
     if file is None:

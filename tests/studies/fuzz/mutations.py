@@ -20,8 +20,7 @@ from mcap.opcode import Opcode
 from mcap.records import Chunk
 
 from tests.live_sender import delimited
-from vip_factors.io.mcap_chunks import RECORD_HEAD, chunk_data, largest_chunk
-from vip_factors.io.mcap_reader import MAGIC
+from vip_factors.io.mcap_reader import MAGIC, RECORD_HEAD, chunk_data, largest_chunk
 
 NUMBER = re.compile(rb"(?<![\w.])[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?![\w.])")
 WORD = re.compile(rb"[A-Za-z_][A-Za-z_0-9]*")

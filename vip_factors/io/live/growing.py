@@ -19,9 +19,8 @@ from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, vide
 from vip_factors.io.live.session import FindingReporter
 from vip_factors.io.live.source import LiveSource
 from vip_factors.io.mcap_camera import CameraTopics, path_of
-from vip_factors.io.mcap_chunks import largest_chunk
 from vip_factors.io.mcap_messages import PROTOBUF, is_ours, naming
-from vip_factors.io.mcap_reader import McapChannel, McapPass
+from vip_factors.io.mcap_reader import McapChannel, McapPass, largest_chunk
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, INFO, SCENE_INFO
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D

@@ -82,7 +82,7 @@ def write(content: Recording | Scene | Moved, path: StrPath, overwrite: bool = F
     Raises:
         InputError: if the file exists and may not be replaced.
     """
-    from vip_factors.io.mcap_estimate_writer import write_estimate
+    from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_recording import write_recording
 
     if isinstance(content, Recording | Scene):

@@ -234,7 +234,7 @@ def smooth_file(
     Raises:
         InputError, RecordingError, SolveError: as :func:`vip_factors.api.smooth`.
     """
-    from vip_factors.io.mcap_estimate_writer import write_estimate
+    from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_source import open_source
     from vip_factors.pipeline import smooth_chunks
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from scene_sample import estimate_of, scene_sample
 
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import write_estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.io.motions.bvh import read_bvh
 

@@ -7,7 +7,7 @@ import pytest
 from simulated_walk import walk
 
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import write_estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.calibration import preset
 from vip_factors.simulate.recording import simulate_recording

@@ -37,7 +37,7 @@ def test_signals_leave_nothing_half_written(run, files, tmp_path: Path, monkeypa
     def signalled(*_: object, **__: object) -> None:
         os.kill(os.getpid(), number)
 
-    monkeypatch.setattr("vip_factors.io.mcap_writer.MessageWriter.add_in_order", signalled)
+    monkeypatch.setattr("vip_factors.io.mcap_messages.MessageWriter.add_in_order", signalled)
     before = signal.getsignal(number)
     told = run(
         "smooth", files.recording, "--out", tmp_path / "e.mcap", "--frame-rate", "5", "--solve.max-iterations", "1"

@@ -10,7 +10,7 @@ from exercises import exercises
 from simulated_walk import walk
 
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import write_estimate
 from vip_factors.report.page import report_page
 from vip_factors.report.report_data import report_data
 

@@ -10,9 +10,9 @@ from scene_sample import estimate_of, scene_sample
 
 from tests.io.mcap_samples import copy_messages
 from vip_factors.cli.main import main
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import write_estimate
+from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_recording import read_scene, write_recording
-from vip_factors.io.mcap_writer import MessageWriter
 
 
 @pytest.fixture(scope="module")

@@ -14,8 +14,7 @@ from scene_sample import estimate_of, scene_sample
 from vip_factors.estimate import SolveReport
 from vip_factors.findings import Finding
 from vip_factors.io.live_json import LiveJsonSink
-from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_recording import write_recording
 
 NOTE, CARE = Finding("apart"), Finding("not in the video")

@@ -7,8 +7,7 @@ import pytest
 
 from vip_factors.body.anthropometry import LengthPrior
 from vip_factors.errors import FileFormatError
-from vip_factors.io.codec import DataclassCodec
-from vip_factors.io.mcap_messages import LENGTH_PRIOR
+from vip_factors.io.codec import Codec
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.sensors.calibration import Placement, SensorSite
 
@@ -16,12 +15,13 @@ SITE_OF_SHANK = SensorSite("shank", "left_knee", np.array([0.0, -0.2, 0.03]), np
 
 
 def test_numbers_have_the_shape_that_is_declared() -> None:
+    codec = Codec.of_message["vip_factors.LengthPrior"]
     prior = LengthPrior(("thigh", "shank"), np.array([[4e-4, 1e-4], [1e-4, 9e-4]]))
-    message = LENGTH_PRIOR.encode(prior)
-    np.testing.assert_array_equal(LENGTH_PRIOR.decode(message).covariance, prior.covariance)
+    message = codec.encode(prior)
+    np.testing.assert_array_equal(codec.decode(message).covariance, prior.covariance)
     del message.covariance_m2[-1]
     with pytest.raises(FileFormatError, match="LengthPrior has 3 numbers of covariance_m2: expected 4"):
-        LENGTH_PRIOR.decode(message)
+        codec.decode(message)
 
 
 def test_given_attributes_are_written_and_others_of_the_object_not_read() -> None:
@@ -29,7 +29,7 @@ def test_given_attributes_are_written_and_others_of_the_object_not_read() -> Non
     class Named:
         name: str
 
-    codec = DataclassCodec(SensorPlacement, Named, {"preset": "name"})
+    codec = Codec(SensorPlacement, Named, {"preset": "name"})
     message = codec.encode(Named("a"), name="b", sites=[SITE_OF_SHANK])
     assert (message.preset, message.sites[0].sensor) == ("b", "shank")
     assert codec.decode(message) == Named("b")
@@ -37,4 +37,4 @@ def test_given_attributes_are_written_and_others_of_the_object_not_read() -> Non
 
 def test_a_declared_field_that_the_message_has_not_is_an_error() -> None:
     with pytest.raises(TypeError, match="SensorPlacement has no pre_set"):
-        DataclassCodec(SensorPlacement, Placement, {"pre_set": "name"})
+        Codec(SensorPlacement, Placement, {"pre_set": "name"})

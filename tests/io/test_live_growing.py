@@ -16,10 +16,10 @@ from scene_samples import camera_path, filmed_walk
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.live.growing import GrowingFileSource
 from vip_factors.io.live.open import open_source
+from vip_factors.io.mcap_frames import sample_messages
+from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_reader import LARGEST_CHUNK
 from vip_factors.io.mcap_recording import recording_messages, write_recording
-from vip_factors.io.mcap_samples import sample_messages
-from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.live import VideoFrame, live_samples, stream_head

@@ -19,11 +19,10 @@ from vip_factors.describe.estimates import estimate_tables
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstimate
 from vip_factors.findings import Finding, bare
-from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import read_estimate, write_estimate
+from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene, write_recording
-from vip_factors.io.mcap_writer import MessageWriter
 
 
 def example(T: int = 60) -> WearerEstimate:

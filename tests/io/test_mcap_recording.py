@@ -14,11 +14,11 @@ from scene_samples import filmed_walk, scenes
 
 from vip_factors.describe.recordings import recording_tables
 from vip_factors.errors import FileFormatError
+from vip_factors.io.mcap_camera import detections_of
+from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import FIRST_CAMERA, read_scene, wearer_topics, write_recording
-from vip_factors.io.mcap_samples import detections_of
 from vip_factors.io.mcap_source import indexed_recording
-from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz, Vector3

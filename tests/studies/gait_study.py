@@ -18,8 +18,7 @@ from vip_factors.estimate import WearerEstimate
 from vip_factors.gait.analysis import Gait, foot_sensor, gait_of
 from vip_factors.gait.events import events_of_sensor
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.recording import Recording
 

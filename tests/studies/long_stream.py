@@ -24,11 +24,11 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.cli.workers import windows_elsewhere
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import exp
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import write_estimate
+from vip_factors.io.mcap_frames import sample_messages
+from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_recording import IMU, recording_messages
-from vip_factors.io.mcap_samples import sample_messages
 from vip_factors.io.mcap_source import open_source
-from vip_factors.io.mcap_writer import MessageWriter
 from vip_factors.pipeline import smooth_chunks
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.imu_stream import ImuStream

@@ -35,7 +35,7 @@ def main(options: DemoOptions) -> None:
     """Run the command."""
     from vip_factors.cli.simulate import SimulateOptions, simulated
     from vip_factors.evaluate.evaluation import evaluate
-    from vip_factors.io.mcap_estimate_writer import write_estimate
+    from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_recording import write_recording
     from vip_factors.pipeline import smooth
     from vip_factors.settings import Settings

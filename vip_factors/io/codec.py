@@ -1,7 +1,7 @@
 """Dataclasses to Protobuf messages and back, declared instead of written out field by field.
 
-A :class:`DataclassCodec` says which message stands for which class, and which attribute each field holds where the
-names differ. How a value is written follows from the type of its field (data_schemas):
+A :class:`Codec` says which message stands for which class. A field holds the attribute of its name, with or without a
+unit behind it, or the one that is declared. How a value is written follows from the type of its field (data_schemas):
 
 =====================  ==========================================================
 field                  attribute
@@ -18,28 +18,47 @@ map                    dictionary
 optional number, text  None if absent
 =====================  ==========================================================
 
-What comes with every sample or frame is written by loops of its own (vip_factors.io.mcap_samples, mcap_frames).
+What comes with every sample or frame is written by loops of its own (vip_factors.io.mcap_frames, mcap_camera).
 """
 
 import dataclasses
+import re
 from collections.abc import Callable, Mapping
 from math import prod
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 from google.protobuf.descriptor import FieldDescriptor
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from vip_factors.body.anthropometry import LengthPrior
+from vip_factors.body.hinges import HingeEstimate
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.estimate import (
+    BodyEstimate,
+    DetectorEstimate,
+    Iteration,
+    SensorPlaceEstimate,
+    SolveReport,
+    StartChoice,
+)
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
+from vip_factors.io.schemas import body_pose_pb2, estimate_info_pb2, subject_pb2
+from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz, Vector3
+from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
+from vip_factors.sensors.calibration import Calibration, Placement, SensorCalibration, SensorSite
+from vip_factors.sensors.recording import Subject
 
 if TYPE_CHECKING:
     from google.protobuf.message import Message
 
 NS_PER_S = 1_000_000_000
 LATEST_NS = 2**63  # 2262: what a signed number of 64 bits holds
+UNIT = re.compile("_(m2?|rad2?|s|hz)$")  # at the end of a field's name
 M = TypeVar("M", bound="Message")
 T = TypeVar("T")
 
@@ -62,20 +81,12 @@ def rotation_message(R: Array) -> QuaternionWxyz:
 
 
 def rotation(message: QuaternionWxyz) -> Array:
-    """``(3, 3)`` of a message.
-
-    Raises:
-        InputError: if it is no unit quaternion.
-    """
+    """``(3, 3)`` of a message, which is refused if it is no unit quaternion (InputError)."""
     return matrix_from_quaternion([message.w, message.x, message.y, message.z], Order.WXYZ)
 
 
 def set_timestamp(message: Timestamp, time_ns: int) -> None:
-    """Write an absolute time into a message in place.
-
-    Raises:
-        InputError: for a time that no clock shows.
-    """
+    """Write an absolute time into a message in place; one that no clock shows is refused (InputError)."""
     if not abs(time_ns) < LATEST_NS:
         raise InputError(f"a time of {time_ns / NS_PER_S:.4g} s since 1970: expected one before 2262")
     message.seconds, message.nanos = divmod(time_ns, NS_PER_S)
@@ -93,25 +104,6 @@ def _timestamp(time_ns: int) -> Timestamp:
 
 
 class Codec(Generic[M, T]):
-    """Objects as messages of one type and back, by two functions."""
-
-    def __init__(self, message: type[M], encode: Callable[[T], M], decode: Callable[[M], T]) -> None:
-        self.message, self._encode, self._decode = message, encode, decode
-
-    def encode(self, value: T) -> M:
-        """The message of an object."""
-        return self._encode(value)
-
-    def decode(self, message: M) -> T:
-        """The object of a message.
-
-        Raises:
-            FileFormatError, InputError: for what no such object can be.
-        """
-        return self._decode(message)
-
-
-class DataclassCodec(Codec[M, T]):
     """How objects of one class are written as messages of one type, and read back.
 
     Attributes that the class has not got (fields of a message that only other programs read, or that belong to
@@ -119,14 +111,14 @@ class DataclassCodec(Codec[M, T]):
 
     Args:
         message: class of the messages.
-        kind: class of the objects, a dataclass.
+        kind: class of the objects, a dataclass; of another class, ``mend`` makes the arguments.
         names: attribute by field, where it is not of the field's name.
         more: further attributes of an object, where they are no attributes of it or differ from what is written.
         shapes: of repeated numbers, an axis as long as each of these fields; without it one axis.
         mend: what was read, and its message, to the attributes; where it is not as it was written.
     """
 
-    of_message: "dict[str, DataclassCodec[Any, Any]]" = {}  # noqa: RUF012 — by full name; the codecs of nested messages
+    of_message: ClassVar[dict[str, "Codec[Any, Any]"]] = {}  # by full name; the codecs of nested messages
 
     def __init__(
         self,
@@ -142,31 +134,29 @@ class DataclassCodec(Codec[M, T]):
         unknown = ({*(names or {})} | {*self._shapes}) - {field.name for field in message.DESCRIPTOR.fields}
         if unknown:
             raise TypeError(f"{message.DESCRIPTOR.name} has no {', '.join(sorted(unknown))}")
-        readable = {one.name: one.default for one in dataclasses.fields(kind) if one.init}  # type: ignore[arg-type]
+        declared = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
+        defaults = {attribute.name: attribute.default for attribute in declared if attribute.init}
         self._fields: list[tuple[str, str, Callable[[Any], Any]]] = []
         self._read: list[tuple[str, str, Callable[[M, str], Any]]] = []
         for field in message.DESCRIPTOR.fields:
-            attribute = (names or {}).get(field.name, field.name)
+            bare_name = UNIT.sub("", field.name)
+            usual = bare_name if bare_name in defaults or hasattr(kind, bare_name) else field.name
+            attribute = (names or {}).get(field.name, field.name if field.name in defaults else usual)
             self._fields.append((field.name, attribute, _writer(field)))
-            read = self._reader(field, readable[attribute] is None) if attribute in readable else None
+            read = self._reader(field, defaults[attribute] is None) if attribute in defaults else None
             if read is not None:
                 self._read.append((field.name, attribute, read))
         self.of_message.setdefault(message.DESCRIPTOR.full_name, self)
 
     def encode(self, value: Any, **given: Any) -> M:
-        """The message of an object.
-
-        Args:
-            value: the object, or any other that has the attributes.
-            given: attributes that it has not got, or which are to be written instead of its own.
-        """
+        """The message of an object, or of any other that has the attributes; those given come before its own."""
         if self._more is not None:
             given = self._more(value) | given
         content = {}
         for name, attribute, write in self._fields:
-            one = given[attribute] if attribute in given else getattr(value, attribute, None)
-            if one is not None:
-                content[name] = write(one)
+            attribute_value = given[attribute] if attribute in given else getattr(value, attribute, None)
+            if attribute_value is not None:
+                content[name] = write(attribute_value)
         return self.message(**content)
 
     def values(self, message: M) -> dict[str, Any]:
@@ -188,24 +178,24 @@ class DataclassCodec(Codec[M, T]):
         shape = self._shapes.get(field.name)
         if shape is not None:
             return lambda message, name: self._array(message, name, shape)
-        many, nested = _repeated(field), field.message_type
+        is_repeated, nested = _is_repeated(field), field.message_type
         if nested is not None and nested.GetOptions().map_entry:
             return lambda message, name: dict(getattr(message, name))
         if nested is not None:
-            known = _CONVERTERS.get(nested.full_name)
-            if known is not None and not many:
-                return lambda message, name: known[1](getattr(message, name))
-            if nested.full_name not in self.of_message:
+            if nested.full_name in _CONVERTERS:
+                _, convert = _CONVERTERS[nested.full_name]
+            elif nested.full_name in self.of_message:
+                convert = self.of_message[nested.full_name].decode
+            else:
                 return None
-            one = self.of_message[nested.full_name].decode
-            if many:
-                return lambda message, name: tuple(one(each) for each in getattr(message, name))
+            if is_repeated:
+                return lambda message, name: tuple(map(convert, getattr(message, name)))
             if may_be_absent:
-                return lambda message, name: one(getattr(message, name)) if message.HasField(name) else None
-            return lambda message, name: one(getattr(message, name))
-        if many and field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
+                return lambda message, name: convert(getattr(message, name)) if message.HasField(name) else None
+            return lambda message, name: convert(getattr(message, name))
+        if is_repeated and field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
             return lambda message, name: tuple(getattr(message, name))
-        if many:
+        if is_repeated:
             dtype = int if field.cpp_type in _INTEGERS else float
             return lambda message, name: np.array(getattr(message, name), dtype=dtype)
         if field.has_presence:
@@ -235,7 +225,7 @@ _INTEGERS = (
 )
 
 
-def _repeated(field: FieldDescriptor) -> bool:
+def _is_repeated(field: FieldDescriptor) -> bool:
     if hasattr(field, "is_repeated"):
         return bool(field.is_repeated)
     return bool(field.label == FieldDescriptor.LABEL_REPEATED)  # of Protobuf before 6.31
@@ -243,25 +233,126 @@ def _repeated(field: FieldDescriptor) -> bool:
 
 def _writer(field: FieldDescriptor) -> Callable[[Any], Any]:
     """From an attribute's value to what the constructor of the message takes."""
-    many, nested = _repeated(field), field.message_type
+    is_repeated, nested = _is_repeated(field), field.message_type
     if nested is not None and nested.GetOptions().map_entry:
         return dict
     if nested is not None:
-        known = _CONVERTERS.get(nested.full_name)
-        if known is not None:
-            return known[0]
-        codecs, name = DataclassCodec.of_message, nested.full_name
+        if nested.full_name in _CONVERTERS:
+            return _CONVERTERS[nested.full_name][0]
 
-        def one(value: Any) -> Any:
-            return value if hasattr(value, "DESCRIPTOR") else codecs[name].encode(value)
+        def encode(value: Any) -> Any:
+            return value if hasattr(value, "DESCRIPTOR") else Codec.of_message[nested.full_name].encode(value)
 
-        return (lambda values: [one(each) for each in values]) if many else one
-    if many and field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
+        return (lambda values: list(map(encode, values))) if is_repeated else encode
+    if is_repeated and field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
         return list
-    if many:
+    if is_repeated:
         return lambda values: np.asarray(values).ravel().tolist()
     if field.cpp_type in (FieldDescriptor.CPPTYPE_DOUBLE, FieldDescriptor.CPPTYPE_FLOAT):
         return float
     if field.cpp_type == FieldDescriptor.CPPTYPE_BOOL:
         return bool
     return int if field.cpp_type in _INTEGERS else lambda value: value
+
+
+def _joints_and_landmarks(skeleton: Skeleton) -> dict[str, Any]:
+    joints = zip(JOINT_NAMES, PARENTS, map(vector_message, skeleton.p_parent_joint), strict=True)
+    return {
+        "joints": [
+            subject_pb2.Skeleton.Joint(name=name, parent=JOINT_NAMES[parent] if parent >= 0 else "", p_parent_joint=p)
+            for name, parent, p in joints
+        ],
+        "landmarks": [
+            subject_pb2.Skeleton.Landmark(
+                name=name, bone=JOINT_NAMES[landmark.bone], p_bone_point=vector_message(landmark.p_bone_point)
+            )
+            for name, landmark in skeleton.landmarks.items()
+        ],
+    }
+
+
+def _skeleton(message: subject_pb2.Skeleton, read: dict[str, Any]) -> dict[str, Any]:
+    offsets = {joint.name: vector(joint.p_parent_joint) for joint in message.joints}
+    missing = [name for name in JOINT_NAMES if name not in offsets]
+    if missing:
+        raise FileFormatError(f"the skeleton lacks {', '.join(missing)}: expected all of {', '.join(JOINT_NAMES)}")
+    landmarks = {
+        landmark.name: Landmark(joint_index(landmark.bone), vector(landmark.p_bone_point))
+        for landmark in message.landmarks
+    }
+    return read | {"p_parent_joint": np.array([offsets[name] for name in JOINT_NAMES]), "landmarks": landmarks}
+
+
+def _subject(message: subject_pb2.Subject, read: dict[str, Any]) -> dict[str, Any]:
+    skeleton = SKELETON.decode(message.skeleton) if message.skeleton_given else None
+    return read | {"stature_m": message.stature_m or None, "skeleton": skeleton}  # absent is zero
+
+
+SKELETON = Codec(subject_pb2.Skeleton, Skeleton, more=_joints_and_landmarks, mend=_skeleton)
+Codec(
+    subject_pb2.LengthPrior,
+    LengthPrior,
+    {"lengths": "names"},
+    shapes={"covariance_m2": ("lengths", "lengths")},
+)
+Codec(
+    subject_pb2.Hinge,
+    HingeEstimate,
+    {"tilt_sigma_rad": "sigma"},
+    shapes={"covariance_rad2": ("variables_rad", "variables_rad")},
+)
+SUBJECT = Codec(
+    subject_pb2.Subject,
+    Subject,
+    {"skeleton": "given_or_likely"},
+    more=lambda subject: {"given_or_likely": subject.body(), "skeleton_given": subject.skeleton is not None},
+    mend=_subject,
+)
+Codec(SensorPlacement.Site, SensorSite, {"mounting_wxyz": "R_bone_sensor"})
+PLACEMENT = Codec(SensorPlacement, Placement, {"preset": "name"})
+Codec(
+    estimate_info_pb2.BodyEstimate,
+    BodyEstimate,
+    {"lengths": "names", "found_m": "posterior"},
+    shapes={
+        "prior_m": ("lengths",),
+        "found_m": ("lengths",),
+        "prior_covariance_m2": ("lengths", "lengths"),
+        "covariance_m2": ("lengths", "lengths"),
+    },
+)
+_SENSOR = Codec(CalibrationEstimate.Sensor, SensorCalibration, {"mounting_wxyz": "R_bone_sensor"})
+CALIBRATION = Codec[CalibrationEstimate, Calibration](
+    CalibrationEstimate,
+    dict,
+    more=lambda sensors: {"sensors": [_SENSOR.encode(sensor, sensor=name) for name, sensor in sensors.items()]},
+    mend=lambda message, read: {sensor.sensor: _SENSOR.decode(sensor) for sensor in message.sensors},
+)
+"""Headings and mountings of all sensors."""
+Codec(estimate_info_pb2.SolveReport.Iteration, Iteration)
+Codec(estimate_info_pb2.SensorPlaceEstimate, SensorPlaceEstimate, {"found_m": "posterior"})
+Codec(estimate_info_pb2.StartChoice, StartChoice)
+MOTION = Codec(body_pose_pb2.MotionInfo, Motion, more=lambda motion: {"frames": len(motion)})
+REPORT = Codec(estimate_info_pb2.SolveReport, SolveReport)
+
+_PLACE = {"prior_m": "prior", "found_m": "posterior", "prior_sigma_m": "prior_sigma", "sigma_m": "sigma"}
+
+
+def _keypoint_messages(detector: DetectorEstimate) -> dict[str, Any]:
+    rows = []
+    for row, name in enumerate(detector.keypoints):
+        vectors = {field: vector_message(getattr(detector, attribute)[row]) for field, attribute in _PLACE.items()}
+        rows.append(estimate_info_pb2.DetectorEstimate.Keypoint(keypoint=name, **vectors))
+    return {"keypoints": rows}
+
+
+def _keypoints(message: estimate_info_pb2.DetectorEstimate, read: dict[str, Any]) -> dict[str, Any]:
+    rows = message.keypoints
+    columns = {
+        attribute: np.array([vector(getattr(row, field)) for row in rows]).reshape(-1, 3)
+        for field, attribute in _PLACE.items()
+    }
+    return {"keypoints": tuple(row.keypoint for row in rows), **columns}
+
+
+Codec(estimate_info_pb2.DetectorEstimate, DetectorEstimate, more=_keypoint_messages, mend=_keypoints)

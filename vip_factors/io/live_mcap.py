@@ -19,11 +19,10 @@ from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, Weare
 from vip_factors.findings import Finding, sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.codec import set_timestamp
-from vip_factors.io.mcap_estimate import POSE, SINGLE, WEARER
-from vip_factors.io.mcap_estimate_writer import EstimateWriter
+from vip_factors.io.mcap_estimate import POSE, SINGLE, WEARER, EstimateWriter
 from vip_factors.io.mcap_frames import MODEST_FRAMES, camera_pose_messages, pose_messages
+from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.mcap_recording import wearer_topics
-from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.camera import CameraPath

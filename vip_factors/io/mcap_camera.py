@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io import mcap_messages as codecs
-from vip_factors.io.codec import NS_PER_S, DataclassCodec, set_timestamp, time_ns_of
-from vip_factors.io.mcap_messages import Topics, warn
-from vip_factors.io.mcap_samples import DetectionTruth, detection_messages, detections_of, read_streams, sample_messages
-from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.codec import CALIBRATION, NS_PER_S, Codec, set_timestamp, time_ns_of
+from vip_factors.io.mcap_frames import read_streams, sample_messages
+from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, Topics, nanoseconds, warn
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera import CameraModel, CameraPath
+from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.scene import Camera, CameraMount, SceneTruth, Video
 
@@ -92,13 +92,128 @@ def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
     return CameraPath(time, matrix_from_quaternion(xyzw, Order.XYZW), p_world_camera)
 
 
-MOUNT = DataclassCodec(
-    CameraInfo.Mount, CameraMount, {"mounting_wxyz": "R_camera_imu", "mounting_sigma_rad": "mounting_sigma"}
-)
+@dataclass(frozen=True)
+class DetectionTruth:
+    """Of every detection: ``(N,)`` the wearer behind it (−1 for nobody), ``(N, K, 2)`` its true pixels if known."""
+
+    wearer: np.ndarray
+    pixels: Array | None
+
+
+def detection_messages(
+    writer: MessageWriter, topic: str, camera: Camera, truth: SceneTruth | None, start_ns: int
+) -> Iterator[TimedMessage]:
+    """One message a video frame, serialised, in the order of time."""
+    times_ns = nanoseconds(camera.timed_detections.time, start_ns)
+    return writer.stamped(topic, Detections2D, times_ns, _frames(camera.detections, truth))
+
+
+def _frames(detections: Detections, truth: SceneTruth | None) -> Iterator[Detections2D]:
+    pixels = detections.pixels.reshape(len(detections), 2 * len(detections.keypoints))
+    true_pixels, colours = None, detections.torso_colour
+    if truth is not None and truth.pixels is not None:
+        true_pixels = truth.pixels.reshape(len(detections), 2 * len(detections.keypoints))
+    for frame, seconds in enumerate(detections.time.tolist()):
+        message = Detections2D(frame=frame, seconds=seconds)
+        rows = detections.of_frame(frame)
+        for row in range(rows.start, rows.stop):
+            person = message.people.add(pixels=pixels[row], confidence=detections.confidence[row])
+            if colours is not None and np.all(np.isfinite(colours[row])):
+                person.torso_colour.extend(colours[row])
+            if truth is not None:
+                person.truth_wearer = int(truth.wearer[row])
+            if true_pixels is not None:
+                person.truth_pixels.extend(true_pixels[row])
+        yield message
+
+
+MOST_FRAMES = 20_000_000  # of a video: nine hours at 600 Hz
+
+
+def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[Detections, DetectionTruth | None]:
+    """The detections of their messages; frames lost in between count as frames without people.
+
+    Raises:
+        FileFormatError: for people with another number of keypoints, or frames out of order.
+        RecordingError: if times do not increase.
+    """
+    keypoints = keypoint_set_of(info)
+    K = len(keypoints)
+    last_frame = max((message.frame for message in messages), default=0)
+    if last_frame > MOST_FRAMES:
+        raise FileFormatError(
+            f"detections: video frame {last_frame}: expected at most {MOST_FRAMES:,}; is the file damaged?"
+        )
+    frames = np.array([message.frame for message in messages], dtype=int)
+    if np.any(np.diff(frames) <= 0):
+        frame = int(frames[1:][np.diff(frames) <= 0][0])
+        raise FileFormatError(f"detections: video frame {frame} comes twice or late: expected increasing frame numbers")
+    time = np.array([message.seconds for message in messages])
+    if len(frames):
+        every = np.arange(frames[-1] + 1)
+        time = _filled(frames, time, every)
+    people = [(message.frame, person) for message in messages for person in message.people]
+    for frame, person in people:
+        if len(person.pixels) != 2 * K or len(person.confidence) != K:
+            raise FileFormatError(
+                f"video frame {frame}: a person with {len(person.pixels) // 2} keypoints and {len(person.confidence)} "
+                f"confidences: expected {K} of each, as keypoint set {keypoints.name} has"
+            )
+    detections = Detections(
+        keypoints,
+        time,
+        np.array([frame for frame, _ in people], dtype=int),
+        np.array([person.pixels for _, person in people], dtype=float).reshape(-1, K, 2),
+        np.array([person.confidence for _, person in people], dtype=float).reshape(-1, K),
+        _torso_colours([person for _, person in people]),
+    )
+    if not all(person.HasField("truth_wearer") for _, person in people):
+        return detections, None
+    wearer = np.array([person.truth_wearer for _, person in people], dtype=int)
+    is_complete = all(len(person.truth_pixels) == 2 * K for _, person in people)
+    pixels = (
+        np.array([person.truth_pixels for _, person in people], dtype=float).reshape(-1, K, 2) if is_complete else None
+    )
+    return detections, DetectionTruth(wearer, pixels)
+
+
+def _torso_colours(people: Sequence[Detections2D.Person]) -> Array | None:
+    """Shares ``(N, B)``, NaN where not seen; None if nobody has any.
+
+    Raises:
+        FileFormatError: for people with different numbers of colours.
+    """
+    sizes = {len(person.torso_colour) for person in people} - {0}
+    if not sizes:
+        return None
+    if len(sizes) > 1:
+        raise FileFormatError(f"detections: torsos with {' and '.join(map(str, sorted(sizes)))} colours: expected one")
+    unseen = np.full(sizes.pop(), np.nan)
+    return np.array([person.torso_colour if person.torso_colour else unseen for person in people], dtype=float)
+
+
+def keypoint_set_of(info: CameraInfo) -> KeypointSet:
+    """The keypoints that a camera's detector answers with."""
+    declared = KEYPOINT_SETS.get(info.keypoint_set)
+    if declared is not None and declared.keypoints == tuple(info.keypoints):
+        return declared
+    return KeypointSet(info.keypoint_set, tuple(info.keypoints))
+
+
+def _filled(frames: np.ndarray, time: Array, every: np.ndarray) -> Array:
+    """Times of all frames: those lost lie between their neighbours', or before the first at the same rate."""
+    if len(frames) == len(every):
+        return time
+    step = float(np.median(np.diff(time) / np.diff(frames))) if len(frames) > 1 else 1.0
+    inside = np.interp(every, frames, time)
+    return np.where(every < frames[0], time[0] - (frames[0] - every) * step, inside)
+
+
+MOUNT = Codec(CameraInfo.Mount, CameraMount, {"mounting_wxyz": "R_camera_imu"})
 """A sensor on a camera by its name; in memory it has its samples."""
-HEAD = DataclassCodec(CameraInfo, Camera, {"time_offset_s": "time_offset", "mount": "mounting", "video": "images"})
+HEAD = Codec(CameraInfo, Camera, {"mount": "mounting", "video": "images"})
 """Everything but intrinsics, detections, samples and images."""
-TRUTH = DataclassCodec(CameraInfo, SceneTruth, {"time_offset_s": "time_offset"})
+TRUTH = Codec(CameraInfo, SceneTruth)
 
 
 def camera_info_message(camera: Camera, **attributes: Any) -> CameraInfo:
@@ -198,7 +313,7 @@ def camera_messages(
         head = TRUTH.encode(truth, known_poses=len(truth.camera), has_true_pixels=truth.pixels is not None)
         writer.write(topics.truth("info"), head, start_ns)
         if truth.camera_calibration is not None:
-            calibration = codecs.CALIBRATION.encode({camera.name: truth.camera_calibration})
+            calibration = CALIBRATION.encode({camera.name: truth.camera_calibration})
             writer.write(topics.truth("calibration"), calibration, start_ns)
         streams.append(path_messages(writer, topics.truth("pose"), truth.camera, start_ns))
     return streams
@@ -261,6 +376,6 @@ def camera_truth_of(
         return None
     if len(poses) < info.known_poses:
         warn(topics.path, f"{len(poses)} of {info.known_poses} true poses of the camera are left")
-    calibration = topics.object(topic_of.truth("calibration"), codecs.CALIBRATION) or {}
+    calibration = topics.object(topic_of.truth("calibration"), CALIBRATION) or {}
     pixels = wearers.pixels if info.has_true_pixels else None
     return SceneTruth(poses, wearers.wearer, pixels, next(iter(calibration.values()), None), **TRUTH.values(info))

@@ -1,32 +1,53 @@
-"""An estimate in an MCAP file: what its topics and messages are, and how it is read.
+"""An estimate in an MCAP file: what its topics and messages are, how it is read, and written chunk by chunk.
 
 Every wearer has the same topics, below a prefix of their own where there are several. What the estimate is as a whole,
 the camera's and who is who stand beside them; an estimate of one wearer whom no camera saw needs none of that.
+
+An estimate in memory is written as a single chunk, a stream is many small ones. What is known of the whole at its end
+alone (who is who, findings, headings over time) is written then, once more on the topics that had it at the beginning:
+a reader takes the last of each.
 """
 
 import os
 import warnings
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from itertools import starmap, zip_longest
+from math import inf
 from typing import Any
 
-from vip_factors.errors import FileFormatError
-from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
+import numpy as np
+
+from vip_factors.atomic import atomic_open
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.estimate import CameraEstimate, Estimate, SolveReport, WearerEstimate
+from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import TEXT, bare, sentences
-from vip_factors.io import mcap_messages as codecs
-from vip_factors.io.codec import DataclassCodec, time_ns_of
-from vip_factors.io.mcap_camera import intrinsics_of
+from vip_factors.geometry.rotations import Array
+from vip_factors.io import codec
+from vip_factors.io.codec import NS_PER_S, Codec, time_ns_of
+from vip_factors.io.mcap_camera import intrinsics_message, intrinsics_of, path_messages
 from vip_factors.io.mcap_frames import (
+    MODEST_FRAMES,
+    REPROJECTION,
     camera_covariance_of,
     camera_path_of,
+    camera_pose_messages,
     camera_residuals_of,
     motion_of,
+    pose_messages,
+    residual_messages,
     residuals_of,
+    shown_step,
+    transform_messages,
 )
-from vip_factors.io.mcap_messages import Topics, is_ours, naming, warn
+from vip_factors.io.mcap_messages import CHUNK_BYTES, MessageWriter, TimedMessage, Topics, is_ours, naming, warn
 from vip_factors.io.mcap_reader import McapChannel, McapContents, read_contents, read_few
+from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo, Residuals
+from vip_factors.sensors.calibration import Calibration
 
 ESTIMATE = "/estimate/"
 SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
@@ -41,30 +62,6 @@ CAMERA_CALIBRATION, CAMERA_RESIDUALS = "/estimate/camera/calibration", "/estimat
 CAMERA_POSE = "/estimate/camera/pose"
 CAMERA_PATH = "/estimate/camera/path"  # the same for viewers; never read back
 RECORDING_INFO = "/recording/info"
-
-HEAD = DataclassCodec(
-    EstimateInfo,
-    WearerEstimate,
-    {"start": "start_ns", "start_choice": "start", "motion": "motion_info"},
-    more=lambda estimate: {"residual_kinds": list(estimate.residuals)} | _findings(estimate),
-    mend=lambda message, read: read | _findings_of(message),
-)
-"""An estimate of a wearer without its frames; the absolute time of its t = 0 and the motion's message are given."""
-SCENE_HEAD = DataclassCodec(
-    EstimateInfo,
-    Estimate,
-    {"start": "start_ns"},
-    more=lambda estimate: _findings(estimate),
-    mend=lambda message, read: read | _findings_of(message),
-)
-"""What an estimate is as a whole; its start and what its wearers' topics begin with are given."""
-CAMERA_HEAD = DataclassCodec(
-    CameraEstimateInfo,
-    CameraEstimate,
-    {"time_offset_s": "time_offset"},
-    mend=lambda message, read: read | _clock(message),
-)
-"""What a camera's estimate is; how many poses and residuals there are is given."""
 
 
 def _findings(estimate: WearerEstimate | Estimate) -> dict[str, Any]:
@@ -82,6 +79,30 @@ def _clock(message: CameraEstimateInfo) -> dict[str, Any]:
     return {"clock_sigma": sigma if len(sigma) == 2 else None}
 
 
+HEAD = Codec(
+    EstimateInfo,
+    WearerEstimate,
+    {"start": "start_ns", "start_choice": "start", "motion": "motion_info"},
+    more=lambda estimate: {"residual_kinds": list(estimate.residuals)} | _findings(estimate),
+    mend=lambda message, read: read | _findings_of(message),
+)
+"""An estimate of a wearer without its frames; the absolute time of its t = 0 and the motion's message are given."""
+SCENE_HEAD = Codec(
+    EstimateInfo,
+    Estimate,
+    {"start": "start_ns"},
+    more=_findings,
+    mend=lambda message, read: read | _findings_of(message),
+)
+"""What an estimate is as a whole; its start and what its wearers' topics begin with are given."""
+CAMERA_HEAD = Codec(
+    CameraEstimateInfo,
+    CameraEstimate,
+    mend=lambda message, read: read | _clock(message),
+)
+"""What a camera's estimate is; how many poses and residuals there are is given."""
+
+
 def is_read(channel: McapChannel) -> bool:
     """Whether a channel is of an estimate, and not for viewers alone."""
     shown = channel.topic.endswith((TRANSFORMS, CAMERA_PATH))
@@ -95,7 +116,6 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
     :class:`~vip_factors.io.mcap_reader.McapWarning` says so.
 
     Raises:
-        InputError: if there is no such file.
         FileFormatError: if it is no MCAP file or holds no estimate.
     """
     contents = read_contents(path, is_read)
@@ -107,17 +127,13 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
         return Estimate(
             wearers=tuple(_wearer_of(contents, prefix) for prefix in info.wearer_topics),
             camera=_camera(topics),
-            reports=topics.objects(SCENE_REPORT, codecs.REPORT),
+            reports=topics.objects(SCENE_REPORT, codec.REPORT),
             **SCENE_HEAD.values(info),
         )
 
 
 def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
-    """What an estimate says of the whole, without its frames, and how many these are, of all wearers.
-
-    Raises:
-        InputError, FileFormatError: as :func:`read_estimate`.
-    """
+    """What an estimate says of the whole, without its frames, and how many these are, of all wearers."""
     left_out = (POSE, RESIDUALS, CAMERA_POSE, CAMERA_INFO)
     contents = read_few(path, lambda channel: is_read(channel) and not channel.topic.endswith(left_out))
     with warnings.catch_warnings():  # that frames are missing
@@ -137,11 +153,7 @@ def read_start(path: str | os.PathLike[str]) -> int:
 
 
 def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
-    """One wearer's estimate, of the messages below the topic ``prefix``.
-
-    Raises:
-        FileFormatError: if it is not there.
-    """
+    """One wearer's estimate, of the messages below the topic ``prefix``."""
     path, topics = contents.path, Topics(contents, prefix)
     info = topics.last(INFO, EstimateInfo)
     if info is None or not info.HasField("motion"):
@@ -158,9 +170,9 @@ def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
     return WearerEstimate(
         motion=motion,
         covariance=covariance,
-        calibration=topics.object(CALIBRATION, codecs.CALIBRATION) or {},
+        calibration=topics.object(CALIBRATION, codec.CALIBRATION) or {},
         residuals=residuals_of(info.residual_kinds, len(info.sensors), topics.all(RESIDUALS, Residuals), len(motion)),
-        reports=topics.objects(REPORT, codecs.REPORT),
+        reports=topics.objects(REPORT, codec.REPORT),
         **HEAD.values(info),
     )
 
@@ -178,7 +190,7 @@ def _camera(topics: Topics) -> CameraEstimate | None:
         return None
     if len(poses) < info.poses:
         warn(path, f"camera '{info.name}': {len(poses)} of {info.poses} poses are left")
-    calibration = topics.object(CAMERA_CALIBRATION, codecs.CALIBRATION) or {}
+    calibration = topics.object(CAMERA_CALIBRATION, codec.CALIBRATION) or {}
     return CameraEstimate(
         model=intrinsics_of(intrinsics),
         path=camera_path_of(poses),
@@ -187,3 +199,221 @@ def _camera(topics: Topics) -> CameraEstimate | None:
         residual_px=camera_residuals_of(path, info, topics.all(CAMERA_RESIDUALS, Residuals)),
         **CAMERA_HEAD.values(info),
     )
+
+
+LONG_CHUNK_BYTES = 1 << 20  # of estimates in chunks of their own: the index in memory has an entry for each
+
+
+def write_estimate(
+    estimate: Estimate | EstimateChunks,
+    path: str | os.PathLike[str],
+    overwrite: bool = False,
+    start_ns: int = 0,
+) -> None:
+    """Write an estimate; rotations become quaternions, everything else is kept to the bit.
+
+    Args:
+        estimate: what to write; its chunks are made here, and what is in memory is one of them.
+        path: of the new file, which has a temporary name until all is written.
+        overwrite: whether an existing file may be replaced.
+        start_ns: absolute time of t = 0.
+
+    Raises:
+        InputError: if the file exists and may not be overwritten, cannot be written there, there is no wearer, or
+            residuals do not have one column per sensor.
+        RecordingError, SolveError: of the chunks.
+    """
+    if not (estimate.wearers if isinstance(estimate, Estimate) else estimate.head.wearers):
+        raise InputError("the estimate has no wearer: expected at least one")
+    chunk_bytes, errors = LONG_CHUNK_BYTES, None
+    if isinstance(estimate, Estimate):
+        errors = None if estimate.camera is None else estimate.camera.residual_px
+        for wearer in estimate.wearers:
+            _check_residuals(wearer)
+        estimate, chunk_bytes = EstimateChunks.of(estimate), CHUNK_BYTES
+    head, frames = estimate.head, estimate.frames
+    with atomic_open(path, "wb", overwrite) as file, MessageWriter(file, chunk_bytes) as writer:
+        out = EstimateWriter(writer, _wearer_prefixes(head), start_ns)
+        for index, (wearer, count) in enumerate(zip(head.wearers, frames, strict=True)):
+            out.begin_wearer(index, wearer, count)
+        if head.camera is not None:
+            out.begin_camera(head.camera, estimate.camera_poses, frames[0] if errors is None else len(errors))
+        if not head.is_plain:
+            out.write_info(head, start_ns)
+        out.write_reports(head.reports, 0.0)
+        writer.flush()
+        end = 0.0
+        for chunk in estimate.chunks:
+            time = chunk.wearers[0].motion.time
+            out.write_reports(chunk.reports, float(time[0]) if len(time) else end)
+            out.write_frames(dict(enumerate(chunk.wearers)), chunk.camera)
+            end = float(time[-1]) if len(time) else end
+        if estimate.closed is not None:
+            closed = estimate.closed()
+            out.write_info(closed, start_ns + int(NS_PER_S * end))
+            for index, wearer in enumerate(closed.wearers):
+                out.write_calibration(index, wearer.calibration, start_ns + int(NS_PER_S * end))
+
+
+def _check_residuals(estimate: WearerEstimate) -> None:
+    """Refuse residuals of a shape that cannot be written."""
+    expected = (len(estimate.motion), len(estimate.sensors))
+    for kind, values in estimate.residuals.items():
+        if values.shape != expected:
+            raise InputError(f"residuals '{kind}' have shape {values.shape}: expected (frames, sensors) = {expected}")
+
+
+def _wearer_prefixes(estimate: Estimate) -> list[str]:
+    """What each wearer's topics begin with: the motion's name, or where two have the same, their numbers."""
+    names = [wearer.motion.name for wearer in estimate.wearers]
+    if len(set(names)) < len(names):
+        names = [str(number) for number in range(len(names))]
+    return wearer_topics(names, SINGLE, WEARER)
+
+
+class EstimateWriter:
+    """Writes an estimate into an open file: what is known of the whole, and frames in chunks of any size.
+
+    Args:
+        writer: of the file.
+        prefixes: what the topics of each wearer begin with.
+        start_ns: absolute time of t = 0.
+        shown_frames: how many frames of a wearer viewers get as transforms of all joints, if these are few.
+    """
+
+    def __init__(
+        self, writer: MessageWriter, prefixes: Sequence[str], start_ns: int, shown_frames: float = inf
+    ) -> None:
+        self._writer, self._prefixes, self._start_ns = writer, prefixes, start_ns
+        self._shown_frames = shown_frames
+        self._wearers: dict[int, _WearerTopics] = {}
+        self._camera: _CameraTopics | None = None
+
+    @property
+    def wearer_count(self) -> int:
+        """Number of wearers that have begun."""
+        return len(self._wearers)
+
+    def begin_wearer(self, index: int, head: WearerEstimate, frames: int = 0) -> None:
+        """Write what the frames of a wearer share; there will be so many of these, 0 where nobody knows yet."""
+        prefix = self._prefixes[index]
+        shown_frames = self._shown_frames if frames / shown_step(head.motion) <= MODEST_FRAMES else 0
+        self._wearers[index] = _WearerTopics(self._writer, prefix, self._start_ns, head, frames, shown_frames)
+        if frames:  # a stream writes its calibration as it goes
+            self.write_calibration(index, head.calibration, self._start_ns)
+
+    def begin_camera(self, head: CameraEstimate, poses: int | None = None, residual_frames: int = 0) -> None:
+        """Write what the poses of the camera share; how many there will be is None where nobody knows yet."""
+        self._camera = _CameraTopics(self._writer, self._start_ns, head, poses, residual_frames)
+
+    def write_info(self, estimate: Estimate, time_ns: int) -> None:
+        """Write what is known of the whole, of the wearers who have begun."""
+        prefixes = [self._prefixes[index] for index in sorted(self._wearers)]
+        message = SCENE_HEAD.encode(estimate, wearer_topics=prefixes, start_ns=self._start_ns)
+        self._writer.write(SCENE_INFO, message, time_ns)
+
+    def write_reports(self, reports: Iterable[SolveReport], seconds: float) -> None:
+        """Write how solves over all wearers went."""
+        for report in reports:
+            time_ns = self._start_ns + int(NS_PER_S * seconds)
+            self._writer.write(SCENE_REPORT, codec.REPORT.encode(report), time_ns)
+
+    def write_calibration(self, index: int, calibration: Calibration, time_ns: int) -> None:
+        """Write the headings and mountings of a wearer's sensors."""
+        self._writer.write(self._prefixes[index] + CALIBRATION, codec.CALIBRATION.encode(calibration), time_ns)
+
+    def write_frames(self, wearers: Mapping[int, WearerEstimate], camera: CameraEstimate | None = None) -> None:
+        """Write the next frames of wearers, by their indices, and of the camera."""
+        streams = [stream for index, chunk in wearers.items() for stream in self._wearers[index].streams(chunk)]
+        if self._camera is not None and camera is not None:
+            times = [chunk.motion.time for chunk in wearers.values()]
+            streams += self._camera.streams(camera, times[0] if times else camera.path.time)
+        self._writer.add_in_order(*streams)
+
+    def finish(self) -> None:
+        """Write how many frames and poses there are, of a stream."""
+        for wearer in self._wearers.values():
+            wearer.write_info(wearer.next_frame)
+        if self._camera is not None:
+            self._camera.write_info()
+
+
+class _WearerTopics:
+    """One wearer's topics; what comes once is written at the start."""
+
+    def __init__(
+        self, writer: MessageWriter, prefix: str, start_ns: int, head: WearerEstimate, frames: int, shown_frames: float
+    ) -> None:
+        self._writer, self._prefix, self._start_ns = writer, prefix, start_ns
+        self._head, self._shown_frames, self.next_frame = head, shown_frames, 0
+        # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
+        self._name = head.motion.name if prefix == SINGLE else prefix.rpartition("/")[2]
+        self.write_info(frames)
+        for report in head.reports:
+            writer.write(prefix + REPORT, codec.REPORT.encode(report), start_ns)
+
+    def write_info(self, frames: int) -> None:
+        """Write what all frames share, and how many there are."""
+        motion = codec.MOTION.encode(self._head.motion, frames=frames)
+        info = HEAD.encode(self._head, start_ns=self._start_ns, motion_info=motion)
+        self._writer.write(self._prefix + INFO, info, self._start_ns)
+
+    def streams(self, chunk: WearerEstimate) -> Iterator[Iterable[TimedMessage]]:
+        """The messages of the next frames, which are numbered by the chunk's start."""
+        writer, prefix, start_ns, motion = self._writer, self._prefix, self._start_ns, chunk.motion
+        start = self._head.motion.start
+        first_frame = round((motion.start - start) * motion.rate)
+        self.next_frame = first_frame + len(motion)
+        self._head = replace(self._head, motion=replace(motion.frames(slice(0, 0)), start=start))
+        for report in chunk.reports:
+            writer.write(prefix + REPORT, codec.REPORT.encode(report), start_ns + int(NS_PER_S * motion.start))
+        yield pose_messages(writer, prefix + POSE, motion, start_ns, chunk.covariance, first_frame)
+        if chunk.residuals:
+            yield residual_messages(writer, prefix + RESIDUALS, motion.time, chunk.residuals, start_ns, first_frame)
+        if first_frame < self._shown_frames:
+            shown = replace(motion.frames(slice(-first_frame % shown_step(motion), None)), name=self._name)
+            yield transform_messages(writer, prefix + TRANSFORMS, shown, start_ns)
+
+
+class _CameraTopics:
+    """The camera's topics; what comes once is written at the start."""
+
+    def __init__(
+        self, writer: MessageWriter, start_ns: int, head: CameraEstimate, poses: int | None, residual_frames: int
+    ) -> None:
+        self._writer, self._start_ns, self._head = writer, start_ns, head
+        self._poses, self._residual_frames = poses, residual_frames
+        self._next_pose, self._next_residual = 0, 0
+        self.write_info()
+        writer.write(INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
+        if head.calibration is not None:
+            calibration = codec.CALIBRATION.encode({head.name: head.calibration})
+            writer.write(CAMERA_CALIBRATION, calibration, start_ns)
+
+    def write_info(self) -> None:
+        """Write what the camera is, how many poses there will be or are, and residuals of how many frames."""
+        residual = self._head.residual_px
+        info = CAMERA_HEAD.encode(
+            self._head,
+            poses=self._next_pose if self._poses is None else self._poses,
+            has_residuals=residual is not None,
+            wearers=None if residual is None else residual.shape[1],
+            residual_frames=None if residual is None else self._residual_frames,
+        )
+        self._writer.write(CAMERA_INFO, info, self._start_ns)
+
+    def streams(self, chunk: CameraEstimate, motion_time: Array) -> Iterator[Iterable[TimedMessage]]:
+        """The messages of the next frames, at ``motion_time`` ``(T,)``; one pose of a camera that stands still."""
+        writer, path, residual = self._writer, chunk.path, chunk.residual_px
+        if self._poses is None or self._next_pose < self._poses:
+            yield camera_pose_messages(writer, CAMERA_POSE, path, self._start_ns, chunk.covariance, self._next_pose)
+            yield path_messages(writer, CAMERA_PATH, path, self._start_ns)
+            self._next_pose += len(path)
+        if residual is not None:
+            time = next(
+                (candidate for candidate in (path.time, motion_time) if len(candidate) == len(residual)),
+                motion_time[:1],
+            )
+            time, kinds = np.resize(time, len(residual)), {REPROJECTION: residual}
+            yield residual_messages(writer, CAMERA_RESIDUALS, time, kinds, self._start_ns, self._next_residual)
+            self._next_residual += len(residual)

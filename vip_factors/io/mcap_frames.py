@@ -1,10 +1,11 @@
-"""What an estimate or a truth has of every frame, to and from messages, quickly: poses, residuals.
+"""What there is of every sample or frame, to and from messages, quickly: samples of IMUs, poses, residuals.
 
 A motion is there as Foxglove's transforms of all joints too, which viewers of MCAP files show and nobody reads back.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import ceil
+from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,13 +17,15 @@ from vip_factors.errors import FileFormatError
 from vip_factors.estimate import PoseCovariance
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.codec import NS_PER_S, set_timestamp, vector_message
-from vip_factors.io.mcap_messages import MOTION, warn
-from vip_factors.io.mcap_writer import MessageWriter, TimedMessage, nanoseconds
+from vip_factors.io.codec import MOTION, NS_PER_S, set_timestamp, time_ns_of, vector_message
+from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, nanoseconds, parsed, warn
+from vip_factors.io.mcap_reader import McapMessages
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose, MotionInfo
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose
 from vip_factors.io.schemas.estimate_info_pb2 import Residuals
+from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.imu_stream import ImuStream
 
 if TYPE_CHECKING:
     from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
@@ -33,6 +36,100 @@ MODEST_FRAMES = 20_000  # eleven minutes of shown frames, some 40 MB: of longer 
 MOST_HELD = 120_000  # frames without a pose, an hour at 30 Hz: their poses and covariances take 0.4 GB of memory
 REPROJECTION = "reprojection_px"  # the kind of a camera's residuals
 MOST_RESIDUALS = 20_000_000  # nine hours at 60 Hz, of ten wearers
+
+
+def sample_messages(writer: MessageWriter, topic: str, stream: ImuStream, start_ns: int) -> Iterator[TimedMessage]:
+    """The samples of a stream, serialised, in the order of time."""
+    return writer.stamped(topic, ImuSample, nanoseconds(stream.time, start_ns), _samples(stream))
+
+
+def _samples(stream: ImuStream) -> Iterator[ImuSample]:
+    """One message, filled anew for every sample."""
+    absent: list[None] = [None] * len(stream)
+    R = stream.R_inertial_sensor
+    force = absent if stream.specific_force is None else stream.specific_force.tolist()
+    wxyz = absent if R is None else quaternion_from_matrix(R, Order.WXYZ).tolist()
+    rate = absent if stream.angular_rate is None else stream.angular_rate.tolist()
+    message = ImuSample(sensor=stream.name)
+    for seconds, f, q, w in zip(stream.time.tolist(), force, wxyz, rate, strict=True):
+        message.seconds = seconds
+        fill_sample(message, f, q, w)
+        yield message
+
+
+def fill_sample(
+    message: ImuSample, force: list[float] | None, wxyz: list[float] | None, rate: list[float] | None = None
+) -> None:
+    """What was measured into a message; what is None is left out."""
+    for values, vector in ((force, message.specific_force), (rate, message.angular_rate)):
+        if values is not None:
+            vector.x, vector.y, vector.z = values
+            vector.SetInParent()  # present even if all zero
+    if wxyz is not None:
+        turn = message.orientation_wxyz
+        turn.w, turn.x, turn.y, turn.z = wxyz
+
+
+def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) -> dict[str, ImuStream]:
+    """The streams of all channels of samples, by sensor.
+
+    Raises:
+        FileFormatError: if a sensor has two topics or a topic two sensors.
+        RecordingError: if the samples are unusable.
+    """
+    streams: dict[str, ImuStream] = {}
+    for messages in channels:
+        samples = parsed(path, messages, ImuSample)
+        if not samples:
+            continue
+        name = samples[0].sensor or messages.channel.topic.rpartition("/")[2]
+        if name in streams or any(sample.sensor not in ("", name) for sample in samples):
+            raise FileFormatError(
+                f"{path}: sensor '{name}' and topic {messages.channel.topic}: expected one topic per sensor and one "
+                "sensor per topic"
+            )
+        streams[name] = _stream(path, name, samples, start_ns)
+    return streams
+
+
+def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) -> ImuStream:
+    time = np.array([sample_time(sample, start_ns) for sample in samples])
+    force = _measured(samples, "specific_force", "xyz")
+    rate = _measured(samples, "angular_rate", "xyz")
+    R = rotations_where_finite(_measured(samples, "orientation_wxyz", "wxyz"), Order.WXYZ)
+    order = np.argsort(time, kind="stable")  # other writers may log out of order
+    stream = ImuStream.from_samples(
+        name, time[order], *(None if values is None else values[order] for values in (force, R, rate))
+    )
+    if len(stream) < len(samples):
+        warn(path, f"sensor '{name}': {len(samples) - len(stream)} incomplete samples are left out")
+    return stream
+
+
+def sample_time(sample: ImuSample, start_ns: int) -> float:
+    """Seconds from the recording's start."""
+    return sample.seconds if sample.HasField("seconds") else (time_ns_of(sample.timestamp) - start_ns) / NS_PER_S
+
+
+def _measured(samples: Sequence[ImuSample], field: str, axes: str) -> Array | None:
+    """``(N, axes)``, NaN where a message lacks the field; None where all lack it."""
+    present = np.array([sample.HasField(field) for sample in samples])
+    if not present.any():
+        return None
+    numbers, of = attrgetter(*axes), attrgetter(field)
+    values = np.array([numbers(of(sample)) for sample in samples])
+    values[~present] = np.nan
+    return values
+
+
+def rotations_where_finite(quaternions: Array | None, order: Order) -> Array | None:
+    """``(N, 3, 3)`` of ``(N, 4)``, NaN where a quaternion is."""
+    if quaternions is None:
+        return None
+    good = np.all(np.isfinite(quaternions), axis=1)
+    R = np.full((len(quaternions), 3, 3), np.nan)
+    R[good] = matrix_from_quaternion(quaternions[good], order)
+    return R
 
 
 def pose_messages(

@@ -1,184 +1,30 @@
-"""Which message stands for which class (data_schemas), and the messages of a file by topic."""
+"""The messages of an MCAP file by topic: read with what they mean, and written."""
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from heapq import merge
+from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import IO, TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
-
-from vip_factors.body.anthropometry import LengthPrior
-from vip_factors.body.hinges import HingeEstimate
-from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
+from vip_factors import __version__
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import (
-    BodyEstimate,
-    DetectorEstimate,
-    Iteration,
-    SensorPlaceEstimate,
-    SolveReport,
-    StartChoice,
-)
-from vip_factors.io.codec import Codec, DataclassCodec, vector, vector_message
+from vip_factors.io.codec import NS_PER_S, Codec, set_timestamp
 from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, McapWarning
-from vip_factors.io.schemas.body_pose_pb2 import MotionInfo
-from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
-from vip_factors.io.schemas.estimate_info_pb2 import BodyEstimate as BodyEstimateMessage
-from vip_factors.io.schemas.estimate_info_pb2 import DetectorEstimate as DetectorEstimateMessage
-from vip_factors.io.schemas.estimate_info_pb2 import SensorPlaceEstimate as SensorPlaceMessage
-from vip_factors.io.schemas.estimate_info_pb2 import SolveReport as SolveReportMessage
-from vip_factors.io.schemas.estimate_info_pb2 import StartChoice as StartChoiceMessage
-from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
-from vip_factors.io.schemas.subject_pb2 import Hinge as HingeMessage
-from vip_factors.io.schemas.subject_pb2 import LengthPrior as LengthPriorMessage
-from vip_factors.io.schemas.subject_pb2 import Skeleton as SkeletonMessage
-from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
-from vip_factors.sensors.calibration import Calibration, Placement, SensorCalibration, SensorSite
-from vip_factors.sensors.recording import Subject
 
 if TYPE_CHECKING:
     from google.protobuf.message import Message
 
 PACKAGE = "vip_factors."  # of our schemas
 PROTOBUF = "protobuf"
+# A cut loses at most the zstd block it falls into: small chunks lose little, at some cost in compression.
+CHUNK_BYTES = 32 * 1024
 M = TypeVar("M", bound="Message")
 T = TypeVar("T")
 
-
-def _joints_and_landmarks(skeleton: Skeleton) -> dict[str, Any]:
-    joints = [
-        SkeletonMessage.Joint(
-            name=name, parent=JOINT_NAMES[parent] if parent >= 0 else "", p_parent_joint=vector_message(offset)
-        )
-        for name, parent, offset in zip(JOINT_NAMES, PARENTS, skeleton.p_parent_joint, strict=True)
-    ]
-    landmarks = [
-        SkeletonMessage.Landmark(
-            name=name, bone=JOINT_NAMES[landmark.bone], p_bone_point=vector_message(landmark.p_bone_point)
-        )
-        for name, landmark in skeleton.landmarks.items()
-    ]
-    return {"joints": joints, "landmarks": landmarks}
-
-
-def _skeleton(message: SkeletonMessage, read: dict[str, Any]) -> dict[str, Any]:
-    offsets = {joint.name: vector(joint.p_parent_joint) for joint in message.joints}
-    missing = [name for name in JOINT_NAMES if name not in offsets]
-    if missing:
-        raise FileFormatError(f"the skeleton lacks {', '.join(missing)}: expected all of {', '.join(JOINT_NAMES)}")
-    landmarks = {
-        landmark.name: Landmark(joint_index(landmark.bone), vector(landmark.p_bone_point))
-        for landmark in message.landmarks
-    }
-    return read | {"p_parent_joint": np.array([offsets[name] for name in JOINT_NAMES]), "landmarks": landmarks}
-
-
-def _subject(message: SubjectMessage, read: dict[str, Any]) -> dict[str, Any]:
-    skeleton = SKELETON.decode(message.skeleton) if message.skeleton_given else None
-    return read | {"stature_m": message.stature_m or None, "skeleton": skeleton}  # absent is zero
-
-
-SKELETON = DataclassCodec(SkeletonMessage, Skeleton, more=_joints_and_landmarks, mend=_skeleton)
-LENGTH_PRIOR = DataclassCodec(
-    LengthPriorMessage,
-    LengthPrior,
-    {"lengths": "names", "covariance_m2": "covariance"},
-    shapes={"covariance_m2": ("lengths", "lengths")},
-)
-HINGE = DataclassCodec(
-    HingeMessage,
-    HingeEstimate,
-    {
-        "tilt_sigma_rad": "sigma",
-        "carrying_angle_rad": "carrying_angle",
-        "carrying_sigma_rad": "carrying_sigma",
-        "variables_rad": "variables",
-        "covariance_rad2": "covariance",
-    },
-    shapes={"covariance_rad2": ("variables_rad", "variables_rad")},
-)
-SUBJECT = DataclassCodec(
-    SubjectMessage,
-    Subject,
-    {"skeleton": "given_or_likely"},
-    more=lambda subject: {"given_or_likely": subject.body(), "skeleton_given": subject.skeleton is not None},
-    mend=_subject,
-)
-SITE = DataclassCodec(
-    SensorPlacement.Site, SensorSite, {"mounting_wxyz": "R_bone_sensor", "mounting_sigma_rad": "mounting_sigma"}
-)
-PLACEMENT = DataclassCodec(SensorPlacement, Placement, {"preset": "name"})
-BODY = DataclassCodec(
-    BodyEstimateMessage,
-    BodyEstimate,
-    {
-        "lengths": "names",
-        "prior_m": "prior",
-        "found_m": "posterior",
-        "prior_covariance_m2": "prior_covariance",
-        "covariance_m2": "covariance",
-    },
-    shapes={
-        "prior_m": ("lengths",),
-        "found_m": ("lengths",),
-        "prior_covariance_m2": ("lengths", "lengths"),
-        "covariance_m2": ("lengths", "lengths"),
-    },
-)
-SENSOR_CALIBRATION = DataclassCodec(
-    CalibrationEstimate.Sensor,
-    SensorCalibration,
-    {
-        "heading_rad": "heading",
-        "mounting_wxyz": "R_bone_sensor",
-        "heading_sigma_rad": "heading_sigma",
-        "mounting_sigma_rad": "mounting_sigma",
-        "heading_time_s": "heading_time",
-        "heading_path_rad": "heading_path",
-    },
-)
-ITERATION = DataclassCodec(SolveReportMessage.Iteration, Iteration)
-_PLACE = {"prior_m": "prior", "found_m": "posterior", "prior_sigma_m": "prior_sigma", "sigma_m": "sigma"}
-SENSOR_PLACE = DataclassCodec(SensorPlaceMessage, SensorPlaceEstimate, _PLACE)
-START_CHOICE = DataclassCodec(StartChoiceMessage, StartChoice)
-MOTION = DataclassCodec(
-    MotionInfo, Motion, {"rate_hz": "rate", "start_s": "start"}, more=lambda motion: {"frames": len(motion)}
-)
-
-
-REPORT = DataclassCodec(SolveReportMessage, SolveReport)
-"""How one solve went."""
-
-
-def _keypoint_messages(detector: DetectorEstimate) -> dict[str, Any]:
-    rows = []
-    for row, name in enumerate(detector.keypoints):
-        vectors = {field: vector_message(getattr(detector, attribute)[row]) for field, attribute in _PLACE.items()}
-        rows.append(DetectorEstimateMessage.Keypoint(keypoint=name, **vectors))
-    return {"keypoints": rows}
-
-
-def _keypoints(message: DetectorEstimateMessage, read: dict[str, Any]) -> dict[str, Any]:
-    rows = message.keypoints
-    columns = {
-        attribute: np.array([vector(getattr(row, field)) for row in rows]).reshape(-1, 3)
-        for field, attribute in _PLACE.items()
-    }
-    return {"keypoints": tuple(row.keypoint for row in rows), **columns}
-
-
-CALIBRATION: Codec[CalibrationEstimate, Calibration] = Codec(
-    CalibrationEstimate,
-    lambda calibration: CalibrationEstimate(
-        sensors=[SENSOR_CALIBRATION.encode(sensor, sensor=name) for name, sensor in calibration.items()]
-    ),
-    lambda message: {sensor.sensor: SENSOR_CALIBRATION.decode(sensor) for sensor in message.sensors},
-)
-"""Headings and mountings of all sensors."""
-DETECTOR = DataclassCodec(DetectorEstimateMessage, DetectorEstimate, more=_keypoint_messages, mend=_keypoints)
-"""Where a detector puts its keypoints."""
+TimedMessage = tuple[int, int, bytes]
+"""Log time in nanoseconds, channel id, serialised message."""
 
 
 def is_ours(channel: McapChannel, message_class: "type[Message] | None" = None) -> bool:
@@ -228,11 +74,7 @@ class Topics:
         return [messages for messages in channels if is_ours(messages.channel, message_class)]
 
     def all(self, topic: str, message_class: type[M]) -> list[M]:
-        """All messages of one kind on one topic; none if there is no such channel.
-
-        Raises:
-            FileFormatError: if one does not decode.
-        """
+        """All messages of one kind on one topic; none if there is no such channel."""
         channels = self.channels(topic, message_class)
         return [message for messages in channels for message in parsed(self.path, messages, message_class)]
 
@@ -242,15 +84,11 @@ class Topics:
         return messages[-1] if messages else None
 
     def objects(self, topic: str, codec: Codec[Any, T]) -> tuple[T, ...]:
-        """The objects of all messages of one kind on one topic.
-
-        Raises:
-            FileFormatError, InputError: for what no such object can be.
-        """
+        """The objects of all messages of one kind on one topic."""
         return tuple(codec.decode(message) for message in self.all(topic, codec.message))
 
     def object(self, topic: str, codec: Codec[Any, T]) -> T | None:
-        """The object of the last of them; raises likewise."""
+        """The object of the last of them."""
         message = self.last(topic, codec.message)
         return None if message is None else codec.decode(message)
 
@@ -269,3 +107,77 @@ def naming(path: Path) -> Iterator[None]:
         if str(path) in str(error):
             raise
         raise type(error)(f"{path}: {error}") from error
+
+
+class MessageWriter:
+    """Writes messages to an open file; one channel per topic. A context manager, which finishes the file.
+
+    Args:
+        file: open for writing bytes.
+        chunk_bytes: after which a chunk ends by itself.
+    """
+
+    def __init__(self, file: IO[bytes], chunk_bytes: int = CHUNK_BYTES) -> None:
+        from mcap.writer import CompressionType, Writer
+
+        self._writer = Writer(file, chunk_size=chunk_bytes, compression=CompressionType.ZSTD)
+        self._writer.start(profile="", library=f"vip_factors {__version__}")
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+        self._sequence = count()
+
+    def __enter__(self) -> "MessageWriter":
+        return self
+
+    def __exit__(self, error: type[BaseException] | None, *_: object) -> None:
+        if error is None:
+            self.finish()
+
+    def finish(self) -> None:
+        """Write the index at the end of the file; nothing may follow."""
+        self._writer.finish()
+
+    def channel(self, topic: str, message_class: "type[Message]") -> int:
+        """Id of the channel of a topic, registered with its schema at the first call."""
+        if topic not in self._channels:
+            from mcap_protobuf.schema import build_file_descriptor_set
+
+            name = message_class.DESCRIPTOR.full_name
+            if name not in self._schemas:
+                schema = build_file_descriptor_set(message_class).SerializeToString(deterministic=True)
+                self._schemas[name] = self._writer.register_schema(name, "protobuf", schema)
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", self._schemas[name])
+        return self._channels[topic]
+
+    def write(self, topic: str, message: "Message", time_ns: int) -> None:
+        """One message of any kind."""
+        self.add(self.channel(topic, type(message)), time_ns, message.SerializeToString())
+
+    def add(self, channel: int, time_ns: int, data: bytes) -> None:
+        """One serialised message. Log times are unsigned: what lies before the epoch is logged at 0."""
+        time_ns = max(time_ns, 0)
+        self._writer.add_message(channel, time_ns, data, time_ns, next(self._sequence) & 0xFFFFFFFF)
+
+    def stamped(
+        self, topic: str, message_class: "type[M]", times_ns: Iterable[int], messages: "Iterable[M]"
+    ) -> Iterator[TimedMessage]:
+        """Messages on one topic in the order of time, with their timestamps, serialised; one may be filled anew."""
+        channel = self.channel(topic, message_class)
+        for time_ns, message in zip(times_ns, messages, strict=True):
+            set_timestamp(message.timestamp, time_ns)
+            yield time_ns, channel, message.SerializeToString()
+
+    def add_in_order(self, *streams: Iterable[TimedMessage]) -> None:
+        """Messages of several streams, each in the order of time, interleaved: a cut then ends all at one time."""
+        for time_ns, channel, data in merge(*streams, key=lambda message: message[0]):
+            self.add(channel, time_ns, data)
+
+    def flush(self) -> None:
+        """End the chunk, so that what was written so far survives a cut in what follows."""
+        self._writer.flush()
+
+
+def nanoseconds(seconds: Any, start_ns: int) -> list[int]:
+    """Absolute nanoseconds, as Python integers, of times ``(N,)`` in seconds from the recording's start."""
+    # Whole and fractional seconds apart: a float product of a long recording would lose nanoseconds.
+    return [start_ns + int(t // 1) * NS_PER_S + round(t % 1 * NS_PER_S) for t in seconds.tolist()]

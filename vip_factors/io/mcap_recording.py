@@ -8,14 +8,20 @@ from pathlib import Path
 from vip_factors.atomic import atomic_open
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import FileFormatError
-from vip_factors.io import mcap_messages as codecs
-from vip_factors.io.codec import DataclassCodec
+from vip_factors.io.codec import CALIBRATION, MOTION, Codec
 from vip_factors.io.mcap_camera import CameraTopics, camera_messages, camera_of, camera_truth_of
-from vip_factors.io.mcap_frames import motion_of, pose_messages
-from vip_factors.io.mcap_messages import PACKAGE, PROTOBUF, Topics, is_ours, naming, warn
+from vip_factors.io.mcap_frames import motion_of, pose_messages, read_streams, sample_messages
+from vip_factors.io.mcap_messages import (
+    PACKAGE,
+    PROTOBUF,
+    MessageWriter,
+    TimedMessage,
+    Topics,
+    is_ours,
+    naming,
+    warn,
+)
 from vip_factors.io.mcap_reader import McapChannel, McapContents, McapMessages, read_contents
-from vip_factors.io.mcap_samples import read_streams, sample_messages
-from vip_factors.io.mcap_writer import MessageWriter, TimedMessage
 from vip_factors.io.ros2 import is_imu
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.calibration_estimate_pb2 import CalibrationEstimate
@@ -33,7 +39,7 @@ BEYOND = ("/scene/", "/camera/", "/truth/camera/")  # of a scene, beyond the wea
 SCENE_INFO, FIRST_CAMERA = "/scene/info", CameraTopics()
 READ = (ImuSample, RecordingInfo, BodyPose, CalibrationEstimate)
 
-HEAD = DataclassCodec(RecordingInfo, Recording, {"start": "start_ns", "truth": "true_motion"})
+HEAD = Codec(RecordingInfo, Recording, {"start": "start_ns", "truth": "true_motion"})
 """A recording without samples, and what is known of its true motion."""
 
 
@@ -47,7 +53,7 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
     """
     start_ns, truth, true_motion = recording.start_ns, recording.truth, None
     if truth is not None:
-        true_motion = codecs.MOTION.encode(truth.motion, known_bones=sorted(truth.known_bones or ()))
+        true_motion = MOTION.encode(truth.motion, known_bones=sorted(truth.known_bones or ()))
     info = HEAD.encode(recording, sensors=list(recording.imus), true_motion=true_motion)
     writer.write(prefix + INFO, info, start_ns)
     streams: list[Iterable[TimedMessage]] = [
@@ -55,7 +61,7 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
     ]
     if truth is not None:
         if truth.calibration is not None:
-            writer.write(prefix + TRUTH_CALIBRATION, codecs.CALIBRATION.encode(truth.calibration), start_ns)
+            writer.write(prefix + TRUTH_CALIBRATION, CALIBRATION.encode(truth.calibration), start_ns)
         streams.append(pose_messages(writer, prefix + TRUTH_POSE, truth.motion, start_ns))
     return streams
 
@@ -124,7 +130,7 @@ def _truth(topics: Topics, info: RecordingInfo) -> Truth | None:
         return None
     motion, _ = motion_of(topics.path, info.truth, poses)
     known_bones = frozenset(info.truth.known_bones) & set(JOINT_NAMES) or None
-    return Truth(motion, topics.object(TRUTH_CALIBRATION, codecs.CALIBRATION), known_bones)
+    return Truth(motion, topics.object(TRUTH_CALIBRATION, CALIBRATION), known_bones)
 
 
 def _nothing_here(contents: McapContents) -> str:

@@ -12,11 +12,11 @@ from mcap.summary import Summary
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.codec import NS_PER_S, time_ns_of
-from vip_factors.io.mcap_camera import CameraTopics, camera_of
+from vip_factors.io.mcap_camera import CameraTopics, camera_of, detections_of
+from vip_factors.io.mcap_frames import read_streams, sample_time
 from vip_factors.io.mcap_messages import Topics, is_ours, naming, parsed
 from vip_factors.io.mcap_reader import McapByTime, McapChannel, McapContents, read_summary
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, TRUTH_POSE, recording_of, wearer_prefixes
-from vip_factors.io.mcap_samples import detections_of, read_streams, sample_time
 from vip_factors.io.scene_building import read_scenes
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo

@@ -14,9 +14,9 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.importers.shared import ImportedLog, default_sites
+from vip_factors.io.mcap_frames import rotations_where_finite
 from vip_factors.io.mcap_messages import naming, warn
 from vip_factors.io.mcap_reader import McapChannel, McapMessages, read_contents
-from vip_factors.io.mcap_samples import rotations_where_finite
 from vip_factors.sensors.imu_stream import ImuStream
 
 IMU_TYPES = ("sensor_msgs/msg/Imu", "sensor_msgs/Imu")

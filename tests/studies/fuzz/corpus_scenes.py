@@ -28,8 +28,7 @@ from vip_factors.io.live.growing import GrowingFileSource
 from vip_factors.io.live.open import follow
 from vip_factors.io.live.session import Client, ClientError, Session
 from vip_factors.io.live.websocket import take_message
-from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.mcap_estimate_writer import write_estimate
+from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.mcap_source import open_source
 from vip_factors.io.settings import LiveSourceSettings

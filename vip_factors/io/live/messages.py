@@ -9,11 +9,15 @@ import numpy as np
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE
 from vip_factors.geometry.rotations import Array
-from vip_factors.io import mcap_messages as codecs
-from vip_factors.io.codec import NS_PER_S, DataclassCodec, time_ns_of
-from vip_factors.io.mcap_camera import camera_info_message, intrinsics_message, intrinsics_of, mount_of
+from vip_factors.io.codec import NS_PER_S, PLACEMENT, SUBJECT, Codec, time_ns_of
+from vip_factors.io.mcap_camera import (
+    camera_info_message,
+    intrinsics_message,
+    intrinsics_of,
+    keypoint_set_of,
+    mount_of,
+)
 from vip_factors.io.mcap_frames import camera_path_of, camera_poses
-from vip_factors.io.mcap_samples import keypoint_set_of
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
@@ -31,8 +35,8 @@ from vip_factors.sensors.live import ImuSample, VideoFrame, checked_head
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, Scene
 
-WEARER = DataclassCodec(WearerMessage, Recording)
-HEADER = DataclassCodec(LiveHeader, Scene, {"start": "start_ns"})
+WEARER = Codec(WearerMessage, Recording)
+HEADER = Codec(LiveHeader, Scene, {"start": "start_ns"})
 
 
 def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str = "") -> ImuSample:
@@ -150,7 +154,7 @@ def wearer_of(
     Raises:
         InputError: for an implausible body, a bone or a pose that is not known, a mounting that is no rotation.
     """
-    wearer, placed = codecs.SUBJECT.decode(subject), codecs.PLACEMENT.decode(placement)
+    wearer, placed = SUBJECT.decode(subject), PLACEMENT.decode(placement)
     body = wearer.body()
     if not placed.sites and placed.name in PRESETS:
         placed = preset(placed.name, body)

@@ -10,7 +10,7 @@ from films import write_video
 
 from vip_factors.detect import blazepose, model_files, tracks
 from vip_factors.detect.tracks import Tracker
-from vip_factors.io.detections.read import read_detections
+from vip_factors.io.detections import read_detections
 
 
 @pytest.fixture

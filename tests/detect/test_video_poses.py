@@ -15,8 +15,7 @@ from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Tracker
 from vip_factors.detect.video import Stretch, confused, detect_video, write_overlay
 from vip_factors.errors import InputError
-from vip_factors.io.detections.formats import write_mmpose
-from vip_factors.io.detections.read import read_detections
+from vip_factors.io.detections import read_detections, write_mmpose
 
 FRAMES, RATE = 30, 15.0
 

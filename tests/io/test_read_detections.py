@@ -14,7 +14,7 @@ from pose_files import People, person, write_alphapose, write_coco, write_mmpose
 from tests.studies.fuzz.outcome import limited_memory
 from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.detections.read import DetectionsWarning, read_detections
+from vip_factors.io.detections import DetectionsWarning, read_detections
 
 WRITERS: dict[str, tuple[Callable[..., Path], int]] = {  # and the number of a video's first frame
     "openpose": (write_openpose, 0),
@@ -31,7 +31,7 @@ WRITERS: dict[str, tuple[Callable[..., Path], int]] = {  # and the number of a v
     st.lists(st.integers(0, 3), min_size=1, max_size=6).filter(any),
     st.integers(0, 2**32 - 1),
 )
-@pytest.mark.filterwarnings("ignore::vip_factors.io.detections.read.DetectionsWarning")
+@pytest.mark.filterwarnings("ignore::vip_factors.io.detections.DetectionsWarning")
 def test_every_format_gives_back_what_was_written(tmp_path_factory, file, keypoints, counts, seed) -> None:
     rng = np.random.default_rng(seed)
     write, first = WRITERS[file]

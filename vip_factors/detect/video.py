@@ -23,7 +23,7 @@ from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Track, Tracker
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.detections.formats import TrackedPose, write_mmpose
+from vip_factors.io.detections import TrackedPose, write_mmpose
 from vip_factors.io.video import VideoFacts, iterate_frames, video_facts
 from vip_factors.sensors.detections import Detections
 from vip_factors.viz.images import draw_pose, limb_pairs

@@ -12,7 +12,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, scene_with_body
 from vip_factors.io.camera_file import read_camera_file, read_floor
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
-from vip_factors.io.detections.read import read_detections
+from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.video import check_video, embed_video, video_facts, with_torso_colours
 from vip_factors.sensors.camera import CameraModel, CameraPath
@@ -38,7 +38,7 @@ class CameraOptions:
     """What filmed a scene; the file of detections and the camera's are needed, the rest is optional.
 
     Attributes:
-        detections: 2D poses, as :func:`~vip_factors.io.detections.read.read_detections` takes them.
+        detections: 2D poses, as :func:`~vip_factors.io.detections.read_detections` takes them.
         camera: camera file with the intrinsics.
         keypoints: name of the keypoint set; told by the number of keypoints if None.
         rate: video frames per second; the times in the video file win over it, and are used if None.

@@ -49,7 +49,7 @@ from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
 from vip_factors.io.camera_file import read_camera_file, read_floor
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.convert_template import write_templates
-from vip_factors.io.detections.read import read_detections
+from vip_factors.io.detections import read_detections
 from vip_factors.io.export.animation import write_bvh
 from vip_factors.io.export.files import ExportSettings
 from vip_factors.io.export.smpl import write_amass

@@ -1,0 +1,474 @@
+"""2D poses as detectors' programs write them, each told by its content; and writing our own detector's, as MMPose does.
+
+* OpenPose: a folder with one JSON file a frame, ``{"people": [{"pose_keypoints_2d": [x, y, c, …]}]}``. Frames without
+  people have files too, so the lowest number is the video's first frame: 0 as OpenPose counts, 1 where the frames were
+  numbered by another tool.
+* MMPose: ``{"meta_info": …, "instance_info": [{"frame_id": 1, "instances": […]}]}``, or that list alone. An instance
+  has ``keypoints`` [[x, y], …] and ``keypoint_scores`` [c, …]. Frames are counted from 1, and all are listed.
+* COCO's results and AlphaPose: a list of ``{"image_id": 12, "keypoints": [x, y, c, …], "score": …}``, an entry a
+  person; AlphaPose names the images, ``"12.jpg"``. Frames are counted from 0.
+
+What we write has more than MMPose's own fields: ``meta_info`` says what the keypoint set is called and how the poses
+were found, a frame has ``time_s`` and an instance ``track_id``.
+"""
+
+import json
+import re
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from vip_factors.atomic import atomic_open
+from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
+from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.rotations import Array
+from vip_factors.io.typed_files import MOST_MOTION_BYTES, Number, convert, read_json
+from vip_factors.sensors.detections import Detections
+
+PERSON = 1  # COCO's category
+EXPECTED = "2D poses as OpenPose (a folder), AlphaPose, MMPose or COCO's results (a .json file)"
+MOST_DIGITS = 15  # of a frame's number
+MOST_FRAMES = 2_000_000  # nine hours at 60 Hz: beyond it the numbers are no frame numbers
+FRACTION = 1.5  # no image is so small: coordinates up to here are fractions of it, or slightly outside
+SPREAD = 0.99  # share of confidences that shall not exceed one
+# Whole-body orders begin with one of ours: COCO-WholeBody, Halpe.
+WHOLE_BODY = {133: "coco17", 136: "halpe26"}
+# Points that lie close together on everybody, in whatever pose: what tells one order from another.
+CLOSE = (
+    ("nose", "left_eye"), ("nose", "right_eye"), ("left_eye", "left_ear"), ("right_eye", "right_ear"),
+    ("left_ankle", "left_heel"), ("right_ankle", "right_heel"), ("left_heel", "left_big_toe"),
+    ("right_heel", "right_big_toe"),
+)  # fmt: skip
+PLAUSIBLE_CLOSE = 0.15  # of a person's extent in the image; 0.03 in the right order, 0.43 and more in the other
+
+Numbers = list[float | None]
+
+
+class DetectionsWarning(UserWarning):
+    """Something in a file of 2D poses was guessed or changed, and what it was."""
+
+
+@dataclass
+class DetectedPeople:
+    """People as a file lists them.
+
+    Attributes:
+        path: of the file or folder.
+        first_number: what the format calls the first frame of a video.
+        listed: numbers of all frames that the file speaks of, those without people included.
+        numbers: the frame's number of each person.
+        rows: each person's keypoints, flat ``(3 J,)``: x, y, confidence.
+        where: of each person, as a complaint names it.
+        names: the keypoints' names in order, if the file tells them.
+        time: seconds of each listed frame by its number, if the file tells them.
+    """
+
+    path: Path
+    first_number: int = 0
+    listed: set[int] = field(default_factory=set)
+    numbers: list[int] = field(default_factory=list)
+    rows: list[Array] = field(default_factory=list)
+    where: list[str] = field(default_factory=list)
+    names: tuple[str, ...] = ()
+    time: dict[int, float] = field(default_factory=dict)
+
+    def add(self, number: int, keypoints: Numbers, where: str) -> None:
+        """One person of one frame: x, y, confidence of every keypoint, None where there is none."""
+        if len(keypoints) % 3:
+            raise FileFormatError(
+                f"{where}: keypoints are {len(keypoints)} numbers: expected x, y, confidence of every keypoint"
+            )
+        self.numbers.append(number)
+        self.rows.append(np.array(keypoints, dtype=float))
+        self.where.append(where)
+
+
+class _OpenPosePerson(msgspec.Struct, frozen=True):
+    pose_keypoints_2d: Numbers = []
+    pose_keypoints: Numbers = []  # up to OpenPose 1.2
+
+
+class _OpenPoseFile(msgspec.Struct, frozen=True):
+    people: list[_OpenPosePerson]
+
+
+class _Result(msgspec.Struct, frozen=True):
+    """Person of COCO's results or AlphaPose."""
+
+    image_id: int | str
+    keypoints: Numbers
+    category_id: int = PERSON
+
+
+class _Instance(msgspec.Struct, frozen=True):
+    keypoints: list[tuple[float | None, float | None]]
+    keypoint_scores: Numbers
+
+
+class _Frame(msgspec.Struct, frozen=True):
+    frame_id: int | str
+    instances: list[_Instance]
+    time_s: Number | None = None
+
+
+class _Meta(msgspec.Struct, frozen=True):
+    keypoint_id2name: dict[str, str] | list[str] = []
+
+
+class _MmposeFile(msgspec.Struct, frozen=True):
+    instance_info: list[_Frame]
+    meta_info: _Meta = _Meta()
+
+
+def read_detections(
+    path: str | PathLike[str],
+    rate: float | None,
+    keypoints: str | None = None,
+    frames: int | None = None,
+    first_frame: int | None = None,
+) -> Detections:
+    """Everybody that a 2D pose detector found in a video, times on the video's own clock (its first frame at 0 s).
+
+    The format is told by content. A point with confidence 0, at (0, 0) or not finite was not found; people without
+    any point are left out. Confidences that exceed one (heat maps) are scaled so that 99 % of them do not, and the
+    rest are cut off there. A guess is told as a :class:`DetectionsWarning`.
+
+    Args:
+        path: of OpenPose's folder, or AlphaPose's, MMPose's or COCO's file.
+        rate: video frames per second; None for the times that the file itself tells, as ours do.
+        keypoints: name of the keypoint set; by the number of keypoints if None.
+        frames: number of frames of the video; up to the last one with people (or listed) if None.
+        first_frame: number that the video's first frame has in the file; the format's usual one if None.
+
+    Raises:
+        InputError: for a missing file, an unknown keypoint set, a frame before the first, or no rate where the file
+            tells no times.
+        FileFormatError: for content that is not as expected: file, entry and what was expected are named.
+    """
+    path = Path(path)
+    if rate is not None and (not rate > 0 or not np.isfinite(rate)):
+        raise InputError(f"video rate {rate} Hz: expected a positive number of frames per second")
+    people = read_people(path)
+    first = people.first_number if first_frame is None else first_frame
+    count = _frame_count(people, first, frames)
+    rows = _rows(people)
+    chosen = _which_keypoints(people, rows, keypoints) if len(rows) else keypoint_set(keypoints or "coco17")
+    rows = rows[:, : len(chosen)] if len(rows) else np.zeros((0, len(chosen), 3))
+    frame = np.array(people.numbers, dtype=int) - first
+    order = np.argsort(frame, kind="stable")
+    pixels, confidence = _cleaned(rows[order])
+    someone = np.any(confidence > 0, axis=1)
+    if np.any(someone) and np.nanmax(np.abs(pixels)) <= FRACTION:
+        raise FileFormatError(
+            f"{path}: coordinates lie between {np.nanmin(pixels):.2f} and {np.nanmax(pixels):.2f}: expected pixels, "
+            "not fractions of the image; have the detector write pixels (OpenPose: --keypoint_scale 0)"
+        )
+    time = np.arange(count) / rate if rate is not None else _times(people, first, count)
+    return Detections(chosen, time, frame[order][someone], pixels[someone], confidence[someone])
+
+
+def _times(people: DetectedPeople, first: int, count: int) -> Array:
+    """``(count,)`` seconds of the frames, as the file tells them."""
+    missing = [number for number in range(first, first + count) if number not in people.time]
+    if missing or not count:
+        raise InputError(
+            f"{people.path}: 2D poses come without times: give the video's rate in Hz, or the video itself"
+        )
+    time = np.array([people.time[number] for number in range(first, first + count)])
+    if np.any(np.diff(time) <= 0):
+        raise FileFormatError(f"{people.path}: times of the frames do not increase: give the video's rate in Hz")
+    return time
+
+
+def _frame_count(people: DetectedPeople, first: int, frames: int | None) -> int:
+    if not people.listed:
+        return frames or 0
+    low, high = min(people.listed), max(people.listed)
+    if low < first:
+        raise InputError(f"{people.path}: frame {low} lies before the first frame, {first} (first_frame)")
+    if high - first >= MOST_FRAMES:
+        raise FileFormatError(f"{people.path}: frame number {high}: expected the numbers of a video's frames")
+    if frames is not None and high - first >= frames:
+        raise InputError(
+            f"{people.path}: there are people in frame {high}, but the video has {frames} frames: it is shorter than "
+            "its detections; give the video that they were made from"
+        )
+    return high - first + 1 if frames is None else frames
+
+
+def _rows(people: DetectedPeople) -> Array:
+    """``(N, J, 3)``, all people with as many keypoints."""
+    if not people.rows:
+        return np.zeros((0, 0, 3))
+    sizes = np.array([len(row) for row in people.rows])
+    if np.any(sizes != sizes[0]):
+        odd = int(np.flatnonzero(sizes != sizes[0])[0])
+        raise FileFormatError(
+            f"{people.where[odd]}: {sizes[odd] // 3} keypoints: expected {sizes[0] // 3}, as {people.where[0]} has"
+        )
+    if sizes[0] == 0:
+        raise FileFormatError(f"{people.where[0]}: no keypoints: expected x, y, confidence of every keypoint")
+    return np.array(people.rows).reshape(len(sizes), -1, 3)
+
+
+def _cleaned(rows: Array) -> tuple[Array, Array]:
+    """Pixels and confidences, NaN and 0 where a keypoint was not found."""
+    pixels, confidence = rows[..., :2].copy(), rows[..., 2].copy()
+    with np.errstate(invalid="ignore"):
+        lost = ~np.all(np.isfinite(rows), axis=-1) | (confidence <= 0) | np.all(pixels == 0, axis=-1)
+    pixels[lost], confidence[lost] = np.nan, 0.0
+    highest = float(np.quantile(confidence[~lost], SPREAD)) if not np.all(lost) else 0.0
+    return pixels, np.minimum(confidence / max(1.0, highest), 1.0)
+
+
+def read_people(path: Path) -> DetectedPeople:
+    """Everybody in all frames of a file or folder of any known format.
+
+    Raises:
+        InputError: if there is nothing at the path, or a person, frame or file is not of its form.
+        FileFormatError: for content that is of no known format.
+    """
+    if not path.exists():
+        raise InputError(f"{path}: no such file or folder of 2D poses")
+    if path.is_dir():
+        files = sorted(path.glob("*.json"))
+        if not files:
+            raise FileFormatError(f"{path}: expected a folder with OpenPose's JSON files, one a frame")
+        return _openpose(path, ((file, _content(file)) for file in files))
+    if path.suffix.lower() == ".json":
+        content = _content(path)
+        first = content[0] if isinstance(content, list) and content else None
+        if _has(content, "people"):
+            return _openpose(path, [(path, content)])
+        if _has(content, "instance_info"):
+            return _mmpose(path, convert(path, "", content, _MmposeFile))
+        if _has(first, "instances"):
+            return _mmpose(path, _MmposeFile(convert(path, "", content, list[_Frame])))
+        if _has(first, "image_id"):
+            return _results(path, convert(path, "", content, list[_Result]))
+        if content == []:
+            raise FileFormatError(f"{path}: expected people; the list is empty")
+    raise FileFormatError(f"{path}: expected {EXPECTED}")
+
+
+def _content(path: Path) -> Any:
+    return read_json(path, object, EXPECTED, MOST_MOTION_BYTES)
+
+
+def _has(content: object, name: str) -> bool:
+    return isinstance(content, dict) and name in content
+
+
+def _openpose(path: Path, contents: Iterable[tuple[Path, object]]) -> DetectedPeople:
+    people, file_of = DetectedPeople(path), dict[int, Path]()
+    for file, content in contents:
+        number = frame_number(file.stem.removesuffix("_keypoints"), str(file))
+        if number in file_of:
+            raise FileFormatError(
+                f"{path}: {file_of[number].name} and {file.name} are both frame {number}: expected the frames of one "
+                "video; give each camera a folder of its own"
+            )
+        file_of[number] = file
+        for index, person in enumerate(convert(file, "", content, _OpenPoseFile).people):
+            # Empty where only a face or a hand was found, and where tools that sort people leave a place.
+            if keypoints := person.pose_keypoints_2d or person.pose_keypoints:
+                people.add(number, keypoints, f"{file}, person {index}")
+    people.listed = set(file_of)
+    people.first_number = int(min(people.listed) == 1)
+    return people
+
+
+def _results(path: Path, results: Sequence[_Result]) -> DetectedPeople:
+    people = DetectedPeople(path)
+    for index, person in enumerate(results):
+        where = f"{path}, entry {index}"
+        if person.category_id == PERSON:
+            people.add(frame_number(person.image_id, where), person.keypoints, where)
+    people.listed = set(people.numbers)
+    return people
+
+
+def _mmpose(path: Path, content: _MmposeFile) -> DetectedPeople:
+    names = content.meta_info.keypoint_id2name
+    if isinstance(names, dict):
+        numbered = {int(key): name for key, name in names.items() if key.isdecimal()}
+        names = [name for _, name in sorted(numbered.items())]
+    people = DetectedPeople(path, names=tuple(names))
+    for index, frame in enumerate(content.instance_info):
+        number = frame_number(frame.frame_id, f"{path}, frame entry {index}")
+        people.listed.add(number)
+        if frame.time_s is not None:
+            people.time[number] = frame.time_s
+        for place, person in enumerate(frame.instances):
+            where = f"{path}, frame entry {index}, instance {place}"
+            points, scores = person.keypoints, person.keypoint_scores
+            if len(points) != len(scores):
+                raise FileFormatError(
+                    f"{where}: {len(points)} keypoints and {len(scores)} scores: expected a score for each"
+                )
+            people.add(
+                number, [part for point, score in zip(points, scores, strict=True) for part in (*point, score)], where
+            )
+    people.first_number = int(0 not in people.listed)
+    return people
+
+
+def frame_number(name: int | str, where: str) -> int:
+    """The last digits of a file's name, or the number itself: ``cam1_000012_keypoints`` → 12.
+
+    Raises:
+        FileFormatError: if there are none.
+    """
+    if isinstance(name, int) and name >= 0:
+        return name
+    digits = re.findall(r"[0-9]+", re.sub(r"\.[A-Za-z]\w*$", "", name)) if isinstance(name, str) else []
+    if not digits or len(digits[-1].lstrip("0")) > MOST_DIGITS:
+        raise FileFormatError(
+            f"{where}: no frame number in {str(name)[:60]!r}: expected one such as 12 or 'walk_000012.jpg'"
+        )
+    return int(digits[-1])
+
+
+def _which_keypoints(people: DetectedPeople, rows: Array, given: str | None) -> KeypointSet:
+    """The keypoint set of people ``(N, J, 3)``: the one given, else by their number and by how they look.
+
+    Raises:
+        InputError: for an unknown name.
+        FileFormatError: if no set fits.
+    """
+    path, count = people.path, rows.shape[1]
+    of_count = [name for name, keypoints in KEYPOINT_SETS.items() if len(keypoints) == count]
+    whole_body = WHOLE_BODY.get(count)
+    name = given or whole_body or next(iter(of_count), None)
+    if name is None or (len(keypoint_set(name)) != count and name != whole_body):
+        known = ", ".join(f"{name} ({len(keypoints)})" for name, keypoints in KEYPOINT_SETS.items())
+        told = ": no known set has as many" if given is None else f", but {given} has {len(keypoint_set(given))}"
+        raise FileFormatError(f"{path}: people have {count} keypoints{told}: known are {known}")
+    chosen = keypoint_set(name)
+    if given is None and whole_body is not None:
+        _warn(path, f"of {count} whole-body keypoints, the first {len(chosen)} are read, as {name}")
+    _check_names(path, chosen, people.names[: len(chosen)])
+    if len(of_count) < 2:
+        return chosen
+    # Of sets with as many keypoints, the one in which eyes are at noses and heels at ankles.
+    apart = {name: _apart(keypoint_set(name), rows) for name in of_count}
+    best = min(apart, key=apart.__getitem__)
+    is_plausible = apart[name] < PLAUSIBLE_CLOSE
+    if best == name or is_plausible or apart[best] >= PLAUSIBLE_CLOSE:
+        if given is None and not is_plausible:
+            others = ", ".join(other for other in of_count if other != name)
+            _warn(path, f"{count} keypoints are taken as {name}; if they are {others}, say so (keypoints)")
+        return chosen
+    if given is not None:
+        _warn(path, f"read as {given}, as asked, but people look like {best}: eyes and heels are in the wrong places")
+        return chosen
+    _warn(path, f"{count} keypoints are taken as {best}, not {name}: so eyes are at noses and heels at ankles")
+    return keypoint_set(best)
+
+
+def _check_names(path: Path, chosen: KeypointSet, names: tuple[str, ...]) -> None:
+    for index, (name, expected) in enumerate(zip(names, chosen.keypoints, strict=False)):
+        if name in chosen.keypoints and name != expected:
+            raise FileFormatError(
+                f"{path}: keypoint {index} is '{name}', but '{expected}' in {chosen.name}: another order of keypoints; "
+                f"known are {', '.join(KEYPOINT_SETS)}"
+            )
+    if names and 2 * len(set(names) & set(chosen.keypoints)) < len(names):
+        raise FileFormatError(
+            f"{path}: keypoints {', '.join(names[:6])} … are not those of {chosen.name}, which has as many: "
+            f"known orders are {', '.join(KEYPOINT_SETS)}"
+        )
+
+
+def _apart(keypoints: KeypointSet, rows: Array) -> float:
+    """Median distance of points that should lie close together, in extents of their person; infinite if unseen."""
+    seen = np.all(np.isfinite(rows), axis=-1) & (rows[..., 2] > 0)
+    points = np.where(seen[..., None], rows[..., :2], np.nan)
+    enough = seen.sum(axis=1) > rows.shape[1] // 2
+    points = points[enough]
+    if not len(points):
+        return np.inf
+    extent = np.linalg.norm(np.nanmax(points, axis=1) - np.nanmin(points, axis=1), axis=-1)
+    index = {name: at for at, name in enumerate(keypoints.keypoints)}
+    pairs = [(index[a], index[b]) for a, b in CLOSE if a in index and b in index]
+    distance = np.array([np.linalg.norm(points[:, a] - points[:, b], axis=-1) / extent for a, b in pairs])
+    return float(np.nanmedian(distance)) if np.any(np.isfinite(distance)) else np.inf
+
+
+def _warn(path: Path, sentence: str) -> None:
+    warnings.warn(DetectionsWarning(f"{path}: {sentence}"), stacklevel=4)
+
+
+@dataclass(frozen=True)
+class TrackedPose:
+    """One person in one frame.
+
+    Attributes:
+        track: number of the person, the same in all frames.
+        pixels: ``(K, 2)`` in the image as it is shown; the middle of its first pixel is at (0.5, 0.5).
+        confidence: ``(K,)`` in [0, 1]; 0 where a keypoint was not found.
+        score: of the person, in [0, 1].
+    """
+
+    track: int
+    pixels: Array
+    confidence: Array
+    score: float
+
+
+def write_mmpose(
+    path: str | PathLike[str],
+    keypoints: KeypointSet,
+    frames: Sequence[Sequence[TrackedPose]],
+    time: Array,
+    about: Mapping[str, Any],
+    overwrite: bool = False,
+) -> None:
+    """Write the poses of all frames of a video, frames without people included, whole or not at all.
+
+    Args:
+        path: of the file, usually ``.json``.
+        keypoints: of the poses.
+        frames: everybody in each of the video's ``F`` frames.
+        time: ``(F,)`` seconds of the frames after the first.
+        about: for people: the video, the model …
+        overwrite: whether an existing file may be replaced.
+
+    Raises:
+        InputError: if the file exists, or its folder is missing or read-only.
+    """
+    meta = {
+        "dataset_name": keypoints.name,
+        "num_keypoints": len(keypoints),
+        "keypoint_id2name": {str(index): name for index, name in enumerate(keypoints.keypoints)},
+        **about,
+    }
+    with atomic_open(path, "w", overwrite) as file:
+        file.write(f'{{"meta_info": {json.dumps(meta)},\n"instance_info": [\n')
+        for index, people in enumerate(frames):
+            entry = {
+                "frame_id": index + 1,  # as MMPose counts
+                "time_s": round(float(time[index]), 6),
+                "instances": [_instance(pose) for pose in people],
+            }
+            file.write(json.dumps(entry) + (",\n" if index + 1 < len(frames) else "\n"))
+        file.write("]}\n")
+
+
+def _instance(pose: TrackedPose) -> dict[str, Any]:
+    is_seen = pose.confidence > 0
+    pixels = np.where(is_seen[:, None], pose.pixels, 0.0).astype(float)
+    box = np.concatenate([pixels[is_seen].min(axis=0), pixels[is_seen].max(axis=0)] if np.any(is_seen) else [[0.0] * 4])
+    return {
+        "track_id": pose.track,
+        "keypoints": pixels.round(2).tolist(),
+        "keypoint_scores": pose.confidence.astype(float).round(4).tolist(),
+        "bbox": [box.round(2).tolist()],
+        "bbox_score": round(float(pose.score), 4),
+    }

@@ -2,9 +2,8 @@
 
 import time
 from abc import ABC, abstractmethod
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterator
-from itertools import count
 from threading import Condition, Event, Thread
 from types import TracebackType
 from typing import Self
@@ -42,37 +41,34 @@ class LiveQueue:
         self._drops = drops
         self._clock = clock
         self._changed = Condition()
-        self._number = count()
-        # Each with its number of arrival, so that the three together keep the order, and the time of it.
-        self._frames: deque[tuple[int, float, LiveItem]] = deque()
-        self._imu: deque[tuple[int, float, LiveItem]] = deque()
-        self._findings: deque[tuple[int, float, LiveItem]] = deque()
+        self._items: deque[tuple[float, LiveItem]] = deque()  # each with the time of its arrival
+        self._waiting: Counter[type[LiveItem]] = Counter()
+        self._lost: Counter[type[LiveItem]] = Counter()  # since it was told last
         self.waited_s = 0.0
-        self._lost = {VideoFrame: 0, ImuSample: 0}  # since it was told last
         self._losing = False  # whether some were since it was said last
         self._said = self._reported = -float("inf")
         self._finished = False
         self._closed = False
 
     def __len__(self) -> int:
-        return len(self._frames) + len(self._imu) + len(self._findings)
+        return len(self._items)
 
     def put(self, item: LiveItem) -> None:
         """Append an item; does nothing once the queue is closed."""
+        kind = LiveFinding if isinstance(item, LiveFinding) else type(item)
         with self._changed:
-            if isinstance(item, LiveFinding):
-                self._findings.append((next(self._number), self._clock(), item))
-                if len(self._findings) > MOST_FINDINGS:
-                    self._findings.popleft()
-            else:
-                if not self._drops:
-                    self._changed.wait_for(lambda: self._closed or self._waiting < self._limit)
-                if self._closed:
-                    return
-                kind = self._frames if isinstance(item, VideoFrame) else self._imu
-                kind.append((next(self._number), self._clock(), item))
-                if self._waiting > self._limit:
-                    self._drop()
+            if not self._drops and kind is not LiveFinding:
+                self._changed.wait_for(lambda: self._closed or self._samples < self._limit)
+            if self._closed:
+                return
+            self._items.append((self._clock(), item))
+            self._waiting[kind] += 1
+            if self._waiting[LiveFinding] > MOST_FINDINGS:
+                self._drop(LiveFinding, MOST_FINDINGS)
+            elif self._samples > self._limit and self._waiting[VideoFrame]:
+                self._drop(VideoFrame, self._waiting[VideoFrame] - 1)
+            elif self._samples > self._limit:
+                self._drop(ImuSample, max(1, self._limit // KEPT))
             self._changed.notify_all()
 
     def get(self) -> LiveItem | None:
@@ -82,12 +78,10 @@ class LiveQueue:
             if self._closed:
                 return None
             finding = self._loss()
-            if finding is not None:
+            if finding is not None or not self._items:
                 return finding
-            waiting = [kind for kind in (self._frames, self._imu, self._findings) if kind]
-            if not waiting:
-                return None
-            _, arrived, item = min(waiting, key=lambda kind: kind[0][0]).popleft()
+            arrived, item = self._items.popleft()
+            self._waiting[LiveFinding if isinstance(item, LiveFinding) else type(item)] -= 1
             self.waited_s = self._clock() - arrived if self._drops else 0.0
             self._changed.notify_all()
             return item
@@ -108,40 +102,40 @@ class LiveQueue:
     def is_behind(self) -> bool:
         """Whether the sample that came first has waited for longer than reading takes."""
         with self._changed:
-            first = [kind[0] for kind in (self._frames, self._imu) if kind]
-            return self._drops and bool(first) and self._clock() - min(first)[1] > PAUSE_S
+            first = next((arrived for arrived, item in self._items if not isinstance(item, LiveFinding)), None)
+            return self._drops and first is not None and self._clock() - first > PAUSE_S
 
     @property
-    def _waiting(self) -> int:
-        return len(self._frames) + len(self._imu)
+    def _samples(self) -> int:
+        return self._waiting[VideoFrame] + self._waiting[ImuSample]
 
-    def _drop(self) -> None:
-        if self._frames:
-            self._lose(self._frames)
-            return
-        left = max(1, self._limit // KEPT)
-        while len(self._imu) > left:
-            self._lose(self._imu)
-
-    def _lose(self, kind: deque[tuple[int, float, LiveItem]]) -> None:
-        self._lost[VideoFrame if kind is self._frames else ImuSample] += 1
-        self._losing = True
-        kind.popleft()
+    def _drop(self, kind: type[LiveItem], left: int) -> None:
+        """Drop the oldest items of a kind until so many are left."""
+        kept: deque[tuple[float, LiveItem]] = deque()
+        for entry in self._items:
+            if self._waiting[kind] > left and isinstance(entry[1], kind):
+                self._waiting[kind] -= 1
+                self._lost[kind] += 1
+            else:
+                kept.append(entry)
+        self._items = kept
+        self._losing = self._losing or kind is not LiveFinding
 
     def _loss(self) -> LiveLoss | None:
         """That some were dropped since it was said last, if it is time to say it."""
         now = self._clock()
-        frames, samples = self._lost[VideoFrame], self._lost[ImuSample]
-        telling = frames + samples > 0 and (now - self._reported >= TELL_EVERY or self._finished)
+        lost = {"video frames": self._lost[VideoFrame], "IMU samples": self._lost[ImuSample]}
+        telling = any(lost.values()) and (now - self._reported >= TELL_EVERY or self._finished)
         if not telling and not (self._losing and now - self._said >= SAY_EVERY):
             return None
         self._said, self._losing = now, False
         if telling:
-            self._reported, self._lost = now, {VideoFrame: 0, ImuSample: 0}
-        what = [f"{number} {name}" for number, name in ((frames, "video frames"), (samples, "IMU samples")) if number]
+            self._reported = now
+            self._lost.clear()
+        what = " and ".join(f"{number} {name}" for name, number in lost.items() if number)
         return LiveLoss(
-            f"the tracker does not keep up: {' and '.join(what)} were dropped; this machine is too slow, or busy: use "
-            "fewer frames per second (--frame-rate), fewer wearers, fewer cameras or a shorter lag",
+            f"the tracker does not keep up: {what} were dropped; this machine is too slow, or busy: use fewer frames "
+            "per second (--frame-rate), fewer wearers, fewer cameras or a shorter lag",
             again=not telling,
         )
 

@@ -11,17 +11,16 @@ that z is down, the frame is turned over.
 """
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 from msgspec import structs
 
 from vip_factors.errors import FileFormatError
 from vip_factors.io.importers import table
 from vip_factors.io.importers.column_map import QUANTITIES, UP_OR_DOWN, ColumnMap, Columns, SensorColumns
-from vip_factors.io.importers.shared import SAME_RATE, ImportedLog, LogFormat, candidates, only_file
+from vip_factors.io.importers.shared import ImportedLog, LogFormat, candidates, only_file
 from vip_factors.io.importers.text_table import (
     COMPONENTS,
     SEPARATORS,
@@ -134,24 +133,17 @@ def _read_quaternions(path: Path) -> ImportedLog:
     if others and _split(path)[1]:
         notes.append(f"{path.name}: {others[0].name} stands beside it: name that one, and both are read together")
     columns = _columns(path, {"quaternion": one})
-    blank = [name for name, entry in columns.sensors.items() if _is_blank(one, entry)]
+    blank = [
+        name
+        for name, at in columns.sensors.items()
+        if at.quaternion and one.group(list(map(str, at.quaternion.columns))) is None
+    ]
     notes += [f"{path.name}: column '{name}' has no orientation at all: left out" for name in blank]
     sensors = {name: entry for name, entry in columns.sensors.items() if name not in blank}
     if not sensors:
         raise FileFormatError(f"{path}: expected the columns 'time' and one per sensor, tab-separated, of four numbers")
     log = table.read(path, ColumnMap(str(path), sensors=sensors), {path: one})
-    stated, time = one.setting(r"^DataRate=\s*([\d.]+)"), next(iter(log.imus.values())).time
-    rate = 1 / float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    if stated and rate and abs(rate / (float(stated) or rate) - 1) > SAME_RATE:
-        notes.append(
-            f"{path.name}: DataRate says {float(stated):g} Hz, its times {rate:.2f} Hz; the times are believed"
-        )
     return ImportedLog(OPENSENSE.name, log.imus, log.default_sites, notes=(*notes, *log.notes))
-
-
-def _is_blank(one: TextTable, entry: SensorColumns) -> bool:
-    assert entry.quaternion is not None
-    return bool(np.all(np.isnan(one.numbers([one.index(name, "") for name in entry.quaternion.columns]))))
 
 
 APDM_QUANTITIES = {
@@ -164,9 +156,6 @@ APDM_UNITS = {
 }  # fmt: skip
 PEEKED_LINES = 12  # that hold the header of either layout
 EPOCH_MICROSECONDS = 1e12  # a time above this is microseconds since 1970 (1e12 µs is January 1970), not seconds
-
-Layout = dict[str, dict[str, dict[str, int]]]
-"""Sensor → quantity → axis → column, from 1 on."""
 
 
 def _matches_apdm(path: Path) -> bool:
@@ -193,80 +182,70 @@ def _read_apdm(path: Path) -> ImportedLog:
     path, comma = only_file(path, files, "one APDM csv file with all sensors"), SEPARATORS["comma"]
     kept = [(i + 1, line) for i, line in enumerate(checked_lines(path, read_text(path))) if line.strip(", ")]
     head = [[cell.strip() for cell in split(line, comma)] for _, line in kept[:PEEKED_LINES]]
-    first, width, layout, units = _format7(head, path) if head[0][0].startswith("Format=") else _slash_names(head, path)
+    names, first, units = (_format7 if head[0][0].startswith("Format=") else _slash_names)(head, path)
     if len(kept) <= first:
         raise FileFormatError(f"{path}: no samples below its header")
-    names = ["Time"] + [str(column) for column in range(2, width + 1)]
-    for sensor, quantities in layout.items():
-        for quantity, axes in quantities.items():
-            for axis, column in axes.items():
-                names[column - 1] = f"{sensor}/{quantity}/{axis}"
-    one = table_of_rows(path, tuple(names), kept[first:], comma)
+    one = table_of_rows(path, ("Time", *names[1:]), kept[first:], comma)
     start = float(one.numbers([0])[0, 0])
     since_1970 = start > EPOCH_MICROSECONDS
     common = SensorColumns(time=1, time_unit="us" if since_1970 else "s", world_up=UP_OR_DOWN)
-    sensors = {sensor: _apdm_sensor(one, common, quantities, units) for sensor, quantities in layout.items()}
-    sensors = {name: entry for name, entry in sensors.items() if entry != common}
+    sensors: dict[str, SensorColumns] = {}
+    for sensor in dict.fromkeys(name.rsplit("/", 2)[0] for name in names if "/" in name):
+        for quantity, axes in APDM_AXES.items():
+            columns = tuple(f"{sensor}/{quantity}/{axis}" for axis in axes)
+            if one.group(columns) is not None:
+                unit = APDM_UNITS.get(units.get(columns[0], ""), {})  # others are SI already
+                entry = sensors.get(sensor, common)
+                sensors[sensor] = structs.replace(entry, **{quantity: Columns(columns)}, **unit)
     if not sensors:
         raise FileFormatError(f"{path}: no sensor with all axes of Acceleration, Angular Velocity or Orientation")
     log = table.read(path, ColumnMap(str(path), sensors=sensors), {path: one})
     return replace(log, format=APDM.name, start_ns=int(start) * 1000 if since_1970 else 0, clock_s=None)
 
 
-def _apdm_sensor(
-    one: TextTable, common: SensorColumns, quantities: dict[str, dict[str, int]], units: Sequence[str]
-) -> SensorColumns:
-    """The columns of the quantities of which there are all axes and any numbers, in the units that stand above them."""
-    entry = common
-    for quantity, axes in quantities.items():
-        columns = tuple(axes[axis] for axis in APDM_AXES[quantity] if axis in axes)
-        if len(columns) == len(APDM_AXES[quantity]) and np.any(np.isfinite(one.numbers([at - 1 for at in columns]))):
-            stated = APDM_UNITS.get(units[columns[0] - 1] if units else "", {})  # others are SI already
-            entry = structs.replace(entry, **{quantity: Columns(columns)}, **stated)
-    return entry
+Header = tuple[list[str], int, dict[str, str]]
+"""Names of all columns, the first row below them, and units by name."""
 
 
-def _add_column(layout: Layout, sensor: str, quantity: str, axis: str, column: int) -> None:
-    if quantity in APDM_QUANTITIES:
-        axes = layout.setdefault(sensor, {}).setdefault(APDM_QUANTITIES[quantity], {})
-        axes["S" if axis == "Scalar" else axis] = column + 1
+def _column_name(number: int, sensor: str, quantity: str, axis: str) -> str:
+    """``Sensor/acceleration/X``, or the column's number where it is none of ours."""
+    known = APDM_QUANTITIES.get(quantity)
+    return f"{sensor}/{known}/{'S' if axis == 'Scalar' else axis}" if known else str(number)
 
 
-def _format7(head: list[list[str]], path: Path) -> tuple[int, int, Layout, Sequence[str]]:
+def _format7(head: list[list[str]], path: Path) -> Header:
     """Three header lines: device ids with their labels further right, quantities, axes."""
     if len(head) < 3:
         raise FileFormatError(f"{path}: ends within its three header lines")
-    starts = [i for i, cell in enumerate(head[0]) if i and cell.isdigit()]
+    ids, quantities, axes = head[:3]
+    starts = [i for i, cell in enumerate(ids) if i and cell.isdigit()]
     if not starts:
-        raise FileFormatError(f"{path}, line 1: no device id after '{head[0][0]}': expected one per sensor")
-    if starts[-1] >= min(len(head[1]), len(head[2])):
+        raise FileFormatError(f"{path}, line 1: no device id after '{ids[0]}': expected one per sensor")
+    if starts[-1] >= min(len(quantities), len(axes)):
         raise FileFormatError(f"{path}, lines 2 and 3 end before the columns of the device in column {starts[-1] + 1}")
-    layout: Layout = {}
-    for start, end in zip(starts, [*starts[1:], len(head[1])], strict=True):
-        label = next((cell for cell in head[0][start + 1 : end] if cell), head[0][start])
+    names = [str(column + 1) for column in range(len(quantities))]
+    for start, end in zip(starts, [*starts[1:], len(quantities)], strict=True):
+        label = next((cell for cell in ids[start + 1 : end] if cell), ids[start])
         quantity = ""
-        for column in range(start, min(end, len(head[2]))):
-            quantity = head[1][column] or quantity
-            _add_column(layout, label, quantity, head[2][column], column)
-    return 3, len(head[1]), layout, ()
+        for column in range(start, min(end, len(axes))):
+            quantity = quantities[column] or quantity
+            names[column] = _column_name(column + 1, label, quantity, axes[column])
+    return names, 3, {}
 
 
-def _slash_names(head: list[list[str]], path: Path) -> tuple[int, int, Layout, Sequence[str]]:
+def _slash_names(head: list[list[str]], path: Path) -> Header:
     """Settings, then one line of ``Sensor/Quantity/Axis`` and one of units."""
     at = next((i for i, row in enumerate(head) if row[0] == "Time"), None)
     if at is None:
         raise FileFormatError(f"{path}: no line whose first cell is 'Time': expected the names of the columns there")
-    layout: Layout = {}
-    for column, name in enumerate(head[at]):
-        parts = name.split("/")
-        if len(parts) == 3:
-            _add_column(layout, parts[0], parts[1], parts[2], column)
-    if not layout:
+    parts = [cell.split("/") for cell in head[at]]
+    names = [_column_name(i, *words) if len(words) == 3 else str(i) for i, words in enumerate(parts, start=1)]
+    if not any("/" in name for name in names):
         raise FileFormatError(f"{path}, line {at + 1}: no column of the form Sensor/Acceleration/X")
-    width, units = len(head[at]), head[at + 1] if at + 1 < len(head) else []
+    units = head[at + 1] if at + 1 < len(head) else []
     if not units or units[0] not in ("s", "us", "ms"):
-        return at + 1, width, layout, ()
-    return at + 2, width, layout, [*units, *[""] * width]
+        return names, at + 1, {}
+    return names, at + 2, dict(zip(names, units, strict=False))
 
 
 EXPORT = LogFormat("opensim_export", _matches_export, _read_export)

@@ -15,16 +15,18 @@ from mcap.records import DataEnd
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.codec import time_ns_of
-from vip_factors.io.live.messages import camera_of, head_of, imu_sample_of, video_frame_of, wearer_of
+from vip_factors.io.live.messages import imu_sample_of, setup_of, video_frame_of
 from vip_factors.io.live.session import FindingReporter
 from vip_factors.io.live.source import LiveSource
 from vip_factors.io.mcap_camera import CameraTopics, path_of
+from vip_factors.io.mcap_frames import camera_poses
 from vip_factors.io.mcap_messages import PROTOBUF, is_ours, naming
 from vip_factors.io.mcap_reader import McapChannel, McapPass, largest_chunk
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, INFO, SCENE_INFO
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
+from vip_factors.io.schemas.live_message_pb2 import LiveCamera, LiveHeader, LiveWearer
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo, SceneInfo
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.camera import VideoClock
@@ -234,12 +236,18 @@ class _Head:
         if self._missing:
             raise FileFormatError(f"expected a recording or a scene; there is nothing on {', '.join(self._missing)}")
         infos = [self.messages[prefix + INFO, RecordingInfo] for prefix in self._wearer_prefixes]
-        name = self._scene.name or infos[0].name
         self._start_ns = time_ns_of(infos[0].start)
-        wearers = [wearer_of(name, info.subject, info.placement, info.initial_pose, self._start_ns) for info in infos]
-        self._wearers = dict(zip(self._wearer_prefixes, [one.subject.name for one in wearers], strict=True))
-        self._cameras = {topic_of.prefix: self._camera(topic_of) for topic_of in self._camera_topics}
-        return head_of(name, wearers, list(self._cameras.values()))
+        wearers = [
+            LiveWearer(subject=info.subject, placement=info.placement, initial_pose=info.initial_pose) for info in infos
+        ]
+        cameras = [self._camera(topic_of) for topic_of in self._camera_topics]
+        name = self._scene.name or infos[0].name
+        setup = setup_of(LiveHeader(name=name, start=infos[0].start, wearers=wearers, cameras=cameras))
+        names = [wearer.subject.name for wearer in setup.wearers]
+        self._wearers = dict(zip(self._wearer_prefixes, names, strict=True))
+        prefixes = [topic_of.prefix for topic_of in self._camera_topics]
+        self._cameras = dict(zip(prefixes, setup.cameras, strict=True))
+        return setup
 
     @property
     def camera_infos(self) -> list[CameraInfo]:
@@ -268,11 +276,13 @@ class _Head:
             needed += [(topic_of("info"), CameraInfo), (topic_of("calibration"), CameraCalibration)]
         return [topic for topic, kind in needed if (topic, kind) not in self.messages]
 
-    def _camera(self, topic_of: CameraTopics) -> Camera:
+    def _camera(self, topic_of: CameraTopics) -> LiveCamera:
         info = self.messages[topic_of("info"), CameraInfo]
         pose = self.messages.get((topic_of("pose"), PoseInFrame)) if _stands_known(info) else None
         path = None if pose is None else path_of([pose], self._start_ns)
-        return camera_of(info, self.messages[topic_of("calibration"), CameraCalibration], path)
+        poses = () if path is None else camera_poses(path, self._start_ns)
+        calibration = self.messages[topic_of("calibration"), CameraCalibration]
+        return LiveCamera(info=info, calibration=calibration.SerializeToString(), known_poses=poses)
 
     def sample(self, topic: str, message: ImuSample | Detections2D) -> LiveSample | None:
         """A sample; None of a carrier that is none of the set-up's.

@@ -1,8 +1,6 @@
 """Live messages: set-up to and from them, and samples from them."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,17 +16,14 @@ from vip_factors.io.mcap_camera import (
     mount_of,
 )
 from vip_factors.io.mcap_frames import camera_path_of, camera_poses
-from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample as ImuMessage
 from vip_factors.io.schemas.live_message_pb2 import LiveCamera as CameraMessage
 from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.io.schemas.live_message_pb2 import LiveWearer as WearerMessage
-from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
-from vip_factors.io.schemas.subject_pb2 import Subject as SubjectMessage
 from vip_factors.sensors.calibration import PRESETS, preset
-from vip_factors.sensors.camera import CameraPath, VideoClock
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.live import ImuSample, VideoFrame, checked_head
@@ -37,6 +32,7 @@ from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, Scene
 
 WEARER = Codec(WearerMessage, Recording)
 HEADER = Codec(LiveHeader, Scene, {"start": "start_ns"})
+INITIAL_POSES = ("t-pose", "n-pose", "none")
 
 
 def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str = "") -> ImuSample:
@@ -114,12 +110,6 @@ def video_frame_of(
     return VideoFrame(camera, time, pixels, confidence)
 
 
-if TYPE_CHECKING:
-    from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-
-INITIAL_POSES = ("t-pose", "n-pose", "none")
-
-
 def header_message(setup: Scene) -> LiveMessage:
     """The message that a sender begins with."""
     cameras = [_camera_message(camera, setup.start_ns) for camera in setup.cameras]
@@ -130,66 +120,42 @@ def setup_of(header: LiveHeader) -> Scene:
     """The head of the stream that a header describes.
 
     Raises:
-        InputError: for what no wearer or camera can be.
+        InputError: for what no wearer or camera can be, and for a name that two of them share.
     """
-    start_ns = time_ns_of(header.start)
-    wearers = [wearer_of(header.name, one.subject, one.placement, one.initial_pose, start_ns) for one in header.wearers]
-    return head_of(header.name, wearers, [_camera(one) for one in header.cameras])
+    wearers = tuple(_wearer(header.name, wearer, time_ns_of(header.start)) for wearer in header.wearers)
+    cameras = [_camera(camera) for camera in header.cameras]
+    return checked_head(Scene(header.name, wearers, next(iter(cameras), None), None, tuple(cameras[1:])))
 
 
-def head_of(name: str, wearers: Sequence[Recording], cameras: Sequence[Camera]) -> Scene:
-    """The head of a stream from its wearers and cameras.
-
-    Raises:
-        InputError: for a name that two of them share, and what no scene can be.
-    """
-    return checked_head(Scene(name, tuple(wearers), next(iter(cameras), None), None, tuple(cameras[1:])))
-
-
-def wearer_of(
-    name: str, subject: SubjectMessage, placement: SensorPlacement, initial_pose: str, start_ns: int
-) -> Recording:
-    """One wearer of a stream of this name; a preset without sites is fitted to the body.
-
-    Raises:
-        InputError: for an implausible body, a bone or a pose that is not known, a mounting that is no rotation.
-    """
-    wearer, placed = SUBJECT.decode(subject), PLACEMENT.decode(placement)
+def _wearer(name: str, message: WearerMessage, start_ns: int) -> Recording:
+    """One wearer of a stream of this name; a preset without sites is fitted to the body."""
+    wearer, placed = SUBJECT.decode(message.subject), PLACEMENT.decode(message.placement)
     body = wearer.body()
     if not placed.sites and placed.name in PRESETS:
         placed = preset(placed.name, body)
-    pose = initial_pose or "none"
+    pose = message.initial_pose or "none"
     if pose not in INITIAL_POSES:
         raise InputError(f"wearer '{wearer.name}': initial pose '{pose}': expected {', '.join(INITIAL_POSES)}")
     return Recording(name, wearer, {}, placed, pose, start_ns=start_ns)
-
-
-def camera_of(info: CameraInfo, calibration: "CameraCalibration", known_path: CameraPath | None) -> Camera:
-    """One camera.
-
-    Raises:
-        InputError: for intrinsics that no camera has, no keypoints, a mounting that is no rotation.
-    """
-    if not info.keypoints:
-        raise FileFormatError(f"camera '{info.name}' names no keypoints: expected those of its detector, in order")
-    mount = mount_of(info.mount, ImuStream(info.mount.imu, np.zeros(0))) if info.HasField("mount") else None
-    if mount is not None and not mount.mounting_sigma:
-        mount = replace(mount, mounting_sigma=CAMERA_MOUNTING_SIGMA)
-    model, none = intrinsics_of(calibration), Detections.none(keypoint_set_of(info))
-    return Camera(info.name, model, none, info.moving, mount, known_path)
 
 
 def _camera(message: CameraMessage) -> Camera:
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
     from google.protobuf.message import DecodeError
 
-    name = message.info.name
+    info = message.info
+    if not info.keypoints:
+        raise FileFormatError(f"camera '{info.name}' names no keypoints: expected those of its detector, in order")
     try:
-        calibration = CameraCalibration.FromString(message.calibration)
+        model = intrinsics_of(CameraCalibration.FromString(message.calibration))
     except DecodeError as error:
-        raise FileFormatError(f"camera '{name}': its calibration is no foxglove.CameraCalibration ({error})") from error
+        what = f"its calibration is no foxglove.CameraCalibration ({error})"
+        raise FileFormatError(f"camera '{info.name}': {what}") from error
+    mount = mount_of(info.mount, ImuStream(info.mount.imu, np.zeros(0))) if info.HasField("mount") else None
+    if mount is not None and not mount.mounting_sigma:
+        mount = replace(mount, mounting_sigma=CAMERA_MOUNTING_SIGMA)
     path = camera_path_of(message.known_poses) if message.known_poses else None
-    return camera_of(message.info, calibration, path)
+    return Camera(info.name, model, Detections.none(keypoint_set_of(info)), info.moving, mount, path)
 
 
 def _camera_message(camera: Camera, start_ns: int) -> CameraMessage:

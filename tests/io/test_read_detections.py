@@ -11,7 +11,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pose_files import People, person, write_alphapose, write_coco, write_mmpose, write_openpose
 
-from tests.studies.fuzz.outcome import limited_memory
 from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.detections import DetectionsWarning, read_detections
@@ -164,38 +163,6 @@ def test_fractions_of_the_image_are_no_pixels(tmp_path: Path) -> None:
     refused(write_coco(tmp_path / "a.json", {0: [small]}), r"between 0\.\d+ and 0\.\d+: expected pixels")
 
 
-_numbers = st.lists(st.integers(-9, 900) | st.none() | st.floats() | st.text(max_size=2), max_size=6)
-_entries = st.fixed_dictionaries(
-    {},
-    optional={
-        "image_id": st.integers(-1, 5) | st.sampled_from(["3.jpg", "x"]) | st.none(),
-        "keypoints": _numbers | st.lists(_numbers, max_size=2) | st.none(),
-        "keypoint_scores": _numbers,
-        "category_id": st.integers(0, 2),
-        "pose_keypoints_2d": _numbers | st.none(),
-    },
-)
-_people = st.lists(_entries | st.none() | st.integers(), max_size=3) | st.none() | _entries
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    st.one_of(
-        _people,
-        st.fixed_dictionaries({"people": _people}),
-        st.fixed_dictionaries({"instance_info": _people}, optional={"meta_info": _people}),
-        st.lists(st.fixed_dictionaries({"frame_id": st.integers(-1, 4) | st.none(), "instances": _people}), max_size=3),
-    )
-)
-def test_whatever_is_in_a_file_the_complaint_is_ours(tmp_path_factory: pytest.TempPathFactory, content) -> None:
-    path = tmp_path_factory.mktemp("poses") / "a_7.json"
-    path.write_text(json.dumps(content))
-    try:
-        read_detections(path, 30.0)
-    except InputError as error:
-        assert str(path) in str(error)  # noqa: PT017
-
-
 def test_a_folder_that_is_not_one_video_is_refused(tmp_path: Path) -> None:
     refused(tmp_path, "expected a folder with OpenPose")
     write_openpose(tmp_path / "p", {0: [person()]})
@@ -219,9 +186,3 @@ def test_real_openpose_folders(data_folder: Path, camera: str) -> None:
     assert read.confidence.max() <= 1
     cleaned = read_detections(folder / "pose-associated" / f"{camera}_json", 60.0, "body25b")
     assert len(cleaned) <= len(read)
-
-
-def test_a_small_file_needs_little_memory(tmp_path: Path) -> None:
-    path = write_coco(tmp_path / "c.json", {0: [person()]})
-    with limited_memory(2**28):
-        assert len(read_detections(path, 30.0)) == 1

@@ -334,6 +334,7 @@ def _websocket(folder: Path) -> None:
 def _growing(folder: Path) -> None:
     """As a file that another program writes."""
     quick = LiveSourceSettings(growth_wait=0.001)
-    with GrowingFileSource(folder / "scene.mcap", quick, lambda finding: None) as source:
+    with GrowingFileSource(folder / "scene.mcap", quick) as source:
+        source.on_finding = lambda finding: None
         for _ in source:
             pass

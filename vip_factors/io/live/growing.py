@@ -2,7 +2,7 @@
 
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from io import BufferedReader, FileIO
 from pathlib import Path
 from threading import Event
@@ -30,7 +30,7 @@ from vip_factors.io.schemas.live_message_pb2 import LiveCamera, LiveHeader, Live
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo, SceneInfo
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.camera import VideoClock
-from vip_factors.sensors.live import LiveFinding, LiveSample
+from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.scene import Camera, Scene
 
 if TYPE_CHECKING:
@@ -92,16 +92,11 @@ class GrowingFileSource(LiveSource):
 
     Args:
         path: of the file, which may come a little later.
-        settings, on_finding: as of every source.
+        settings: as of every source.
     """
 
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        settings: LiveSourceSettings = DEFAULT,
-        on_finding: Callable[[LiveFinding], None] | None = None,
-    ) -> None:
-        super().__init__(str(path), settings, drops=False, on_finding=on_finding)
+    def __init__(self, path: str | os.PathLike[str], settings: LiveSourceSettings = DEFAULT) -> None:
+        super().__init__(str(path), settings, drops=False)
         self._path = Path(path)
         self._reporter = FindingReporter(self._put)
 

@@ -57,22 +57,24 @@ def open_source(
         raise InputError(f"{text}: following and playing back in real time are for MCAP files only")
     if follow and real_time:
         raise InputError(f"{text}: a file that is followed comes in its own time: choose following or real time")
+    source: LiveSource
     if text == "-":
-        return StandardInputSource(settings, on_finding)
-    if not is_file:
-        return _network(text, settings, on_finding, token)
-    if follow:
+        source = StandardInputSource(settings)
+    elif not is_file:
+        source = _network(text, settings, token)
+    elif follow:
         from vip_factors.io.live.growing import GrowingFileSource
 
-        return GrowingFileSource(text, settings, on_finding)
-    from vip_factors.io.mcap_recording import read_scene
+        source = GrowingFileSource(text, settings)
+    else:
+        from vip_factors.io.mcap_recording import read_scene
 
-    return RecordingSource(read_scene(text), real_time, settings, on_finding)
+        source = RecordingSource(read_scene(text), real_time, settings)
+    source.on_finding = on_finding
+    return source
 
 
-def _network(
-    text: str, settings: LiveSourceSettings, on_finding: Callable[[LiveFinding], None] | None, token: str
-) -> LiveSource:
+def _network(text: str, settings: LiveSourceSettings, token: str) -> LiveSource:
     try:
         url = urlsplit(text)
         host, port = url.hostname, url.port
@@ -87,7 +89,7 @@ def _network(
         )
     from vip_factors.io.live.websocket import WebSocketSource
 
-    return WebSocketSource(host or LOCAL, port, settings, on_finding, token)
+    return WebSocketSource(host or LOCAL, port, settings, token)
 
 
 def read_token(path: Path | None = None) -> str:
@@ -120,17 +122,11 @@ class RecordingSource(LiveSource):
     Args:
         scene: to be played back.
         real_time: whether each sample comes when it is due.
-        settings, on_finding: as of every source.
+        settings: as of every source.
     """
 
-    def __init__(
-        self,
-        scene: Scene,
-        real_time: bool = False,
-        settings: LiveSourceSettings = DEFAULT,
-        on_finding: Callable[[LiveFinding], None] | None = None,
-    ) -> None:
-        super().__init__(f"recording '{scene.name}'", settings, drops=real_time, on_finding=on_finding)
+    def __init__(self, scene: Scene, real_time: bool = False, settings: LiveSourceSettings = DEFAULT) -> None:
+        super().__init__(f"recording '{scene.name}'", settings, drops=real_time)
         self._scene = scene
         self._real_time = real_time
 
@@ -210,17 +206,12 @@ class StandardInputSource(LiveSource):
     """Standard input, or any other descriptor that a sender writes to.
 
     Args:
-        settings, on_finding: as of every source.
+        settings: as of every source.
         descriptor: to read from instead; it stays open.
     """
 
-    def __init__(
-        self,
-        settings: LiveSourceSettings = DEFAULT,
-        on_finding: Callable[[LiveFinding], None] | None = None,
-        descriptor: int | None = None,
-    ) -> None:
-        super().__init__("standard input", settings, drops=not _is_file(descriptor), on_finding=on_finding)
+    def __init__(self, settings: LiveSourceSettings = DEFAULT, descriptor: int | None = None) -> None:
+        super().__init__("standard input", settings, drops=not _is_file(descriptor))
         self._descriptor = descriptor
 
     def _open(self) -> None:

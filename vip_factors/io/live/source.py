@@ -154,19 +154,15 @@ class LiveSource(ABC):
         name: for sentences.
         settings: limits.
         drops: whether samples that wait for too long are dropped; False makes the reader wait instead.
-        on_finding: gets the findings that come before the header, at once; without it they begin the iteration.
+
+    Attributes:
+        on_finding: gets the findings that come before the header, at once; while it is None they begin the iteration.
     """
 
-    def __init__(
-        self,
-        name: str,
-        settings: LiveSourceSettings = DEFAULT,
-        drops: bool = True,
-        on_finding: Callable[[LiveFinding], None] | None = None,
-    ) -> None:
+    def __init__(self, name: str, settings: LiveSourceSettings = DEFAULT, drops: bool = True) -> None:
         self.name = name
+        self.on_finding: Callable[[LiveFinding], None] | None = None
         self._settings = settings
-        self._on_finding = on_finding
         self._queue = LiveQueue(settings.queue_limit, drops)
         self._stop = Event()
         self._changed = Condition()
@@ -211,21 +207,22 @@ class LiveSource(ABC):
         Raises:
             InputError: if the source ends without one.
         """
+        on_finding = self.on_finding
         while True:
+            early: list[LiveFinding] = []
             with self._changed:
-                self._changed.wait_for(lambda: self._setup or self._ended or (self._on_finding and self._early))
-                early = self._early if self._on_finding else []
-                self._early = [] if self._on_finding else self._early
+                self._changed.wait_for(lambda: self._setup or self._ended or (on_finding and self._early))
+                if on_finding is not None:
+                    early, self._early = self._early, []
                 setup, ended = self._setup, self._ended
-            for finding in early:
-                if self._on_finding is not None:
-                    self._on_finding(finding)
+            if on_finding is not None:
+                for finding in early:
+                    on_finding(finding)
             if setup is not None:
                 return setup
-            if ended and not self._early:
-                raise self._error or InputError(f"{self.name} ended without a header")
             if ended:
-                raise self._error or InputError(self._early[-1].sentence)
+                last = self._early[-1].sentence if self._early else f"{self.name} ended without a header"
+                raise self._error or InputError(last)
 
     def __iter__(self) -> Iterator[LiveItem]:
         """Samples and findings in the order of their arrival, until the source ends.

@@ -8,7 +8,6 @@ from vip_factors.io.live.network import GOING, REFUSED, ConnectionClosed, Listen
 from vip_factors.io.live.session import CLAIM_S, LARGEST_MESSAGE, Client, ClientError, Session
 from vip_factors.io.live.source import POLL, LiveSource
 from vip_factors.io.settings import DEFAULT, LiveSourceSettings
-from vip_factors.sensors.live import LiveFinding
 
 MOST_SENDERS = 8  # connected at once; beyond, the one that has been silent longest makes room
 REASON_BYTES = 120  # a close frame holds 123
@@ -48,20 +47,13 @@ class WebSocketSource(LiveSource):
 
     Args:
         host, port: to listen at; port 0 takes a free one, see :attr:`url`.
-        settings, on_finding: as of every source.
+        settings: as of every source.
         token: that senders must have, in the query of the address or as ``Authorization: Bearer …``; one is made up
             where other machines are listened to.
     """
 
-    def __init__(
-        self,
-        host: str,
-        port: int,
-        settings: LiveSourceSettings = DEFAULT,
-        on_finding: Callable[[LiveFinding], None] | None = None,
-        token: str = "",
-    ) -> None:
-        super().__init__(f"ws://{host}:{port}", settings, on_finding=on_finding)
+    def __init__(self, host: str, port: int, settings: LiveSourceSettings = DEFAULT, token: str = "") -> None:
+        super().__init__(f"ws://{host}:{port}", settings)
         self._where, self._token = (host, port), token
         self._session = Session(self._announce, self._put, SILENCE_S)
         self._clients: dict[ServerConnection, Client] = {}

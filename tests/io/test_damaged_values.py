@@ -23,7 +23,7 @@ from vip_factors.io.detections import read_people
 from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx import read_document
 from vip_factors.io.mcap_reader import RECORD_HEAD, McapWarning, read_contents
-from vip_factors.io.motions.amass import read_amass
+from vip_factors.io.motions import read_amass
 from vip_factors.io.motions.bvh import read_bvh
 from vip_factors.io.placement_file import placement_from_file
 from vip_factors.sensors.camera import VideoClock

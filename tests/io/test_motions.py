@@ -12,8 +12,7 @@ from motion_samples import CGSPEED_NAMES, MVN_NAMES, SMPL_NAMES, random_pose, re
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
-from vip_factors.io.motions import motion_files, read_motion
-from vip_factors.io.motions.amass import read_amass
+from vip_factors.io.motions import motion_files, read_amass, read_motion
 from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
 
 ROOT = np.array([[0.1, 0.9, 0.2], [0.1, 0.9, 0.3], [0.1, 0.91, 0.4], [0.2, 0.92, 0.5]])

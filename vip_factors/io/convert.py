@@ -145,8 +145,8 @@ def _mcap_format(path: Path) -> str:
 
 def _reader(name: str) -> Any:
     """What has ``matches`` and ``read`` of the format: its module, imported late, or what that calls so."""
-    module, _, one = FORMATS[name].partition(":")
-    return getattr(import_module(module), one) if one else import_module(module)
+    module, _, reader = FORMATS[name].partition(":")
+    return getattr(import_module(module), reader) if reader else import_module(module)
 
 
 def read_log(path: str | Path, format_name: str | None = None, columns: str | Path | None = None) -> ImportedLog:
@@ -193,8 +193,8 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
     path, options = Path(path), options or ImportOptions()
     log = read_log(path, options.format, options.columns)
     if options.then:
-        logs = [log, *(read_log(one, options.format, options.columns) for one in options.then)]
-        log = log_in_parts(logs, [str(one) for one in (path, *options.then)])
+        logs = [log, *(read_log(part, options.format, options.columns) for part in options.then)]
+        log = log_in_parts(logs, [str(part) for part in (path, *options.then)])
     return recording_of_log(log, path, options)
 
 

@@ -317,7 +317,7 @@ def _complete(axes: Mapping[str, str], count: int) -> tuple[str, ...] | None:
 
 def _time(table: TextTable) -> tuple[str | None, str]:
     """The column of times, and the unit in which samples come 4 to 2000 times a second."""
-    for name in sorted(table.names, key=lambda one: _time_rank(one)):
+    for name in sorted(table.names, key=_time_rank):
         if _time_rank(name) == len(_TIMES) or table.names.count(name) > 1:
             continue
         values = _numbers(table, [name])

@@ -42,15 +42,15 @@ class LiveVmcSink:
     def __init__(self, target: str, setup: Scene, pose: SentPose = SentPose.NEWEST) -> None:
         host, port = check_vmc(target, len(setup.wearers))
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            family, _, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except OSError as error:
             raise InputError(f"{target}: host '{host}' is not known ({error.strerror})") from error
-        self._skeletons = [one.subject.body() for one in setup.wearers]
-        self._names = [one.subject.name for one in setup.wearers]
+        self._skeletons = [wearer.subject.body() for wearer in setup.wearers]
+        self._names = [wearer.subject.name for wearer in setup.wearers]
         self._pose = pose
         self._lost, self._reason = 0, ""
-        self._address: tuple[Any, ...] = found[4]
-        self._socket = socket.socket(found[0], socket.SOCK_DGRAM)
+        self._address: tuple[Any, ...] = address
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
 
     @property

@@ -72,8 +72,8 @@ def without_sample(imus: Mapping[str, ImuStream], sample: int) -> dict[str, ImuS
         if len(stream) <= sample:
             raise InputError(f"sensor '{name}' has {len(stream)} samples: none is left after the pose's, {sample}")
         rest[name] = stream.cut(stream.time[sample], np.inf)
-    start = min(one.time[0] for one in rest.values())
-    return {name: replace(one, time=one.time - start) for name, one in rest.items()}
+    start = min(stream.time[0] for stream in rest.values())
+    return {name: replace(stream, time=stream.time - start) for name, stream in rest.items()}
 
 
 def after_pose(imus: Mapping[str, ImuStream], held: Mapping[str, Array], notes: list[str]) -> dict[str, ImuStream]:
@@ -179,12 +179,12 @@ def log_in_parts(logs: Sequence[ImportedLog], sources: Sequence[str]) -> Importe
     Raises:
         InputError: as :func:`~vip_factors.sensors.parts.in_parts`; ``sources`` say which log.
     """
-    clocks = [0.0 if one.start_ns or one.clock_s is None else one.clock_s for one in logs]
+    clocks = [0.0 if log.start_ns or log.clock_s is None else log.clock_s for log in logs]
     parts = []
     for log, clock, source in zip(logs, clocks, sources, strict=True):
-        imus = {name: replace(one, time=one.time + (clock - min(clocks))) for name, one in log.imus.items()}
+        imus = {name: replace(imu, time=imu.time + (clock - min(clocks))) for name, imu in log.imus.items()}
         parts.append(Recording(source, Subject(), imus, Placement(), start_ns=log.start_ns))
     whole = joined_in_memory(parts, sources)
-    first = logs[[one.name for one in parts].index(whole.name)]
+    first = logs[[part.name for part in parts].index(whole.name)]
     notes = dict.fromkeys(note for log in logs for note in log.notes)
     return replace(first, imus=whole.imus, truth_motion=None, notes=(f"parts: {', '.join(sources)}", *notes))

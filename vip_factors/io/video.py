@@ -66,7 +66,7 @@ def video_facts(path: str | Path) -> VideoFacts:
         while capture.grab():
             stamps.append(capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
         nominal = capture.get(cv2.CAP_PROP_FPS)
-        width, height = (int(capture.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+        width, height = _size(capture)
     if not stamps:
         raise FileFormatError(f"{path}: not a single frame of the video can be read: it may be cut off; copy it again")
     time = np.array(stamps) - stamps[0]
@@ -86,10 +86,13 @@ def video_size(path: str | Path) -> tuple[int, int]:
         FileFormatError: if it is no video.
     """
     with opened_video(Path(path)) as capture:
-        import cv2
+        return _size(capture)
 
-        width, height = (int(capture.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    return width, height
+
+def _size(capture: "cv2.VideoCapture") -> tuple[int, int]:
+    import cv2
+
+    return int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
 
 
 @contextmanager
@@ -288,10 +291,10 @@ def with_torso_colours(detections: Detections, video: Video) -> Detections:
     colours = np.full((len(detections), COLOURS), np.nan)
     for number, _, image in iterate_frames(video, every=every, stop=len(detections.time)):
         here = detections.of_frame(number)
-        for one in np.flatnonzero(known[here]) + here.start:
-            found = torso_colour(image, detections.pixels[one, corners])
-            if found is not None:
-                colours[one] = found
+        for row in np.flatnonzero(known[here]) + here.start:
+            colour = torso_colour(image, detections.pixels[row, corners])
+            if colour is not None:
+                colours[row] = colour
     return replace(detections, torso_colour=colours)
 
 

@@ -18,9 +18,9 @@ from pathlib import Path
 from msgspec import structs
 
 from vip_factors.errors import FileFormatError
-from vip_factors.io.importers import table
 from vip_factors.io.importers.column_map import QUANTITIES, UP_OR_DOWN, ColumnMap, Columns, SensorColumns
 from vip_factors.io.importers.shared import ImportedLog, LogFormat, candidates, only_file
+from vip_factors.io.importers.table import read as read_streams
 from vip_factors.io.importers.text_table import (
     COMPONENTS,
     SEPARATORS,
@@ -65,17 +65,17 @@ def _read_export(path: Path) -> ImportedLog:
         raise FileFormatError(f"{path}: expected the tables of one recording, found {names}: name the one you mean")
     (files,) = exports.values()
     tables = {quantity: read_text_table(file) for quantity, file in files.items()}
-    log = table.read(path, _columns(path, tables), {one.path: one for one in tables.values()})
+    log = read_streams(path, _columns(path, tables), {table.path: table for table in tables.values()})
     return replace(log, format=EXPORT.name, clock_s=None)
 
 
 def _columns(path: Path, tables: Mapping[str, TextTable]) -> ColumnMap:
     sensors: dict[str, dict[str, Columns]] = {}
-    for quantity, one in tables.items():
-        for name in dict.fromkeys(_sensor(column, quantity) for column in one.names):
+    for quantity, table in tables.items():
+        for name in dict.fromkeys(_sensor(column, quantity) for column in table.names):
             if name:
                 columns = tuple(f"{name}_{letter}" for letter in COMPONENTS[QUANTITIES[quantity]])
-                sensors.setdefault(name, {})[quantity] = Columns(columns, one.path.name)
+                sensors.setdefault(name, {})[quantity] = Columns(columns, table.path.name)
     time = next((name for name in next(iter(tables.values())).names if name in _TIMES), "time")
     entries = {}
     for name, quantities in sensors.items():
@@ -85,8 +85,8 @@ def _columns(path: Path, tables: Mapping[str, TextTable]) -> ColumnMap:
 
 def _sensor(column: str, quantity: str) -> str:
     """The sensor of a component's column; nothing of a column that is none."""
-    found = re.fullmatch(rf"(.+)_[{COMPONENTS[QUANTITIES[quantity]]}]", column)
-    return found.group(1) if found else ""
+    match = re.fullmatch(rf"(.+)_[{COMPONENTS[QUANTITIES[quantity]]}]", column)
+    return match[1] if match else ""
 
 
 def _exports(path: Path) -> dict[str, dict[str, Path]]:
@@ -103,8 +103,8 @@ def _exports(path: Path) -> dict[str, dict[str, Path]]:
 def _split(file: Path) -> tuple[str, str]:
     """What a file's name begins with, and which quantity its ending names, if any."""
     for quantity, ending in _ENDINGS.items():
-        if found := re.fullmatch(rf"(.*?)[-_ ]({ending})", file.stem, re.IGNORECASE):
-            return found.group(1), quantity
+        if match := re.fullmatch(rf"(.*?)[-_ ]({ending})", file.stem, re.IGNORECASE):
+            return match[1], quantity
     return file.stem, ""
 
 
@@ -123,7 +123,7 @@ def _read_quaternions(path: Path) -> ImportedLog:
         FileFormatError: for other files, malformed cells, or a table without rows.
     """
     path = only_file(path, _quaternion_tables(path), "one .sto table of quaternions")
-    one = read_text_table(path)
+    table = read_text_table(path)
     notes = [
         f"{path.name}: taken to be in the sensors' own inertial frame, z up, as OpenSense writes raw tables; "
         "if OpenSim axes (y up) were applied already, convert the raw recording instead",
@@ -132,17 +132,17 @@ def _read_quaternions(path: Path) -> ImportedLog:
     others = [file for file in _exports(path).get(_split(path)[0], {}).values() if file != path]
     if others and _split(path)[1]:
         notes.append(f"{path.name}: {others[0].name} stands beside it: name that one, and both are read together")
-    columns = _columns(path, {"quaternion": one})
+    columns = _columns(path, {"quaternion": table})
     blank = [
         name
         for name, at in columns.sensors.items()
-        if at.quaternion and one.group(list(map(str, at.quaternion.columns))) is None
+        if at.quaternion and table.group(list(map(str, at.quaternion.columns))) is None
     ]
     notes += [f"{path.name}: column '{name}' has no orientation at all: left out" for name in blank]
     sensors = {name: entry for name, entry in columns.sensors.items() if name not in blank}
     if not sensors:
         raise FileFormatError(f"{path}: expected the columns 'time' and one per sensor, tab-separated, of four numbers")
-    log = table.read(path, ColumnMap(str(path), sensors=sensors), {path: one})
+    log = read_streams(path, ColumnMap(str(path), sensors=sensors), {path: table})
     return ImportedLog(OPENSENSE.name, log.imus, log.default_sites, notes=(*notes, *log.notes))
 
 
@@ -185,21 +185,21 @@ def _read_apdm(path: Path) -> ImportedLog:
     names, first, units = (_format7 if head[0][0].startswith("Format=") else _slash_names)(head, path)
     if len(kept) <= first:
         raise FileFormatError(f"{path}: no samples below its header")
-    one = table_of_rows(path, ("Time", *names[1:]), kept[first:], comma)
-    start = float(one.numbers([0])[0, 0])
+    table = table_of_rows(path, ("Time", *names[1:]), kept[first:], comma)
+    start = float(table.numbers([0])[0, 0])
     since_1970 = start > EPOCH_MICROSECONDS
     common = SensorColumns(time=1, time_unit="us" if since_1970 else "s", world_up=UP_OR_DOWN)
     sensors: dict[str, SensorColumns] = {}
     for sensor in dict.fromkeys(name.rsplit("/", 2)[0] for name in names if "/" in name):
         for quantity, axes in APDM_AXES.items():
             columns = tuple(f"{sensor}/{quantity}/{axis}" for axis in axes)
-            if one.group(columns) is not None:
+            if table.group(columns) is not None:
                 unit = APDM_UNITS.get(units.get(columns[0], ""), {})  # others are SI already
                 entry = sensors.get(sensor, common)
                 sensors[sensor] = structs.replace(entry, **{quantity: Columns(columns)}, **unit)
     if not sensors:
         raise FileFormatError(f"{path}: no sensor with all axes of Acceleration, Angular Velocity or Orientation")
-    log = table.read(path, ColumnMap(str(path), sensors=sensors), {path: one})
+    log = read_streams(path, ColumnMap(str(path), sensors=sensors), {path: table})
     return replace(log, format=APDM.name, start_ns=int(start) * 1000 if since_1970 else 0, clock_s=None)
 
 

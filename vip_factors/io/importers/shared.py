@@ -66,11 +66,11 @@ def sensor_files(
     Raises:
         FileFormatError: if there is none, several recordings, or two files of one sensor.
     """
-    found = candidates(path, suffixes)
-    files = [file for file in found if is_ours(file)]
+    there = candidates(path, suffixes)
+    files = [file for file in there if is_ours(file)]
     if not files:
         kind = " or ".join(suffixes)
-        what = f"none of its {len(found)} {kind} files is of this format" if found else f"no {kind} file there"
+        what = f"none of its {len(there)} {kind} files is of this format" if there else f"no {kind} file there"
         raise FileFormatError(f"{path}: {what}")
     recordings: dict[str, dict[str, Path]] = {}
     for file in files:

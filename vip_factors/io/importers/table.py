@@ -70,9 +70,9 @@ def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = 
     for name, entry, rows in _entries(path, columns, tables):
         samples[name] = _samples(path, columns, name, entry, rows, tables, notes)
     notes = [note for table in tables.values() for note in table.notes] + notes
-    start = min(one.time[0] for one in samples.values())
+    start = min(stream.time[0] for stream in samples.values())
     since_1970 = start > SINCE_1970_S
-    imus = {name: replace(one, time=one.time - start) for name, one in samples.items()}
+    imus = {name: replace(stream, time=stream.time - start) for name, stream in samples.items()}
     return ImportedLog(
         FORMAT,
         imus,
@@ -94,11 +94,11 @@ def _entries(
         table = _table(_file(path, columns.common.file, columns.source, "file"), columns, tables)
         at = table.index(columns.sensor_column, f"{columns.source}: sensor_column")
         names = np.array(table.texts(at))
-        found = sorted(set(names))
-        for name in columns.sensors or found:
-            if name not in found:
+        known = sorted(set(names))
+        for name in columns.sensors or known:
+            if name not in known:
                 raise InputError(
-                    f"{columns.source}: no row of {table.path} is of sensor '{name}'{nearest(name, found)}"
+                    f"{columns.source}: no row of {table.path} is of sensor '{name}'{nearest(name, known)}"
                 )
             yield name, columns.sensors.get(name, columns.common), np.flatnonzero(names == name)
     elif columns.sensors:
@@ -149,7 +149,7 @@ def _samples(
         if at is None:
             continue
         table = _table(_file(path, at.file or entry.file, where, "file"), columns, tables)
-        numbers = table.numbers([table.index(one, f"{where}, {quantity}") for one in at.columns])
+        numbers = table.numbers([table.index(column, f"{where}, {quantity}") for column in at.columns])
         its_time = _time(table, entry, where)
         numbers, its_time = (numbers, its_time) if rows is None else (numbers[rows], its_time[rows])
         its_time, numbers = _increasing(table, entry, name, its_time, numbers, notes)
@@ -211,7 +211,7 @@ def _common(
     notes.append(
         f"{path.name}: {max(len(time), len(other)) - len(a)} samples are not in the sensor's other file: dropped"
     )
-    return time[a], {**{key: one[a] for key, one in values.items()}, quantity: numbers[b]}
+    return time[a], {**{key: rows[a] for key, rows in values.items()}, quantity: numbers[b]}
 
 
 def _stream(
@@ -264,7 +264,7 @@ def _check_force(
     if _is_gravity(usual) or _is_gravity(_mean_force(time, force, rate, R)):
         return
     raw = usual / ACCELERATION_UNITS[entry.acceleration_unit]
-    fits = [one for one, factor in ACCELERATION_UNITS.items() if _is_gravity(raw * factor)]
+    fits = [unit for unit, factor in ACCELERATION_UNITS.items() if _is_gravity(raw * factor)]
     hint = f"acceleration_unit '{fits[0]}' would fit" if fits else "is gravity left out, or is this no acceleration?"
     raise FileFormatError(
         f"{where}: acceleration is {raw:.3g} {entry.acceleration_unit} long on the median: expected about "
@@ -313,10 +313,9 @@ def _check_tilt(where: str, entry: SensorColumns, quaternion: Array, R: Array, f
     tilt = tilt_of_up(R, force)
     if not tilt > TILT_LIMIT_DEG:
         return
-    said = (entry.quaternion_order, entry.quaternion_sense, entry.world_up)
     best, others = best_reading(quaternion, force)
     keys = ("quaternion_order", "quaternion_sense", "world_up")
-    fits = ", ".join(f"{key} '{one}'" for key, one, told in zip(keys, best, said, strict=True) if one != told)
+    fits = ", ".join(f"{key} '{word}'" for key, word in zip(keys, best, strict=True) if word != getattr(entry, key))
     hint = f"with {fits} it would stand {others:.0f}° off" if fits and others < tilt / 2 else "is its sign turned?"
     sentence = f"averaged acceleration stands {tilt:.0f}° off the vertical of the quaternion's world: {hint}"
     if tilt > IMPOSSIBLE_TILT_DEG:
@@ -333,9 +332,9 @@ def best_reading(quaternion: Array, force: Array) -> tuple[tuple[str, str, str],
     """
     known = np.all(np.isfinite(quaternion), axis=1) & np.all(np.isfinite(force), axis=1)
     direction = force[known] / np.linalg.norm(force[known], axis=1, keepdims=True).clip(1e-9)
-    found: dict[tuple[str, str, str], float] = {}
+    tilts: dict[tuple[str, str, str], float] = {}
     for reading in product((order.value for order in Order), SENSES, UPS):
         upward = np.einsum("nij,nj->ni", upright_rotations(quaternion[known], *reading), direction)[:, 2]
-        found[reading] = float(np.rad2deg(np.mean(np.arccos(np.clip(upward, -1, 1)))))
-    best = min(found, key=found.__getitem__)
-    return best, found[best]
+        tilts[reading] = float(np.rad2deg(np.mean(np.arccos(np.clip(upward, -1, 1)))))
+    best = min(tilts, key=tilts.__getitem__)
+    return best, tilts[best]

@@ -119,8 +119,8 @@ class TextTable:
 
     def setting(self, pattern: str) -> str | None:
         """First group of a regular expression searched in the preamble, or None."""
-        found = (re.search(pattern, line, re.IGNORECASE) for line in self.preamble)
-        return next((one.group(1).strip() for one in found if one), None)
+        matches = (re.search(pattern, line, re.IGNORECASE) for line in self.preamble)
+        return next((match[1].strip() for match in matches if match), None)
 
     def texts(self, column: int) -> list[str]:
         """The cells of a column."""
@@ -220,7 +220,7 @@ def _read_plain(
 ) -> TextTable:
     """A table whose header stands right above its first row of numbers, or where it is told."""
     if dialect.header is not None:
-        wrong = next((one for one in dialect.header if not 1 <= one <= len(lines)), None)
+        wrong = next((line for line in dialect.header if not 1 <= line <= len(lines)), None)
         if wrong is not None:
             raise InputError(f"{path} has no header line {wrong}: expected 1 to {len(lines)}")
         numbered = [(line, row) for line, row in numbered if line > max(dialect.header)]

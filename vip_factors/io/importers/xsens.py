@@ -102,8 +102,8 @@ def _mtw_name(stem: str) -> tuple[str, str]:
 
 def _dot_name(stem: str) -> tuple[str, str]:
     """``RTibia_20210820_202113_825`` is sensor RTibia; files of one recording may differ in their seconds."""
-    found = re.match(r"(?:xsens[ _]dot[ _])?(.+?)_\d{8}_\d{6}(?:_\d+)?$", stem, re.IGNORECASE)
-    return ("", found.group(1)) if found else ("", stem)
+    match = re.match(r"(?:xsens[ _]dot[ _])?(.+?)_\d{8}_\d{6}(?:_\d+)?$", stem, re.IGNORECASE)
+    return "", match[1] if match else stem
 
 
 def _matches(is_ours: Callable[[Path], bool], path: Path) -> bool:
@@ -137,10 +137,10 @@ def _read_dot(path: Path) -> ImportedLog:
 
 def _start_ns(text: str) -> int | None:
     """Absolute nanoseconds of ``StartTime: ,2021-08-20_20:21:13_839 GMT+8``."""
-    found = re.search(r"StartTime:\s*,\s*(\d{4}-\d\d-\d\d)_(\d\d:\d\d:\d\d)_(\d{1,3})(?:\s*GMT([+-]\d{1,2}))?", text)
-    if not found:
+    match = re.search(r"StartTime:\s*,\s*(\d{4}-\d\d-\d\d)_(\d\d:\d\d:\d\d)_(\d{1,3})(?:\s*GMT([+-]\d{1,2}))?", text)
+    if not match:
         return None
-    date, clock, millisecond, offset = found.groups()
+    date, clock, millisecond, offset = match.groups()
     try:
         start = datetime.fromisoformat(f"{date}T{clock}").replace(tzinfo=timezone(timedelta(hours=int(offset or 0))))
     except ValueError:
@@ -173,7 +173,7 @@ def _read_table(path: Path) -> TextTable:
     at = find_header(lines)
     if at is None:
         raise FileFormatError(f"{path}: no header line: expected column names such as PacketCounter, Acc_X, Quat_q0")
-    separator = next((one for one in "\t;," if one in lines[at]), " ")
+    separator = next((character for character in "\t;," if character in lines[at]), " ")
     return read_text_table(path, Dialect(separator, header=(at + 1,), same_digits=True))
 
 
@@ -267,20 +267,21 @@ def _clock_times(
     tables: dict[str, TextTable], packets: dict[str, Packets], stated: dict[str, float], notes: list[str]
 ) -> dict[str, Array] | None:
     """Times by SampleTimeFine, or None where a file lacks it or the clocks have nothing in common."""
-    clocks, ticks, said = [], set(), []
+    clocks, ticks, rate_notes = [], set(), []
     for sensor, table in tables.items():
         column, (rows, count) = table.group(["SampleTimeFine"]), packets[sensor]
         if column is None or not np.all(np.isfinite(column[rows])):
             return None
-        found = clock_tick(column[rows, 0], count)
+        tick_and_rate = clock_tick(column[rows, 0], count)
         clock = np.unwrap(column[rows, 0].astype(np.int64), period=CLOCK_MODULUS)
-        if found is None or np.any(np.diff(clock) <= 0):
+        if tick_and_rate is None or np.any(np.diff(clock) <= 0):
             return None
         clocks.append(clock)
-        ticks.add(found[0])
-        if sensor in stated and abs(found[1] / stated[sensor] - 1) > SAME_RATE:
-            said.append(
-                f"{table.path.name}: says {stated[sensor]:g} Hz, but its SampleTimeFine runs at {found[1]:.2f} Hz; "
+        tick, rate = tick_and_rate
+        ticks.add(tick)
+        if sensor in stated and abs(rate / stated[sensor] - 1) > SAME_RATE:
+            rate_notes.append(
+                f"{table.path.name}: says {stated[sensor]:g} Hz, but its SampleTimeFine runs at {rate:.2f} Hz; "
                 "the clock is believed"
             )
     if len(ticks) > 1:
@@ -291,7 +292,7 @@ def _clock_times(
     if max(clock[0] for clock in aligned) > max(clock[-1] - clock[0] for clock in aligned):
         notes.append("the sensors' clocks (SampleTimeFine) were not set together; packet counters are used instead")
         return None
-    notes += said
+    notes += rate_notes
     return {sensor: clock * tick for sensor, clock in zip(tables, aligned, strict=True)}
 
 

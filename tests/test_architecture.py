@@ -8,7 +8,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "vip_factors"
 
 ROWS = [
-    {"errors", "ranges", "geometry", "atomic", "display", "findings", "compiled"},
+    {"errors", "ranges", "geometry", "atomic", "display", "tables", "findings", "compiled"},
     {"body"},
     {"sensors"},
     {"estimate", "live_estimate"},

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from vip_factors.cli.terminal import terminal_text
-from vip_factors.describe.table import UNKNOWN, Quantity, Table, facts
+from vip_factors.tables import UNKNOWN, Quantity, Table, facts
 
 SENSORS = Table(
     ("sensor", "on", "heading"), [("head", "head", Quantity(-0.04, 1.26, "°", 1)), ("shank", "left", UNKNOWN)], words=2

@@ -8,8 +8,7 @@ from scene_sample import Injected, camera_path, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration import common_instants
-from vip_factors.evaluate.evaluation import evaluate_scene
-from vip_factors.evaluate.scene_metrics import label_metrics
+from vip_factors.evaluate.evaluation import evaluate_scene, label_metrics
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.scene import Scene
 

@@ -10,9 +10,9 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
+from vip_factors.evaluate.comparison import doubts
 from vip_factors.evaluate.evaluation import EvaluationWarning, evaluate, evaluate_motion
 from vip_factors.evaluate.metrics import common_frames, resample
-from vip_factors.evaluate.scene_metrics import doubts
 from vip_factors.geometry.rotations import exp, rotation_z
 from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.recording import Recording, Truth

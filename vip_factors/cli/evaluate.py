@@ -49,8 +49,8 @@ def main(options: EvaluateOptions) -> None:
 
 def _evaluation(options: EvaluateOptions) -> "Evaluation":
     from vip_factors.cli.files import open_one
+    from vip_factors.evaluate.comparison import doubts
     from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
-    from vip_factors.evaluate.scene_metrics import doubts
     from vip_factors.io.mcap_estimate import read_start
 
     opened = open_one(options.estimate)

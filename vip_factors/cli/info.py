@@ -13,7 +13,7 @@ from vip_factors.cli.terminal import say
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.describe.table import Table
+    from vip_factors.tables import Table
 
 READ_S = 300.0  # seconds of a recording that are read: of longer ones the index tells, in a second instead of minutes
 
@@ -59,7 +59,7 @@ def file_tables(path: Path, verbose: bool = False) -> Iterator["Table"]:
     from vip_factors.cli.files import open_one
     from vip_factors.describe.estimates import estimate_tables
     from vip_factors.describe.recordings import motion_facts, recording_tables, scene_tables
-    from vip_factors.describe.table import facts
+    from vip_factors.tables import facts
 
     if path.suffix.lower() == ".mcap":
         from vip_factors.io.mcap_source import indexed_recording

@@ -14,7 +14,7 @@ from vip_factors.display import ProgressCallback
 if TYPE_CHECKING:
     from rich.live import Live
 
-    from vip_factors.describe.table import Table
+    from vip_factors.tables import Table
 
 # C0 and C1 controls (ESC moves cursors and sets titles), separators of lines, marks that turn text round, surrogates.
 CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")

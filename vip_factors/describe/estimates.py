@@ -9,7 +9,6 @@ from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.describe.recordings import clock_rows, motion_facts, path_text
-from vip_factors.describe.table import MM, UNKNOWN, Cell, Quantity, Row, Table, bone_words, degrees, facts, joint_words
 from vip_factors.estimate import (
     BodyEstimate,
     CameraEstimate,
@@ -24,6 +23,7 @@ from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.recording import Recording
+from vip_factors.tables import MM, UNKNOWN, Cell, Quantity, Row, Table, bone_words, degrees, facts, joint_words
 
 RESIDUALS = {"orientation_deg": ("orientation", "°"), "acceleration_m_s2": ("acceleration", "m/s²")}
 # The joints that carry limbs: those of the spine share one bend, which is known better than its parts.

@@ -7,7 +7,6 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import Skeleton, joint_index
-from vip_factors.describe.table import MM, Quantity, Row, Table, bone_words, count, facts, joint_words
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SITES, SensorSite, site_axes, site_name
 from vip_factors.sensors.camera import CameraModel, VideoClock
@@ -15,6 +14,7 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, gaps_of, rate_of
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
+from vip_factors.tables import MM, Quantity, Row, Table, bone_words, count, facts, joint_words
 
 STREAMS = {"R_inertial_sensor": "orientation", "specific_force": "acceleration", "angular_rate": "turning rate"}
 

@@ -17,8 +17,7 @@ from vip_factors.body.lengths import LENGTHS, LIMB_ENDS, WIDTHS, lengths_of, wid
 from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import BodyEstimate, PoseCovariance
-from vip_factors.evaluate.metrics import EVERYTHING, MM, TIME_TOLERANCE, Compared
-from vip_factors.evaluate.table import Metric
+from vip_factors.evaluate.metrics import EVERYTHING, MM, TIME_TOLERANCE, Compared, Metric
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
 from vip_factors.sensors.calibration import Calibration
@@ -49,10 +48,9 @@ class CalibrationError:
         """Geodesic mounting errors ``(S,)`` in radians."""
         return np.linalg.norm(np.array(list(self.mounting.values())), axis=-1)
 
-    def of(self, sensors: Collection[str]) -> "CalibrationError":
-        """The errors of some sensors."""
-        heading = {name: value for name, value in self.heading.items() if name in sensors}
-        return CalibrationError(heading, {name: self.mounting[name] for name in heading}, self.gauge)
+
+CalibrationPair = tuple[CalibrationError, Calibration]
+"""Errors, and the estimate that they are of."""
 
 
 def share_sensors(estimate: Calibration, truth: Calibration) -> bool:
@@ -121,31 +119,36 @@ def mounting_nees(error: CalibrationError, estimate: Calibration) -> Array:
     return nees(np.stack(list(error.mounting.values())), (sigma**2)[..., None] * np.eye(3))
 
 
-def calibration_metrics(
-    error: CalibrationError, estimate: Calibration, mean_gauge: bool = False
-) -> dict[str, Metric]:  # fmt: skip
-    """Mean and 95th percentile of heading and mounting errors, and whether their sigmas are honest.
-
-    With ``mean_gauge`` the mean of the heading errors
-    was removed, but the sigmas are meant otherwise: one heading defines the world's, and those of the others are
-    against it.
+def surest_heading(pairs: Mapping[int, CalibrationPair]) -> tuple[int, str] | None:
+    """Whose sensor is surest of its heading: the one that carries the gauge prior, which is far tighter
+    than any measurement. None if no sigma is known.
     """
-    table = error_metrics([error])
-    against = _against_the_surest(error, estimate) if mean_gauge else error
-    if against.heading:
-        table |= consistency_metrics("heading", heading_nees(against, estimate))
-    return table | consistency_metrics("mounting", mounting_nees(error, estimate))
+    sigmas = {
+        (index, name): calibration[name].heading_sigma
+        for index, (error, calibration) in pairs.items()
+        for name in error.heading
+        if np.isfinite(calibration[name].heading_sigma)
+    }
+    return min(sigmas, key=lambda key: sigmas[key]) if sigmas else None
 
 
-def _against_the_surest(error: CalibrationError, estimate: Calibration) -> CalibrationError:
-    """Heading errors against that of the sensor that is surest of its own, which defines the world's; without it."""
-    sigmas = {name: estimate[name].heading_sigma for name in error.heading}
-    known = {name: sigma for name, sigma in sigmas.items() if np.isfinite(sigma)}
-    if not known:
-        return error
-    surest = min(known, key=lambda name: known[name])
-    heading = {name: float(wrap_angle(value - error.heading[surest])) for name, value in error.heading.items()}
-    return replace(error, heading=heading).of([name for name in heading if name != surest])
+def sensor_consistency(pairs: Mapping[int, CalibrationPair], anchor: tuple[int, str] | None) -> dict[str, Metric]:
+    """NEES of headings and mountings of some wearers together.
+
+    Headings are judged against that of the anchor (:func:`surest_heading`), which defines the estimate's world and is
+    left out; as they are if it is None.
+    """
+    shift = 0.0 if anchor is None else pairs[anchor[0]][0].heading[anchor[1]]
+    headings, mountings = [np.zeros(0)], [np.zeros(0)]
+    for index, (error, calibration) in pairs.items():
+        heading = {
+            name: float(wrap_angle(value - shift)) for name, value in error.heading.items() if (index, name) != anchor
+        }
+        if heading:
+            headings.append(heading_nees(replace(error, heading=heading), calibration))
+        mountings.append(mounting_nees(error, calibration))
+    table = consistency_metrics("heading", np.concatenate(headings))
+    return table | consistency_metrics("mounting", np.concatenate(mountings))
 
 
 def error_metrics(errors: list[CalibrationError]) -> dict[str, Metric]:

@@ -1,7 +1,7 @@
 """All metrics of an estimate against the truth: of one wearer, and of a scene with its camera and several wearers."""
 
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
@@ -13,31 +13,30 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.evaluate import metrics
 from vip_factors.evaluate.calibration import (
+    CalibrationPair,
     body_metrics,
     calibration_error,
-    calibration_metrics,
     camera_error,
     camera_metrics,
     consistency_metrics,
+    error_metrics,
     joint_nees,
     knee_flexion_of,
     length_table,
+    nees,
     rmse,
+    sensor_consistency,
     sensor_table,
     share_sensors,
+    surest_heading,
 )
 from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare_motion, compare_scene
-from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, position_error
-from vip_factors.evaluate.scene_metrics import (
-    association,
-    camera_imu,
-    honesty,
-    sensors,
-)
-from vip_factors.evaluate.table import Metric, json_text, metric_lines, row_lines, summary_lines
-from vip_factors.sensors.camera import move_motion, yaw
+from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, Metric, position_error
+from vip_factors.geometry.poses import Alignment
+from vip_factors.sensors.camera import anchored_gauge, move_motion, yaw
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
+from vip_factors.tables import Table, json_text, markdown
 
 
 class EvaluationWarning(UserWarning):
@@ -77,22 +76,99 @@ class Evaluation(Summarised):
 
     def summary(self) -> list[str]:
         """A title, and five lines, each with the gauge that its errors are in."""
-        wearers = {name: one.metrics for name, one in self.wearers.items()}
-        lines = summary_lines(self.metrics, wearers or {self.name: self.metrics})
-        return [f"evaluation of '{self.name}', {self.method}", *lines]
+        wearers = [wearer.metrics for wearer in self.wearers.values()] or [self.metrics]
+        return [f"evaluation of '{self.name}', {self.method}", *_summary_lines(self.metrics, wearers)]
 
     def to_table(self) -> str:
         """Markdown: the metrics, then joints, lengths and sensors, or every wearer of a scene."""
         lines = [f"## {self.name}, {self.method}", ""] if self.wearers else []
-        lines += metric_lines(self.metrics) + row_lines("joint", self.joints) + row_lines("length", self.lengths)
-        lines += row_lines("sensor", self.sensors)
-        for name, one in self.wearers.items():
-            lines += ["", f"## {name}", "", one.to_table().rstrip()]
-        return "\n".join(lines) + "\n"
+        rows = [(name, number(metric.value), metric.unit) for name, metric in self.metrics.items()]
+        lines += markdown(Table(("metric", "value", "unit"), rows))
+        for title, values in (("joint", self.joints), ("length", self.lengths), ("sensor", self.sensors)):
+            columns = list(dict.fromkeys(column for row in values.values() for column in row))
+            cells = [(name, *(number(row.get(column, np.nan)) for column in columns)) for name, row in values.items()]
+            lines += markdown(Table((title, *columns), cells))
+        for name, wearer in self.wearers.items():
+            lines += [f"## {name}", "", wearer.to_table()]
+        return "\n".join(lines).rstrip() + "\n"
 
     def to_json(self) -> str:
         """Everything, as JSON; a number that is not defined is null, what is empty is left out."""
         return json_text(asdict(self))
+
+
+NOTHING = "n/a"
+
+
+def number(value: float) -> str:
+    """With two decimals, small ones with two digits, or ``n/a``."""
+    if np.isnan(value):
+        return NOTHING
+    return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"
+
+
+Metrics = Mapping[str, Metric]
+
+
+def _mean_text(sources: Sequence[Metrics], name: str) -> str:
+    """Mean of a metric, with its unit, over the wearers or scene of which it is defined."""
+    metrics = [source[name] for source in sources if name in source and np.isfinite(source[name].value)]
+    if not metrics:
+        return NOTHING
+    unit = {"": "", "deg": "°"}.get(metrics[0].unit, f" {metrics[0].unit}")
+    return number(float(np.mean([metric.value for metric in metrics]))) + unit
+
+
+def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
+    """Five lines: positions, orientations, sensors, camera (or path), honesty."""
+
+    def mean(name: str) -> str:
+        return _mean_text(wearers, name)
+
+    def value(name: str) -> str:
+        return _mean_text([scene], name)
+
+    with_camera = "camera_translation" in scene
+    world = "scene_position_error" if with_camera else "yaw_aligned_position_error"
+    removed = f"one yaw and shift of the {'scene' if with_camera else 'recording'} removed"
+    lines = {
+        "positions": f"{mean('mpjpe')}, each frame aligned rigidly (MPJPE); {mean(world)} in the world ({removed})",
+        "orientation": f"{mean('mpjae')}, each frame aligned rigidly (MPJAE); {mean('mpjae_local')} relative to the "
+        "bone above (no alignment)",
+        "sensors": "not compared: the truth knows no headings and mountings",
+    }
+    if "heading_error" in scene:
+        gauge = "the scene's yaw removed" if with_camera else "their mean removed"
+        mountings = f"mountings {value('mounting_error')} (in the bone's frame)"
+        lines["sensors"] = f"headings {value('heading_error')} ({gauge}); {mountings}"
+    if with_camera:
+        place = f"{value('camera_translation')} and {value('camera_rotation')}"
+        lines["camera"] = f"{place} in the world (the same yaw and shift removed)"
+        if "association_precision" in scene:
+            shares = f"{value('association_precision')} right, {value('association_recall')} found"
+            lines["camera"] += f"; detections given to wearers: {shares}"
+    else:
+        share = mean("root_translation_error_percent")
+        share = "" if share == NOTHING else f", {share} of its way"
+        lines["path"] = f"{mean('root_translation_error')} of the pelvis{share} (one rigid alignment of the path)"
+    names = {
+        "joints": "joints",
+        "headings": "heading",
+        "mountings": "mounting",
+        "camera": "camera",
+        "lengths": "lengths",
+    }
+    ratios = {
+        words: value(f"nees_{name}") if f"nees_{name}" in scene else mean(f"nees_{name}")
+        for words, name in names.items()
+        if any(f"nees_{name}" in metrics for metrics in (scene, *wearers))
+    }
+    known = "squared error over the told variance (1 is honest, more is too sure): " + ", ".join(
+        f"{words} {ratio}" for words, ratio in ratios.items()
+    )
+    unknown = "not compared: the estimate tells no standard deviations, or the truth not what they are of"
+    lines["honesty"] = known if ratios else unknown
+    return [f"{name:<12} {text}" for name, text in lines.items()]
 
 
 def evaluate(estimate: WearerEstimate, truth: Truth, gauge: float | None = None) -> Evaluation:
@@ -140,7 +216,10 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
         warnings.warn(EvaluationWarning(f"headings and mountings are not compared: {sentence}"), stacklevel=3)
     elif estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
-        table |= calibration_metrics(error, estimate.calibration, mean_gauge=gauge is None)
+        pairs = {0: (error, estimate.calibration)}
+        # Where the mean was taken for the gauge, sigmas are against the heading that defines the estimate's world.
+        anchor = surest_heading(pairs) if gauge is None else None
+        table |= error_metrics([error]) | sensor_consistency(pairs, anchor)
         sensors = sensor_table(error)
     told = Estimate.of_one(estimate).verdict.severity
     return Evaluation(estimate.name, estimate.method, table, told, len(motion), joints, sensors, lengths)
@@ -217,12 +296,12 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
         table[name] = Metric(float(np.mean([metric.value for metric in values])), values[0].unit)
     gauge = comparison.gauge
     turn = yaw(gauge) if gauge is not None else None
-    table |= sensors(estimate, scene, turn)
+    table |= error_metrics([error for error, _ in _calibration_pairs(estimate, scene, turn).values()])
     if comparison.camera is not None and gauge is not None:
         table |= camera_metrics(camera_error(comparison.camera, gauge))
-    table |= camera_imu(estimate, scene, turn)
-    table |= honesty(estimate, scene, comparison)
-    table |= association(estimate, scene)
+    table |= _camera_imu(estimate, scene, turn)
+    table |= _honesty(estimate, scene, comparison)
+    table |= _association(estimate, scene)
     return Evaluation(estimate.name, estimate.method, table, estimate.verdict.severity, wearers=wearers)
 
 
@@ -237,3 +316,79 @@ def _wearer(estimate: Estimate, scene: Scene, index: int, scene_comparison: Scen
     error = position_error(move_motion(comparison.motion, gauge), comparison.truth)[:, joints]
     metrics = {**evaluation.metrics, "scene_position_error": Metric(float(CM * error.mean()), "cm")}
     return replace(evaluation, metrics=metrics, verdict="")
+
+
+def _calibration_pairs(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[int, CalibrationPair]:
+    """Errors of the sensors by wearer, of those that the truth knows."""
+    truths = (recording.truth for recording in scene.wearers)
+    return {
+        index: (calibration_error(wearer.calibration, truth.calibration, gauge), wearer.calibration)
+        for index, (wearer, truth) in enumerate(zip(estimate.wearers, truths, strict=True))
+        if truth is not None and truth.calibration and share_sensors(wearer.calibration, truth.calibration)
+    }
+
+
+def _camera_imu(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
+    """Heading and mounting of the IMU on the camera, and the clock offset, where estimated and known."""
+    if estimate.camera is None or scene.truth is None:
+        return {}
+    table: dict[str, Metric] = {}
+    calibration, truth = estimate.camera.calibration, scene.truth.camera_calibration
+    if calibration is not None and truth is not None:
+        error = calibration_error({"camera": calibration}, {"camera": truth}, gauge)
+        table["camera_heading_error"] = Metric(float(np.rad2deg(error.heading_magnitude[0])), "deg")
+        table["camera_mounting_error"] = Metric(float(np.rad2deg(error.mounting_magnitude[0])), "deg")
+    late = estimate.camera.time_offset - scene.truth.time_offset
+    return table | {"time_offset_error": Metric(1e3 * late, "ms")}
+
+
+def _honesty(estimate: Estimate, scene: Scene, comparison: SceneComparison) -> dict[str, Metric]:
+    """NEES of headings, mountings and camera, in the gauge of the graph's prior (see :func:`anchored_gauge`).
+
+    Where the camera's path was given, and with it the world, there is no gauge. Empty where the anchor is not known.
+    """
+    is_world_known = scene.camera is not None and scene.camera.known_path is not None
+    pairs = _calibration_pairs(estimate, scene, 0.0)
+    anchor = None if is_world_known else surest_heading(pairs)
+    if estimate.camera is None or (anchor is None and not is_world_known):
+        return {}
+    table = sensor_consistency(pairs, anchor)
+    if comparison.camera is not None and estimate.camera.covariance is not None:
+        gauge = Alignment(np.eye(3), np.zeros(3), np.ones(()))
+        if anchor is not None:
+            pair = comparison.wearers[anchor[0]].pair
+            gauge = anchored_gauge(pair, pairs[anchor[0]][0].heading[anchor[1]])
+        tangent = camera_error(comparison.camera, gauge).tangent
+        table |= consistency_metrics("camera", nees(tangent, estimate.camera.covariance[comparison.instants]))
+    return table
+
+
+def _association(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
+    """Precision and recall of labels in percent, as VIP reports them on 3DPW (thesis 4.4.3).
+
+    Raises:
+        InputError: if the estimate labels other detections than the scene's.
+    """
+    labels, truth = estimate.wearer_of_detection, scene.truth
+    if truth is None or not len(labels):
+        return {}
+    if len(labels) != len(truth.wearer):
+        raise InputError(
+            f"the estimate labels {len(labels)} detections, scene '{scene.name}' holds {len(truth.wearer)}: expected "
+            "one label each; is it the estimate of this scene?"
+        )
+    return label_metrics(labels, truth.wearer)
+
+
+def label_metrics(labels: np.ndarray, truth: np.ndarray) -> dict[str, Metric]:
+    """How right labels ``(N,)`` of detections are against the true ones: index of the wearer, −1 for nobody.
+
+    Precision: correct labels over labels given; recall: over detections that are a wearer's; NaN where there are none.
+    """
+    nobody = -1
+    correct = ((truth != nobody) & (labels == truth)).sum()
+    counts = {"precision": (labels != nobody).sum(), "recall": (truth != nobody).sum()}
+    return {
+        f"association_{name}": Metric(100 * float(correct / count) if count else float("nan"), "%")
+        for name, count in counts.items()
+    }

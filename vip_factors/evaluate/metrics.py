@@ -16,6 +16,14 @@ from vip_factors.geometry.poses import Alignment, align_rigid, align_similarity,
 from vip_factors.geometry.rotations import Array, angle_between
 
 
+@dataclass(frozen=True)
+class Metric:
+    """A number with its unit (``""`` for a ratio); NaN where it is not defined for this recording."""
+
+    value: float
+    unit: str
+
+
 def _both(*names: str) -> tuple[str, ...]:
     return tuple(f"{side}_{name}" for name in names for side in ("left", "right"))
 

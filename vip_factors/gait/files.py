@@ -21,10 +21,10 @@ from vip_factors.body.joint_angles import is_measured
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.display import distinct_file_names
 from vip_factors.errors import InputError
-from vip_factors.evaluate.table import json_text
 from vip_factors.gait.analysis import CYCLE, Curve, Gait
 from vip_factors.gait.strides import QUANTITIES
 from vip_factors.geometry.rotations import Array
+from vip_factors.tables import json_text
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, Figure, page, panel, save, write
 from vip_factors.viz.colours import hexadecimal
 

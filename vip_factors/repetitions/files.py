@@ -16,6 +16,7 @@ from vip_factors.errors import InputError
 from vip_factors.evaluate.table import json_text
 from vip_factors.repetitions.repetitions import Measured, Repetition, WearerRepetitions
 from vip_factors.repetitions.signals import SIDES
+from vip_factors.tables import Quantity, Row, Table, json_text
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, page, panel, save, seconds_axis, write
 from vip_factors.viz.colours import hexadecimal
 

@@ -6,11 +6,11 @@ import numpy as np
 
 from vip_factors.body.mannequin import Side
 from vip_factors.describe.estimates import RESIDUALS
-from vip_factors.describe.table import Quantity, Row, Table
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.geometry.rotations import Array
 from vip_factors.report.charts import SIDE_COLOURS, Chart, time_charts, wearer_mark
 from vip_factors.report.report_data import ReportData, ReportWearer
+from vip_factors.tables import Quantity, Row, Table
 from vip_factors.viz.charts import Curve
 from vip_factors.viz.picture import mean_residual
 

@@ -8,7 +8,6 @@ import numpy as np
 from vip_factors.body.joint_angles import JointAngles, is_measured, joint_angle_sigmas, joint_angles
 from vip_factors.body.mannequin import Side
 from vip_factors.body.model_errors import shape_factor
-from vip_factors.describe.table import UNKNOWN, Cell, Quantity, Row, Table, count, joint_words
 from vip_factors.findings import Finding
 from vip_factors.gait.analysis import Gait, bones_with_sensors, gait_of
 from vip_factors.gait.files import curves_figure
@@ -18,6 +17,7 @@ from vip_factors.repetitions import files
 from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.report.charts import SIDE_COLOURS, Chart, time_charts
 from vip_factors.report.report_data import ReportWearer
+from vip_factors.tables import UNKNOWN, Cell, Quantity, Row, Table, count, joint_words
 from vip_factors.viz.charts import Curve, png
 
 PAIRED = (

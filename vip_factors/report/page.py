@@ -43,6 +43,7 @@ from vip_factors.report.report_data import (
 )
 from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.scene import Scene
+from vip_factors.tables import degrees, joint_words
 from vip_factors.viz.images import png_bytes
 from vip_factors.viz.picture import pose_picture
 

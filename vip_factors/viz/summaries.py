@@ -1,6 +1,5 @@
 """Text panels of the viewers in Markdown: verdict and findings, figures, colours, and facts about every wearer."""
 
-import re
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -15,10 +14,10 @@ from vip_factors.describe.estimates import (
     verdict_facts,
 )
 from vip_factors.describe.recordings import detection_rows, recording_facts
-from vip_factors.describe.table import Quantity, Row, Table, facts
 from vip_factors.estimate import Estimate
 from vip_factors.findings import Finding, verdict
 from vip_factors.sensors.scene import Scene
+from vip_factors.tables import Quantity, Row, Table, facts, markdown, plain
 from vip_factors.viz.colours import colour_name
 from vip_factors.viz.compare import APART, Compare
 from vip_factors.viz.drawn_scene import DrawnScene
@@ -32,25 +31,6 @@ _PLACED = {
     Compare.WORLD: "turned about the vertical and shifted once",
     Compare.SIDE: "turned about the vertical once, stepped aside",
 }
-
-
-def plain(text: str) -> str:
-    """Text that Markdown takes for one line of words, whatever names are in it."""
-    return re.sub(r"([\\`*\[\]<>|])", r"\\\1", " ".join(text.split()))
-
-
-def markdown(table: Table) -> list[str]:
-    """Lines of a table; of labels and their facts, of a list."""
-    if not table.rows:
-        return []
-    rows = [[plain(str(cell)) for cell in row] for row in table.rows]
-    title = [f"## {plain(table.title)}", ""] if table.title else []
-    if not table.head:
-        remarks = (f" ({'; '.join(row[2:])})" if row[2:] else "" for row in rows)
-        return [*title, *(f"- **{row[0]}**: {row[1]}{remark}" for row, remark in zip(rows, remarks, strict=True)), ""]
-    rule = ["---"] * table.words + ["---:"] * (len(table.head) - table.words)
-    lines = [" | ".join(cells) for cells in ([plain(name) for name in table.head], rule, *rows)]
-    return [*title, *(f"| {line} |" for line in lines), ""]
 
 
 def scene_summary(drawn: DrawnScene) -> str:

@@ -1,8 +1,12 @@
-"""Tables of facts: labels, words, and numbers with their standard deviations and units."""
+"""Tables of facts: labels, words, and numbers with their standard deviations and units; as Markdown and as JSON."""
 
+import json
 import math
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 UNKNOWN = "\u2013"  # a dash
 MM = 1e3
@@ -82,3 +86,43 @@ def bone_words(bone: str) -> str:
 def degrees(radians: float, sigma: float = math.nan) -> Quantity:
     """Angle with one decimal."""
     return Quantity(math.degrees(radians), math.degrees(sigma), "°", 1)
+
+
+def plain(text: str) -> str:
+    """Text that Markdown takes for one line of words, whatever names are in it."""
+    return re.sub(r"([\\`*\[\]<>|])", r"\\\1", " ".join(text.split()))
+
+
+def markdown(table: Table) -> list[str]:
+    """Lines of a table, or of a list of labels and their facts, with an empty one at the end; none without rows."""
+    if not table.rows:
+        return []
+    rows = [[plain(str(cell)) for cell in row] for row in table.rows]
+    title = [f"## {plain(table.title)}", ""] if table.title else []
+    if not table.head:
+        remarks = (f" ({'; '.join(row[2:])})" if row[2:] else "" for row in rows)
+        return [*title, *(f"- **{row[0]}**: {row[1]}{remark}" for row, remark in zip(rows, remarks, strict=True)), ""]
+    rule = ["---"] * table.words + ["---:"] * (len(table.head) - table.words)
+    lines = [" | ".join(cells) for cells in ([plain(name) for name in table.head], rule, *rows)]
+    return [*title, *(f"| {line} |" for line in lines), ""]
+
+
+def json_text(value: object, decimals: int | None = None) -> str:
+    """As JSON: a number that is not finite is null, and what is None or empty is left out.
+
+    Args:
+        value: mappings, sequences and arrays of numbers and text.
+        decimals: to which numbers are rounded; all that they have if None.
+    """
+    return json.dumps(_json_value(value, decimals), indent=2, allow_nan=False) + "\n"
+
+
+def _json_value(value: object, decimals: int | None) -> object:
+    if isinstance(value, Mapping):
+        empty = {key for key, inner in value.items() if inner is None or (isinstance(inner, Mapping) and not inner)}
+        return {key: _json_value(inner, decimals) for key, inner in value.items() if key not in empty}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_json_value(inner, decimals) for inner in value]
+    if isinstance(value, float | np.floating):
+        return None if not np.isfinite(value) else float(value) if decimals is None else round(float(value), decimals)
+    return value

@@ -28,8 +28,7 @@ from vip_factors.sensors.scene import Video
 from vip_factors.viz.charts import GRID, SOFT_INK, page, panel, pixels, seconds_axis, write
 from vip_factors.viz.colours import hexadecimal, mixed, wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene, drawn_scene
-from vip_factors.viz.film import overlaid_frames
-from vip_factors.viz.images import png_bytes
+from vip_factors.viz.film import overlaid_frames, png_bytes
 
 DOCS = Path(__file__).parent
 FLAGS = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -119,9 +118,10 @@ def through(path: CameraPath, model: vip.CameraModel, time: float) -> str:
 def footage(viewer: Viewer, drawn: DrawnScene) -> Video:
     """A video of the people as they really moved, through the true camera."""
     viewer.people(truth=True)
-    size, images = (drawn.model.width // 2, drawn.model.height // 2), {}
-    for frame, time in enumerate(drawn.detections.time.tolist()):
-        picture = viewer.picture(time, size, through(drawn.true_path, drawn.model, time))
+    camera, detections, _ = drawn.filmed()
+    size, images = (camera.model.width // 2, camera.model.height // 2), {}
+    for frame, time in enumerate(detections.time.tolist()):
+        picture = viewer.picture(time, size, through(camera.true_path, camera.model, time))
         images[frame] = png_bytes(picture[..., ::-1])
     return Video(None, images)
 
@@ -178,7 +178,7 @@ def heading_chart(errors: list[tuple[Array, Array]], time: float, last: float, s
 
 def hero(viewer: Viewer, scene: vip.Scene, drawn: DrawnScene) -> list[Image.Image]:
     """Pictures of the film: bodies in a room, skeletons over what the camera saw, and headings as they settle."""
-    video = drawn.detections.time
+    video = drawn.filmed()[1].time
     frames = np.arange(0, len(video), round(1 / HERO_RATE / float(np.median(np.diff(video)))))
     errors = heading_errors(scene)
     seen = overlaid_frames(drawn, frames, (FINER * FILM[2], FINER * FILM[3]), names=False)
@@ -206,8 +206,9 @@ def capture_scene(browser: Browser, folder: Path) -> None:
     tab.screenshot(path=DOCS / "report.png")
     scene, estimate = vip.read(path), vip.read_estimate(estimate_path)
     drawn, viewer = drawn_scene(scene, estimate), Viewer(tab)
-    drawn = replace(drawn, video=footage(viewer, drawn))
-    shown = replace(scene, camera=replace(scene.camera, video=drawn.video))
+    video = footage(viewer, drawn)
+    drawn = replace(drawn, cameras=(replace(drawn.camera, video=video),))
+    shown = replace(scene, camera=replace(scene.camera, video=video))
     vip.picture(estimate, DOCS / "scene.png", shown, title="Two wearers before a hand-held camera", overwrite=True)
     first, *others = hero(viewer, scene, drawn)
     first.save(

@@ -14,18 +14,17 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
-from vip_factors.viz.compare import (
+from vip_factors.viz.drawn_scene import (
     APART,
     APART_M,
     SIDE_BY_SIDE_M,
     Compare,
+    drawn_scene,
     floor_height,
-    moved,
     onto_truth,
     set_apart,
 )
-from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.summaries import scene_summary
+from vip_factors.viz.rerun_layout import scene_summary
 
 
 def turned(motion, angle: float, shift):
@@ -71,7 +70,10 @@ def test_paths_that_cross_never_come_near() -> None:
     walker = replace(still, p_world_pelvis=still.p_world_pelvis + there)
     high = replace(still, p_world_pelvis=still.p_world_pelvis + np.array([7.0, -4.0, 0.5]))
     bodies = [walker, still, high]
-    drawn = [moved(one, shift) for one, shift in zip(bodies, set_apart(bodies), strict=True)]
+    drawn = [
+        replace(one, p_world_pelvis=one.p_world_pelvis + shift)
+        for one, shift in zip(bodies, set_apart(bodies), strict=True)
+    ]
     for index, one in enumerate(drawn):
         assert floor_height(one) == pytest.approx(floor_height(walker), abs=1e-9)
         for other in drawn[:index]:

@@ -33,9 +33,9 @@ def filmed(sample: Scene, video: Video) -> DrawnScene:
 def test_skeletons_lie_where_their_joints_are_seen(sample: Scene) -> None:
     drawn = drawn_scene(sample, estimate_of(sample))
     (picture,) = overlaid_frames(drawn, np.array([6]), (640, 360))
-    names = drawn.detections.keypoints.keypoints
+    names = drawn.camera.detections.keypoints.keypoints
     for wearer in drawn.wearers:
-        pixels = drawn.reprojected(wearer)[6] * 0.5
+        pixels = drawn.camera.reprojected(wearer)[6] * 0.5
         for side in ("left", "right"):
             shank = [names.index(f"{side}_{joint}") for joint in ("knee", "ankle")]
             x, y = np.round(pixels[shank].mean(axis=0)).astype(int)

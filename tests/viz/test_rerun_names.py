@@ -9,16 +9,13 @@ from live_answers import live_scene, setup_of
 from scene_sample import estimate_of, scene_sample
 
 from vip_factors.body.keypoints import keypoint_set
-from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
 from vip_factors.findings import bare
-from vip_factors.geometry.rotations import rotation_z
 from vip_factors.sensors.detections import Detections
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.rerun_body import cut_skin, log_detections, log_image_style, log_poses, see_through
-from vip_factors.viz.rerun_layout import abreast
-from vip_factors.viz.summaries import KEPT, live_summary, scene_summary
+from vip_factors.viz.rerun_layout import KEPT, live_summary, scene_summary
 
 
 class Heard(rr.RecordingStream):
@@ -62,20 +59,6 @@ def test_bones_are_where_they_are_drawn(frames: int) -> None:
     assert bones == [f"tf#/world/ann/{joint}" for joint in JOINT_NAMES] * frames
     translation = np.array(columns["translation"].to_pylist()).reshape(frames, JOINT_COUNT, 3)
     np.testing.assert_allclose(translation, motion.state.p_world_joint, atol=1e-6)
-
-
-def stepped(motion: Motion, x: float, y: float) -> Motion:
-    return replace(motion, p_world_pelvis=motion.p_world_pelvis + np.array([x, y, 0.0]))
-
-
-def test_people_in_a_row_are_not_looked_at_along_it() -> None:
-    body = gestures(0.5)
-    for turn in np.deg2rad([0, 30, 90, 140]):
-        step = rotation_z(turn) @ [2.0, 0.0, 0.0]
-        shown = [body, stepped(body, step[0], step[1])]
-        ahead = abreast(shown, np.array([1.0, 0.0, 0.0]))
-        towards = rotation_z(0.68) @ ahead
-        assert abs(step @ towards) / 2 < np.cos(np.deg2rad(30))
 
 
 def test_findings_are_a_list_and_names_are_no_markup() -> None:

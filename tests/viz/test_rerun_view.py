@@ -5,8 +5,7 @@ import pytest
 from rerun_files import printed
 
 from vip_factors.errors import InputError
-from vip_factors.viz.compare import Compare
-from vip_factors.viz.drawn_scene import drawn_wearer
+from vip_factors.viz.drawn_scene import Compare, drawn_wearer
 from vip_factors.viz.rerun_view import show
 
 

@@ -13,7 +13,7 @@ from vip_factors.errors import InputError
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
 from vip_factors.viz.drawn_scene import drawn_scene
-from vip_factors.viz.images import video_stream
+from vip_factors.viz.film import video_stream
 from vip_factors.viz.picture import filmstrip
 
 ERRORS = Injected(yaw=0.8, heading=0.2, camera_m=0.05)

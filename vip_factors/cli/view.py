@@ -73,8 +73,7 @@ def main(options: ViewOptions) -> None:
 
 
 def _drawn(opened: Opened, compare: str = "root") -> "DrawnScene":
-    from vip_factors.viz.compare import Compare
-    from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
+    from vip_factors.viz.drawn_scene import Compare, drawn_scene, drawn_wearer
 
     if opened.is_scene:
         return drawn_scene(opened.scene, opened.estimate)

@@ -26,7 +26,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.io.detections import TrackedPose, write_mmpose
 from vip_factors.io.video import VideoFacts, iterate_frames, video_facts
 from vip_factors.sensors.detections import Detections
-from vip_factors.viz.images import draw_pose, limb_pairs
+from vip_factors.viz.film import draw_pose, limb_pairs
 
 WIDTHS = ("shoulder", "hip")
 # Of a vote, in squares of the trunk's length; people seen from the front or behind vote with about 0.4, those who turn

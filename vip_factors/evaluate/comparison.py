@@ -104,7 +104,7 @@ def compare_scene(estimate: Estimate, scene: Scene) -> SceneComparison:
     wearers = {
         index: compare_motion(wearer.motion, recording.truth)
         for index, (wearer, recording) in enumerate(zip(estimate.wearers, scene.wearers, strict=True))
-        if recording.truth is not None
+        if recording.truth is not None and len(recording.truth.motion)
     }
     camera, instants = None, np.zeros(0, int)
     if estimate.camera is not None and scene.truth is not None:

@@ -23,7 +23,6 @@ from vip_factors.body.joint_angles import is_measured
 from vip_factors.body.skeleton import JOINT_NAMES, calibration_pose
 from vip_factors.describe import estimates, recordings
 from vip_factors.describe.estimates import LIMB_JOINTS, limb_sigma, mountings_are_held
-from vip_factors.describe.table import degrees, joint_words
 from vip_factors.display import ProgressCallback, silent
 from vip_factors.estimate import Estimate
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
@@ -44,7 +43,7 @@ from vip_factors.report.report_data import (
 from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.scene import Scene
 from vip_factors.tables import degrees, joint_words
-from vip_factors.viz.images import png_bytes
+from vip_factors.viz.film import png_bytes
 from vip_factors.viz.picture import pose_picture
 
 

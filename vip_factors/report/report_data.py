@@ -20,8 +20,7 @@ from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.colours import hexadecimal
-from vip_factors.viz.compare import check_frames, floor_height
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, drawn_scene
+from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, check_frames, drawn_scene, floor_height
 
 
 @dataclass(frozen=True)
@@ -242,11 +241,11 @@ def _quaternions(R: Array) -> str:
 
 
 def _camera(data: ReportData, time: Array) -> dict[str, object] | None:
-    path, model = data.drawn.path, data.drawn.model
-    if path is None or model is None:
+    camera = data.drawn.camera
+    if camera is None or camera.path is None:
         return None
-    there = path.at(time)
-    return {"corners": corners(model), **poses_data(there.R_world_camera, there.p_world_camera)}
+    there = camera.path.at(time)
+    return {"corners": corners(camera.model), **poses_data(there.R_world_camera, there.p_world_camera)}
 
 
 def corners(model: CameraModel) -> list[list[float]]:

@@ -1,24 +1,40 @@
-"""A scene and its estimate made ready to draw: one world, one clock, and a colour for each wearer."""
+"""A scene and its estimate made ready to draw: one world, one clock, and an index that gives each wearer's colour."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import StrEnum
 
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
-from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare_motion, compare_scene
-from vip_factors.geometry.poses import Alignment
+from vip_factors.evaluate.comparison import Comparison, compare_motion, compare_scene
+from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock, move_motion, move_path
 from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
 from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.viz.compare import Compare, check_frames, moved, onto_truth, set_apart
 
 NOBODY = -1
+SIDE_BY_SIDE_M = 1.2  # between pelvises: walkers do not touch, and both stay in one view
+APART_M = 1.4  # between pelvises at least: arms held out may touch, bodies do not
+APART = "The wearers are set apart: without a camera, where they stood beside each other is unknown."
+
+
+class Compare(StrEnum):
+    """Where to draw an estimate for which the truth is known. Its own world differs by a turn about the vertical.
+
+    ``ROOT``: turned once, and its pelvis put on the true path in every frame: only the pose differs.
+    ``WORLD``: turned and shifted once: drift of the root path shows.
+    ``SIDE``: as ``ROOT``, stepped aside.
+    """
+
+    ROOT = "root"
+    WORLD = "world"
+    SIDE = "side"
 
 
 @dataclass(frozen=True)
@@ -30,7 +46,7 @@ class DrawnWearer:
         index: in the scene, which gives the colour.
         motion: the estimate, turned and shifted with its whole scene onto the truth where that is known.
         truth: at the estimate's frames if there is one, or None.
-        comparison: of the two as they are; None without both.
+        error_mm: joint error per frame ``(T,)`` of the two as they are; None without both.
         rest: how the wearer of a bare recording is drawn: standing still.
     """
 
@@ -40,7 +56,7 @@ class DrawnWearer:
     truth: Motion | None
     recording: Recording | None
     estimate: WearerEstimate | None
-    comparison: Comparison | None = None
+    error_mm: Array | None = None
     rest: Motion | None = None
 
     @property
@@ -48,26 +64,46 @@ class DrawnWearer:
         """The body to draw: estimated, else true."""
         return self.motion if self.motion is not None else self.truth
 
-    @property
-    def error_mm(self) -> Array | None:
-        """Joint error per frame ``(T,)``, or None."""
-        return self.comparison.error_mm if self.comparison is not None else None
-
 
 @dataclass(frozen=True)
 class DrawnCamera:
-    """A camera beside the first one, which stands still; whose its detections were taken for is not known."""
+    """A camera and what it saw.
+
+    Attributes:
+        path: as estimated, else the true one; None if it is not known.
+        true_path: beside an estimated one.
+        detections: on the recording's clock; None of an estimate without its recording.
+        labels: ``(N,)`` wearer of each detection, −1 for nobody.
+    """
 
     name: str
     model: CameraModel
-    path: CameraPath
-    detections: Detections
+    path: CameraPath | None
+    true_path: CameraPath | None = None
+    detections: Detections | None = None
+    labels: np.ndarray | None = None
+    video: Video | None = None
 
     def reprojected(self, wearer: DrawnWearer) -> Array | None:
-        """Keypoints ``(F, K, 2)`` of a wearer in every video frame, or None without a motion."""
-        if wearer.shown is None:
+        """Keypoints ``(F, K, 2)`` of a wearer in every video frame, or None without path or motion."""
+        if wearer.shown is None or self.path is None or self.detections is None:
             return None
         return keypoints_in_image(wearer.shown, self.detections.keypoints, self.path, self.model, self.detections.time)
+
+    def reprojection_px(self, wearer: DrawnWearer) -> Array | None:
+        """Root mean square distance ``(F,)`` in pixels, in every video frame, of the detection given to a wearer from
+        its body; NaN in frames without. None without path or motion, or where it was given none.
+        """
+        if wearer.shown is None or self.path is None or self.detections is None or self.labels is None:
+            return None
+        chosen = np.flatnonzero(self.labels == wearer.index)
+        error = reprojection_error(wearer.shown, self.path, self.model, self.detections, chosen)
+        is_seen = np.isfinite(error).any(axis=1)
+        if not np.any(is_seen):
+            return None
+        rms = np.full(len(self.detections.time), np.nan)
+        rms[self.detections.frame[chosen[is_seen]]] = np.sqrt(np.nanmean(error[is_seen] ** 2, axis=1))
+        return rms
 
 
 @dataclass(frozen=True)
@@ -75,59 +111,54 @@ class DrawnScene:
     """Everything in one world, on the recording's clock.
 
     Attributes:
-        path: of the camera as estimated, else the true one.
-        true_path: beside an estimated one.
-        labels: ``(N,)`` wearer of each detection, −1 for nobody.
-        further: cameras beside the first.
-        compare: how an estimate of one wearer was brought beside the truth; None for scenes.
+        cameras: the first one as estimated; nobody knows who is who in the detections of the others.
+        estimate: None if there is none, or of one wearer alone.
         apart: whether the wearers were moved apart, because their places beside each other are unknown.
+        compare: how an estimate of one wearer was brought beside the truth; None for scenes.
     """
 
     name: str
     wearers: tuple[DrawnWearer, ...]
-    model: CameraModel | None = None
-    path: CameraPath | None = None
-    true_path: CameraPath | None = None
-    detections: Detections | None = None
-    labels: np.ndarray | None = None
-    video: Video | None = None
+    cameras: tuple[DrawnCamera, ...] = ()
     estimate: Estimate | None = None
-    further: tuple[DrawnCamera, ...] = ()
     apart: bool = False
     compare: Compare | None = None
 
     @property
+    def camera(self) -> DrawnCamera | None:
+        """The first camera."""
+        return self.cameras[0] if self.cameras else None
+
+    @property
     def one_alone(self) -> bool:
         """Whether it is one wearer without a camera: limbs are coloured by side, and single sensors are plotted."""
-        return len(self.wearers) == 1 and self.model is None and self.path is None
+        return len(self.wearers) == 1 and not self.cameras
 
-    def reprojected(self, wearer: DrawnWearer) -> Array | None:
-        """Keypoints ``(F, K, 2)`` of a wearer in every video frame, or None without camera or motion."""
-        if wearer.shown is None or self.path is None or self.model is None or self.detections is None:
-            return None
-        return keypoints_in_image(wearer.shown, self.detections.keypoints, self.path, self.model, self.detections.time)
+    @property
+    def names(self) -> list[str]:
+        """Of the wearers."""
+        return [wearer.name for wearer in self.wearers]
 
-    def reprojection_px(self, wearer: DrawnWearer) -> Array | None:
-        """Root mean square distance ``(F,)`` in pixels, in every video frame, of the detection given to a wearer from
-        its body; NaN in frames without. None without camera or motion, or where it was given none.
+    def filmed(self) -> tuple[DrawnCamera, Detections, np.ndarray]:
+        """The first camera, the detections in its video, and their labels.
+
+        Raises:
+            InputError: if there are none.
         """
-        if wearer.shown is None or self.path is None or self.model is None or self.detections is None:
-            return None
-        assert self.labels is not None
-        chosen = np.flatnonzero(self.labels == wearer.index)
-        off = reprojection_error(wearer.shown, self.path, self.model, self.detections, chosen)
-        some = np.isfinite(off).any(axis=1)
-        if not np.any(some):
-            return None
-        rms = np.full(len(self.detections.time), np.nan)
-        rms[self.detections.frame[chosen[some]]] = np.sqrt(np.nanmean(off[some] ** 2, axis=1))
-        return rms
+        camera = self.camera
+        if camera is None or camera.detections is None or camera.labels is None:
+            raise InputError(f"scene '{self.name}' has no camera: give the filmed recording beside its estimate")
+        if not len(camera.detections.time):
+            raise InputError(f"scene '{self.name}': its camera has no video frames to draw: was its file cut off?")
+        return camera, camera.detections, camera.labels
 
 
 def drawn_wearer(
-    recording: Recording | None, estimate: WearerEstimate | None, truth: Motion | None = None,
+    recording: Recording | None,
+    estimate: WearerEstimate | None,
+    truth: Motion | None = None,
     compare: Compare = Compare.ROOT,
-) -> DrawnScene:  # fmt: skip
+) -> DrawnScene:
     """One wearer without a camera as a scene.
 
     Args:
@@ -152,7 +183,8 @@ def drawn_wearer(
         wearer = replace(wearer, rest=_resting(recording))
     shown = wearer.shown or wearer.rest
     assert shown is not None
-    wearer = replace(wearer, name=(recording.subject.name if recording is not None else shown.name) or "wearer")
+    if recording is None:
+        wearer = replace(wearer, name=shown.name or "wearer")
     name = estimate.name if estimate is not None else recording.name if recording is not None else shown.name
     return DrawnScene(name, (wearer,), compare=compare)
 
@@ -177,78 +209,78 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
     """
     if scene is None and estimate is None:
         raise InputError("nothing to show: expected a scene, its estimate, or both")
-    comparison = compare_scene(estimate, _drawable(scene)) if scene is not None and estimate is not None else None
-    wearers = _wearers_of(scene, estimate, comparison)
-    true_path = scene.truth.camera if scene is not None and scene.truth is not None else None
-    if true_path is None and scene is not None and scene.camera is not None:
-        true_path = scene.camera.known_path
-    camera_estimate = estimate.camera if estimate is not None else None
-    path = camera_estimate.path if camera_estimate is not None else None
-    gauge = comparison.gauge if comparison is not None else None
-    if gauge is not None and path is not None:
-        wearers = [_moved(wearer, gauge) for wearer in wearers]
-        path = move_path(path, gauge)
-    elif comparison is not None:
-        wearers = [_moved(wearer, comparison.gauges.get(wearer.index)) for wearer in wearers]
-    apart = camera_estimate is None and _unknown_places(wearers)
-    if apart:
-        wearers = _apart(wearers)
-    camera = scene.camera if scene is not None else None
-    name = estimate.name if estimate is not None else scene.name if scene is not None else ""
-    clock = (
-        camera_estimate.clock if camera_estimate is not None else camera.clock if camera is not None else VideoClock()
-    )
-    return DrawnScene(
-        name,
-        tuple(wearers),
-        camera_estimate.model if camera_estimate is not None else camera.model if camera is not None else None,
-        path if path is not None else true_path,
-        true_path if path is not None else None,
-        camera.detections.timed(clock) if camera is not None else None,
-        _labels(scene, estimate),
-        camera.video if camera is not None else None,
-        estimate,
-        _further(scene),
-        apart,
-    )
-
-
-def _further(scene: Scene | None) -> tuple[DrawnCamera, ...]:
-    """Where they really are if that is known, for then the estimate is brought there; else where they are said to."""
-    if scene is None:
-        return ()
-    known = [camera.known_path for camera in scene.further_cameras]
-    paths = known if scene.truth is None else [truth.camera for truth in scene.truth.further]
-    return tuple(
-        DrawnCamera(one.name, one.model, path, one.timed_detections)
-        for one, path in zip(scene.further_cameras, paths, strict=True)
-        if path is not None
-    )
-
-
-def _drawable(scene: Scene) -> Scene:
-    """The scene without truths that have no frames, as those of a file that was cut off."""
-    wearers = [
-        replace(wearer, truth=None) if wearer.truth is not None and not len(wearer.truth.motion) else wearer
-        for wearer in scene.wearers
-    ]
-    return replace(scene, wearers=tuple(wearers))
-
-
-def _wearers_of(
-    scene: Scene | None, estimate: Estimate | None, comparison: SceneComparison | None
-) -> list[DrawnWearer]:
+    comparison = compare_scene(estimate, scene) if scene is not None and estimate is not None else None
     recordings = scene.wearers if scene is not None else [None] * len(estimate.wearers if estimate is not None else ())
     estimates = estimate.wearers if estimate is not None else [None] * len(recordings)
+    wearers = []
+    for index, (recording, wearer_estimate) in enumerate(zip(recordings, estimates, strict=True)):
+        compared = comparison.wearers.get(index) if comparison is not None else None
+        wearer = _wearer(index, recording, wearer_estimate, compared, recording.truth if recording else None)
+        gauge = (comparison.gauge or comparison.gauges.get(index)) if comparison is not None else None
+        if gauge is not None and wearer.motion is not None:
+            wearer = replace(wearer, motion=move_motion(wearer.motion, gauge))
+        wearers.append(wearer)
+    camera = _first_camera(scene, estimate)
+    if camera is not None and camera.path is not None and comparison is not None and comparison.gauge is not None:
+        camera = replace(camera, path=move_path(camera.path, comparison.gauge))
+    if camera is not None and camera.path is None:
+        camera = replace(camera, path=camera.true_path, true_path=None)
+    motions = [wearer.motion for wearer in wearers if wearer.motion is not None]
+    is_placed = any(wearer.motion is not None and wearer.truth is not None for wearer in wearers)
+    apart = len(motions) > 1 and not is_placed and (estimate is None or estimate.camera is None)
+    if apart:
+        shifts = iter(set_apart(motions))
+        wearers = [
+            wearer
+            if wearer.motion is None
+            else replace(
+                wearer, motion=replace(wearer.motion, p_world_pelvis=wearer.motion.p_world_pelvis + next(shifts))
+            )
+            for wearer in wearers
+        ]
+    name = estimate.name if estimate is not None else scene.name if scene is not None else ""
+    cameras = (*([camera] if camera is not None else []), *_further_cameras(scene))
+    return DrawnScene(name, tuple(wearers), cameras, estimate, apart)
+
+
+def _first_camera(scene: Scene | None, estimate: Estimate | None) -> DrawnCamera | None:
+    """As estimated, in the estimate's world, beside the true path; the model and the clock are the estimate's too."""
+    camera, estimated = scene.camera if scene is not None else None, estimate.camera if estimate is not None else None
+    known = camera if estimated is None else estimated
+    if known is None:
+        return None
+    true_path = camera.known_path if camera is not None else None
+    if scene is not None and scene.truth is not None:
+        true_path = scene.truth.camera
+    path = estimated.path if estimated is not None else None
+    if scene is None or camera is None:
+        return DrawnCamera(known.name, known.model, path, true_path)
+    clock = known.clock if known is not None else VideoClock()
+    labels = np.full(len(camera.detections), NOBODY)
+    if estimate is not None and len(estimate.wearer_of_detection) == len(labels):
+        labels = estimate.wearer_of_detection
+    elif estimate is None and scene.truth is not None:
+        labels = scene.truth.wearer
+    detections = camera.detections.timed(clock)
+    return DrawnCamera(camera.name, known.model, path, true_path, detections, labels, camera.video)
+
+
+def _further_cameras(scene: Scene | None) -> list[DrawnCamera]:
+    """Where they really are if that is known, for then the estimate is brought there; else where they are said to."""
+    if scene is None:
+        return []
+    known = [camera.known_path for camera in scene.further_cameras]
+    paths = known if scene.truth is None else [truth.camera for truth in scene.truth.further]
     return [
-        _wearer(
-            index,
-            recording,
-            wearer,
-            comparison.wearers.get(index) if comparison is not None else None,
-            recording.truth if recording is not None else None,
+        DrawnCamera(
+            camera.name,
+            camera.model,
+            path,
+            detections=camera.timed_detections,
+            labels=np.full(len(camera.detections), NOBODY),
         )
-        for index, (recording, wearer) in enumerate(zip(recordings, estimates, strict=True))
+        for camera, path in zip(scene.further_cameras, paths, strict=True)
+        if path is not None
     ]
 
 
@@ -262,37 +294,67 @@ def _wearer(
     """The estimate and the truth at common frames, or the one that there is."""
     name = recording.subject.name if recording is not None else f"wearer {index + 1}"
     if comparison is not None:
-        return DrawnWearer(name, index, *comparison.pair, recording, estimate, comparison=comparison)
+        return DrawnWearer(name, index, *comparison.pair, recording, estimate, comparison.error_mm)
     motion = check_frames(estimate.motion) if estimate is not None else None
     true_motion = truth.motion if truth is not None and len(truth.motion) else None
     return DrawnWearer(name, index, motion, true_motion, recording, estimate)
 
 
-def _moved(wearer: DrawnWearer, gauge: Alignment | None) -> DrawnWearer:
-    if gauge is None or wearer.motion is None:
-        return wearer
-    return replace(wearer, motion=move_motion(wearer.motion, gauge))
+def check_frames(motion: Motion) -> Motion:
+    """The estimated motion.
+
+    Raises:
+        InputError: if it has no frames.
+    """
+    if not len(motion):
+        raise InputError(f"the estimate of '{motion.name}' has no frames to draw: was its file cut off?")
+    return motion
 
 
-def _unknown_places(wearers: Sequence[DrawnWearer]) -> bool:
-    """Whether several are estimated without a truth; without a camera too, nothing ties them to each other."""
-    estimated = [one for one in wearers if one.motion is not None]
-    return len(estimated) > 1 and all(one.truth is None for one in estimated)
+def onto_truth(estimate: Motion, truth: Motion, compare: Compare) -> Motion:
+    """The estimate drawn in the truth's world (both at the same frames)."""
+    p_estimate, p_truth = estimate.state.p_world_joint, truth.state.p_world_joint
+    if compare is Compare.WORLD:
+        return move_motion(estimate, align_yaw(p_estimate.reshape(-1, 3), p_truth.reshape(-1, 3)))
+    gauge = align_yaw(*((p - p[:, :1]).reshape(-1, 3) for p in (p_estimate, p_truth)))
+    root = truth.p_world_pelvis + (_aside(truth) if compare is Compare.SIDE else 0.0)
+    return replace(move_motion(estimate, gauge), p_world_pelvis=root)
 
 
-def _apart(wearers: Sequence[DrawnWearer]) -> list[DrawnWearer]:
-    motions = [one.motion for one in wearers if one.motion is not None]
-    shifts = iter(set_apart(motions))
-    return [one if one.motion is None else replace(one, motion=moved(one.motion, next(shifts))) for one in wearers]
+def _aside(motion: Motion) -> Array:
+    """A horizontal step across the direction in which the path extends least."""
+    path = motion.p_world_pelvis[:, :2]
+    across = np.linalg.eigh(np.cov(path.T))[1][:, 0] if len(path) > 1 else np.array([0.0, 1.0])
+    return SIDE_BY_SIDE_M * np.append(across, 0.0)
 
 
-def _labels(scene: Scene | None, estimate: Estimate | None) -> np.ndarray | None:
-    """The estimate's labels; without an estimate the true ones."""
-    if scene is None or scene.camera is None:
-        return None
-    count = len(scene.camera.detections)
-    if estimate is not None and len(estimate.wearer_of_detection) == count:
-        return estimate.wearer_of_detection
-    if estimate is None and scene.truth is not None:
-        return scene.truth.wearer
-    return np.full(count, NOBODY)
+def floor_height(motion: Motion) -> float:
+    """Height in metres of the floor: where the lower foot usually is, less the ball's height above its sole."""
+    feet = motion.state.p_world_joint[:, [joint_index("left_foot"), joint_index("right_foot")], 2]
+    # The median of the lower foot: a jump or a single bad frame must not move the floor.
+    return float(np.median(feet.min(axis=1))) - 0.012 * 1.72
+
+
+def set_apart(motions: Sequence[Motion]) -> list[Array]:
+    """How far ``(3,)`` metres to move each motion so that at no moment two pelvises are too near each other.
+
+    All start from the first one's place, along the world's y, and stand on its floor.
+    """
+    shifts: list[Array] = []
+    paths: list[tuple[Array, Array]] = []
+    step_m = 0.2  # by which a wearer is moved on until nobody is in the way
+    for motion in motions:
+        shift = motions[0].p_world_pelvis[0] - motion.p_world_pelvis[0]
+        shift[1] += APART_M * len(shifts)
+        shift[2] = floor_height(motions[0]) - floor_height(motion)
+        while any(_nearest(motion.time, motion.p_world_pelvis + shift, *other) < APART_M - 1e-9 for other in paths):
+            shift = shift + np.array([0.0, step_m, 0.0])
+        shifts.append(shift)
+        paths.append((motion.time, motion.p_world_pelvis + shift))
+    return shifts
+
+
+def _nearest(time: Array, path: Array, other_time: Array, other: Array) -> float:
+    """Least horizontal distance in metres of two paths at the same times."""
+    at = [np.interp(time, other_time, other[:, axis]) for axis in range(2)]
+    return float(np.hypot(path[:, 0] - at[0], path[:, 1] - at[1]).min())

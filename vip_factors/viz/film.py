@@ -1,6 +1,6 @@
-"""What the camera saw with the skeletons that were found over it: pictures, and a film in H.264 that browsers play."""
+"""What a camera saw: frames of its video, skeletons drawn over them, and a film in H.264 that browsers play."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from fractions import Fraction
 from pathlib import Path
@@ -9,13 +9,14 @@ import cv2
 import numpy as np
 
 from vip_factors.atomic import atomic_path
+from vip_factors.body.keypoints import LIMBS, KeypointSet
 from vip_factors.body.mannequin import Colour
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.scene import Video
 from vip_factors.viz.colours import UNCLAIMED, mixed, wearer_colour
 from vip_factors.viz.drawn_scene import DrawnScene
-from vip_factors.viz.images import draw_pose, frames_left, limb_pairs, video_stream
 
 # No loss to be seen on a screen, and drawing takes longer than this; g: whole pictures are near for who jumps in time.
 H264 = {"crf": "20", "preset": "veryfast", "g": "30"}
@@ -49,15 +50,14 @@ def film(
         InputError: if no camera or motion is known, nothing is left of the time, or PyAV is not installed.
     """
     check_film(path)
-    if drawn.model is None or drawn.path is None or drawn.detections is None or not len(drawn.detections.time):
-        raise InputError(f"{path}: no camera is known that filmed: expected a filmed recording, and its estimate")
+    camera, detections, _ = drawn.filmed()
     frames, rate = film_frames(drawn, seconds)
-    size = 2 * round(height * drawn.model.width / drawn.model.height / 2), height // 2 * 2  # H.264 takes even ones
-    with film_file(path, rate, overwrite) as file:
+    size = 2 * round(height * camera.model.width / camera.model.height / 2), height // 2 * 2  # H.264 takes even ones
+    with film_file(path, rate, overwrite) as add:
         for index, picture in enumerate(overlaid_frames(drawn, frames, size)):
-            file.add(picture)
+            add(picture)
             on_progress("drawing the film", (index + 1) / len(frames))
-    return drawn.detections.time[frames], rate
+    return detections.time[frames], rate
 
 
 def film_frames(drawn: DrawnScene, seconds: tuple[float, float] | None = None) -> tuple[np.ndarray, float]:
@@ -69,13 +69,14 @@ def film_frames(drawn: DrawnScene, seconds: tuple[float, float] | None = None) -
         InputError: if there is no motion, or nothing is left of the time.
     """
     motions = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
-    if not motions or drawn.detections is None:
+    camera, detections, _ = drawn.filmed()
+    if not motions:
         raise InputError("no motion for a film: give an estimate, or a recording with its truth")
     first, last = min(float(m.time[0]) for m in motions), max(float(m.time[-1]) for m in motions)
     if seconds is not None:
         first, last = max(first, seconds[0]), min(last, seconds[1])
-    video = drawn.detections.time
-    frames = frames_left(drawn.video, len(video))
+    video = detections.time
+    frames = frames_left(camera.video, len(video))
     span = float(video[frames[-1]] - video[frames[0]])
     rate = (len(frames) - 1) / span if span > 0 else FASTEST_HZ
     step = max(1, int(np.ceil(rate / FASTEST_HZ - 0.01)))
@@ -100,8 +101,9 @@ def check_film(path: Path) -> None:
 
 
 @contextmanager
-def film_file(path: Path, rate: float, overwrite: bool) -> "Iterator[FilmFile]":
-    """A film to add pictures to; it appears when the block ends without an exception.
+def film_file(path: Path, rate: float, overwrite: bool) -> Iterator[Callable[[np.ndarray], None]]:
+    """A film to add pictures to, ``(H, W, 3)`` uint8, red green blue, all of one size; it appears when the block ends
+    without an exception.
 
     Args:
         path: ends in .mp4.
@@ -112,44 +114,24 @@ def film_file(path: Path, rate: float, overwrite: bool) -> "Iterator[FilmFile]":
         InputError: as :func:`check_film`, or if the file may not be written.
     """
     check_film(path)
-    with atomic_path(path, overwrite) as partial:
-        film = FilmFile(partial, rate)
-        try:
-            yield film
-            film.flush()
-        finally:
-            film.close()
+    import av
 
+    # The index in front, so that a browser plays it while it loads.
+    with atomic_path(path, overwrite) as partial, av.open(str(partial), "w", options={"movflags": "faststart"}) as file:
+        stream = file.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001), options=H264)
+        stream.pix_fmt = "yuv420p"  # phones decode no other
+        has_pictures = False
 
-class FilmFile:
-    """Pictures encoded as H.264 into an MP4 file."""
+        def add(picture: np.ndarray) -> None:
+            nonlocal has_pictures
+            if not has_pictures:
+                stream.height, stream.width = picture.shape[:2]
+                has_pictures = True
+            file.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")))
 
-    def __init__(self, path: Path, rate: float) -> None:
-        import av
-
-        self._av = av
-        # The index in front, so that a browser plays it while it loads.
-        self._container = av.open(str(path), "w", options={"movflags": "faststart"})
-        self._stream = self._container.add_stream("libx264", rate=Fraction(rate).limit_denominator(1001), options=H264)
-        self._stream.pix_fmt = "yuv420p"  # phones decode no other
-        self._begun = False
-
-    def add(self, picture: np.ndarray) -> None:
-        """Encode a further picture ``(H, W, 3)`` uint8, red green blue; all have one size."""
-        if not self._begun:
-            self._stream.height, self._stream.width = picture.shape[:2]
-            self._begun = True
-        frame = self._av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")
-        self._container.mux(self._stream.encode(frame))
-
-    def flush(self) -> None:
-        """Write what the encoder still holds."""
-        if self._begun:
-            self._container.mux(self._stream.encode(None))
-
-    def close(self) -> None:
-        """Close the file."""
-        self._container.close()
+        yield add
+        if has_pictures:
+            file.mux(stream.encode(None))
 
 
 GROUND: Colour = (34, 38, 45)  # where the video's picture is not there
@@ -171,43 +153,43 @@ def overlaid_frames(
     Yields:
         ``(height, width, 3)`` uint8, red green blue.
     """
-    if drawn.model is None or drawn.detections is None:
-        raise InputError(f"scene '{drawn.name}' has no camera: expected one to draw what it saw")
-    scale = np.array([size[0] / drawn.model.width, size[1] / drawn.model.height])
-    for frame, image in zip(frames.tolist(), video_stream(drawn.video, frames.tolist()), strict=True):
+    camera, detections, _ = drawn.filmed()
+    scale = np.array([size[0] / camera.model.width, size[1] / camera.model.height])
+    for frame, image in zip(frames.tolist(), video_stream(camera.video, frames.tolist()), strict=True):
         if image is None:
             picture = np.full((size[1], size[0], 3), GROUND, np.uint8)
         else:
             picture = np.ascontiguousarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1])
-        draw_detections(picture, drawn, frame, scale)
-        draw_skeletons(picture, drawn, float(drawn.detections.time[frame]), scale, names)
+        _draw_detections(picture, drawn, frame, scale)
+        _draw_skeletons(picture, drawn, float(detections.time[frame]), scale, names)
         yield picture
 
 
-def draw_skeletons(picture: np.ndarray, drawn: DrawnScene, time: float, scale: Array, names: bool) -> None:
+def _draw_skeletons(picture: np.ndarray, drawn: DrawnScene, time: float, scale: Array, names: bool) -> None:
     """Draw every wearer's skeleton at a time (s); ``scale`` ``(2,)``: the picture's pixels in one of the camera."""
-    if drawn.path is None or drawn.model is None:
+    camera, _, _ = drawn.filmed()
+    if camera.path is None:
         return
-    camera = drawn.path.at(np.array([time]))
+    pose = camera.path.at(np.array([time]))
     for wearer in drawn.wearers:
         motion = wearer.shown
         if motion is None or not motion.time[0] - 0.1 <= time <= motion.time[-1] + 0.1:
             continue
         frame = int(np.clip(round((time - motion.start) * motion.rate), 0, len(motion) - 1))
-        p_camera = (motion.state.p_world_joint[frame] - camera.p_world_camera[0]) @ camera.R_world_camera[0]
-        pixels, before = scale * drawn.model.project(p_camera), p_camera[:, 2] > NEAREST_M
+        p_camera = (motion.state.p_world_joint[frame] - pose.p_world_camera[0]) @ pose.R_world_camera[0]
+        pixels, is_before = scale * camera.model.project(p_camera), p_camera[:, 2] > NEAREST_M
         label = wearer.name if names and len(drawn.wearers) > 1 else ""
-        draw_pose(picture, BONES, pixels, before.astype(float), wearer.index, label, 2.0)
+        draw_pose(picture, BONES, pixels, is_before.astype(float), wearer.index, label, 2.0)
 
 
-def draw_detections(picture: np.ndarray, drawn: DrawnScene, frame: int, scale: Array) -> None:
+def _draw_detections(picture: np.ndarray, drawn: DrawnScene, frame: int, scale: Array) -> None:
     """Draw the keypoints that were detected in a video frame, in a pale shade of the wearer's colour."""
-    if drawn.detections is None or drawn.labels is None:
-        return
-    limbs, radius = limb_pairs(drawn.detections.keypoints), max(1, round(picture.shape[0] / 260))
-    people = drawn.detections.of_frame(frame)
-    detections = (drawn.labels[people].tolist(), drawn.detections.seen[people], drawn.detections.pixels[people])
-    for label, seen, pixels in zip(*detections, strict=True):
+    _, detections, labels = drawn.filmed()
+    limbs, radius = limb_pairs(detections.keypoints), max(1, round(picture.shape[0] / 260))
+    people = detections.of_frame(frame)
+    for label, seen, pixels in zip(
+        labels[people].tolist(), detections.seen[people], detections.pixels[people], strict=True
+    ):
         colour = UNCLAIMED if label < 0 else mixed(wearer_colour(label), (255, 255, 255), 0.6)
         points = np.round(16 * np.where(seen[:, None], pixels * scale, 0)).astype(int)
         for a, b in limbs:
@@ -215,3 +197,101 @@ def draw_detections(picture: np.ndarray, drawn: DrawnScene, frame: int, scale: A
                 cv2.line(picture, points[a].tolist(), points[b].tolist(), colour, 1, cv2.LINE_AA, 4)
         for point in points[seen]:
             cv2.circle(picture, point.tolist(), 16 * radius, colour, -1, cv2.LINE_AA, 4)
+
+
+# Where a set has a neck, the head hangs on it; otherwise it would float above the shoulders.
+_MORE = (("neck", "nose"), ("neck", "head_top"))
+
+
+def limb_pairs(keypoints: KeypointSet) -> np.ndarray:
+    """Indices ``(L, 2)`` of the keypoints to join by lines."""
+    names = keypoints.keypoints
+    found = [[names.index(a), names.index(b)] for a, b in (*LIMBS, *_MORE) if a in names and b in names]
+    return np.array(found, dtype=int).reshape(-1, 2)
+
+
+def draw_pose(
+    image: np.ndarray, limbs: np.ndarray, pixels: Array, confidence: Array, index: int, label: str, broad: float = 1.0
+) -> None:
+    """Draw one person into an image.
+
+    Args:
+        image: ``(height, width, 3)``, red first, bytes; it is changed.
+        limbs: ``(L, 2)`` which points to join (:func:`limb_pairs`).
+        pixels: ``(K, 2)`` in the image.
+        confidence: ``(K,)`` in [0, 1].
+        index: of the colour: that of the wearer with this index.
+        label: written above the person.
+        broad: how broad lines are, as a multiple of the usual.
+    """
+    least_confidence = 0.1  # below it the reconstruction uses no keypoint (reprojection.least_confidence)
+    shown = confidence >= least_confidence
+    if not np.any(shown):
+        return
+    colour = wearer_colour(index)
+    width = max(1, round(broad * min(image.shape[:2]) / 360))
+    sub, shift = 8, 3  # OpenCV draws at eighths of pixels, given as integers
+    points = np.round(np.nan_to_num(pixels) * sub).astype(int)
+    faint = 0.5  # keypoints of less confidence are drawn hollow, limbs thin
+    for a, b in limbs:
+        if shown[a] and shown[b]:
+            thick = width if min(confidence[a], confidence[b]) >= faint else max(1, width // 2)
+            cv2.line(image, points[a].tolist(), points[b].tolist(), colour, thick, cv2.LINE_AA, shift)
+    for at in np.flatnonzero(shown):
+        filled = -1 if confidence[at] >= faint else 1
+        cv2.circle(image, points[at].tolist(), (width + 1) * sub, (255, 255, 255), filled, cv2.LINE_AA, shift)
+        cv2.circle(image, points[at].tolist(), width * sub, colour, filled, cv2.LINE_AA, shift)
+    _label(image, pixels[shown], label, colour)
+
+
+def _label(image: np.ndarray, points: Array, label: str, colour: tuple[int, int, int]) -> None:
+    size = image.shape[0] / 1000
+    x = int(points[:, 0].mean() - 8 * size * len(label))
+    y = int(max(points[:, 1].min() - 30 * size, 28 * size))
+    thick, off = max(1, round(2 * size)), max(1, round(1.5 * size))
+    for right, down in ((-off, -off), (off, -off), (-off, off), (off, off), (0, 0)):  # broader letters would be wider
+        ink = colour if not right else (20, 20, 20)
+        cv2.putText(image, label, (x + right, y + down), cv2.FONT_HERSHEY_SIMPLEX, size, ink, thick, cv2.LINE_AA)
+
+
+def frames_left(video: Video | None, count: int) -> np.ndarray:
+    """Which of a video's ``count`` frames there are: all of a file, and of one of which no image is left either."""
+    if video is None or len(video.images) < 2 or (video.path is not None and video.path.is_file()):
+        return np.arange(count)
+    return np.array([index for index in sorted(video.images) if index < count], dtype=int)
+
+
+def video_stream(video: Video | None, wanted: Sequence[int]) -> Iterator[np.ndarray | None]:
+    """One by one, increasing, images ``(height, width, 3)``, blue green red; None for one that cannot be decoded.
+
+    Embedded ones if all are there, which is quick, else those of the file: not now one, now the other. Files are read
+    on from frame to frame, as seeking is not exact in every container.
+    """
+    reader, at = None, 0
+    whole = video is not None and all(index in video.images for index in wanted)
+    if video is not None and video.path is not None and video.path.is_file() and not whole:
+        reader = cv2.VideoCapture(str(video.path))
+    try:
+        for index in wanted:
+            image = None
+            if reader is not None:
+                while at < index and reader.grab():
+                    at += 1
+                good, image = reader.read() if at == index else (False, None)
+                at += int(good)
+            elif video is not None and index in video.images:
+                image = cv2.imdecode(np.frombuffer(video.images[index], np.uint8), cv2.IMREAD_COLOR)
+            yield image
+    finally:
+        if reader is not None:
+            reader.release()
+
+
+def png_bytes(image: np.ndarray) -> bytes:
+    """An image ``(height, width, 3)``, blue green red, as PNG: for drawings."""
+    return bytes(cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 6])[1].tobytes())
+
+
+def jpeg_bytes(image: np.ndarray, quality: int = 82) -> bytes:
+    """The same as JPEG: for photographs."""
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())

@@ -25,8 +25,7 @@ from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.viz.colours import body_colours
-from vip_factors.viz.compare import floor_height, set_apart
-from vip_factors.viz.drawn_scene import NOBODY
+from vip_factors.viz.drawn_scene import NOBODY, floor_height, set_apart
 from vip_factors.viz.rerun_body import (
     GHOST_COLOURS,
     WORLD,
@@ -51,10 +50,10 @@ from vip_factors.viz.rerun_layout import (
     Stage,
     centre_path,
     live_panels,
+    live_summary,
     log_centre,
     sensor_colours_of,
 )
-from vip_factors.viz.summaries import live_summary
 from vip_factors.viz.viewer import APPLICATION, complete, open_viewer, write_out
 
 CAMERA, IMAGE = f"{WORLD}/camera", f"{WORLD}/camera/image"

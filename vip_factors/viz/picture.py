@@ -33,8 +33,7 @@ from vip_factors.viz.charts import (
     write,
 )
 from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, wearer_colour
-from vip_factors.viz.compare import floor_height
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
+from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, floor_height
 from vip_factors.viz.film import GROUND, overlaid_frames
 
 GHOST = (220, 222, 226)  # of the truth, behind the estimate
@@ -72,7 +71,7 @@ def filmstrip(
     Raises:
         InputError: if there is neither a camera with video frames nor a single motion to draw, or the file exists.
     """
-    if drawn.detections is not None or len(drawn.wearers) > 1:
+    if len(drawn.wearers) > 1 or (drawn.camera is not None and drawn.camera.detections is not None):
         _draw_frames(drawn, path, frames, title, overwrite)
     else:
         _draw_poses(drawn.wearers[0], path, frames, title, overwrite)
@@ -120,33 +119,26 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
 
 
 def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, overwrite: bool) -> None:
-    if drawn.detections is None or drawn.model is None:
-        raise InputError(
-            f"scene '{drawn.name}' has no camera: expected one to draw what it saw; give the scene's file beside its "
-            "estimate"
-        )
-    count = len(drawn.detections.time)
-    if not count:
-        raise InputError(f"scene '{drawn.name}': its camera has no video frames to draw: was its file cut off?")
+    camera, detections, labels = drawn.filmed()
+    count = len(detections.time)
     chosen = np.unique(np.round(np.linspace(0.04, 0.96, frames) * (count - 1)).astype(int))
     curves, label = _scene_curves(drawn)
     columns = min(COLUMNS, len(chosen))
     rows = -(-len(chosen) // columns)
     cell = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
-    height = round(cell * drawn.model.height / drawn.model.width)
+    height = round(cell * camera.model.height / camera.model.width)
     strip = np.full((rows * (height + GAP), WIDTH, 3), 255, np.uint8)
     plates = []
     for number, (frame, picture) in enumerate(zip(chosen, _pictures(drawn, chosen, (cell, height)), strict=True)):
         left, top = MARGIN + (number % columns) * (cell + GAP), (number // columns) * (height + GAP)
         strip[top : top + height, left : left + cell] = picture
-        plates.append((left, HEADER + top + height, f"{drawn.detections.time[frame]:.1f} s"))
+        plates.append((left, HEADER + top + height, f"{detections.time[frame]:.1f} s"))
     if title is None:
         title = f"{drawn.name}, {drawn.estimate.method}" if drawn.estimate is not None else drawn.name
-    entries = [(one.name, hexadecimal(wearer_colour(one.index)), "-") for one in drawn.wearers]
-    assert drawn.labels is not None
-    entries += [("nobody's", hexadecimal(STRANGER_COLOUR), "-")] if np.any(drawn.labels < 0) else []
-    given, time = int(np.sum(drawn.labels >= 0)), drawn.detections.time
-    subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(drawn.detections)} people detected", f"{given} given to wearers")
+    entries = [(wearer.name, hexadecimal(wearer_colour(wearer.index)), "-") for wearer in drawn.wearers]
+    entries += [("nobody's", hexadecimal(STRANGER_COLOUR), "-")] if np.any(labels < 0) else []
+    given, time = int(np.sum(labels >= 0)), detections.time
+    subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(detections)} people detected", f"{given} given to wearers")
     figure = _page(title, DOT.join(subtitle), entries, strip.shape[0], curves, label, time[chosen])
     figure.figimage(strip, 0, round(size_of(figure)[1]) - HEADER - strip.shape[0], origin="upper")
     for left, low, text in plates:
@@ -246,43 +238,39 @@ def _draw_floor(axes: Axes, view: View) -> None:
 
 
 def _scene_curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
-    errors = [(wearer, wearer.error_mm, wearer.motion) for wearer in drawn.wearers]
-    joint = [
-        Curve(wearer.name, motion.time, error, hexadecimal(wearer_colour(wearer.index)))
-        for wearer, error, motion in errors
-        if error is not None and motion is not None
-    ]
-    if joint or drawn.estimate is None:
-        return joint, "joint error, mm (mean)"
-    assert drawn.detections is not None
-    pixels = [(wearer, drawn.reprojection_px(wearer)) for wearer in drawn.wearers]
-    time = drawn.detections.time
-    found = [Curve(w.name, time, one, hexadecimal(wearer_colour(w.index))) for w, one in pixels if one is not None]
-    return found, "reprojection error, px (mean)"
+    """Joint errors of the wearers whose truth is known, else reprojection errors; and a label."""
+    camera, detections, _ = drawn.filmed()
+
+    def curves(values: Sequence[tuple[DrawnWearer, Array | None, Array]]) -> list[Curve]:
+        return [
+            Curve(wearer.name, time, errors, hexadecimal(wearer_colour(wearer.index)))
+            for wearer, errors, time in values
+            if errors is not None
+        ]
+
+    joints = curves(
+        [(wearer, wearer.error_mm, wearer.shown.time) for wearer in drawn.wearers if wearer.shown is not None]
+    )
+    if joints or drawn.estimate is None:
+        return joints, "joint error, mm (mean)"
+    pixels = curves([(wearer, camera.reprojection_px(wearer), detections.time) for wearer in drawn.wearers])
+    return pixels, "reprojection error, px (mean)"
 
 
 def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
-    """The part of each frame where people are, ``(H, W, 3)`` red green blue, as in a film."""
-    assert drawn.model is not None
-    corner, share = _window(drawn, chosen)
-    width, height = round(size[0] / share), round(size[1] / share)
-    left = min(round(corner[0] * width / drawn.model.width), width - size[0])
-    top = min(round(corner[1] * height / drawn.model.height), height - size[1])
-    for picture in overlaid_frames(drawn, chosen, (FINER * width, FINER * height), names=False):
-        whole = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-        yield whole[top : top + size[1], left : left + size[0]]
-
-
-def _window(drawn: DrawnScene, chosen: np.ndarray) -> tuple[tuple[float, float], float]:
-    """Corner (pixels) and share of the image that all frames show: where people are, not less than a half."""
-    assert drawn.detections is not None
-    assert drawn.model is not None
-    found = drawn.detections.pixels[np.isin(drawn.detections.frame, chosen)]
-    found = found[np.isfinite(found).all(axis=2)]
-    whole = np.array([drawn.model.width, drawn.model.height], dtype=float)
-    if not len(found):
-        return (0.0, 0.0), 1.0
-    low, high = np.clip(found.min(axis=0), 0, whole), np.clip(found.max(axis=0), 0, whole)
+    """The part of each frame where people are, not less than half of it, ``(H, W, 3)`` red green blue, as in a film."""
+    camera, detections, _ = drawn.filmed()
+    whole, low, high = np.array([camera.model.width, camera.model.height], float), np.zeros(2), np.full(2, np.inf)
+    seen = detections.pixels[np.isin(detections.frame, chosen)]
+    seen = seen[np.isfinite(seen).all(axis=2)]
+    if len(seen):
+        low, high = seen.min(axis=0), seen.max(axis=0)
+    low, high = np.clip(low, 0, whole), np.clip(high, 0, whole)
     share = float(np.clip(AROUND * np.max((high - low) / whole), 0.5, 1.0))
     corner = np.clip((low + high) / 2 - share * whole / 2, 0, (1 - share) * whole)
-    return (float(corner[0]), float(corner[1])), share
+    enlarged = np.round(np.array(size) / share).astype(int)
+    left, top = np.minimum(np.round(corner * enlarged / whole).astype(int), enlarged - size).tolist()
+    width, height = enlarged.tolist()
+    for picture in overlaid_frames(drawn, chosen, (FINER * width, FINER * height), names=False):
+        smaller = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+        yield smaller[top : top + size[1], left : left + size[0]]

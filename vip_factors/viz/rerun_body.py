@@ -20,7 +20,7 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Video
 from vip_factors.viz.colours import GHOST_COLOUR, UNCLAIMED, mixed, wearer_colour
 from vip_factors.viz.drawn_scene import NOBODY
-from vip_factors.viz.images import jpeg_bytes, limb_pairs, video_stream
+from vip_factors.viz.film import jpeg_bytes, limb_pairs, video_stream
 
 WORLD = "/world"
 GHOST_COLOURS: Mapping[Side, Colour] = dict.fromkeys(Side, GHOST_COLOUR)

@@ -1,4 +1,4 @@
-"""What the viewer shows around the world: curves, text, the layout, and where the eye is."""
+"""What the viewer shows around the world: curves, text in Markdown, the layout, and where the eye is."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,15 +9,18 @@ import rerun.blueprint as rrb
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour
-from vip_factors.estimate import WearerEstimate
+from vip_factors.describe.estimates import RESIDUALS, estimate_tables, figure_table
+from vip_factors.describe.recordings import detection_rows, recording_facts
+from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.findings import Finding, verdict
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.live_estimate import LiveEstimate, LiveWearerEstimate
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz.colours import sensor_colours, wearer_colour
-from vip_factors.viz.compare import APART_TITLE
-from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer
+from vip_factors.tables import Quantity, Row, Table, facts, markdown, plain
+from vip_factors.viz.colours import colour_name, sensor_colours, wearer_colour
+from vip_factors.viz.drawn_scene import APART, Compare, DrawnScene, DrawnWearer
 from vip_factors.viz.rerun_body import WORLD, see_through, time_column
 
 
@@ -64,10 +67,10 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
     titles: dict[str, str] = {}
     for wearer in drawn.wearers:
         part, curve = rr.escape_entity_path_part(wearer.name), {wearer.name: wearer_colour(wearer.index)}
-        pixels = drawn.reprojection_px(wearer) if drawn.estimate is not None else None
-        if pixels is not None and drawn.detections is not None:
+        pixels = _reprojection_px(drawn, wearer)
+        if pixels is not None:
             entity = "/plots/reprojection_px"
-            log_curves(stream, f"{entity}/{part}", drawn.detections.time, pixels[:, None], curve)
+            log_curves(stream, f"{entity}/{part}", drawn.filmed()[1].time, pixels[:, None], curve)
             titles[entity] = "Reprojection error (px)"
         if wearer.error_mm is not None and wearer.motion is not None:
             entity = "/plots/joint_error_mm"
@@ -82,16 +85,13 @@ def _log_residuals(stream: rr.RecordingStream, wearer: DrawnWearer, colours: Map
     estimate = wearer.estimate
     if estimate is None:
         return {}
-    names = {
-        "orientation_deg": "Orientation residual (°)",
-        "acceleration_m_s2": "Acceleration residual (m/s²)",
-    }  # fmt: skip
     titles = {}
     for kind, values in estimate.residuals.items():
         entity = f"/plots/residual/{kind}"
         curves = {sensor: colours[sensor] for sensor in estimate.sensors}
         log_curves(stream, entity, estimate.motion.time, values, curves)
-        titles[entity] = names.get(kind, kind)
+        name, unit = RESIDUALS.get(kind, (kind, ""))
+        titles[entity] = f"{name.capitalize()} residual ({unit})"
     return titles
 
 
@@ -177,40 +177,6 @@ def spread_of(motions: Sequence[Motion]) -> float:
     return float(np.percentile(np.max(off, axis=0), 95))
 
 
-def abreast(motions: Sequence[Motion], ahead: Array) -> Array:
-    """The horizontal direction ``(3,)`` within 60° of ``ahead`` for which people at the start hide each other least."""
-    places = np.array([motion.p_world_pelvis[0] for motion in motions])
-    turned = [rotation_z(np.deg2rad(degrees)) @ ahead for degrees in (0, -20, 20, -40, 40, -60, 60)]
-    across = [float(np.ptp(places @ (rotation_z(EYE_TURN) @ [-way[1], way[0], 0.0]))) for way in turned]
-    return turned[int(np.argmax(np.round(across, 2)))]
-
-
-def eye(target: Array, ahead: Array, spread: float, aspect: float, follow: str | None) -> rrb.EyeControls3D:
-    """An eye before people and to their left.
-
-    Args:
-        target: ``(3,)`` metres, between them at the start.
-        ahead: ``(3,)`` horizontal direction in which the eye lies, from which the eye is turned to see depth.
-        spread: metres from there to the outermost of them.
-        aspect: width of the view by its height.
-        follow: entity that the eye follows, or None.
-    """
-    room_m = 0.55  # beside the outermost pelvis: an arm held out
-    height_per_metre = 1.03  # the viewer shows nearly as many metres of height as its eye is away
-    nearest_m, farthest_m = 2.5, 14.0  # a whole person fits; farther off nobody is seen
-    distance = (spread + room_m) / (0.5 * height_per_metre * aspect) + spread
-    distance = float(np.clip(distance, nearest_m, farthest_m))
-    # A little from above, so that the floor shows where people stand.
-    direction = rotation_z(EYE_TURN) @ ahead + np.array([0.0, 0.0, 0.29])
-    return rrb.EyeControls3D(
-        kind=rrb.Eye3DKind.Orbital,
-        position=target + distance * direction / np.linalg.norm(direction),
-        look_target=target,
-        eye_up=(0.0, 0.0, 1.0),
-        tracking_entity=follow,
-    )
-
-
 @dataclass(frozen=True)
 class Stage:
     """What is shown on the left: people in the world, and below it the images of cameras.
@@ -260,7 +226,7 @@ class Stage:
         hidden = [f"- {image}/{what}" for _, image, _ in self.images for what in ("body", "detected")]
         return rrb.Spatial3DView(
             origin=WORLD,
-            name=f"World ({APART_TITLE})" if self.apart else "World",
+            name="World (wearers set apart)" if self.apart else "World",
             background=(222, 226, 231),
             contents=["$origin/**", *hidden],
             line_grid=rrb.LineGrid3D(visible=True, spacing=0.5, plane=plane, stroke_width=1.0, color=(178, 185, 194)),
@@ -268,14 +234,25 @@ class Stage:
         )
 
     def _eye(self) -> rrb.EyeControls3D | None:
+        """An eye before the people and to their left, as far away as all of them need."""
         if not self.motions:
             return None
-        aspect = 2.3 if self.images else 1.1  # above a camera's image, and alone
-        ahead = abreast(self.motions, forward_of(self.motions[0]) if self.ahead is None else self.ahead)
-        target, margin = centre_path(self.motions)[1][0], 0.0
-        if len(self.motions[0]) == 1:
-            margin = 0.2  # metres that people at the start of a stream may move to either side
-        return eye(target, ahead, spread_of(self.motions) + margin, aspect, CENTRE if self.follow else None)
+        ahead = forward_of(self.motions[0]) if self.ahead is None else self.ahead
+        room_m = 0.55 if len(self.motions[0]) > 1 else 0.75  # beside the outermost pelvis: an arm held out, a step
+        height_per_metre = 1.03  # the viewer shows nearly as many metres of height as its eye is away
+        nearest_m, farthest_m = 2.5, 14.0  # a whole person fits; farther off nobody is seen
+        aspect, spread = 2.3 if self.images else 1.1, spread_of(self.motions)  # above a camera's image, and alone
+        distance = np.clip((spread + room_m) / (0.5 * height_per_metre * aspect) + spread, nearest_m, farthest_m)
+        # A little from above, so that the floor shows where people stand.
+        direction = rotation_z(EYE_TURN) @ ahead + np.array([0.0, 0.0, 0.29])
+        target = centre_path(self.motions)[1][0]
+        return rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=target + distance * direction / np.linalg.norm(direction),
+            look_target=target,
+            eye_up=(0.0, 0.0, 1.0),
+            tracking_entity=CENTRE if self.follow else None,
+        )
 
 
 def image_view(title: str, image: str, model: CameraModel, bodies: Sequence[str]) -> rrb.Spatial2DView:
@@ -327,3 +304,86 @@ def live_panels(plots: Sequence[tuple[str, str]]) -> rrb.Vertical:
 def _panels(plots: Sequence[rrb.View | rrb.Container]) -> rrb.Vertical:
     text = rrb.TextDocumentView(origin=SUMMARY, name="Summary")
     return rrb.Vertical(text, *plots, row_shares=[2.5, *[1.0] * len(plots)])
+
+
+KEPT = 40  # findings of a stream that are shown: an hour's list would be sent again with each
+LIMBS = "left limbs are lighter, right ones darker"
+_PLACED = {
+    Compare.ROOT: "turned about the vertical once, drawn on the true root path",
+    Compare.WORLD: "turned about the vertical and shifted once",
+    Compare.SIDE: "turned about the vertical once, stepped aside",
+}
+
+
+def scene_summary(drawn: DrawnScene) -> str:
+    """Markdown for the panel: the estimate's verdict and figures, errors, colours, then all facts."""
+    estimate = drawn.estimate
+    alone = [wearer.estimate for wearer in drawn.wearers if wearer.estimate is not None]
+    if estimate is None and alone:
+        estimate = Estimate.of_one(alone[0])
+    tables = [] if estimate is None else list(estimate_tables(estimate))
+    more = [] if estimate is None else [figure_table(estimate)]
+    details = [recording_facts(wearer.recording) for wearer in drawn.wearers if wearer.recording is not None]
+    if drawn.camera is not None and drawn.camera.detections is not None:
+        details.insert(0, facts("camera", *detection_rows(drawn.camera.detections)))
+    lines = [f"# {plain(drawn.name)}", ""]
+    for table in (*tables[:1], *more, _error_table(drawn)):
+        lines += markdown(table)
+    lines += _colour_lines(drawn)
+    for table in (*tables[1:], *details):
+        lines += markdown(table)
+    return "\n".join(lines)
+
+
+def _reprojection_px(drawn: DrawnScene, wearer: DrawnWearer) -> Array | None:
+    """Of an estimate; None without one."""
+    return None if drawn.camera is None or drawn.estimate is None else drawn.camera.reprojection_px(wearer)
+
+
+def _error_table(drawn: DrawnScene) -> Table:
+    """How far each wearer is from the truth and from the picture."""
+    rows: list[Row] = []
+    for wearer in drawn.wearers:
+        error, pixels = wearer.error_mm, _reprojection_px(drawn, wearer)
+        mean, most = (np.nan, np.nan) if error is None else (error.mean(), np.percentile(error, 95))
+        median = np.nan if pixels is None else np.nanmedian(pixels)
+        if np.isfinite([mean, median]).any():
+            rows.append((wearer.name, *(Quantity(float(value), decimals=1) for value in (mean, most, median))))
+    return Table(("wearer", "joint error, mm", "95 % below", "reprojection, px"), rows)
+
+
+def _colour_lines(drawn: DrawnScene) -> list[str]:
+    """Legend of what is drawn."""
+    lines = [f"- **{plain(wearer.name)}** is {colour_name(wearer.index)}; {LIMBS}." for wearer in drawn.wearers]
+    if drawn.one_alone:
+        lines = ["- **Orange** is the wearer's left, **blue** the right."]
+    if any(wearer.motion is not None and wearer.truth is not None for wearer in drawn.wearers):
+        lines += [f"- In colour: the estimate, {_PLACED[drawn.compare]}."] if drawn.compare is not None else []
+        lines.append("- See-through and grey: the truth.")
+    return _legend(lines, drawn.camera is not None, drawn.apart)
+
+
+def _legend(lines: Iterable[str], has_camera: bool, apart: bool) -> list[str]:
+    image = "- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's."
+    sensors = "- Small boxes are the sensors, each in the colour of its curves."
+    return ["## Colours", "", *lines, *[image] * has_camera, sensors, *[f"- **{APART}**"] * apart, ""]
+
+
+def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], apart: bool) -> str:
+    """Markdown for the panel of a stream.
+
+    Args:
+        setup: what is streamed.
+        findings: with the seconds at which they were made, in their order.
+        apart: whether the wearers are set apart.
+    """
+    lines = [f"# {plain(setup.name)}", ""]
+    if findings:
+        newest = [(f"{time:.1f} s", str(finding)) for time, finding in reversed(findings[-KEPT:])]
+        lines += markdown(facts("Findings", ("verdict", str(verdict(finding for _, finding in findings))), *newest))
+    colours = [
+        f"- **{plain(name)}**, newest: {colour_name(index)}, solid; {LIMBS}." for index, name in enumerate(setup.names)
+    ]
+    colours.append("- Newest, preliminary (the first seconds, from little data): dark grey, solid.")
+    colours.append("- Smoothed, a moment earlier: dark grey, see-through.")
+    return "\n".join([*lines, *_legend(colours, setup.camera is not None, apart)])

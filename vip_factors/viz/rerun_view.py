@@ -14,8 +14,7 @@ from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.errors import InputError
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.viz.colours import GHOST_COLOUR, body_colours
-from vip_factors.viz.compare import Compare, floor_height
-from vip_factors.viz.drawn_scene import NOBODY, DrawnCamera, DrawnScene, DrawnWearer
+from vip_factors.viz.drawn_scene import Compare, DrawnCamera, DrawnScene, DrawnWearer, floor_height
 from vip_factors.viz.rerun_body import (
     FRUSTUM_COLOUR,
     GHOST_COLOURS,
@@ -41,9 +40,9 @@ from vip_factors.viz.rerun_layout import (
     log_centre,
     log_series,
     recorded_panels,
+    scene_summary,
     sensor_colours_of,
 )
-from vip_factors.viz.summaries import scene_summary
 from vip_factors.viz.viewer import APPLICATION, complete, open_viewer
 
 TRUE_FRUSTUM_COLOUR: Colour = (150, 156, 166)
@@ -75,9 +74,9 @@ def show(drawn: DrawnScene, save: Path | None = None, overwrite: bool = False) -
 
 def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
     """Log everything and the layout."""
-    filmed = drawn.detections is not None and len(drawn.detections.time) > 0
+    detections = None if drawn.camera is None else drawn.camera.detections
     bodies = [body for wearer in drawn.wearers if (body := wearer.truth or wearer.shown or wearer.rest) is not None]
-    if not filmed and not bodies:
+    if not bodies and (detections is None or not len(detections.time)):
         raise InputError(
             f"scene '{drawn.name}' has no camera with video frames, no truth and no estimate: nothing to show"
         )
@@ -92,14 +91,15 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
     shown = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
     if shown:
         log_centre(stream, *centre_path(shown))
-    images = [*_log_camera(stream, drawn), *(_log_further_camera(stream, camera, drawn) for camera in drawn.further)]
+    images = [image for camera in drawn.cameras if (image := _log_camera(stream, camera, drawn)) is not None]
     plots = log_series(stream, drawn, colours)
     text = rr.TextDocument(scene_summary(drawn), media_type=rr.MediaType.MARKDOWN)
     stream.log(SUMMARY, text, static=True)
     standing = [body for wearer in drawn.wearers if (body := wearer.shown or wearer.rest) is not None]
     if drawn.compare is Compare.SIDE:
         standing += [wearer.truth for wearer in drawn.wearers if wearer.motion is not None and wearer.truth is not None]
-    seen_through = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None and drawn.video is None]
+    has_video = drawn.camera is not None and drawn.camera.video is not None
+    seen_through = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None and not has_video]
     stage = Stage(standing, floor, images, seen_through, bool(shown), _towards_camera(drawn), drawn.apart)
     panels = recorded_panels(plots, span_of(drawn))
     stream.send_blueprint(stage.blueprint(panels))
@@ -108,8 +108,8 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
 def span_of(drawn: DrawnScene) -> tuple[float, float]:
     """Seconds from the first to the last that is drawn: of bodies, video frames, or single sensors."""
     times = [wearer.shown.time for wearer in drawn.wearers if wearer.shown is not None]
-    if drawn.detections is not None and len(drawn.detections.time):
-        times.append(drawn.detections.time)
+    if drawn.camera is not None and drawn.camera.detections is not None and len(drawn.camera.detections.time):
+        times.append(drawn.camera.detections.time)
     if drawn.one_alone:
         times += [np.array(wearer.recording.interval) for wearer in drawn.wearers if wearer.recording is not None]
     return min(float(time[0]) for time in times), max(float(time[-1]) for time in times)
@@ -118,9 +118,10 @@ def span_of(drawn: DrawnScene) -> tuple[float, float]:
 def _towards_camera(drawn: DrawnScene) -> np.ndarray | None:
     """The horizontal direction to the camera, so that its picture shows the same side of people; None without one."""
     shown = [body for wearer in drawn.wearers if (body := wearer.shown or wearer.rest) is not None]
-    if drawn.path is None or not shown:
+    path = None if drawn.camera is None else drawn.camera.path
+    if path is None or not shown:
         return None
-    direction = (drawn.path.p_world_camera[0] - centre_path(shown)[1][0]) * [1, 1, 0]
+    direction = (path.p_world_camera[0] - centre_path(shown)[1][0]) * [1, 1, 0]
     norm = float(np.linalg.norm(direction))
     return direction / norm if norm > 1e-6 else None
 
@@ -162,53 +163,35 @@ def _log_wearer(
         log_sensors(stream, body, wearer.recording.placement, calibration, sensors)
 
 
-def _log_camera(stream: rr.RecordingStream, drawn: DrawnScene) -> list[tuple[str, str, CameraModel]]:
-    """Log the first camera and what it saw; returns title, entity and model of its image if there is one."""
-    if drawn.model is None:
-        return []
-    camera = _below("camera") if drawn.path is not None else "/camera"  # outside the world where its place is unknown
-    image = f"{camera}/image"
-    if drawn.path is not None:
-        log_camera(stream, camera, drawn.path, drawn.model)
-        if len(drawn.path) > 1:
-            log_trail(stream, _below("camera_path"), drawn.path.p_world_camera, FRUSTUM_COLOUR)
-    else:
-        log_pinhole(stream, image, drawn.model)
-    if drawn.true_path is not None and drawn.path is not None:
-        log_camera(stream, _below("true_camera"), drawn.true_path, drawn.model, TRUE_FRUSTUM_COLOUR)
-        if len(drawn.true_path) > 1:
-            log_trail(stream, _below("true_camera_path"), drawn.true_path.p_world_camera, GHOST_COLOUR)
-    detections, labels = drawn.detections, drawn.labels
-    if detections is None or labels is None:
-        return []
-    if drawn.video is not None:
-        log_video(stream, image, drawn.video, detections.time)
-    names = [wearer.name for wearer in drawn.wearers]
-    log_image_style(stream, image, drawn.model, detections.keypoints, names)
-    _log_bodies(stream, image, drawn, drawn)
-    log_detections(stream, image, detections, labels, names)
-    return [("Camera", image, drawn.model)]
-
-
-def _log_further_camera(
+def _log_camera(
     stream: rr.RecordingStream, camera: DrawnCamera, drawn: DrawnScene
-) -> tuple[str, str, CameraModel]:
-    """Log a camera beside the first, and bodies and detections in its image, whose title, entity and model return."""
-    entity = _below("cameras", camera.name)
-    image, names = f"{entity}/image", [wearer.name for wearer in drawn.wearers]
-    log_camera(stream, entity, camera.path, camera.model)
-    log_image_style(stream, image, camera.model, camera.detections.keypoints, names)
-    _log_bodies(stream, image, camera, drawn)
-    strangers = np.full(len(camera.detections), NOBODY)
-    log_detections(stream, image, camera.detections, strangers, names)
-    return camera.name, image, camera.model
-
-
-def _log_bodies(stream: rr.RecordingStream, image: str, camera: DrawnScene | DrawnCamera, drawn: DrawnScene) -> None:
-    """Log the bodies as a camera should have seen them."""
-    detections = camera.detections
-    entities = people_below(image, "body", [wearer.name for wearer in drawn.wearers])
-    for wearer, entity in zip(drawn.wearers, entities, strict=False):
+) -> tuple[str, str, CameraModel] | None:
+    """Log a camera, what it saw, and bodies as it should have seen them; returns title, entity and model of its image
+    if there is one.
+    """
+    is_first = camera is drawn.camera
+    entity = _below("camera") if is_first else _below("cameras", camera.name)
+    if camera.path is None:
+        entity = "/camera"  # outside the world: its place is unknown
+        log_pinhole(stream, f"{entity}/image", camera.model)
+    paths = (
+        (entity, camera.path, FRUSTUM_COLOUR, FRUSTUM_COLOUR),
+        (_below("true_camera"), camera.true_path, TRUE_FRUSTUM_COLOUR, GHOST_COLOUR),
+    )
+    for where, path, frustum, trail in paths:
+        if path is not None:
+            log_camera(stream, where, path, camera.model, frustum)
+            if len(path) > 1:
+                log_trail(stream, f"{where}_path", path.p_world_camera, trail)
+    detections, image = camera.detections, f"{entity}/image"
+    if detections is None or camera.labels is None:
+        return None
+    if camera.video is not None:
+        log_video(stream, image, camera.video, detections.time)
+    log_image_style(stream, image, camera.model, detections.keypoints, drawn.names)
+    for wearer, body in zip(drawn.wearers, people_below(image, "body", drawn.names), strict=False):
         pixels = camera.reprojected(wearer)
-        if pixels is not None and detections is not None:
-            log_projection(stream, entity, detections.time, pixels, detections.keypoints)
+        if pixels is not None:
+            log_projection(stream, body, detections.time, pixels, detections.keypoints)
+    log_detections(stream, image, detections, camera.labels, drawn.names)
+    return "Camera" if is_first else camera.name, image, camera.model

@@ -42,8 +42,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.viz.film import film_file
-from vip_factors.viz.images import jpeg_bytes, png_bytes
+from vip_factors.viz.film import film_file, jpeg_bytes, png_bytes
 
 SECONDS, FILMED_SECONDS = 0.5, 2.5
 WIDTH, HEIGHT = 64, 48
@@ -247,9 +246,9 @@ def _filmed_files() -> Files:
 
     def write(folder: Path) -> None:
         if find_spec("av"):
-            with film_file(folder / "film.mp4", 10.0, overwrite=False) as film:  # H.264
+            with film_file(folder / "film.mp4", 10.0, overwrite=False) as add:  # H.264
                 for frame in range(2 * FRAMES):
-                    film.add(_moving_square(frame))
+                    add(_moving_square(frame))
         shown = replace(scene.camera, video=Video(None, images))  # type: ignore[type-var]
         write_recording(replace(scene, camera=shown), folder / "images.mcap")
         write_recording(replace(filmed, wearers=(few,)), folder / "filmed.mcap")

@@ -77,7 +77,7 @@ CLASSES = {
     "Detections": "from_arrays",
     "Estimate": "all_findings columns joint_angles only_wearer positions to_dataframe to_xarray verdict wearer",
     "ExportSettings": "", "FixedLagTracker": "push finish", "ImportOptions": "", "ImuSample": "", "LiveEstimate": "",
-    "LiveSettings": "", "Motion": "time state", "Recording": "from_arrays worn placed interval", "ReportSettings": "",
+    "LiveSettings": "", "Motion": "time state", "Recording": "from_arrays worn placed interval",
     "RunOptions": "", "Scene": "names cameras", "SceneSettings": "", "Settings": "",
     "SimulateSettings": "", "Stream": "answers finish follow push push_poses take", "Subject": "", "VideoFrame": "",
     "VipFactorsError": "",

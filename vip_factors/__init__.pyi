@@ -35,7 +35,6 @@ from .live.settings import LiveSettings as LiveSettings
 from .live.stream import Stream as Stream
 from .live.tracker import FixedLagTracker as FixedLagTracker
 from .live_estimate import LiveEstimate as LiveEstimate
-from .report.settings import ReportSettings as ReportSettings
 from .sensors.camera import CameraModel as CameraModel
 from .sensors.detections import Detections as Detections
 from .sensors.live import ImuSample as ImuSample, VideoFrame as VideoFrame, live_samples as live_samples

@@ -19,7 +19,6 @@ from vip_factors.io.convert import ImportOptions
 from vip_factors.io.scene_building import CameraOptions
 from vip_factors.io.settings import ExportSettings, LiveSourceSettings
 from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
-from vip_factors.report.settings import ReportSettings
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording
@@ -400,9 +399,10 @@ def report(
     recording: Recording | Scene | None = None,
     *,
     truth: Recording | Scene | None = None,
-    settings: ReportSettings | None = None,
     overwrite: bool = False,
     video: bool | StrPath = False,
+    video_height: int = 480,
+    video_seconds: tuple[float, float] | None = None,
 ) -> Path:
     """Write an estimate as one HTML page for people, with a film beside it if one is wanted.
 
@@ -411,10 +411,11 @@ def report(
         path: of the page.
         recording: what it was made from: then the page tells of sensors and video too.
         truth: a recording whose truth counts, if it is not the one above.
-        settings: how much goes into the page.
         overwrite: whether an existing file may be replaced.
         video: a film (.mp4) is to be beside the page, of skeletons over the camera's pictures and of the room: of the
             recording's own video, or of that in a file.
+        video_height: of the film, pixels.
+        video_seconds: first and last second of the recording that the film shows; all of it if None.
 
     Returns:
         The path.
@@ -425,7 +426,17 @@ def report(
     from vip_factors.report.page import write_report
 
     scene, true = (None if one is None else _scene(one) for one in (recording, truth))
-    write_report(_estimate(estimate), path, scene, true, settings, overwrite, video=video)
+    write_report(
+        _estimate(estimate),
+        path,
+        scene,
+        true,
+        overwrite,
+        None,
+        video,
+        video_height=video_height,
+        video_seconds=video_seconds,
+    )
     return Path(path)
 
 

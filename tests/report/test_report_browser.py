@@ -11,7 +11,6 @@ from scene_sample import estimate_of, scene_sample
 
 import vip_factors
 from vip_factors.report.page import write_report
-from vip_factors.report.settings import ReportSettings
 
 VIEWER = Path(vip_factors.__file__).parent / "report" / "viewer"
 SOURCES = ("viewer.js", "stage.js", "report.js", "live.js", "world.js", "body.js", "charts.js")
@@ -62,7 +61,7 @@ def test_the_film_and_the_page_show_one_time(tmp_path: Path) -> None:
     pytest.importorskip("av", reason="needs the extra film")
     scene, report = scene_sample(1.0), tmp_path / "report.html"
     write_report(
-        estimate_of(scene), report, scene, settings=ReportSettings(video_height=96), video=True
+        estimate_of(scene), report, scene, video=True, video_height=96
     )  # fmt: skip
     flags = ["--no-sandbox", *SOFTWARE_GL]
     with playwright.sync_playwright() as tool, tool.chromium.launch(executable_path=BROWSER, args=flags) as browser:

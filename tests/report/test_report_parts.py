@@ -9,12 +9,12 @@ from simulated_walk import walk
 from vip_factors.body.joint_angles import is_measured
 from vip_factors.estimate import WearerEstimate
 from vip_factors.gait.analysis import bones_with_sensors
-from vip_factors.report.charts import thinned, time_charts
-from vip_factors.report.movement import gait_section
+from vip_factors.gait.files import curves_figure, side_table
 from vip_factors.report.report_data import ReportWearer
+from vip_factors.report.sections import gait_section, time_charts
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.recording import Recording, Subject
-from vip_factors.viz.charts import Curve
+from vip_factors.viz.charts import Curve, thinned
 
 
 def test_angles_without_sensors_are_known_as_such() -> None:
@@ -50,6 +50,6 @@ def test_charts_keep_peaks_and_gaps() -> None:
 def test_who_walks_has_a_section() -> None:
     section = gait_section(ReportWearer(0, "Ada", WearerEstimate("walk", "SIP", walk(6.0), {}), None), False)
     assert section is not None
-    assert [row[0] for row in section.sides.rows][:2] == ["stride time, s", "stride length, m"]
-    assert section.curves is not None
+    assert [row[0] for row in side_table(section).rows][:2] == ["stride time, s", "stride length, m"]
+    assert curves_figure(section) is not None
     assert gait_section(ReportWearer(0, "Bea", WearerEstimate("stand", "SIP", walk(0.5), {}), None), False) is None

@@ -11,7 +11,7 @@ from vip_factors.body.anthropometry import likely_body, skeleton_from_stature
 from vip_factors.body.hinges import HingePrior
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.estimate import BodyEstimate
-from vip_factors.viz.body_chart import AXIS, body_figure, body_picture
+from vip_factors.viz.charts import AXIS, body_figure, svg
 
 USUAL = skeleton_from_stature(1.75)
 
@@ -45,17 +45,17 @@ def test_what_is_far_off_stays_on_the_page() -> None:
     far = body({"thigh": -0.3}, sigma=0.2)
     half = (AXIS[1] - AXIS[0]) / 2
     assert all(abs(x) <= half for x in dots(body_figure("Ada", far, {"thigh": 0.9})))
-    root = ElementTree.fromstring(body_picture("Ada", far, {"thigh": 0.9}))
+    root = ElementTree.fromstring(svg(body_figure("Ada", far, {"thigh": 0.9})))
     assert "900" in {element.text for element in root.iter() if element.tag.endswith("text")}  # the truth in numbers
 
 
 def test_what_is_not_known_is_left_out() -> None:
     unsure = replace(body({}), covariance=np.full((len(LENGTHS),) * 2, np.nan), hinges=(), prior_hinges=())
-    picture = body_picture("Ada", unsure)
+    picture = svg(body_figure("Ada", unsure, {}))
     assert "nan" not in picture
     assert "Carrying angles" not in picture
     nothing, square = np.zeros(0), np.zeros((0, 0))
     hinges = HingePrior().hinges()
-    only = body_picture("Ada", BodyEstimate((), nothing, nothing, square, square, hinges, hinges))
+    only = svg(body_figure("Ada", BodyEstimate((), nothing, nothing, square, square, hinges, hinges), {}))
     assert "Lengths" not in only
     assert only.count("left knee") == 1

@@ -70,7 +70,7 @@ def test_the_file_is_written_whole(tmp_path: Path) -> None:
     scene = live_scene(0.5)
     sink = LiveRerunSink(setup_of(scene), save=tmp_path / "a.rrd")
     for item in items_of(scene):
-        sink.write(item) if isinstance(item, LiveEstimate) else sink.write_video(item)
+        sink.write(item)
     assert sink.close() == ()
     assert sink.close() == ()
     assert (sink.dropped, sink.lost) == (0, "")

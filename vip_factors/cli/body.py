@@ -41,7 +41,7 @@ def main(options: BodyOptions) -> None:
     from vip_factors.cli.terminal import print_tables
     from vip_factors.describe.estimates import hinge_table, length_table
     from vip_factors.io.body_file import body_of_estimate, write_body_file
-    from vip_factors.viz.body_chart import body_picture
+    from vip_factors.viz.charts import body_figure, svg
 
     out = options.out or beside(options.estimate, ".body.toml")
     check_target(out, options.overwrite)
@@ -57,7 +57,7 @@ def main(options: BodyOptions) -> None:
     say(out)
     if options.picture is not None:
         with atomic_open(options.picture, overwrite=options.overwrite) as file:
-            file.write(body_picture(estimate.motion.name, estimate.body, truth))
+            file.write(svg(body_figure(estimate.motion.name, estimate.body, truth)))
         say(options.picture)
 
 

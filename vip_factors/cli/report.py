@@ -1,16 +1,16 @@
 """``vip-factors report``: an estimate as one page for people."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import UNPREFIXED, FailOn, Output, WritingOptions, beside, fail_on
+from vip_factors.cli.options import FailOn, Output, WritingOptions, beside, fail_on
 from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.errors import InputError
-from vip_factors.report.settings import ReportSettings
+from vip_factors.ranges import Range
 
 if TYPE_CHECKING:
     from vip_factors.sensors.scene import Scene
@@ -32,11 +32,14 @@ class ReportOptions(WritingOptions):
     video: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="[FILM]")] = None
     """Also write a film beside the page (.mp4): skeletons over the camera's video, or that in a file; needs
     vip-factors[film]."""
+    video_height: Annotated[int, Range(least=64, most=2160)] = 480
+    """Pixels, of the film."""
+    video_seconds: tuple[float, float] | None = None
+    """First and last second of the recording that the film shows; all of it if not given."""
     out: Annotated[Path | None, Output()] = None
     """Where to write the page; beside the estimate if not given."""
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
-    settings: Annotated[ReportSettings, UNPREFIXED] = field(default_factory=ReportSettings)
 
 
 def main(options: ReportOptions) -> None:
@@ -69,7 +72,17 @@ def main(options: ReportOptions) -> None:
         video = options.video[0] if options.video else options.video is not None
         if video is True:
             _tell_missing(scene)
-        write_report(estimate, out, scene, truth, options.settings, options.overwrite, progress, video)
+        write_report(
+            estimate,
+            out,
+            scene,
+            truth,
+            options.overwrite,
+            progress,
+            video,
+            video_height=options.video_height,
+            video_seconds=options.video_seconds,
+        )
     say(out)
     if video:
         say(out.with_suffix(".mp4"))

@@ -127,7 +127,7 @@ class Session:
     def write_video(self, frame: VideoFrame) -> None:
         """Show a video frame in the viewers."""
         for viewer in self._viewers:
-            viewer.write_video(frame)
+            viewer.write(frame)
 
     def write(self, estimates: list[LiveEstimate]) -> None:
         """Hand answers to all sinks."""

@@ -111,15 +111,19 @@ class Gait(Summarised):
 
     def summary(self) -> list[str]:
         """How many strides there are, what told them, what is odd, and the figures that most ask for."""
-        by = {True: "foot sensors", False: "the motion of the legs"}
-        told = " and ".join(dict.fromkeys(by[one.by_sensor] for one in self.feet.values()))
-        found = f"{len(self.strides)} strides, {len(self.counted)} of them in the means; events by {told}"
+        found = f"{len(self.strides)} strides, {len(self.counted)} of them in the means; events by {self.source}"
         lines = [f"{self.name or 'wearer'}: {found}"]
         lines += [f"{one.severity}: {one}" for one in self.findings]
         for one in filter(None, map(self.figure, ("speed", "cadence", "time", "length"))):
             mean, sigma = (f"{value:.{one.quantity.decimals}f}" for value in (one.mean, one.sigma))
             lines.append(f"{one.quantity.words}: {mean} ± {sigma} {one.quantity.unit}")
         return lines
+
+    @property
+    def source(self) -> str:
+        """What told strikes and toe-offs."""
+        words = {True: "foot sensors", False: "the motion of the legs"}
+        return " and ".join(dict.fromkeys(words[events.by_sensor] for events in self.feet.values()))
 
     @property
     def counted(self) -> tuple[Stride, ...]:

@@ -18,15 +18,15 @@ import numpy as np
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.joint_angles import is_measured
-from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
+from vip_factors.body.mannequin import Side
 from vip_factors.display import distinct_file_names
 from vip_factors.errors import InputError
 from vip_factors.gait.analysis import CYCLE, Curve, Gait
 from vip_factors.gait.strides import QUANTITIES
 from vip_factors.geometry.rotations import Array
-from vip_factors.tables import json_text
+from vip_factors.tables import UNKNOWN, Cell, Quantity, Row, Table, count, json_text
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, Figure, page, panel, save, write
-from vip_factors.viz.colours import hexadecimal
+from vip_factors.viz.colours import SIDE_COLOURS
 
 SOURCE = "Grouvel et al. 2023, doi 10.1038/s41597-023-02077-3, CC BY 4.0"
 FILE = "data/reference.csv"
@@ -38,7 +38,6 @@ DRAWN = (
     "trunk_axial_rotation",
 )  # fmt: skip
 COLUMNS, CELL, MARGIN = 3, (390.0, 270.0), 60.0
-COLOURS = {"left": hexadecimal(ESTIMATE_COLOURS[Side.LEFT]), "right": hexadecimal(ESTIMATE_COLOURS[Side.RIGHT])}
 BELOW = "#c9ced6"  # what references are drawn in: grey, beneath
 
 
@@ -78,6 +77,39 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
 def _write_table(path: Path, rows: Iterable[Sequence[object]], overwrite: bool) -> None:
     with atomic_open(path, "w", overwrite) as file:
         csv.writer(file, lineterminator="\n").writerows(rows)
+
+
+def _unit(unit: str) -> str:
+    return "°" if unit == "deg" else unit
+
+
+def figure_table(gait: Gait) -> Table:
+    """The figures that most ask for: label, value and remark."""
+    others = len(gait.strides) - len(gait.counted)
+    remark = f"{others} more are turns, pauses or no steps" if others else "all of them"
+    figures: list[Row] = [("strides", str(len(gait.counted)), remark)]
+    for name in ("speed", "cadence", "length", "time"):
+        figure = gait.figure(name)
+        if figure is not None:
+            value = Quantity(figure.mean, figure.sigma, _unit(figure.quantity.unit), 2 * (figure.mean < 10))
+            figures.append((figure.quantity.words, value, f"mean of {count(figure.count, 'stride')}"))
+    return Table((), figures, words=3)
+
+
+def side_table(gait: Gait) -> Table:
+    """Each quantity left, right, and their difference."""
+    quantities: list[Row] = []
+    for quantity in QUANTITIES:
+        both = gait.figure(quantity.name)
+        if both is None:
+            continue
+        decimals = min(quantity.decimals, 2) if quantity.unit in ("s", "m", "m/s") else quantity.decimals
+        cells: list[Cell] = [f"{quantity.words}, {_unit(quantity.unit)}"]
+        for side in ("left", "right", "difference", "both"):
+            figure = gait.figure(quantity.name, side)
+            cells.append(UNKNOWN if figure is None else Quantity(figure.mean, figure.sigma, decimals=decimals))
+        quantities.append((*cells, Quantity(both.variability, decimals=decimals)))
+    return Table(("quantity", "left", "right", "left less right", "both", "from stride to stride"), quantities)
 
 
 def _stride_rows(gait: Gait) -> Iterable[list[object]]:
@@ -158,7 +190,7 @@ def curves_figure(gait: Gait) -> Figure | None:
                 CYCLE, beneath.mean - beneath.sd, beneath.mean + beneath.sd, color=BELOW, alpha=0.6, linewidth=0
             )
         for curve in _curves_of(gait, name):
-            colour = COLOURS[curve.side]
+            colour = SIDE_COLOURS[Side(curve.side)]
             axes.plot(CYCLE, curve.mean, color=colour, linewidth=2)
             for spread, alpha in ((curve.variability, 0.15), (curve.sigma, 0.25)):
                 band = curve.mean - spread, curve.mean + spread
@@ -166,8 +198,8 @@ def curves_figure(gait: Gait) -> Figure | None:
     words = "mean, its ± (dark) and from stride to stride (pale); 0 and 100 %: foot strike of the same side"
     if reference is not None:
         words += f"\ngrey: {reference.people} healthy adults at {reference.speed:.2f} m/s ({SOURCE})"
-    for number, (side, colour) in enumerate(COLOURS.items()):
-        write(figure, (30 + 50 * number, rows * CELL[1] + 90), side, 14, colour, weight="bold")
+    for number, side in enumerate((Side.LEFT, Side.RIGHT)):
+        write(figure, (30 + 50 * number, rows * CELL[1] + 90), side, 14, SIDE_COLOURS[side], weight="bold")
     write(figure, (140, rows * CELL[1] + 90), words, 12, SOFT_INK, va="top" if reference is None else "center")
     return figure
 

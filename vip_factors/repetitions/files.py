@@ -9,18 +9,17 @@ from typing import Any
 import numpy as np
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
+from vip_factors.body.mannequin import Side
 from vip_factors.display import table_cell
 from vip_factors.errors import InputError
 from vip_factors.repetitions.repetitions import Measured, Repetition, WearerRepetitions
 from vip_factors.repetitions.signals import SIDES
 from vip_factors.tables import Quantity, Row, Table, json_text
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, page, panel, save, seconds_axis, write
-from vip_factors.viz.colours import hexadecimal
+from vip_factors.viz.colours import SIDE_COLOURS
 
 NAMES = ("repetitions.csv", "repetitions.json", "repetitions.png")
 KIND_COLOURS = {"squat": "#3e6ebe", "lunge": "#965abe", "jump": "#e27828", "curl": "#289650"}
-COLOURS = {"left": hexadecimal(ESTIMATE_COLOURS[Side.LEFT]), "right": hexadecimal(ESTIMATE_COLOURS[Side.RIGHT])}
 WIDTH, ROW_HEIGHT, MARGIN = 1400.0, 210.0, 90.0
 
 
@@ -130,9 +129,9 @@ def _draw_wearer(figure: Any, top: float, wearer: WearerRepetitions) -> None:
     floor = float(np.median(signals.lower_foot))
     panels = (
         ("pelvis above the lower foot, and centre of mass above the floor (dark), m",
-         [(signals.reach, COLOURS["left"]), (signals.mass_height - floor, INK)]),
-        ("knee flexion, °", [(signals.flexion(side, "knee"), COLOURS[side]) for side in SIDES]),
-        ("elbow flexion, °", [(signals.flexion(side, "elbow"), COLOURS[side]) for side in SIDES]),
+         [(signals.reach, SIDE_COLOURS[Side.LEFT]), (signals.mass_height - floor, INK)]),
+        ("knee flexion, °", [(signals.flexion(side, "knee"), SIDE_COLOURS[Side(side)]) for side in SIDES]),
+        ("elbow flexion, °", [(signals.flexion(side, "elbow"), SIDE_COLOURS[Side(side)]) for side in SIDES]),
     )  # fmt: skip
     for row, (title, curves) in enumerate(panels):
         begin = top + 60 + row * ROW_HEIGHT

@@ -26,10 +26,12 @@ from vip_factors.describe.estimates import LIMB_JOINTS, limb_sigma, mountings_ar
 from vip_factors.display import ProgressCallback, silent
 from vip_factors.estimate import Estimate
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
+from vip_factors.gait import files as gait_files
 from vip_factors.io.live_json import VERSION
 from vip_factors.io.video import with_video
-from vip_factors.report import fit, movement
-from vip_factors.report.movement import PAIRED, TRUNK, angle_section
+from vip_factors.repetitions.files import repetition_table
+from vip_factors.repetitions.repetitions import repetitions_of
+from vip_factors.report import sections
 from vip_factors.report.report_data import (
     ReportData,
     ReportWearer,
@@ -40,9 +42,10 @@ from vip_factors.report.report_data import (
     poses_data,
     report_data,
 )
-from vip_factors.report.settings import ReportSettings
+from vip_factors.report.sections import PAIRED, TRUNK
 from vip_factors.sensors.scene import Scene
 from vip_factors.tables import degrees, joint_words
+from vip_factors.viz import charts
 from vip_factors.viz.film import png_bytes
 from vip_factors.viz.picture import pose_picture
 
@@ -135,10 +138,12 @@ def write_report(
     path: str | os.PathLike[str],
     scene: Scene | None = None,
     truth: Scene | None = None,
-    settings: ReportSettings | None = None,
     overwrite: bool = False,
     progress: ProgressCallback | None = None,
     video: bool | str | os.PathLike[str] = False,
+    *,
+    video_height: int = 480,
+    video_seconds: tuple[float, float] | None = None,
 ) -> None:
     """Write an estimate as one HTML page, with a film beside it if one is wanted.
 
@@ -147,11 +152,12 @@ def write_report(
         path: of the page.
         scene: what it was made from: then the page tells of sensors and video.
         truth: a scene whose truth counts, if it is not ``scene``'s own.
-        settings: of the film.
         overwrite: whether an existing file may be replaced.
         progress: called with the name of the stage and the fraction of it done.
         video: a film of skeletons over the camera's pictures is to be beside the page: of the recording's own video,
             or of that in a file.
+        video_height: of the film, pixels; 480 fill the page's width, 720 take twice as long.
+        video_seconds: first and last second of the recording that the film shows; all of it if None.
 
     Raises:
         InputError: if they do not belong together, a file may not be written, or a film cannot be made.
@@ -159,47 +165,41 @@ def write_report(
     """
     if not isinstance(video, bool):
         scene = with_video(scene, Path(video))
-    data, settings = report_data(estimate, scene, truth), settings or ReportSettings()
-    film = write_film(data, Path(path).with_suffix(".mp4"), settings, overwrite, progress) if video else None
-    text = report_page(data, progress, film)
+    data, shown_film = report_data(estimate, scene, truth), None
+    if video:
+        from vip_factors.viz.film import film
+
+        file_path = Path(path).with_suffix(".mp4")
+        times, rate = film(
+            data.drawn, file_path, video_height, video_seconds, overwrite=overwrite, on_progress=progress or silent
+        )
+        pace = float(times[-1] - times[0]) * rate / (len(times) - 1) if len(times) > 1 else 1.0
+        shown_film = ShownFilm(file_path.name, float(times[0]), pace)
+    text = report_page(data, progress, shown_film)
     with atomic_open(path, "w", overwrite) as file:
         file.write(text)
 
 
-def write_film(
-    data: ReportData, path: Path, settings: ReportSettings, overwrite: bool, progress: ProgressCallback | None
-) -> ShownFilm:
-    """Write the film of a page; see :func:`write_report`."""
-    from vip_factors.viz.film import film
-
-    times, rate = film(
-        data.drawn, path, settings.video_height, settings.video_seconds, overwrite=overwrite,
-        on_progress=progress or silent,
-    )  # fmt: skip
-    pace = float(times[-1] - times[0]) * rate / (len(times) - 1) if len(times) > 1 else 1.0
-    return ShownFilm(path.name, float(times[0]), pace)
-
-
 def report_page(data: ReportData, progress: ProgressCallback | None = None, film: ShownFilm | None = None) -> str:
     """The page as HTML, which links to the film beside it; see :func:`write_report`."""
-    report_progress, wearers, sections = progress or silent, data.wearers, dict[str, object]()
+    report_progress, wearers, made = progress or silent, data.wearers, dict[str, object]()
     with_camera = data.estimate.camera is not None
     makers: dict[str, Callable[[], object]] = {
-        "angles": lambda: [angle_section(wearer) for wearer in wearers],
-        "gait": lambda: [movement.gait_section(wearer, with_camera) for wearer in wearers],
-        "repetitions": lambda: [movement.repetition_table(wearer) for wearer in wearers],
-        "fit_charts": lambda: fit.fit_charts(data),
-        "truth": lambda: fit.truth_table(data),
-        "truth_charts": lambda: fit.truth_charts(data),
-        "drifts": lambda: [fit.drift_charts(wearer) for wearer in wearers],
+        "angles": lambda: [sections.angle_section(wearer) for wearer in wearers],
+        "gait": lambda: [sections.gait_section(wearer, with_camera) for wearer in wearers],
+        "repetitions": lambda: [repetition_table(repetitions_of(wearer.estimate)) for wearer in wearers],
+        "fit_charts": lambda: sections.fit_charts(data),
+        "truth": lambda: sections.truth_table(data),
+        "truth_charts": lambda: sections.truth_charts(data),
+        "drifts": lambda: [sections.drift_charts(wearer) for wearer in wearers],
         "strip": lambda: _strip(data),
         "motion": lambda: motion_data(data),
     }
     for number, (name, make) in enumerate(makers.items()):
         report_progress("report", number / len(makers))
-        sections[name] = make()
+        made[name] = make()
     return environment().get_template("report.html").render(
-        data=data, **sections, remarks=remarks(data), film=film, version=__version__,
+        data=data, **made, remarks=remarks(data), film=film, version=__version__,
         style=packaged("templates/report.css"), script=packaged("viewer/viewer.min.js"),
     )  # fmt: skip
 
@@ -222,12 +222,13 @@ def environment() -> jinja2.Environment:
         loader=jinja2.PackageLoader(ROOM), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
         lstrip_blocks=True,
     )  # fmt: skip
-    made.globals |= {"estimates": estimates, "recordings": recordings}
+    made.globals |= {"estimates": estimates, "recordings": recordings, "gait_files": gait_files}
     made.filters |= {
         "as_json": _as_json,
         "capital": lambda text: text[:1].upper() + text[1:],
         "listed": lambda words: " and ".join(filter(None, (", ".join(words[:-1]), words[-1]))),
         "png": lambda content: f"data:image/png;base64,{base64.b64encode(content).decode()}",
+        "drawn": charts.png,
     }
     return made
 

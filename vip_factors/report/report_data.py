@@ -15,11 +15,10 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.report.charts import side_colours, wearer_mark
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz.colours import hexadecimal
+from vip_factors.viz.colours import hexadecimal, side_colours, wearer_mark
 from vip_factors.viz.drawn_scene import DrawnScene, DrawnWearer, check_frames, drawn_scene, floor_height
 
 

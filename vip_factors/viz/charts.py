@@ -3,7 +3,8 @@
 Its import takes some tenths of a second: whoever draws imports it late.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -15,11 +16,14 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from vip_factors.atomic import atomic_path
 from vip_factors.errors import InputError
+from vip_factors.estimate import BodyEstimate
 from vip_factors.geometry.rotations import Array
+from vip_factors.tables import Quantity, joint_words
 
 INK, SOFT_INK, GRID, ERROR = "#282e3a", "#66707e", "#e4e7ec", "#c44854"
 WIDTH, MARGIN, TEXT = 1600, 60, 16.0
@@ -33,7 +37,7 @@ Box = tuple[float, float, float, float]
 class Curve:
     """Values ``(T,)`` at times ``(T,)`` seconds, gaps where not finite; in the legend if it has a name.
 
-    ``sigma`` ``(T,)`` is drawn as a pale band on the report's page.
+    ``sigma`` ``(T,)`` is drawn as a pale band.
     """
 
     name: str
@@ -132,45 +136,88 @@ def seconds_axis(axes: Axes, first: float, last: float, most: int = 10) -> None:
     axes.xaxis.set_major_formatter(lambda value, _: f"{abs(value) if abs(value) < 1e-9 else value:g} s")
 
 
-def round_ticks(low: float, high: float) -> Array:
-    """At most five round values from ``low`` or below to ``high`` or above."""
-    return np.asarray(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(low, high))
+def known_curves(curves: Sequence[Curve]) -> list[Curve]:
+    """Those with a finite value."""
+    return [curve for curve in curves if np.any(np.isfinite(curve.values))]
+
+
+def plot_curves(
+    axes: Axes, curves: Sequence[Curve], *, unit: str = "", from_zero: bool = True, usual: float = 0.995,
+    seconds: int = 10, width: float = 2.2,
+) -> None:  # fmt: skip
+    """Draw curves over seconds on one scale, each with its band; the bands are of few points.
+
+    Args:
+        axes: where to.
+        curves: with finite values.
+        unit: of the values, written after them.
+        from_zero: whether the scale begins at zero, if no value is less.
+        usual: share of the values within the scale: a single wild frame must not flatten all others.
+        seconds: labels of the time axis at most.
+        width: of lines, in pixels.
+    """
+    low = min(float(np.nanquantile(curve.values, 1 - usual)) for curve in curves)
+    high = max(float(np.nanquantile(curve.values, usual)) for curve in curves)
+    ticks = np.asarray(
+        MaxNLocator(4, steps=[1, 2, 2.5, 5, 10]).tick_values(min(low, 0.0) if from_zero else low, max(high, low + 1e-9))
+    )
+    axes.set_ylim(ticks[0], ticks[-1])
+    axes.set_yticks(ticks, [f"{0.0 if abs(tick) < 1e-9 else tick:g}{unit}" for tick in ticks])
+    axes.grid(axis="y", color=GRID, linewidth=width / 2)
+    start, end = min(float(curve.time[0]) for curve in curves), max(float(curve.time[-1]) for curve in curves)
+    seconds_axis(axes, start, end, seconds)
+    for curve in curves:
+        axes.plot(*thinned(curve.time, curve.values), color=curve.colour, linewidth=width)
+        if curve.sigma is not None:
+            every = slice(None, None, max(1, len(curve.time) // BINS))
+            band = (curve.values - curve.sigma)[every], (curve.values + curve.sigma)[every]
+            axes.fill_between(curve.time[every], *band, color=curve.colour, alpha=0.16, linewidth=0)
+
+
+BINS = 320  # of time: of each the least and the largest value are drawn, so that no peak is lost
+
+
+def thinned(time: Array, values: Array) -> tuple[Array, Array]:
+    """Of many samples the least and the largest of each of :data:`BINS` stretches, in the order of time."""
+    if len(time) <= 2 * BINS:
+        return time, values
+    edges = np.linspace(0, len(time), BINS + 1).astype(int)
+    kept = []
+    for start, stop in itertools.pairwise(edges):
+        part = values[start:stop]
+        if np.isfinite(part).all():
+            kept += sorted({start + int(np.argmin(part)), start + int(np.argmax(part))})
+        else:  # a gap, if only of a frame, is to be seen
+            kept += [*np.flatnonzero(np.isfinite(part))[:1] + start, start + int(np.flatnonzero(~np.isfinite(part))[0])]
+            kept.sort()
+    chosen = np.array(kept, int)
+    return time[chosen], values[chosen]
 
 
 def draw_curves(axes: Axes, curves: Sequence[Curve], label: str, marks: Sequence[float] = ()) -> None:
-    """Draw curves from zero up, with one scale.
+    """Draw curves from zero up under a label.
 
     A curve alone is filled below, and ``marks`` (seconds) are dots on it; several are lines, and marks cross them. Each
     name is followed by the curve's mean, for that is the number people quote.
     """
-    curves = [curve for curve in curves if np.any(np.isfinite(curve.values))]
-    if not curves:
+    if not (curves := known_curves(curves)):
         return
-    # A single wild frame must not flatten all others: what is above is cut off at the top.
-    most = max(float(np.nanquantile(curve.values, 0.995)) for curve in curves)
-    ticks = round_ticks(0.0, max(most, 1e-9))
-    axes.set_ylim(0.0, ticks[-1])
-    axes.set_yticks(ticks)
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.grid(axis="y", color=GRID, linewidth=1.2)
-    first = min(float(curve.time[0]) for curve in curves)
-    seconds_axis(axes, first, max(float(curve.time[-1]) for curve in curves))
-    for curve in curves:
-        axes.plot(curve.time, curve.values, color=curve.colour, linewidth=2.2, clip_on=True, label=curve.name)
+    plot_curves(axes, curves)
     if len(curves) == 1:
         curve, good = curves[0], np.isfinite(curves[0].values)
         axes.fill_between(curve.time, 0, curve.values, color=curve.colour, alpha=0.12, linewidth=0)
-        at = np.interp(marks, curve.time[good], curve.values[good])
-        axes.plot(marks, at, "o", color=curve.colour, markersize=9, markeredgecolor="white", clip_on=False)
+        heights = np.interp(marks, curve.time[good], curve.values[good])
+        axes.plot(marks, heights, "o", color=curve.colour, markersize=9, markeredgecolor="white", clip_on=False)
     else:
-        axes.vlines(marks, 0, ticks[-1], color="#cdd2da", linewidth=1.6, zorder=0)
+        axes.vlines(marks, *axes.get_ylim(), color="#cdd2da", linewidth=1.6, zorder=0)
     axes.set_title(label, loc="left", size=TEXT, color=SOFT_INK, pad=10)
-    named = [(Line2D([], [], color=one.colour, linewidth=4), one) for one in curves if one.name]
+    named = [curve for curve in curves if curve.name]
     if named:
-        texts = [f"{one.name}  {np.nanmean(one.values):.3g}" for _, one in named]
         axes.legend(
-            [line for line, _ in named], texts, loc="lower right", bbox_to_anchor=(1, 1), ncols=len(named),
-            frameon=False, prop={"size": TEXT, "weight": "bold"}, labelcolor="linecolor", borderaxespad=0.2,
+            [Line2D([], [], color=curve.colour, linewidth=4) for curve in named],
+            [f"{curve.name}  {np.nanmean(curve.values):.3g}" for curve in named],
+            loc="lower right", bbox_to_anchor=(1, 1), ncols=len(named), frameon=False,
+            prop={"size": TEXT, "weight": "bold"}, labelcolor="linecolor", borderaxespad=0.2,
         )  # fmt: skip
 
 
@@ -188,3 +235,91 @@ def curve_chart(
     draw_curves(axes, [curve], labels[0], [mark])
     axes.set_xlabel(labels[1], size=TEXT, color=SOFT_INK, labelpad=12)
     save(figure, path, overwrite)
+
+
+BODY_WIDTH, LEFT, TOP, ROW, GAP = 980.0, 36.0, 138.0, 24.0, 84.0
+AXIS = (210.0, 690.0)  # from left to right
+COLUMNS = ((790.0, "likely"), (880.0, "found"), (944.0, "truth"))  # right edges of the numbers
+PRIOR = "#8fa3ba"
+
+
+def body_figure(name: str, body: BodyEstimate, truth: Mapping[str, float]) -> Figure:
+    """A picture of the body that was found beside what was likely beforehand: lengths and carrying angles.
+
+    Args:
+        name: of the wearer.
+        body: with lengths, or hinges, or both.
+        truth: metres by name of a length, of those of which it is known.
+    """
+    panels = []
+    if body.names:
+        values = 1e3 * np.stack([body.prior, body.prior_sigma, body.posterior, body.sigma])
+        true = 1e3 * np.array([truth.get(length, np.nan) for length in body.names])
+        panels.append(("Lengths (mm)", body.names, values, true, 0))
+    if body.hinges:
+        names = tuple(joint_words(hinge.joint) for hinge in body.hinges)
+        pairs = zip(body.prior_hinges, body.hinges, strict=True)
+        values = np.rad2deg(
+            [
+                (prior.carrying_angle, prior.carrying_sigma, found.carrying_angle, found.carrying_sigma)
+                for prior, found in pairs
+            ]
+        ).T
+        panels.append(("Carrying angles, outwards (°)", names, values, np.full(len(names), np.nan), 1))
+    figure = page(BODY_WIDTH, TOP + sum(ROW * len(names) + GAP for _, names, *_ in panels) - GAP + LEFT)
+    write(figure, (LEFT, 48), f"The body of “{name}”", 22, weight="bold")
+    marks = [
+        (Patch(color=PRIOR, alpha=0.5), "likely beforehand: mean, one and two standard deviations"),
+        (Line2D([], [], color=ERROR, marker="o", linewidth=2), "found, one standard deviation"),
+    ]
+    marks += (
+        [(Line2D([], [], color=INK, marker="|", markersize=14, mew=2.4, linestyle="none"), "truth")] if truth else []
+    )
+    figure.legend(
+        *zip(*marks, strict=True), loc="upper left", ncols=3, frameon=False, fontsize=12, labelcolor=SOFT_INK,
+        bbox_to_anchor=((LEFT - 6) / BODY_WIDTH, 1 - 64 / size_of(figure)[1]), borderaxespad=0,
+    )  # fmt: skip
+    top = TOP
+    for title, names, values, true, decimals in panels:
+        _panel(figure, top, title, names, values, true, decimals)
+        top += ROW * len(names) + GAP
+    return figure
+
+
+def _panel(
+    figure: Figure, top: float, title: str, names: tuple[str, ...], values: Array, truth: Array, decimals: int
+) -> None:
+    """Rows below a title: values ``(4, n)`` are prior, its sigma, found and its sigma (NaN: not known)."""
+    prior, prior_sigma, found, sigma = values
+    count, y = len(names), np.arange(len(names))
+    write(figure, (LEFT, top - 16), title, 15, weight="bold")
+    write(figure, (sum(AXIS) / 2, top - 16), "off what was likely", 11, SOFT_INK, ha="center")
+    axes = panel(figure, (AXIS[0], top, AXIS[1], top + ROW * count))
+    axes.barh(y, 4 * prior_sigma, 0.58, -2 * prior_sigma, color=PRIOR, alpha=0.18)
+    axes.barh(y, 2 * prior_sigma, 0.58, -prior_sigma, color=PRIOR, alpha=0.35)
+    axes.axvline(0, color=PRIOR, linewidth=1.6)
+    off = np.nan_to_num(sigma)
+    axes.hlines(y, found - prior - off, found - prior + off, color=ERROR, linewidth=2)
+    axes.plot(found - prior, y, "o", color=ERROR, markersize=8, markeredgecolor="white", label="found")
+    axes.plot(truth - prior, y, "|", color=INK, markersize=16, markeredgewidth=2.4)
+    reach = np.nanmax([2 * prior_sigma, np.abs(found - prior) + off, np.abs(truth - prior)])
+    ticks = MaxNLocator(10, steps=[1, 2, 2.5, 5, 10], symmetric=True).tick_values(-reach, reach)
+    axes.set_xlim(ticks[0], ticks[-1])
+    axes.set_ylim(count - 0.5, -0.5)
+    axes.set_xticks(ticks)
+    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:+g}" if value else "0"))
+    axes.tick_params(axis="x", labelsize=11)
+    axes.set_yticks(y, names)
+    axes.tick_params(axis="y", labelsize=12.5, labelcolor=INK, pad=16)
+    axes.grid(axis="x", color=GRID)
+    columns = (
+        [str(Quantity(value, spread, decimals=decimals)) for value, spread in zip(prior, prior_sigma, strict=True)],
+        [str(Quantity(value, spread, decimals=decimals)) for value, spread in zip(found, sigma, strict=True)],
+        [str(Quantity(value, decimals=decimals)) if np.isfinite(value) else "" for value in truth],
+    )
+    for (x, head), texts, colour in zip(COLUMNS, columns, (SOFT_INK, ERROR, INK), strict=True):
+        if not any(texts):
+            continue
+        write(figure, (x, top - 16), head, 11, SOFT_INK, ha="right")
+        for row, text in enumerate(texts):
+            write(figure, (x, top + ROW * (row + 0.5) + 4), text, 12, colour, ha="right")

@@ -1,9 +1,9 @@
-"""Colours: one per wearer, the same in the image, in the world and in every plot (nobody's is grey), one per sensor."""
+"""Colours: one per wearer, the same in every picture and plot (nobody's is grey), one per sensor, one per side."""
 
 from collections.abc import Sequence
 from colorsys import hls_to_rgb
 
-from vip_factors.body.mannequin import Colour, Side
+from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 
 # Bright enough on a dark video, dark enough on white paper, and apart for the common kinds of colour blindness
 # (after Okabe & Ito's set).
@@ -61,3 +61,18 @@ def body_colours(index: int) -> dict[Side, Colour]:
         Side.LEFT: mixed(colour, (255, 255, 255), 0.35),
         Side.RIGHT: mixed(colour, (0, 0, 0), 0.30),
     }
+
+
+SIDE_COLOURS = {side: hexadecimal(colour) for side, colour in ESTIMATE_COLOURS.items()}
+
+
+def wearer_mark(index: int, wearers: int) -> str:
+    """Colour of a wearer's curves: the trunk's grey where there is one wearer alone."""
+    return SIDE_COLOURS[Side.MIDDLE] if wearers == 1 else hexadecimal(wearer_colour(index))
+
+
+def side_colours(index: int, wearers: int) -> dict[Side, str]:
+    """Colours of a body in the 3D view: by side where there is one wearer alone, else shades of the wearer's own."""
+    if wearers == 1:
+        return SIDE_COLOURS
+    return {side: hexadecimal(colour) for side, colour in body_colours(index).items()}

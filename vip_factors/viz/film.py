@@ -74,6 +74,8 @@ def film_frames(drawn: DrawnScene, seconds: tuple[float, float] | None = None) -
         raise InputError("no motion for a film: give an estimate, or a recording with its truth")
     first, last = min(float(m.time[0]) for m in motions), max(float(m.time[-1]) for m in motions)
     if seconds is not None:
+        if not seconds[0] < seconds[1]:
+            raise InputError(f"film from second {seconds[0]} to {seconds[1]}: expected a later end")
         first, last = max(first, seconds[0]), min(last, seconds[1])
     video = detections.time
     frames = frames_left(camera.video, len(video))

@@ -309,17 +309,12 @@ class LiveRerunSink:
         self._thread = Thread(target=self._draw, name="rerun", daemon=True)
         self._thread.start()
 
-    def write(self, estimate: LiveEstimate) -> None:
-        """Hand over the answer to one frame, or drop it."""
+    def write(self, item: LiveEstimate | VideoFrame) -> None:
+        """Hand over the answer to one frame, or what was seen in a video frame before the answer to it; or drop it."""
         if len(self._items) < QUEUE_ITEMS:
-            self._items.append(estimate)
-        else:
+            self._items.append(item)
+        elif isinstance(item, LiveEstimate):
             self.dropped += 1
-
-    def write_video(self, frame: VideoFrame) -> None:
-        """Hand over what was seen in a video frame, before the answer to it; or drop it."""
-        if len(self._items) < QUEUE_ITEMS:
-            self._items.append(frame)
 
     def findings(self) -> tuple[str, ...]:
         """Sentences about the drawing since the last time."""

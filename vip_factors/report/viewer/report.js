@@ -67,13 +67,6 @@ export function showReport() {
     setPlace(Number(slider.value));
   });
   play.addEventListener("click", () => setPlaying(!playing));
-  for (const button of document.querySelectorAll("button[data-time]")) {
-    button.addEventListener("click", () => {
-      setPlaying(false);
-      setTime(Number(button.dataset.time));
-      find("motion-section").scrollIntoView();
-    });
-  }
   if (world) {
     find("canvas").addEventListener("keydown", (event) => {
       if (event.key === " ") {

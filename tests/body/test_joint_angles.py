@@ -21,7 +21,6 @@ from vip_factors.body.joint_angles import (
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton, calibration_pose, joint_index
 from vip_factors.errors import InputError
-from vip_factors.evaluate.calibration import knee_flexion_of
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.simulate.gestures import gestures
 
@@ -148,7 +147,9 @@ def test_flexions_are_those_that_recordings_are_judged_by() -> None:
     motion = gestures(seconds=2.0)
     found = joint_angles(motion)
     for side in ("left", "right"):
-        assert np.allclose(found.of(f"{side}_knee_flexion"), knee_flexion_of(motion, side), atol=1e-9)
+        thigh, shank = (motion.state.R_world_bone[:, joint_index(f"{side}_{joint}")] for joint in ("hip", "knee"))
+        knee = np.swapaxes(thigh, 1, 2) @ shank  # Rx(flexion) Rz(adduction) Ry(rotation)
+        assert np.allclose(found.of(f"{side}_knee_flexion"), np.rad2deg(np.arctan2(knee[:, 2, 1], knee[:, 1, 1])))
         assert np.allclose(found.of(f"{side}_hip_flexion"), hip_flexion_of(motion, side), atol=1e-9)
 
 

@@ -1,11 +1,9 @@
-"""Errors of the lengths of bodies, and the flexion of knees."""
+"""Errors of the lengths of bodies."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from vip_factors.body.anthropometry import likely_body
 from vip_factors.body.hinges import HingePrior
@@ -13,9 +11,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.model_errors import LENGTH
 from vip_factors.estimate import BodyEstimate, WearerEstimate
-from vip_factors.evaluate.calibration import knee_flexion_deg
 from vip_factors.evaluate.evaluation import evaluate
-from vip_factors.geometry.rotations import exp, rotation_x, rotation_y, rotation_z
 from vip_factors.sensors.recording import Truth
 from vip_factors.simulate.gestures import gestures
 
@@ -53,15 +49,3 @@ def test_without_a_body_that_was_found_there_is_no_honesty(truth: Motion) -> Non
     found = evaluate(replace(with_body(truth, {}), body=None), Truth(truth))
     assert "nees_lengths" not in found.metrics
     assert found["length_error"] == pytest.approx(0.0, abs=1e-9)
-
-
-angles = st.floats(-0.5, 0.5)
-
-
-@given(st.floats(-20, 140), angles, angles, angles)
-def test_flexion_is_found_whatever_the_other_angles_are(
-    flexion: float, adduction: float, turn: float, tilt: float
-) -> None:
-    R_world_thigh = exp([tilt, 1.0, -tilt])
-    R_world_shank = R_world_thigh @ rotation_x(np.deg2rad(flexion)) @ rotation_z(adduction) @ rotation_y(turn)
-    assert knee_flexion_deg(R_world_thigh, R_world_shank) == pytest.approx(flexion, abs=1e-9)

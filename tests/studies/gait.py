@@ -11,14 +11,13 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from tests.studies.marker_body import ARMS, LEGS, SHOULDERS, SIDES, MarkerBody, marker_columns
-from vip_factors.body.joint_angles import R_BODY_ISB
+from vip_factors.body.joint_angles import R_BODY_ISB, joint_angles
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
-from vip_factors.evaluate.calibration import knee_flexion_deg, knee_flexion_of, rmse
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, transpose
 
 OPENSIM_NAMES = {"knee": "knee_angle", "hip": "hip_flexion", "elbow": "elbow_flex"}
 TRIAL = "S02-Trial-Walk-1"
@@ -148,7 +147,8 @@ def opensim_angles(path: Path, begins: float = 0.0, joints: tuple[str, ...] = ("
 
 def gait_of(motion: Motion) -> GaitMotion:
     """Of an estimate."""
-    flexion = {f"{side}_knee": knee_flexion_of(motion, side) for side in SIDES}
+    angles = joint_angles(motion)
+    flexion = {f"{side}_knee": angles.of(f"{side}_knee_flexion") for side in SIDES}
     flexion |= {f"{side}_hip": hip_flexion_of(motion, side) for side in SIDES}
     p = motion.state.p_world_joint
     centres = {name: p[:, joint_index(name)] for name in (*LEGS, *SHOULDERS, *ARMS)}
@@ -315,3 +315,19 @@ def inclination_deg(up: Array, left: Array) -> Array:
     forward = np.stack([left[..., 1], -left[..., 0]], axis=-1)
     forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
     return np.rad2deg(np.arctan2(np.sum(up[..., :2] * forward, axis=-1), up[..., 2]))
+
+
+def knee_flexion_deg(R_world_thigh: Array, R_world_shank: Array) -> Array:
+    """Knee flexion ``(...)`` in degrees, of thigh and shank orientations ``(..., 3, 3)``; 0 is a straight leg.
+
+    Grood & Suntay (1983), J. Biomech. Eng. 105: flexion is about the thigh's mediolateral axis (our x, to the left
+    on both sides), internal rotation about the shank's long axis (our y), adduction about the floating axis between.
+    So ``R_thigh_shank = Rx(flexion) Rz(adduction) Ry(rotation)``, and flexion takes the shank back (+x).
+    """
+    R_thigh_shank = transpose(R_world_thigh) @ R_world_shank
+    return np.rad2deg(np.arctan2(R_thigh_shank[..., 2, 1], R_thigh_shank[..., 1, 1]))
+
+
+def rmse(estimate: Array, truth: Array) -> float:
+    """Root mean square difference, NaN samples left out."""
+    return float(np.sqrt(np.nanmean((np.asarray(estimate) - np.asarray(truth)) ** 2)))

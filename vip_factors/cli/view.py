@@ -8,16 +8,15 @@ import tyro
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.files import Opened, open_all
-from vip_factors.cli.options import RERUN_FILE, Flag, Output, WritingOptions
-from vip_factors.cli.terminal import note, say
+from vip_factors.cli.options import RERUN_FILE, Output, WritingOptions
+from vip_factors.cli.terminal import say
 from vip_factors.errors import InputError
-from vip_factors.ranges import Port
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
     from vip_factors.viz.drawn_scene import DrawnScene
 
-INSTEAD_OF_A_WINDOW = "--serve, --save FILE.rrd or --picture"
+INSTEAD_OF_A_WINDOW = "--save FILE.rrd or --picture"
 
 
 @dataclass(frozen=True)
@@ -32,12 +31,6 @@ class ViewOptions(WritingOptions):
     """Recording or scene, estimate (.mcap), motion (.bvh …): one of each kind at most."""
     save: Annotated[Path | None, RERUN_FILE] = None
     """Write a Rerun file (.rrd) instead of opening the viewer."""
-    serve: Flag = False
-    """Show it in a web browser: serve it until Ctrl-C, and print the address to open."""
-    host: str = "127.0.0.1"
-    """Where --serve listens: this machine alone, or 0.0.0.0 for everybody who can reach it."""
-    port: Port = 9090
-    """Of the page that --serve serves; its data come from the port after it."""
     picture: Annotated[Path | None, Output(".png")] = None
     """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
     compare: Literal["root", "world", "side"] = "root"
@@ -50,11 +43,11 @@ def main(options: ViewOptions) -> None:
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
     targets = (options.save, options.picture)
-    for wanted in targets:
-        if wanted is not None:
-            check_target(wanted, options.overwrite)
+    for target in targets:
+        if target is not None:
+            check_target(target, options.overwrite)
     opened = open_all(options.files)
-    if not options.serve and all(one is None for one in targets):
+    if all(target is None for target in targets):
         check_display(INSTEAD_OF_A_WINDOW)
     if opened.is_scene and opened.motion is not None:
         raise InputError(f"a motion ('{opened.motion.name}') beside a scene: expected the scene's own file for truth")
@@ -66,9 +59,7 @@ def main(options: ViewOptions) -> None:
     if options.save is not None:
         _show(opened, options.save, options)
         say(options.save)
-    if options.serve:
-        _serve(opened, options)
-    elif all(one is None for one in targets):
+    if all(target is None for target in targets):
         _show(opened, None, options)
 
 
@@ -84,18 +75,3 @@ def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
     from vip_factors.viz.rerun_view import show
 
     show(_drawn(opened, options.compare), save, options.overwrite)
-
-
-def _serve(opened: Opened, options: ViewOptions) -> None:
-    from tempfile import TemporaryDirectory
-
-    from vip_factors.viz.viewer import serve
-
-    def print_address(address: str) -> None:
-        say(address)
-        note("serving; open this address in a browser, Ctrl-C ends it")
-
-    with TemporaryDirectory() as folder:
-        rrd = Path(folder) / "view.rrd"
-        _show(opened, rrd, options)
-        serve(rrd, options.host, options.port, print_address)

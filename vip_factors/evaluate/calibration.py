@@ -310,25 +310,3 @@ def length_nees(body: BodyEstimate, truth: Skeleton, lengths: Collection[str] = 
     places = [body.names.index(name) for name in true]
     error = np.array(list(true.values())) - body.posterior[places]
     return nees(error[:, None], body.sigma[places, None, None] ** 2)
-
-
-def knee_flexion_deg(R_world_thigh: Array, R_world_shank: Array) -> Array:
-    """Knee flexion ``(...)`` in degrees, of thigh and shank orientations ``(..., 3, 3)``; 0 is a straight leg.
-
-    Grood & Suntay (1983), J. Biomech. Eng. 105: flexion is about the thigh's mediolateral axis (our x, to the left
-    on both sides), internal rotation about the shank's long axis (our y), adduction about the floating axis between.
-    So ``R_thigh_shank = Rx(flexion) Rz(adduction) Ry(rotation)``, and flexion takes the shank back (+x).
-    """
-    R_thigh_shank = transpose(R_world_thigh) @ R_world_shank
-    return np.rad2deg(np.arctan2(R_thigh_shank[..., 2, 1], R_thigh_shank[..., 1, 1]))
-
-
-def knee_flexion_of(motion: Motion, side: str) -> Array:
-    """Knee flexion ``(T,)`` in degrees of the ``"left"`` or ``"right"`` knee of a motion."""
-    R_world_bone = motion.state.R_world_bone
-    return knee_flexion_deg(R_world_bone[:, joint_index(f"{side}_hip")], R_world_bone[:, joint_index(f"{side}_knee")])
-
-
-def rmse(estimate: Array, truth: Array) -> float:
-    """Root mean square difference, NaN samples left out."""
-    return float(np.sqrt(np.nanmean((np.asarray(estimate) - np.asarray(truth)) ** 2)))

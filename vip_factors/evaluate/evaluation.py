@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 
+from vip_factors.body.joint_angles import joint_angles
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.display import Summarised
@@ -21,10 +22,8 @@ from vip_factors.evaluate.calibration import (
     consistency_metrics,
     error_metrics,
     joint_nees,
-    knee_flexion_of,
     length_table,
     nees,
-    rmse,
     sensor_consistency,
     sensor_table,
     share_sensors,
@@ -238,8 +237,9 @@ def evaluate_motion(estimate: Motion, truth: Motion) -> Evaluation:
 def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[str, Metric]:
     root_cm, root_percent = metrics.root_translation_error(motion, truth)
     legs = [side for side in ("left", "right") if len(compared.orientations((f"{side}_hip", f"{side}_knee"))) == 2]
-    flexion = [[knee_flexion_of(one, side) for one in (motion, truth)] for side in legs]
-    knees = float(np.mean([rmse(*pair) for pair in flexion])) if flexion else float("nan")
+    angles = [joint_angles(motion), joint_angles(truth)]
+    pairs = [[each.of(f"{side}_knee_flexion") for each in angles] for side in legs]
+    flexion = float(np.mean([np.sqrt(np.mean((knee - true) ** 2)) for knee, true in pairs])) if pairs else np.nan
     return {
         "mpjpe": Metric(metrics.mpjpe(motion, truth, compared), "mm"),
         "mpjae": Metric(metrics.mpjae(motion, truth, compared), "deg"),
@@ -253,7 +253,7 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
         "w_mpjpe": Metric(metrics.w_mpjpe(motion, truth, compared), "mm"),
         "wa_mpjpe": Metric(metrics.wa_mpjpe(motion, truth, compared), "mm"),
         "foot_sliding": Metric(metrics.foot_sliding(motion, truth, compared), "mm"),
-        "knee_flexion_rmse": Metric(knees, "deg"),
+        "knee_flexion_rmse": Metric(flexion, "deg"),
     }
 
 

@@ -29,16 +29,14 @@ from vip_factors.viz.drawn_scene import NOBODY, floor_height, set_apart
 from vip_factors.viz.rerun_body import (
     GHOST_COLOURS,
     WORLD,
-    cut_skin,
+    BodyLog,
     log_camera,
     log_camera_poses,
     log_detections,
     log_image_style,
     log_pinhole,
-    log_poses,
     log_projection,
     log_sensors,
-    log_skin,
     people_below,
 )
 from vip_factors.viz.rerun_layout import (
@@ -72,7 +70,7 @@ class LiveBody:
     """One wearer: the newest pose solid in the wearer's colour, the smoothed one, a lag earlier, a dark ghost.
 
     Attributes:
-        newest: entity of the newest pose.
+        newest: the newest pose; a body of which little is known yet is grey.
         shift: ``(3,)`` metres by which the wearer is drawn elsewhere.
     """
 
@@ -81,14 +79,10 @@ class LiveBody:
         self._stream, self._wearer, self._rate = stream, wearer, rate
         self._skeleton, self._colours = wearer.subject.body(), body_colours(index)
         below = f"{WORLD}/{rr.escape_entity_path_part(wearer.subject.name)}"
-        self.newest, self._smoothed = f"{below}/newest", f"{below}/smoothed"
-        self._is_preliminary = False
-        self._log_skin()
-
-    def _log_skin(self) -> None:
-        skin = cut_skin(self._skeleton)
-        log_skin(self._stream, self.newest, skin, GHOST_COLOURS if self._is_preliminary else self._colours)
-        log_skin(self._stream, self._smoothed, skin, GHOST_COLOURS, ghost=True)
+        self.newest, self._smoothed = (
+            BodyLog(stream, f"{below}/newest"),
+            BodyLog(stream, f"{below}/smoothed", ghost=True),
+        )
 
     def motion(self, poses: Sequence[LivePose]) -> Motion:
         """Poses one frame apart, where they are drawn."""
@@ -97,23 +91,18 @@ class LiveBody:
         return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.subject.name)
 
     def log(self, estimates: Sequence[LiveWearerEstimate], is_preliminary: bool) -> Motion:
-        """Log the poses; returns the newest ones. A body of which little is known yet is grey."""
-        body = estimates[-1].skeleton or self._skeleton
-        if is_preliminary != self._is_preliminary or not np.array_equal(
-            body.p_parent_joint, self._skeleton.p_parent_joint
-        ):
-            self._skeleton, self._is_preliminary = body, is_preliminary
-            self._log_skin()
+        """Log the poses; returns the newest ones."""
+        self._skeleton = estimates[-1].skeleton or self._skeleton
         newest = self.motion([estimate.newest for estimate in estimates])
-        log_poses(self._stream, self.newest, newest)
+        self.newest.log(newest, GHOST_COLOURS if is_preliminary else self._colours)
         smoothed = [estimate.smoothed for estimate in estimates if estimate.smoothed is not None]
         if smoothed:
-            log_poses(self._stream, self._smoothed, self.motion(smoothed))
+            self._smoothed.log(self.motion(smoothed), GHOST_COLOURS)
         return newest
 
     def log_sensors(self, estimate: LiveWearerEstimate, colours: Mapping[str, Colour]) -> None:
         """Log the sensors on the bones, as their mountings are believed to be now."""
-        log_sensors(self._stream, self.newest, self._wearer.placement, estimate.calibration, colours)
+        log_sensors(self._stream, self.newest.entity, self._wearer.placement, estimate.calibration, colours)
 
 
 class LiveView:
@@ -231,7 +220,7 @@ class LiveView:
         floor = min(floor_height(motion) for motion in motions)
         camera = self._setup.camera
         images = [("Camera", IMAGE, camera.model)] if camera is not None else []
-        stage = Stage(motions, floor, images, [body.newest for body in self._bodies], apart=self._apart)
+        stage = Stage(motions, floor, images, [body.newest.entity for body in self._bodies], apart=self._apart)
         self._stream.send_blueprint(stage.blueprint(live_panels(PLOTS), live=True))
         self._stream.set_time("time", duration=estimate.time)
         self._log_text()

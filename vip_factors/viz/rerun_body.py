@@ -148,6 +148,29 @@ def log_skin(
         stream.log(f"{entity}/{JOINT_NAMES[bone]}", shape, static=True)
 
 
+class BodyLog:
+    """A body that is logged piece by piece: its skin anew where skeleton or colours change, and the next poses.
+
+    Args:
+        stream: where to.
+        entity: of the body.
+        ghost: see-through, for what another body is compared with.
+    """
+
+    def __init__(self, stream: rr.RecordingStream, entity: str, ghost: bool = False) -> None:
+        self.entity = entity
+        self._stream, self._ghost = stream, ghost
+        self._look: tuple[bytes, Mapping[Side, Colour]] | None = None
+
+    def log(self, motion: Motion, colours: Mapping[Side, Colour]) -> None:
+        """Log poses of a body in its colours."""
+        look = motion.skeleton.p_parent_joint.tobytes(), colours
+        if look != self._look:
+            self._look = look
+            log_skin(self._stream, self.entity, cut_skin(motion.skeleton), colours, ghost=self._ghost)
+        log_poses(self._stream, self.entity, motion)
+
+
 def see_through(entity: str) -> dict[str, rr.Mesh3D]:
     """Overrides for a view in which the body below ``entity`` must not hide what is behind it."""
     glass = rr.Mesh3D.from_fields(albedo_factor=(255, 255, 255, GLASS_ALPHA))

@@ -19,16 +19,14 @@ from vip_factors.viz.rerun_body import (
     FRUSTUM_COLOUR,
     GHOST_COLOURS,
     WORLD,
-    cut_skin,
+    BodyLog,
     log_camera,
     log_detections,
     log_image_style,
     log_name,
     log_pinhole,
-    log_poses,
     log_projection,
     log_sensors,
-    log_skin,
     log_trail,
     log_video,
     people_below,
@@ -144,8 +142,7 @@ def _log_wearer(
         return
     body = _body_of(wearer)
     colours = ESTIMATE_COLOURS if drawn.one_alone else body_colours(wearer.index)
-    log_poses(stream, body, motion)
-    log_skin(stream, body, cut_skin(motion.skeleton), colours)
+    BodyLog(stream, body).log(motion, colours)
     if wearer.rest is None:
         path = np.column_stack([motion.p_world_pelvis[:, :2], np.full(len(motion), floor)])
         log_trail(stream, _below(wearer.name, "path"), path, colours[Side.MIDDLE])
@@ -153,8 +150,7 @@ def _log_wearer(
         log_name(stream, body, wearer.name)
     if wearer.motion is not None and wearer.truth is not None:
         truth, entity = wearer.truth, _below(wearer.name, "truth")
-        log_poses(stream, entity, truth)
-        log_skin(stream, entity, cut_skin(truth.skeleton), GHOST_COLOURS, ghost=drawn.compare is not Compare.SIDE)
+        BodyLog(stream, entity, ghost=drawn.compare is not Compare.SIDE).log(truth, GHOST_COLOURS)
         path = np.column_stack([truth.p_world_pelvis[:, :2], np.full(len(truth), floor)])
         log_trail(stream, _below(wearer.name, "true_path"), path, GHOST_COLOUR)
     if wearer.recording is not None:

@@ -16,7 +16,6 @@ from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import VideoFrame, live_samples
 from vip_factors.sensors.scene import Scene
-from vip_factors.viz import live_rerun
 from vip_factors.viz.live_rerun import LiveRerunSink, LiveView
 from vip_factors.viz.viewer import complete
 
@@ -78,16 +77,6 @@ def test_the_file_is_written_whole(tmp_path: Path) -> None:
     there = printed(tmp_path / "a.rrd")
     assert "/world/bob/smoothed/head" in there
     assert "/world/camera/image/detected/ann/points" in there
-
-
-def test_a_full_queue_drops(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live_rerun, "QUEUE_ITEMS", 3)
-    scene = live_scene(0.1)
-    sink = LiveRerunSink(setup_of(scene), save=tmp_path / "a.rrd")
-    for _ in range(50):
-        sink.write(answer(scene, 0))
-    sink.close()
-    assert sink.dropped >= 40
 
 
 @pytest.mark.parametrize("name", ["a.rrd", "a.partial.rrd"])

@@ -1,12 +1,114 @@
+"""Wearers and scenes in Rerun: what is drawn can be read back from the file."""
+
+import re
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+from films import write_video
 from rerun_files import printed
+from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
-from vip_factors.viz.drawn_scene import Compare, drawn_wearer
+from vip_factors.estimate import Estimate
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.scene import Scene, Video
+from vip_factors.viz.drawn_scene import Compare, drawn_scene, drawn_wearer
 from vip_factors.viz.rerun_view import show
+
+
+@pytest.fixture(scope="module")
+def sample() -> Scene:
+    return scene_sample(0.5)
+
+
+@pytest.fixture(scope="module")
+def found(sample: Scene) -> Estimate:
+    return estimate_of(sample, Injected(yaw=0.8, shift=(1.0, 0.0, 0.2), heading=0.2, camera_m=0.05))
+
+
+def entities(scene: Scene | None, estimate: Estimate | None, rrd: Path) -> set[str]:
+    """The entities of the file, as Rerun's own command line reads them back."""
+    show(drawn_scene(scene, estimate), rrd, overwrite=True)
+    return set(re.findall(r"/(?:world|camera|plots|summary)[^\s`:,]*", printed(rrd)))
+
+
+def test_camera_people_labels_and_curves_are_there(sample: Scene, found: Estimate, tmp_path: Path) -> None:
+    there = entities(sample, found, tmp_path / "a.rrd")
+    for entity in (
+        "/world/camera", "/world/camera/image", "/world/camera_path", "/world/true_camera/image",
+        "/world/ann/estimate/left_knee", "/world/bob/truth/left_knee", "/world/bob/estimate/head/name",
+        "/world/camera/image/body/ann/limbs", "/world/camera/image/detected/ann/points",
+        "/plots/reprojection_px/ann", "/plots/joint_error_mm/bob", "/summary",
+    ):  # fmt: skip
+        assert entity in there, entity
+    assert any("nobody" in entity for entity in there)
+
+
+def test_further_cameras_have_frusta_and_images(sample: Scene, found: Estimate, tmp_path: Path) -> None:
+    standing = scene_sample(0.5, moving=False)
+    second = replace(standing.camera, name="left", known_path=standing.truth.camera, mount=None)
+    truth = replace(sample.truth, further=(standing.truth,))
+    there = entities(replace(sample, further_cameras=(second,), truth=truth), found, tmp_path / "a.rrd")
+    for entity in ("", "/image", "/image/body/ann/limbs"):
+        assert f"/world/cameras/left{entity}" in there, entity
+    assert any(re.fullmatch(r"/world/cameras/left/image/detected/nobody.*/points", one) for one in there)
+
+
+def test_every_part_may_be_missing(sample: Scene, found: Estimate, tmp_path: Path) -> None:
+    rrd = tmp_path / "a.rrd"
+    alone = entities(None, found, rrd)
+    assert "/world/camera" in alone
+    assert not any("detected" in entity for entity in alone)
+    true = entities(sample, None, rrd)
+    assert "/world/ann/truth/pelvis" in true
+    assert "/world/camera/image/detected/ann/points" in true  # the true labels colour them
+    blind = replace(sample, camera=None, truth=None)
+    inertial = entities(blind, replace(found, camera=None, wearer_of_detection=np.zeros(0, int)), rrd)
+    assert "/world/ann/estimate/pelvis" in inertial
+    assert "/world/camera" not in inertial
+    nameless = replace(sample, truth=None, wearers=tuple(replace(one, truth=None) for one in sample.wearers))
+    unknown = entities(nameless, None, rrd)
+    assert not any(entity.startswith("/world/ann/") for entity in unknown)
+    assert any("nobody" in entity for entity in unknown)
+
+
+def test_nothing_to_show_is_said(sample: Scene, found: Estimate, tmp_path: Path) -> None:
+    empty = replace(sample, camera=None, truth=None, wearers=(replace(sample.wearers[0], truth=None),))
+    with pytest.raises(InputError, match="nothing to show"):
+        show(drawn_scene(empty, None), tmp_path / "a.rrd")
+    with pytest.raises(InputError, match="nothing to show"):
+        show(drawn_scene(None, None), tmp_path / "a.rrd")
+    with pytest.raises(InputError, match="1 wearers for a scene of 2"):
+        show(drawn_scene(sample, replace(found, wearers=found.wearers[:1])), tmp_path / "a.rrd")
+    assert not list(tmp_path.iterdir())
+
+
+def test_pictures_come_from_images_or_a_video_file(sample: Scene, tmp_path: Path) -> None:
+    grey = np.full((72, 128, 3), 120, np.uint8)
+    blob = cv2.imencode(".jpg", grey)[1].tobytes()
+    embedded = replace(sample.camera, video=Video(None, {0: blob, 3: blob, 999: blob}))
+    show(drawn_scene(replace(sample, camera=embedded), None), tmp_path / "images.rrd")
+    filed = replace(sample.camera, video=Video(write_video(tmp_path / "v.avi", [grey] * 5)))
+    show(drawn_scene(replace(sample, camera=filed), None), tmp_path / "file.rrd")
+    gone = replace(sample.camera, video=Video(tmp_path / "gone.mp4"))
+    show(drawn_scene(replace(sample, camera=gone), None), tmp_path / "gone.rrd")
+    pictures = {}
+    for name in ("gone.rrd", "images.rrd", "file.rrd"):
+        pictures[name] = printed(tmp_path / name, "-vv").count("EncodedImage:blob")
+    assert pictures["gone.rrd"] == 0
+    assert min(pictures["images.rrd"], pictures["file.rrd"]) > 0
+
+
+def test_a_camera_without_frames_is_nothing_to_show(sample: Scene, tmp_path: Path) -> None:
+    seen = sample.camera.detections
+    none = Detections(seen.keypoints, np.zeros(0), np.zeros(0, int), seen.pixels[:0], seen.confidence[:0])
+    wearers = tuple(replace(one, truth=None) for one in sample.wearers)
+    blind = replace(sample, wearers=wearers, camera=replace(sample.camera, detections=none), truth=None)
+    with pytest.raises(InputError, match="nothing to show"):
+        show(drawn_scene(blind, None), tmp_path / "a.rrd")
 
 
 def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> None:

@@ -80,12 +80,6 @@ def calibration_error(estimate: Calibration, truth: Calibration, gauge: float | 
     )
 
 
-def mean_and_95th(errors_rad: Array) -> tuple[float, float]:
-    """Mean and 95th percentile in degrees of errors in radians."""
-    degrees = np.rad2deg(errors_rad)
-    return float(degrees.mean()), float(np.quantile(degrees, 0.95))
-
-
 def nees(error: Array, covariance: Array) -> Array:
     """``eᵀ P⁻¹ e / d`` of errors ``(..., d)`` under ``(..., d, d)``; NaN where the covariance is not positive."""
     shape, d = error.shape[:-1], error.shape[-1]
@@ -161,8 +155,9 @@ def error_metrics(errors: list[CalibrationError]) -> dict[str, Metric]:
         ("heading_error", np.concatenate([error.heading_magnitude for error in errors])),
         ("mounting_error", np.concatenate([error.mounting_magnitude for error in errors])),
     ):
-        mean, high = mean_and_95th(values)
-        table |= {name: Metric(mean, "deg"), f"{name}_95th": Metric(high, "deg")}
+        degrees = np.rad2deg(values)
+        table[name] = Metric(float(degrees.mean()), "deg")
+        table[f"{name}_95th"] = Metric(float(np.quantile(degrees, 0.95)), "deg")
     return table
 
 
@@ -181,28 +176,6 @@ def consistency_metrics(name: str, values: Array) -> dict[str, Metric]:
     """Mean of those NEES values that are known; empty if none is."""
     known = values[np.isfinite(values)]
     return {f"nees_{name}": Metric(float(known.mean()), "")} if len(known) else {}
-
-
-@dataclass(frozen=True)
-class CameraError:
-    """Errors of a camera path in the true world, at ``time`` ``(T,)`` seconds.
-
-    ``tangent`` ``(T, 6)``: ``T_true = T_estimated Exp(e)`` to first order: rotation (rad), then translation (m), both
-    in the estimated camera's axes.
-    """
-
-    time: Array
-    tangent: Array
-
-    @property
-    def rotation(self) -> Array:
-        """Geodesic angles ``(T,)`` off the truth, radians."""
-        return np.linalg.norm(self.tangent[:, :3], axis=1)
-
-    @property
-    def translation(self) -> Array:
-        """Distances ``(T,)`` from the truth, metres."""
-        return np.linalg.norm(self.tangent[:, 3:], axis=1)
 
 
 def common_instants(estimate: CameraPath, truth: CameraPath) -> tuple[CameraPath, CameraPath, np.ndarray]:
@@ -233,20 +206,25 @@ def _spacing(path: CameraPath) -> float:
     return float(np.median(np.diff(path.time))) if len(path) > 1 else -1.0
 
 
-def camera_error(pair: PathPair, gauge: Alignment) -> CameraError:
-    """Errors of an estimated path, moved into the true world by the gauge, against the true one."""
+def camera_error(pair: PathPair, gauge: Alignment) -> Array:
+    """Errors ``(T, 6)`` of an estimated path, moved into the true world by the gauge, against the true one.
+
+    ``T_true = T_estimated Exp(e)`` to first order: rotation (rad), then translation (m), both in the estimated camera's
+    axes.
+    """
     moved, truth = move_path(pair[0], gauge), pair[1]
     R_camera_world = transpose(moved.R_world_camera)
     rotation = log(R_camera_world @ truth.R_world_camera)
     translation = np.einsum("tij,tj->ti", R_camera_world, truth.p_world_camera - moved.p_world_camera)
-    return CameraError(moved.time, np.concatenate([rotation, translation], axis=1))
+    return np.concatenate([rotation, translation], axis=1)
 
 
-def camera_metrics(error: CameraError) -> dict[str, Metric]:
-    """Means of translation and rotation."""
+def camera_metrics(error: Array) -> dict[str, Metric]:
+    """Mean distance and mean geodesic angle of errors ``(T, 6)``."""
+    rotation, translation = (np.linalg.norm(part, axis=1).mean() for part in (error[:, :3], error[:, 3:]))
     return {
-        "camera_translation": Metric(float(error.translation.mean()), "m"),
-        "camera_rotation": Metric(float(np.rad2deg(error.rotation).mean()), "deg"),
+        "camera_translation": Metric(float(translation), "m"),
+        "camera_rotation": Metric(float(np.rad2deg(rotation)), "deg"),
     }
 
 

@@ -170,13 +170,8 @@ def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
     return [f"{name:<12} {text}" for name, text in lines.items()]
 
 
-def evaluate(estimate: WearerEstimate, truth: Truth, gauge: float | None = None) -> Evaluation:
-    """Every metric that the truth allows.
-
-    Args:
-        estimate, truth: of one wearer.
-        gauge: radians by which the estimate's world is known to be turned against the true one (that of a whole
-            scene); if None, the mean heading error is taken for it.
+def evaluate(estimate: WearerEstimate, truth: Truth) -> Evaluation:
+    """Every metric of one wearer that the truth allows.
 
     Raises:
         InputError: if the two share no frame.
@@ -184,10 +179,11 @@ def evaluate(estimate: WearerEstimate, truth: Truth, gauge: float | None = None)
     Warns:
         EvaluationWarning: if both carry a calibration but share no sensor: headings and mountings are left out.
     """
-    return _evaluate(estimate, truth, compare_motion(estimate.motion, truth), gauge)
+    return _evaluate(estimate, truth, compare_motion(estimate.motion, truth), None)
 
 
 def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, gauge: float | None) -> Evaluation:
+    """``gauge``: radians by which the scene is turned against the true one; None: the mean heading error."""
     motion, reference, compared = comparison.motion, comparison.truth, comparison.compared
     table = _motion_metrics(motion, reference, compared) | {
         "jitter": Metric(metrics.jitter(motion), "m/s³"),
@@ -358,7 +354,7 @@ def _honesty(estimate: Estimate, scene: Scene, comparison: SceneComparison) -> d
         if anchor is not None:
             pair = comparison.wearers[anchor[0]].pair
             gauge = anchored_gauge(pair, pairs[anchor[0]][0].heading[anchor[1]])
-        tangent = camera_error(comparison.camera, gauge).tangent
+        tangent = camera_error(comparison.camera, gauge)
         table |= consistency_metrics("camera", nees(tangent, estimate.camera.covariance[comparison.instants]))
     return table
 

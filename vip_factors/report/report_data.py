@@ -49,7 +49,12 @@ class ReportData:
         """In the scene's order."""
         recordings = self.scene.wearers if self.scene is not None else (None,) * len(self.estimate.wearers)
         return tuple(
-            ReportWearer(index, _name(index, estimate, recording), estimate, recording)
+            ReportWearer(
+                index,
+                recording.subject.name if recording is not None else estimate.motion.name or f"wearer {index + 1}",
+                estimate,
+                recording,
+            )
             for index, (estimate, recording) in enumerate(zip(self.estimate.wearers, recordings, strict=True))
         )
 
@@ -67,12 +72,6 @@ class ReportData:
     def has_truth(self) -> bool:
         """Whether there is something to compare with."""
         return self.scene is not None and any(wearer.truth is not None for wearer in self.scene.wearers)
-
-
-def _name(index: int, estimate: WearerEstimate, recording: Recording | None) -> str:
-    if recording is not None:
-        return recording.subject.name
-    return estimate.motion.name or f"wearer {index + 1}"
 
 
 def report_data(estimate: Estimate, scene: Scene | None = None, truth: Scene | None = None) -> ReportData:
@@ -110,28 +109,15 @@ def report_data(estimate: Estimate, scene: Scene | None = None, truth: Scene | N
     return ReportData(estimate, replace(scene, wearers=wearers, truth=truth.truth if same else None))
 
 
-@dataclass(frozen=True)
-class _Body:
-    """A body to draw: name and index of its wearer, motion, whether it is the truth, a ghost, and the wearer whose
-    sensors are drawn on it, if any.
-    """
-
-    name: str
-    index: int
-    motion: Motion
-    is_ghost: bool
-    wearer: DrawnWearer | None = None
-
-
 def motion_data(data: ReportData) -> dict[str, object]:
     """What the script gets as JSON; see ``viewer/viewer.js``."""
     bodies = list(_bodies(data))
-    estimated = [body.motion for body in bodies if not body.is_ghost]
-    start = min(float(body.motion.time[0]) for body in bodies)
-    end = max(float(body.motion.time[-1]) for body in bodies)
+    motions, estimated = [motion for _, motion, _ in bodies], [motion for _, motion, is_ghost in bodies if not is_ghost]
+    start = min(float(motion.time[0]) for motion in motions)
+    end = max(float(motion.time[-1]) for motion in motions)
     fastest = 30.0  # Hz, as films: faster is not seen, and would double the file
     most_poses = 9000  # 2.4 MB: five minutes of one wearer; longer motions are shown at a lower rate
-    rate = min(fastest, max(body.motion.rate for body in bodies))
+    rate = min(fastest, max(motion.rate for motion in motions))
     frames = int((end - start) * rate + 1e-6) + 1
     most = max(2, most_poses // len(bodies))
     if frames > most:
@@ -140,7 +126,7 @@ def motion_data(data: ReportData) -> dict[str, object]:
     places = np.concatenate([_at(motion, time)[1] for motion in estimated])
     low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
     skins: list[Skeleton] = []
-    numbers = [_number(body.motion.skeleton, skins) for body in bodies]
+    numbers = [_number(motion.skeleton, skins) for motion in motions]
     return {
         "start": start,
         "rate": rate,
@@ -150,29 +136,34 @@ def motion_data(data: ReportData) -> dict[str, object]:
         "centre": [round(float(place), 3) for place in (low + high) / 2],
         "extent": round(float((high - low).max()), 3),
         "bodies": [
-            body_data(body.name, body.motion.skeleton, (body.index, len(data.wearers)), body.is_ghost)
-            | poses_data(*_at(body.motion, time))
-            | {"mesh": number, "sensors": _sensors(body.wearer)}
-            for body, number in zip(bodies, numbers, strict=True)
+            body_data(
+                f"{wearer.name}, truth" if is_ghost else wearer.name,
+                motion.skeleton,
+                (wearer.index, len(data.wearers)),
+                is_ghost,
+            )
+            | poses_data(*_at(motion, time))
+            | {"mesh": number, "sensors": [] if is_ghost else _sensors(wearer)}
+            for (wearer, motion, is_ghost), number in zip(bodies, numbers, strict=True)
         ],
         "meshes": [mesh_data(skeleton) for skeleton in skins],
         "camera": _camera(data, time),
     }
 
 
-def _bodies(data: ReportData) -> Iterator[_Body]:
-    """The estimated bodies, and the truth as ghosts."""
+def _bodies(data: ReportData) -> Iterator[tuple[DrawnWearer, Motion, bool]]:
+    """The bodies to draw, with their motions: the estimated ones, and the truth as ghosts."""
     for wearer in data.drawn.wearers:
         if wearer.shown is not None:
-            yield _Body(wearer.name, wearer.index, wearer.shown, False, wearer)
+            yield wearer, wearer.shown, False
         if wearer.motion is not None and wearer.truth is not None:
-            yield _Body(f"{wearer.name}, truth", wearer.index, wearer.truth, True)
+            yield wearer, wearer.truth, True
 
 
-def _sensors(wearer: DrawnWearer | None) -> list[dict[str, object]]:
+def _sensors(wearer: DrawnWearer) -> list[dict[str, object]]:
     """Where a wearer's sensors sit: as calibrated, else as placed roughly."""
     sensors: list[dict[str, object]] = []
-    if wearer is None or wearer.recording is None:
+    if wearer.recording is None:
         return sensors
     calibration = wearer.estimate.calibration if wearer.estimate is not None else {}
     for site in wearer.recording.placement.sites:

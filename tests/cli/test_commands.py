@@ -41,7 +41,6 @@ def test_evaluate_prints_a_table_and_writes_json(run, files, tmp_path: Path) -> 
 def test_view_writes_what_is_asked(run, files, tmp_path: Path) -> None:
     told = run(
         "view", files.recording, files.estimate, "--save", tmp_path / "a.rrd", "--picture", tmp_path / "a.png",
-        "--compare", "side",
     )  # fmt: skip
     assert told.code == 0, told.err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.png", "a.rrd"]

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
@@ -33,9 +33,6 @@ class ViewOptions(WritingOptions):
     """Write a Rerun file (.rrd) instead of opening the viewer."""
     picture: Annotated[Path | None, Output(".png")] = None
     """Write a filmstrip (.png): poses in a row, of a scene frames of its video; needs nothing."""
-    compare: Literal["root", "world", "side"] = "root"
-    """Where to draw the estimate beside the truth: on the true root path, in the true world, or to the side. Scenes
-    are always drawn in the true world."""
 
 
 def main(options: ViewOptions) -> None:
@@ -63,15 +60,15 @@ def main(options: ViewOptions) -> None:
         _show(opened, None, options)
 
 
-def _drawn(opened: Opened, compare: str = "root") -> "DrawnScene":
-    from vip_factors.viz.drawn_scene import Compare, drawn_scene, drawn_wearer
+def _drawn(opened: Opened) -> "DrawnScene":
+    from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
 
     if opened.is_scene:
         return drawn_scene(opened.scene, opened.estimate)
-    return drawn_wearer(opened.recording, opened.wearer_estimate, opened.motion, Compare(compare))
+    return drawn_wearer(opened.recording, opened.wearer_estimate, opened.motion)
 
 
 def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
     from vip_factors.viz.rerun_view import show
 
-    show(_drawn(opened, options.compare), save, options.overwrite)
+    show(_drawn(opened), save, options.overwrite)

@@ -8,7 +8,7 @@ import json
 import math
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
@@ -30,7 +30,7 @@ from vip_factors.gait import files as gait_files
 from vip_factors.io.live_json import VERSION
 from vip_factors.io.video import with_video
 from vip_factors.repetitions.files import repetition_table
-from vip_factors.repetitions.repetitions import repetitions_of
+from vip_factors.repetitions.repetitions import all_repetitions
 from vip_factors.report import sections
 from vip_factors.report.report_data import (
     ReportData,
@@ -187,7 +187,9 @@ def report_page(data: ReportData, progress: ProgressCallback | None = None, film
     makers: dict[str, Callable[[], object]] = {
         "angles": lambda: [sections.angle_section(wearer) for wearer in wearers],
         "gait": lambda: [sections.gait_section(wearer, with_camera) for wearer in wearers],
-        "repetitions": lambda: [repetition_table(repetitions_of(wearer.estimate)) for wearer in wearers],
+        "repetitions": lambda: [
+            replace(repetition_table(exercises), title=exercises.counts) for exercises in all_repetitions(data.estimate)
+        ],
         "fit_charts": lambda: sections.fit_charts(data),
         "truth": lambda: sections.truth_table(data),
         "truth_charts": lambda: sections.truth_charts(data),

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
@@ -19,22 +18,8 @@ from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene, Video
 
 NOBODY = -1
-SIDE_BY_SIDE_M = 1.2  # between pelvises: walkers do not touch, and both stay in one view
 APART_M = 1.4  # between pelvises at least: arms held out may touch, bodies do not
 APART = "The wearers are set apart: without a camera, where they stood beside each other is unknown."
-
-
-class Compare(StrEnum):
-    """Where to draw an estimate for which the truth is known. Its own world differs by a turn about the vertical.
-
-    ``ROOT``: turned once, and its pelvis put on the true path in every frame: only the pose differs.
-    ``WORLD``: turned and shifted once: drift of the root path shows.
-    ``SIDE``: as ``ROOT``, stepped aside.
-    """
-
-    ROOT = "root"
-    WORLD = "world"
-    SIDE = "side"
 
 
 @dataclass(frozen=True)
@@ -114,7 +99,6 @@ class DrawnScene:
         cameras: the first one as estimated; nobody knows who is who in the detections of the others.
         estimate: None if there is none, or of one wearer alone.
         apart: whether the wearers were moved apart, because their places beside each other are unknown.
-        compare: how an estimate of one wearer was brought beside the truth; None for scenes.
     """
 
     name: str
@@ -122,7 +106,6 @@ class DrawnScene:
     cameras: tuple[DrawnCamera, ...] = ()
     estimate: Estimate | None = None
     apart: bool = False
-    compare: Compare | None = None
 
     @property
     def camera(self) -> DrawnCamera | None:
@@ -157,15 +140,13 @@ def drawn_wearer(
     recording: Recording | None,
     estimate: WearerEstimate | None,
     truth: Motion | None = None,
-    compare: Compare = Compare.ROOT,
 ) -> DrawnScene:
     """One wearer without a camera as a scene.
 
     Args:
         recording: its truth is used if ``truth`` is None; without any motion the wearer stands in the T-pose.
-        estimate: brought beside the truth.
+        estimate: turned about the vertical once, and drawn on the true root path: only the pose differs.
         truth: of the wearer.
-        compare: where the estimate is drawn beside the truth.
 
     Raises:
         InputError: if none is given, the estimate has no frames, or estimate and truth have no time in common.
@@ -176,7 +157,7 @@ def drawn_wearer(
         comparison = compare_motion(estimate.motion, known)
     wearer = _wearer(0, recording, estimate, comparison, known)
     if wearer.motion is not None and wearer.truth is not None:
-        wearer = replace(wearer, motion=onto_truth(wearer.motion, wearer.truth, compare))
+        wearer = replace(wearer, motion=onto_truth(wearer.motion, wearer.truth))
     elif wearer.shown is None:
         if recording is None:
             raise InputError("nothing to show: expected a recording, an estimate or a motion")
@@ -186,7 +167,7 @@ def drawn_wearer(
     if recording is None:
         wearer = replace(wearer, name=shown.name or "wearer")
     name = estimate.name if estimate is not None else recording.name if recording is not None else shown.name
-    return DrawnScene(name, (wearer,), compare=compare)
+    return DrawnScene(name, (wearer,))
 
 
 def _resting(recording: Recording) -> Motion:
@@ -311,21 +292,12 @@ def check_frames(motion: Motion) -> Motion:
     return motion
 
 
-def onto_truth(estimate: Motion, truth: Motion, compare: Compare) -> Motion:
-    """The estimate drawn in the truth's world (both at the same frames)."""
-    p_estimate, p_truth = estimate.state.p_world_joint, truth.state.p_world_joint
-    if compare is Compare.WORLD:
-        return move_motion(estimate, align_yaw(p_estimate.reshape(-1, 3), p_truth.reshape(-1, 3)))
-    gauge = align_yaw(*((p - p[:, :1]).reshape(-1, 3) for p in (p_estimate, p_truth)))
-    root = truth.p_world_pelvis + (_aside(truth) if compare is Compare.SIDE else 0.0)
-    return replace(move_motion(estimate, gauge), p_world_pelvis=root)
-
-
-def _aside(motion: Motion) -> Array:
-    """A horizontal step across the direction in which the path extends least."""
-    path = motion.p_world_pelvis[:, :2]
-    across = np.linalg.eigh(np.cov(path.T))[1][:, 0] if len(path) > 1 else np.array([0.0, 1.0])
-    return SIDE_BY_SIDE_M * np.append(across, 0.0)
+def onto_truth(estimate: Motion, truth: Motion) -> Motion:
+    """The estimate turned about the vertical once, and its pelvis on the true path (both at the same frames)."""
+    gauge = align_yaw(
+        *((p - p[:, :1]).reshape(-1, 3) for p in (estimate.state.p_world_joint, truth.state.p_world_joint))
+    )
+    return replace(move_motion(estimate, gauge), p_world_pelvis=truth.p_world_pelvis)
 
 
 def floor_height(motion: Motion) -> float:

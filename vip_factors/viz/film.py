@@ -51,25 +51,7 @@ def film(
     """
     check_film(path)
     camera, detections, _ = drawn.filmed()
-    frames, rate = film_frames(drawn, seconds)
-    size = 2 * round(height * camera.model.width / camera.model.height / 2), height // 2 * 2  # H.264 takes even ones
-    with film_file(path, rate, overwrite) as add:
-        for index, picture in enumerate(overlaid_frames(drawn, frames, size)):
-            add(picture)
-            on_progress("drawing the film", (index + 1) / len(frames))
-    return detections.time[frames], rate
-
-
-def film_frames(drawn: DrawnScene, seconds: tuple[float, float] | None = None) -> tuple[np.ndarray, float]:
-    """Indices ``(T,)`` of the video frames that a film shows, and pictures per second.
-
-    Where images of some frames alone are left of the video, those are the frames.
-
-    Raises:
-        InputError: if there is no motion, or nothing is left of the time.
-    """
     motions = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
-    camera, detections, _ = drawn.filmed()
     if not motions:
         raise InputError("no motion for a film: give an estimate, or a recording with its truth")
     first, last = min(float(m.time[0]) for m in motions), max(float(m.time[-1]) for m in motions)
@@ -77,15 +59,19 @@ def film_frames(drawn: DrawnScene, seconds: tuple[float, float] | None = None) -
         if not seconds[0] < seconds[1]:
             raise InputError(f"film from second {seconds[0]} to {seconds[1]}: expected a later end")
         first, last = max(first, seconds[0]), min(last, seconds[1])
-    video = detections.time
-    frames = frames_left(camera.video, len(video))
-    span = float(video[frames[-1]] - video[frames[0]])
+    time, frames = detections.time, frames_left(camera.video, len(detections.time))
+    span = float(time[frames[-1]] - time[frames[0]])
     rate = (len(frames) - 1) / span if span > 0 else FASTEST_HZ
     step = max(1, int(np.ceil(rate / FASTEST_HZ - 0.01)))
-    frames = frames[(video[frames] >= first - 1e-6) & (video[frames] <= last + 1e-6)][::step]
+    frames, rate = frames[(time[frames] >= first - 1e-6) & (time[frames] <= last + 1e-6)][::step], rate / step
     if not len(frames):
         raise InputError(f"nothing to film between {first:.2f} and {last:.2f} s: expected seconds of the recording")
-    return frames, rate / step
+    size = 2 * round(height * camera.model.width / camera.model.height / 2), height // 2 * 2  # H.264 takes even ones
+    with film_file(path, rate, overwrite) as add:
+        for index, picture in enumerate(overlaid_frames(drawn, frames, size)):
+            add(picture)
+            on_progress("drawing the film", (index + 1) / len(frames))
+    return time[frames], rate
 
 
 def check_film(path: Path) -> None:

@@ -20,7 +20,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.tables import Quantity, Row, Table, facts, markdown, plain
 from vip_factors.viz.colours import colour_name, sensor_colours, wearer_colour
-from vip_factors.viz.drawn_scene import APART, Compare, DrawnScene, DrawnWearer
+from vip_factors.viz.drawn_scene import APART, DrawnScene, DrawnWearer
 from vip_factors.viz.rerun_body import WORLD, see_through, time_column
 
 
@@ -308,11 +308,6 @@ def _panels(plots: Sequence[rrb.View | rrb.Container]) -> rrb.Vertical:
 
 KEPT = 40  # findings of a stream that are shown: an hour's list would be sent again with each
 LIMBS = "left limbs are lighter, right ones darker"
-_PLACED = {
-    Compare.ROOT: "turned about the vertical once, drawn on the true root path",
-    Compare.WORLD: "turned about the vertical and shifted once",
-    Compare.SIDE: "turned about the vertical once, stepped aside",
-}
 
 
 def scene_summary(drawn: DrawnScene) -> str:
@@ -358,7 +353,8 @@ def _colour_lines(drawn: DrawnScene) -> list[str]:
     if drawn.one_alone:
         lines = ["- **Orange** is the wearer's left, **blue** the right."]
     if any(wearer.motion is not None and wearer.truth is not None for wearer in drawn.wearers):
-        lines += [f"- In colour: the estimate, {_PLACED[drawn.compare]}."] if drawn.compare is not None else []
+        placed = "- In colour: the estimate, turned about the vertical once, drawn on the true root path."
+        lines += [placed] if drawn.one_alone else []
         lines.append("- See-through and grey: the truth.")
     return _legend(lines, drawn.camera is not None, drawn.apart)
 

@@ -14,7 +14,7 @@ from vip_factors.body.mannequin import ESTIMATE_COLOURS, Colour, Side
 from vip_factors.errors import InputError
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.viz.colours import GHOST_COLOUR, body_colours
-from vip_factors.viz.drawn_scene import Compare, DrawnCamera, DrawnScene, DrawnWearer, floor_height
+from vip_factors.viz.drawn_scene import DrawnCamera, DrawnScene, DrawnWearer, floor_height
 from vip_factors.viz.rerun_body import (
     FRUSTUM_COLOUR,
     GHOST_COLOURS,
@@ -94,8 +94,6 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
     text = rr.TextDocument(scene_summary(drawn), media_type=rr.MediaType.MARKDOWN)
     stream.log(SUMMARY, text, static=True)
     standing = [body for wearer in drawn.wearers if (body := wearer.shown or wearer.rest) is not None]
-    if drawn.compare is Compare.SIDE:
-        standing += [wearer.truth for wearer in drawn.wearers if wearer.motion is not None and wearer.truth is not None]
     has_video = drawn.camera is not None and drawn.camera.video is not None
     seen_through = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None and not has_video]
     stage = Stage(standing, floor, images, seen_through, bool(shown), _towards_camera(drawn), drawn.apart)
@@ -150,7 +148,7 @@ def _log_wearer(
         log_name(stream, body, wearer.name)
     if wearer.motion is not None and wearer.truth is not None:
         truth, entity = wearer.truth, _below(wearer.name, "truth")
-        BodyLog(stream, entity, ghost=drawn.compare is not Compare.SIDE).log(truth, GHOST_COLOURS)
+        BodyLog(stream, entity, ghost=True).log(truth, GHOST_COLOURS)
         path = np.column_stack([truth.p_world_pelvis[:, :2], np.full(len(truth), floor)])
         log_trail(stream, _below(wearer.name, "true_path"), path, GHOST_COLOUR)
     if wearer.recording is not None:

@@ -63,7 +63,7 @@ FUNCTIONS = {
     "read_estimate": "path",
     "read_motion": "path",
     "repetitions": "estimate out overwrite",
-    "report": "estimate path recording truth settings overwrite video",
+    "report": "estimate path recording truth overwrite video video_height video_seconds",
     "run": "options progress",
     "serve": "worn port host token",
     "simulate": "motion placement camera seconds seed settings initial_pose pose_error_deg bystanders names name",

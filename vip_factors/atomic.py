@@ -48,9 +48,6 @@ def atomic_open(path: str | os.PathLike[str], mode: str = "w", overwrite: bool =
     """An open file as of ``open(path, mode)``, which appears under its name only once it is whole.
 
     Text is UTF-8 with plain newlines on every system. Other arguments and errors as :func:`atomic_path`.
-
-    Raises:
-        InputError: also for a mode that does not write a file from its start.
     """
     if mode not in ("w", "wb"):
         raise InputError(f"mode '{mode}': expected 'w' or 'wb'; an atomic file is always written from its start")
@@ -119,11 +116,7 @@ def check_partial(path: Path, overwrite: bool) -> Path:
 
 @contextmanager
 def partial_file(path: Path, overwrite: bool) -> Iterator[Path]:
-    """The path to write to; it becomes ``path`` when the block ends, and stays what it is after an exception.
-
-    Raises:
-        InputError: as :func:`check_partial`.
-    """
+    """The path to write to; it becomes ``path`` when the block ends, and stays what it is after an exception."""
     partial = check_partial(path, overwrite)
     yield partial
     os.replace(partial, path)

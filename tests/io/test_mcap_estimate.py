@@ -19,10 +19,11 @@ from vip_factors.describe.estimates import estimate_tables
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstimate
 from vip_factors.findings import Finding, bare
-from vip_factors.io.mcap_estimate import read_estimate, write_estimate
+from vip_factors.io.mcap_estimate import CAMERA_INFO, read_estimate, write_estimate
 from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene, write_recording
+from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo
 
 
 def example(T: int = 60) -> WearerEstimate:
@@ -178,10 +179,11 @@ def test_of_a_cut_estimate_of_a_scene_the_first_frames_are_read(tmp_path: Path, 
     assert np.isnan(read.camera.residual_px[frames + 1 :]).all()
 
 
-def test_more_reprojection_errors_than_there_can_be_are_not_made_room_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_estimate(sample(), tmp_path / "e.mcap")
-    monkeypatch.setattr("vip_factors.io.mcap_frames.MOST_RESIDUALS", 3)
+def test_more_reprojection_errors_than_there_can_be_are_not_made_room_for(tmp_path: Path) -> None:
+    write_estimate(sample(), tmp_path / "whole.mcap")
+    with (tmp_path / "e.mcap").open("wb") as file, MessageWriter(file) as writer:
+        copy_messages(tmp_path / "whole.mcap", writer._writer)
+        info = CameraEstimateInfo(name="phone", has_residuals=True, wearers=2, residual_frames=10**9)
+        writer.write(CAMERA_INFO, info, 0)
     with pytest.raises(FileFormatError, match=r"e\.mcap: tells of reprojection errors in \d+ frames of \d wearers"):
         read_estimate(tmp_path / "e.mcap")

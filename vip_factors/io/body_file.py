@@ -39,16 +39,12 @@ from vip_factors.body.lengths import LENGTHS, STRETCHED, lengths_of, stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import InputError, nearest
 from vip_factors.estimate import WearerEstimate
+from vip_factors.geometry.rotations import Array
 from vip_factors.io.placement_file import PlacementFile
-from vip_factors.io.typed_files import Number, Vector, correlation_matrix, read_toml, toml_text
+from vip_factors.io.typed_files import Number, Vector, check_keys, correlation_matrix, read_toml, toml_text
 from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
-
-SAME_LENGTH = 0.002  # m: the table of lengths is for people, and rounded
-SYMMETRIC = 0.002  # m
-LONGEST_BONE = 1.2  # m
-LEAST_COSINE = 0.5  # between an axis and the usual one: no joint turns about another, and tilts are small
 
 
 @dataclass(frozen=True)
@@ -71,11 +67,7 @@ class BodyFile:
 
 
 def body_of_estimate(estimate: WearerEstimate, source: str) -> BodyFile:
-    """The body that an estimate found; ``source`` names where the estimate is from.
-
-    Raises:
-        InputError: if none was found, or it is not determined.
-    """
+    """The body that an estimate found; ``source`` names where the estimate is from."""
     body, who = estimate.body, estimate.motion.name
     if body is None or not body.names:
         raise InputError(
@@ -94,12 +86,8 @@ def body_of_estimate(estimate: WearerEstimate, source: str) -> BodyFile:
 
 
 def write_body_file(path: str | Path, body: BodyFile, overwrite: bool = False) -> None:
-    """Write a body file, whole or not at all: millimetres and degrees to four decimals, joints to the bit.
-
-    Raises:
-        InputError: if the file exists, or its folder is missing or read-only.
-    """
-    skeleton, sigmas = body.skeleton, np.sqrt(np.diag(body.lengths.covariance))
+    """Write a body file, whole or not at all: millimetres and degrees to four decimals, joints to the bit."""
+    skeleton, (sigmas, correlations) = body.skeleton, _correlations(body.lengths.covariance)
     lines = [f"name = {toml_text(body.name)}", f"provenance = {toml_text(body.provenance)}"]
     lines += ["", "[skeleton] # metres, every joint on the bone above: x to the left, y up, z forward"]
     lines += [f"{name} = {toml_text(p)}" for name, p in zip(JOINT_NAMES, skeleton.p_parent_joint, strict=True)]
@@ -114,11 +102,10 @@ def write_body_file(path: str | Path, body: BodyFile, overwrite: bool = False) -
         length = f"found_m = {metres[name]:.4f}, " if name in metres else ""
         lines.append(f"{toml_text(name)} = {{ {length}sigma_m = {sigma:.6f} }}")
     lines += ["", "[correlations] # of those, row by row"]
-    scale = np.maximum(sigmas, 1e-12)
-    rows = np.round(body.lengths.covariance / scale[:, None] / scale, 5)
-    lines += [f"{toml_text(name)} = {toml_text(row)}" for name, row in zip(body.lengths.names, rows, strict=True)]
+    rows = zip(body.lengths.names, correlations, strict=True)
+    lines += [f"{toml_text(name)} = {toml_text(row)}" for name, row in rows]
     for hinge in body.hinges:
-        lines += ["", *hinge_lines(hinge)]
+        lines += ["", *_hinge_lines(hinge)]
     with atomic_open(path, "w", overwrite) as file:
         file.write("\n".join(lines) + "\n")
 
@@ -151,13 +138,7 @@ class _Content(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def read_body_file(path: str | Path) -> BodyFile:
-    """Read a body file.
-
-    Raises:
-        FileFormatError: if it cannot be read or parsed.
-        InputError: for an unknown or missing key, a value of the wrong kind, sides that are not alike, a length that is
-            not the skeleton's, or correlations that are none.
-    """
+    """Read a body file; sides that are not alike, lengths that are not the skeleton's and other slips are refused."""
     path = Path(path)
     content = read_toml(path, _Content, "a body file (TOML; vip-factors body writes one)")
     skeleton = _skeleton(path, content)
@@ -172,17 +153,16 @@ def read_body_file(path: str | Path) -> BodyFile:
 
 def _skeleton(path: Path, content: _Content) -> Skeleton:
     joints = content.skeleton
-    if (wrong := sorted(set(JOINT_NAMES) ^ set(joints))) != []:
-        state = "unknown" if wrong[0] in joints else "missing"
-        raise InputError(f"{path}: skeleton.{wrong[0]} is {state}: expected all of {', '.join(JOINT_NAMES)}")
+    check_keys(path, "skeleton", joints, JOINT_NAMES)
+    longest_bone, symmetric = 1.2, 0.002  # m
     offsets = np.array([joints[name] for name in JOINT_NAMES])
     for name, offset in zip(JOINT_NAMES, offsets, strict=True):
-        if np.linalg.norm(offset) > LONGEST_BONE:
+        if np.linalg.norm(offset) > longest_bone:
             raise InputError(
                 f"{path}: skeleton.{name} is {np.linalg.norm(offset):g} m from the joint above: expected metres"
             )
         twin = offsets[joint_index(name.replace("left_", "right_"))] * [-1, 1, 1]
-        if name.startswith("left_") and np.abs(offset - twin).max() > SYMMETRIC:
+        if name.startswith("left_") and np.abs(offset - twin).max() > symmetric:
             raise InputError(
                 f"{path}: skeleton.{name} is not the mirror image of its right twin: expected both sides alike"
             )
@@ -198,25 +178,28 @@ def _length_prior(path: Path, content: _Content, skeleton: Skeleton) -> LengthPr
     lengths, rows = content.lengths, content.correlations
     if set(rows) != set(lengths):
         raise InputError(f"{path}: correlations of {', '.join(rows) or 'nothing'}: expected one row for each length")
-    of_skeleton = dict(zip(LENGTHS, lengths_of(skeleton), strict=True))
-    for name, length in lengths.items():
-        if length.found_m is None or name not in of_skeleton:
-            continue
-        if abs(length.found_m - of_skeleton[name]) > SAME_LENGTH:
+    rounding = 0.002  # m: the table of lengths is for people
+    for name, metres in zip(LENGTHS, lengths_of(skeleton), strict=True):
+        told = lengths[name].found_m if name in lengths else None
+        if told is not None and abs(told - metres) > rounding:
             raise InputError(
-                f"{path}: lengths.{name}.found_m is {length.found_m:g}, where the skeleton has "
-                f"{of_skeleton[name]:.4f}: expected the same; change the joints in [skeleton], on both sides, and the "
-                "length with them"
+                f"{path}: lengths.{name}.found_m is {told:g}, where the skeleton has {metres:.4f}: expected the same; "
+                "change the joints in [skeleton], on both sides, and the length with them"
             )
     matrix = correlation_matrix(path, "correlations", [rows[name] for name in lengths])
     sigma = np.array([length.sigma_m for length in lengths.values()])
     return LengthPrior(tuple(lengths), sigma[:, None] * matrix * sigma)
 
 
-def hinge_lines(hinge: HingeEstimate) -> list[str]:
+def _correlations(covariance: Array) -> tuple[Array, Array]:
+    """Standard deviations, and correlations to five decimals."""
+    sigma = np.sqrt(np.diag(covariance))
+    return sigma, np.round(covariance / np.maximum(np.outer(sigma, sigma), 1e-16), 5)
+
+
+def _hinge_lines(hinge: HingeEstimate) -> list[str]:
     """A table of its own, in degrees to four decimals."""
-    sigma = np.sqrt(np.diag(hinge.covariance))
-    correlations = np.round(hinge.covariance / np.maximum(np.outer(sigma, sigma), 1e-16), 5)
+    sigma, correlations = _correlations(hinge.covariance)
     angle, angle_sigma = np.rad2deg([hinge.carrying_angle, hinge.carrying_sigma])
     return [
         f"[hinges.{hinge.joint}] # carrying angle {angle:.1f} ± {angle_sigma:.1f}°",
@@ -234,7 +217,7 @@ def _hinge_estimate(path: Path, joint: str, table: _Hinge) -> HingeEstimate:
     hinge, axis = HINGE_OF[joint], np.array(table.axis)
     if not abs(np.linalg.norm(axis) - 1) < 1e-3:
         raise InputError(f"{path}: {where}.axis has length {np.linalg.norm(axis):g}: expected a unit vector")
-    if hinge.axis @ axis < LEAST_COSINE:
+    if hinge.axis @ axis < 0.5:  # no joint turns about another axis, and tilts are small
         raise InputError(f"{path}: {where}.axis is {axis.tolist()}: expected one near {hinge.axis.tolist()}")
     count = len(hinge.columns)
     counts = (len(table.offset_deg) + 2, len(table.sigma_deg), len(table.correlations))
@@ -266,22 +249,17 @@ def with_body(recording: Recording, body: BodyFile) -> Recording:
 
 
 def scene_with_body(scene: Scene, body: BodyFile, path: Path) -> Scene:
-    """The scene whose wearer of the body's name, or only wearer, has the body, which was read from ``path``.
-
-    Raises:
-        InputError: if none of several wearers has that name.
-    """
+    """The scene whose wearer of the body's name, or only wearer, has the body, which was read from ``path``."""
     names = scene.names
     if len(names) > 1 and body.name not in names:
         raise InputError(
             f"{path} is the body of '{body.name}', scene '{scene.name}' has the wearers {', '.join(names)}: expected "
             "one of them; set its name to the wearer's"
         )
+    wearers = list(scene.wearers)
     place = names.index(body.name) if body.name in names else 0
-    wearers = tuple(
-        with_body(wearer, body) if number == place else wearer for number, wearer in enumerate(scene.wearers)
-    )
-    return replace(scene, wearers=wearers)
+    wearers[place] = with_body(wearers[place], body)
+    return replace(scene, wearers=tuple(wearers))
 
 
 def _moved_site(site: SensorSite, before: Skeleton, after: Skeleton) -> SensorSite:

@@ -15,20 +15,7 @@ from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.video import iterate_frames, opened_video
 from vip_factors.sensors.camera import CameraModel
 
-LEAST_CORNERS = 3  # a side, in both directions: fewer make no board that can be told from a window
 LEAST_VIEWS = 3  # below, focal lengths and centre are not determined (Zhang 2000, section 3.1)
-ROUNDS = 4  # of leaving out views that do not fit
-MOST_IMAGES = 150  # looked at
-MOST_VIEWS = 40  # used; the time of the fit grows with them, and beyond some tens nothing is gained
-BLIND_STEP = 8  # frames, where a video does not say how many it has: about four looks a second
-LEAST_CHANGE = 0.03  # mean shift of the board's corners between two used views, as a share of the image's diagonal
-# A view whose error is so many times the median is left out: blur, a bent board, a wrong corner. But not below so many
-# pixels, which good corners have too.
-OUTLIER, OUTLIER_PX = 3.0, 0.3
-FEW_VIEWS = 10  # fewer are warned of
-LEAST_TILT_DEG = 20.0  # if no two views differ by so much in direction, focal length and distance are confused
-LEAST_COVERAGE = 0.5  # share of the image that corners should reach, for the distortion near its edges
-FOCAL_SIGMA = 0.01  # relative standard deviation of the focal length that is warned of; 1 % is 3 cm at 3 m
 
 
 @dataclass(frozen=True)
@@ -65,11 +52,8 @@ class Checkerboard:
 
     def __post_init__(self) -> None:
         sides = sorted((self.columns, self.rows))
-        if sides[0] < LEAST_CORNERS or sides[1] <= LEAST_CORNERS:  # any cross of two bars is found to be 3 x 3
-            raise InputError(
-                f"{self.text}: expected at least {LEAST_CORNERS + 1} x {LEAST_CORNERS}; anything in an image looks "
-                "like less"
-            )
+        if sides[0] < 3 or sides[1] < 4:  # any cross of two bars is found to be 3 x 3, any window to be less
+            raise InputError(f"{self.text}: expected at least 4 x 3; anything in an image looks like less")
         if not (np.isfinite(self.square_m) and self.square_m > 0):
             raise InputError(f"checkerboard with squares of {self.square_m} m: expected metres above 0")
 
@@ -152,17 +136,13 @@ def find_views(
     board: Checkerboard,
     on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> tuple[tuple[BoardView, ...], tuple[int, int]]:
-    """Find the views of a board in a video, in order, and the images' width and height.
-
-    Raises:
-        InputError: if there is no such file, or the board is in none of its images.
-        FileFormatError: if it is no video, or has no frame.
-    """
+    """Find the views of a board in a video, in order, and the images' width and height."""
     import cv2
 
     with opened_video(source) as capture:
         total = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    step = -(-total // MOST_IMAGES) if total > 0 else BLIND_STEP
+    # 150 images at most; where a video does not say how many it has, about four a second.
+    step = -(-total // 150) if total > 0 else 8
     views: list[BoardView] = []
     looked, size = 0, (0, 0)
     for number, _, image in iterate_frames(source, every=step):
@@ -194,11 +174,8 @@ def calibrate(
         size: of the images.
         distortion: number of coefficients, 0, 4 (k1 k2 p1 p2), 5 (and k3) or 8 (wide-angle lenses).
         on_progress: called with the stage and the fraction of it that is done.
-
-    Raises:
-        InputError: if too few views differ from one another.
     """
-    chosen = chosen_views(views, size)
+    chosen = _chosen_views(views, size)
     if len(chosen) < LEAST_VIEWS:
         alike = f", and only {len(chosen)} of them differ" if len(views) >= LEAST_VIEWS else ""
         raise InputError(
@@ -206,19 +183,21 @@ def calibrate(
             "better twenty, tilted in several directions and in all parts of the image"
         )
     left_out: list[tuple[str, float]] = []
-    for one_round in range(ROUNDS):
-        on_progress("fitting the camera", one_round / ROUNDS)
+    rounds = 4  # of leaving out views that do not fit
+    for number in range(rounds):
+        on_progress("fitting the camera", number / rounds)
         fit = _fit(chosen, size, distortion)
         errors = fit[-1]
-        bad = errors > max(OUTLIER * np.median(errors), OUTLIER_PX)
-        if not np.any(bad) or np.sum(~bad) < LEAST_VIEWS or one_round == ROUNDS - 1:
+        # Blur, a bent board, a wrong corner; good corners have errors of a third of a pixel too.
+        bad = errors > max(3.0 * np.median(errors), 0.3)
+        if not np.any(bad) or np.sum(~bad) < LEAST_VIEWS or number == rounds - 1:
             break
         left_out += [(view.name, float(errors[i])) for i, view in enumerate(chosen) if bad[i]]
         chosen = [view for i, view in enumerate(chosen) if not bad[i]]
     on_progress("fitting the camera", 1.0)
-    rms, K, bent, turns, sigma, errors = fit
+    rms, K, coefficients, turns, sigma, errors = fit
     focal, centre = (float(K[0, 0]), float(K[1, 1])), (float(K[0, 2]), float(K[1, 2]))
-    model = CameraModel(*size, focal, centre, tuple(float(one) for one in bent[:distortion]))
+    model = CameraModel(*size, focal, centre, tuple(coefficients[:distortion].tolist()))
     coverage = _coverage(chosen, size)
     named = tuple((view.name, float(error)) for view, error in zip(chosen, errors, strict=True))
     warnings = _warnings(focal, sigma, _tilt_spread_deg(turns), coverage, len(chosen))
@@ -227,7 +206,7 @@ def calibrate(
     )
 
 
-def chosen_views(views: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
+def _chosen_views(views: Sequence[BoardView], size: tuple[int, int]) -> list[BoardView]:
     """Views that differ, the sharper of those alike: farthest first, until all left are near a chosen one.
 
     Two views of a plane differ as their outlines do. A board that looks the same upside down may be found either way.
@@ -237,16 +216,16 @@ def chosen_views(views: Sequence[BoardView], size: tuple[int, int]) -> list[Boar
     sharpness = np.array([view.sharpness for view in views])
     nearest = np.full(len(views), np.inf)
     chosen: list[int] = []
-    for _ in range(min(MOST_VIEWS, len(views))):
-        far = nearest >= LEAST_CHANGE
+    for _ in range(min(40, len(views))):  # the time of the fit grows with them; beyond some tens nothing is gained
+        far = nearest >= 0.03  # mean shift of corners, as a share of the image's diagonal
         if not np.any(far):
             break
         # A blurred view counts as nearer than it is, so that of its neighbours the sharpest comes first.
         worth = np.where(far, np.minimum(nearest, 1.0) * np.sqrt(sharpness), -1.0)
         best = int(np.argmax(worth))
         chosen.append(best)
-        for one in (outlines, turned):
-            nearest = np.minimum(nearest, np.linalg.norm(one[best] - outlines, axis=2).mean(axis=1))
+        for either_way in (outlines, turned):
+            nearest = np.minimum(nearest, np.linalg.norm(either_way[best] - outlines, axis=2).mean(axis=1))
     return [views[index] for index in sorted(chosen)]
 
 
@@ -286,9 +265,9 @@ def _fit(
         raise InputError(f"{distortion} distortion coefficients: expected 0, 4, 5 or 8")
     points = [view.points_board.astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
-    rms, *found = cv2.calibrateCameraExtended(points, pixels, size, np.zeros((3, 3)), np.zeros(8), flags=flags)
-    K, bent, turns, _, sigma, _, errors = (np.array(one, dtype=float) for one in found)
-    return float(rms), K, bent.ravel(), turns.reshape(-1, 3), sigma.ravel(), errors.ravel()
+    rms, *fit = cv2.calibrateCameraExtended(points, pixels, size, np.zeros((3, 3)), np.zeros(8), flags=flags)
+    K, coefficients, turns, _, sigma, _, errors = (np.array(result, dtype=float) for result in fit)
+    return float(rms), K, coefficients.ravel(), turns.reshape(-1, 3), sigma.ravel(), errors.ravel()
 
 
 def _coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
@@ -306,38 +285,31 @@ def _tilt_spread_deg(turns: Array) -> float:
 
 
 def _warnings(
-    focal: tuple[float, float],
-    sigma: Array,
-    tilt_deg: float,
-    coverage: float,
-    count: int,
+    focal: tuple[float, float], sigma: Array, tilt_deg: float, coverage: float, count: int
 ) -> tuple[str, ...]:
-    said = []
-    if count < FEW_VIEWS:
-        said.append(f"only {count} views that differ: {2 * FEW_VIEWS} make the result reliable")
-    if tilt_deg < LEAST_TILT_DEG:
-        said.append(
+    doubts = []
+    if count < 10:
+        doubts.append(f"only {count} views that differ: 20 make the result reliable")
+    if tilt_deg < 20.0:
+        doubts.append(
             f"the board was never tilted by more than {tilt_deg:.0f}° between views: focal length and distance are "
             "confused; tilt it by 30° and more, in several directions"
         )
     relative = max(sigma[0] / focal[0], sigma[1] / focal[1])
-    if relative > FOCAL_SIGMA:
-        said.append(f"the focal length is uncertain by {100 * relative:.1f} %: add tilted views, nearer to the camera")
-    if coverage < LEAST_COVERAGE:
-        said.append(
+    if relative > 0.01:  # 3 cm at 3 m
+        doubts.append(
+            f"the focal length is uncertain by {100 * relative:.1f} %: add tilted views, nearer to the camera"
+        )
+    if coverage < 0.5:
+        doubts.append(
             f"the board reached {100 * coverage:.0f} % of the image: near the edges the distortion is a guess; "
             "show it there too"
         )
-    return tuple(said)
+    return tuple(doubts)
 
 
 def photograph(path: Path) -> np.ndarray:
-    """Read a single grey image ``(height, width)``.
-
-    Raises:
-        InputError: if there is none.
-        FileFormatError: if it cannot be read.
-    """
+    """Read a single grey image ``(height, width)``."""
     import cv2
 
     if not path.is_file():

@@ -23,7 +23,7 @@ Pose2Sim's calibration, a table for each camera of a lab, the one that is named 
 """
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -36,15 +36,11 @@ from vip_factors.geometry.rotations import Array, exp, nearest_rotation
 from vip_factors.io.typed_files import Matrix, Number, Vector, convert, read_json, read_text, read_toml, toml_text
 from vip_factors.sensors.camera import CameraModel
 
-ROTATION_TOLERANCE = 1e-2  # of RᵀR from the identity: numbers rounded by hand to two places still pass
 OPENCV_SUFFIXES = (".yaml", ".yml", ".xml", ".json")
 MATRIX = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "mtx", "K")
 DISTORTION = ("dist_coeffs", "distortion_coefficients", "Distortion_Coefficients", "distCoeffs", "dist", "D")
 WIDTH, HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
 SIZE = ("image_size", "img_size", "imageSize")  # width, height
-USED_COEFFICIENTS = 8  # beyond them OpenCV has thin prisms and tilted sensors
-MOST_NUMBERS = 100  # under one name
-FARTHEST_PIXEL = 1e6  # a million pixels wide is no image
 Pixels = Annotated[int, msgspec.Meta(gt=0, lt=1_000_000)]
 
 
@@ -88,31 +84,19 @@ class _Pose2SimCamera(msgspec.Struct, frozen=True):
 
 
 def read_camera_file(path: str | Path) -> CameraModel:
-    """Read intrinsics from a camera file: TOML, OpenCV's by its suffix (.yaml, .yml, .xml, .json), or Pose2Sim's.
-
-    Raises:
-        FileFormatError: if it cannot be read or parsed.
-        InputError: for a field that is missing, unknown or of the wrong kind; the file and the field are named.
-    """
+    """Read intrinsics from a camera file: TOML, OpenCV's by its suffix (.yaml, .yml, .xml, .json), or Pose2Sim's."""
     path = Path(path)
     if path.suffix.lower() in OPENCV_SUFFIXES:
         return _opencv_model(path)
     where, camera = _toml_camera(path)
     if isinstance(camera, _Pose2SimCamera):
-        K = np.array(camera.matrix)
-        size = (round(camera.size[0]), round(camera.size[1]))
-        return _model(where, size, (K[0, 0], K[1, 1]), (K[0, 2], K[1, 2]), camera.distortions)
-    size, focal, centre = (camera.width, camera.height), (camera.fx, camera.fy), (camera.cx, camera.cy)
-    return _model(where, size, focal, centre, camera.distortion)
+        return _model(where, list(map(round, camera.size)), np.array(camera.matrix), camera.distortions)
+    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    return _model(where, (camera.width, camera.height), K, camera.distortion)
 
 
 def read_floor(path: str | Path) -> tuple[Array, Array] | None:
-    """Read a camera's pose over the floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` m, None if unknown.
-
-    Raises:
-        FileFormatError: if the file cannot be read or parsed.
-        InputError: if the table ``[floor]`` holds no pose.
-    """
+    """Read a camera's pose over the floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` m, None if unknown."""
     path = Path(path)
     if path.suffix.lower() in OPENCV_SUFFIXES:
         return None
@@ -123,7 +107,8 @@ def read_floor(path: str | Path) -> tuple[Array, Array] | None:
     if camera.floor is None:
         return None
     R = np.array(camera.floor.R_floor_camera)
-    if np.abs(R.T @ R - np.eye(3)).max() > ROTATION_TOLERANCE or np.linalg.det(R) < 0:
+    rounding = 1e-2  # numbers rounded by hand to two places still pass
+    if np.abs(R.T @ R - np.eye(3)).max() > rounding or np.linalg.det(R) < 0:
         raise InputError(f"{where}: floor.R_floor_camera is not a rotation matrix")
     return nearest_rotation(R), np.array(camera.floor.p_floor_camera)
 
@@ -143,9 +128,6 @@ def write_camera_file(
         floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` metres, if known.
         calibration: how the numbers were found: for people.
         overwrite: whether an existing file may be replaced.
-
-    Raises:
-        InputError: if the file exists, or its folder is missing or read-only.
     """
     if Path(path).suffix.lower() in OPENCV_SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in .toml; OpenCV's files are only read")
@@ -187,17 +169,12 @@ def _toml_camera(path: Path) -> tuple[str, _Camera | _Pose2SimCamera]:
     return f"{path}: {name}", camera
 
 
-def _model(
-    where: str,
-    size: tuple[float, float],
-    focal: tuple[float, float],
-    centre: tuple[float, float],
-    distortion: tuple[float, ...],
-) -> CameraModel:
-    if not all(0 < pixels < FARTHEST_PIXEL for pixels in size):
+def _model(where: str, size: Sequence[float], K: Array, distortion: Sequence[float]) -> CameraModel:
+    if not all(0 < pixels < 1e6 for pixels in size):
         raise InputError(f"{where}: the image is {size[0]:g} by {size[1]:g} pixels: expected numbers above zero")
     try:
-        return CameraModel(int(size[0]), int(size[1]), focal, centre, distortion)
+        fx, _, cx, _, fy, cy, *_ = K.ravel().tolist()
+        return CameraModel(int(size[0]), int(size[1]), (fx, fy), (cx, cy), tuple(distortion))
     except InputError as error:
         raise InputError(f"{where}: {error}") from error
 
@@ -214,13 +191,12 @@ def _opencv_model(path: Path) -> CameraModel:
         size = np.array([width.ravel()[0], height.ravel()[0]])
     if size is None or size.size != 2:
         raise InputError(f"{path}: the image's size is missing: expected image_width and image_height, in pixels")
-    width_px, height_px = size.ravel().tolist()
-    bent = np.zeros(0) if distortion is None else distortion.ravel()
-    if np.any(bent[USED_COEFFICIENTS:]):
-        raise InputError(f"{path}: {len(bent)} distortion coefficients: expected at most eight that are not zero")
-    fx, _, cx, _, fy, cy, *_ = K.ravel().tolist()
-    distortion_used = tuple(bent[:USED_COEFFICIENTS].tolist())
-    return _model(str(path), (width_px, height_px), (fx, fy), (cx, cy), distortion_used)
+    coefficients = [] if distortion is None else distortion.ravel().tolist()
+    if any(coefficients[8:]):  # beyond them OpenCV has thin prisms and tilted sensors
+        raise InputError(
+            f"{path}: {len(coefficients)} distortion coefficients: expected at most eight that are not zero"
+        )
+    return _model(str(path), size.ravel().tolist(), K, coefficients[:8])
 
 
 Numbers = Callable[[tuple[str, ...]], Array | None]
@@ -273,7 +249,7 @@ def _storage_numbers(path: Path) -> Numbers:
         try:
             for node in map(storage.getNode, names):
                 data = node.getNode("data") if node.isMap() else node
-                if data.isSeq() and data.size() > MOST_NUMBERS:  # reading each takes as long as all before it
+                if data.isSeq() and data.size() > 100:  # reading each takes as long as all before it
                     raise InputError(f"{path}: {data.size()} numbers where camera_matrix and the like should be")
                 if data.isSeq() and (data.size() or not node.isMap()):
                     return np.array([data.at(index).real() for index in range(data.size())])

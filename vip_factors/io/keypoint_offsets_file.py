@@ -18,9 +18,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import KEYPOINT_SETS, OFFSET_KEYPOINTS, KeypointOffsets
 from vip_factors.errors import InputError, nearest
-from vip_factors.io.typed_files import Vector, convert, read_toml
-
-FARTHEST, WIDEST = 0.15, 0.2  # m: beyond which it is no keypoint of that joint
+from vip_factors.io.typed_files import Vector, check_keys, convert, read_toml
 
 
 class _Offset(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -50,13 +48,12 @@ def read_keypoint_offsets(path: Path) -> dict[str, KeypointOffsets]:
 
 
 def _offsets(path: Path, where: str, offsets: dict[str, _Offset]) -> KeypointOffsets:
-    if (wrong := sorted(set(OFFSET_KEYPOINTS) ^ set(offsets))) != []:
-        state = "unknown" if wrong[0] in offsets else "missing"
-        raise InputError(f"{path}: {where}.{wrong[0]} is {state}: expected all of {', '.join(OFFSET_KEYPOINTS)}")
+    check_keys(path, where, offsets, OFFSET_KEYPOINTS)
+    farthest, widest = 0.15, 0.2  # m: beyond which it is no keypoint of that joint
     mean = np.array([offsets[keypoint].mean_m for keypoint in OFFSET_KEYPOINTS])
     sigma = np.array([offsets[keypoint].sigma_m for keypoint in OFFSET_KEYPOINTS])
-    if np.abs(mean).max() > FARTHEST or not 0 < sigma.min() <= sigma.max() <= WIDEST:
+    if np.abs(mean).max() > farthest or not 0 < sigma.min() <= sigma.max() <= widest:
         raise InputError(
-            f"{path}: {where}: expected means up to {FARTHEST:g} m and sigmas above zero, up to {WIDEST:g} m"
+            f"{path}: {where}: expected means up to {farthest:g} m and sigmas above zero, up to {widest:g} m"
         )
     return KeypointOffsets(mean, sigma)

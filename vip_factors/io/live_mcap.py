@@ -18,8 +18,7 @@ from vip_factors.errors import naming_file
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding, sentences
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.codec import set_timestamp
-from vip_factors.io.mcap_estimate import POSE, SINGLE, WEARER, EstimateWriter
+from vip_factors.io.mcap_estimate import LONG_CHUNK_BYTES, POSE, SINGLE, WEARER, EstimateWriter
 from vip_factors.io.mcap_frames import MODEST_FRAMES, camera_pose_messages, pose_messages
 from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.mcap_recording import wearer_topics
@@ -34,7 +33,6 @@ LIVE_UPDATE, LIVE_CAMERA = "/estimate/live/update", "/estimate/live/camera/pose"
 METHOD = "fixed lag"
 FLUSH_S = 0.5  # seconds of wall time or of the stream, whichever ends first: what a crash may cost
 BATCH_S = 0.1  # seconds of the stream that are written at once: cheaper than one by one, and short beside an update
-CHUNK_BYTES = 1 << 20  # more than comes in half a second, so that every flush makes one chunk
 MOST_FINDINGS = 200  # different sentences kept for the estimate; all of them are on LIVE_UPDATE
 
 
@@ -48,9 +46,6 @@ class LiveMcapSink:
         rate: frames per second of the tracker.
         settings: the effective settings as text.
         overwrite: whether an existing file, or what a crash left of one, may be replaced.
-
-    Raises:
-        InputError: if there is a file already, or none can be written there.
     """
 
     def __init__(
@@ -75,7 +70,7 @@ class LiveMcapSink:
         self._findings: dict[str, Finding] = {}  # ordered, each once
         self._written_info: tuple[int, int] = (0, 0)  # wearers and findings in the last EstimateInfo of the whole
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
-        self._writer = MessageWriter(self._file, CHUNK_BYTES)
+        self._writer = MessageWriter(self._file, LONG_CHUNK_BYTES)  # more than comes in half a second
         prefixes = wearer_topics(names, SINGLE, WEARER)
         self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, MODEST_FRAMES)
         self._has_camera = False  # whether its poses have begun
@@ -94,11 +89,7 @@ class LiveMcapSink:
             self._complete()
 
     def write(self, estimate: LiveEstimate) -> None:
-        """Take in the answer to one frame.
-
-        Raises:
-            OSError: if the file cannot be written; it names the partial file, which is closed then.
-        """
+        """Take in the answer to one frame. A file that cannot be written is closed, and the OSError names it."""
         with self._closed_on_error():
             if self._waiting and estimate.frame != self._waiting[-1].frame + 1:
                 self._write_waiting()  # the frames of a batch follow each other
@@ -114,7 +105,7 @@ class LiveMcapSink:
     def _flush(self) -> None:
         self._write_waiting()
         if self._unflushed and self._last is not None:
-            end_ns = nanoseconds_of(self._last.time, self._setup.start_ns)
+            (end_ns,) = nanoseconds([self._last.time], self._setup.start_ns)
             for index, answer in enumerate(self._last.wearers):
                 self._out.write_calibration(index, answer.calibration, end_ns)
         self._writer.flush()
@@ -124,9 +115,7 @@ class LiveMcapSink:
     def close(self) -> None:
         """Complete the file and give it its name, or remove it if nothing was written; a second call does nothing.
 
-        Raises:
-            InputError: if a file of that name has appeared; then what was written stays under its partial name.
-            OSError: as :meth:`write`.
+        If a file of that name has appeared, what was written stays under its partial name (InputError).
         """
         if self._file.closed:
             return
@@ -177,7 +166,7 @@ class LiveMcapSink:
         self._write_camera(estimates)
         info = (self._out.wearer_count, len(self._findings))
         if info[0] and info != self._written_info:
-            self._write_info(nanoseconds_of(estimates[0].time, self._setup.start_ns))
+            self._write_info(*nanoseconds([estimates[0].time], self._setup.start_ns))
             self._written_info = info
 
     def _newest_poses(self, estimates: list[LiveEstimate]) -> Iterator[Iterable[TimedMessage]]:
@@ -205,22 +194,19 @@ class LiveMcapSink:
             self._out.begin_camera(chunk.start, 1 if stands else None)
         self._out.write_frames({}, chunk)
 
-    def _updates(self, estimates: list[LiveEstimate]) -> list[TimedMessage]:
-        channel = self._writer.channel(LIVE_UPDATE, LiveUpdate)
-        messages = []
-        for estimate in estimates:
-            detections = [-1 if wearer.detection is None else wearer.detection for wearer in estimate.wearers]
-            message = LiveUpdate(
+    def _updates(self, estimates: list[LiveEstimate]) -> Iterator[TimedMessage]:
+        messages = (
+            LiveUpdate(
                 frame=estimate.frame,
                 update_s=estimate.seconds,
-                detection_of_wearer=detections,
+                detection_of_wearer=[-1 if row.detection is None else row.detection for row in estimate.wearers],
                 findings=sentences(estimate.findings),
                 preliminary=estimate.preliminary,
             )
-            time_ns = nanoseconds_of(estimate.time, self._setup.start_ns)
-            set_timestamp(message.timestamp, time_ns)
-            messages.append((time_ns, channel, message.SerializeToString()))
-        return messages
+            for estimate in estimates
+        )
+        times_ns = nanoseconds([estimate.time for estimate in estimates], self._setup.start_ns)
+        return self._writer.stamped(LIVE_UPDATE, LiveUpdate, times_ns, messages)
 
     def _add_findings(self, findings: Iterable[Finding]) -> None:
         for finding in findings:
@@ -298,8 +284,3 @@ def _if_all(poses: Sequence[LivePose | LiveCameraPose], name: str) -> Array | No
     """An attribute of poses as an array; None if one of them has none."""
     values = [getattr(pose, name) for pose in poses]
     return None if any(value is None for value in values) else np.array(values, float)
-
-
-def nanoseconds_of(seconds: float, start_ns: int) -> int:
-    """Absolute nanoseconds of a time in seconds from the start of the stream."""
-    return nanoseconds(np.array([seconds]), start_ns)[0]

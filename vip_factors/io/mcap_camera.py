@@ -51,12 +51,7 @@ def intrinsics_message(model: CameraModel, name: str, time_ns: int) -> "CameraCa
 
 
 def intrinsics_of(message: "CameraCalibration") -> CameraModel:
-    """The camera of a message.
-
-    Raises:
-        FileFormatError: for a message without a camera matrix.
-        InputError: for numbers that no camera has.
-    """
+    """The camera of a message."""
     if len(message.K) != 9:
         raise FileFormatError(f"camera matrix K has {len(message.K)} numbers: expected 9")
     fx, _, cx, _, fy, cy, *_ = message.K
@@ -85,10 +80,8 @@ def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
     if not poses:
         return None
     time = np.array([(time_ns_of(pose.timestamp) - start_ns) / NS_PER_S for pose in poses])
-    turns = [pose.pose.orientation for pose in poses]
-    xyzw = np.array([(q.x, q.y, q.z, q.w) for q in turns])
-    places = [pose.pose.position for pose in poses]
-    p_world_camera = np.array([(p.x, p.y, p.z) for p in places])
+    rows = [(pose.pose.orientation, pose.pose.position) for pose in poses]
+    xyzw, p_world_camera = ([(q.x, q.y, q.z, q.w) for q, _ in rows], np.array([(p.x, p.y, p.z) for _, p in rows]))
     return CameraPath(time, matrix_from_quaternion(xyzw, Order.XYZW), p_world_camera)
 
 
@@ -109,10 +102,9 @@ def detection_messages(
 
 
 def _frames(detections: Detections, truth: SceneTruth | None) -> Iterator[Detections2D]:
-    pixels = detections.pixels.reshape(len(detections), 2 * len(detections.keypoints))
-    true_pixels, colours = None, detections.torso_colour
-    if truth is not None and truth.pixels is not None:
-        true_pixels = truth.pixels.reshape(len(detections), 2 * len(detections.keypoints))
+    flat, colours = (len(detections), 2 * len(detections.keypoints)), detections.torso_colour
+    pixels = detections.pixels.reshape(flat)
+    true_pixels = None if truth is None or truth.pixels is None else truth.pixels.reshape(flat)
     for frame, seconds in enumerate(detections.time.tolist()):
         message = Detections2D(frame=frame, seconds=seconds)
         rows = detections.of_frame(frame)
@@ -127,31 +119,20 @@ def _frames(detections: Detections, truth: SceneTruth | None) -> Iterator[Detect
         yield message
 
 
-MOST_FRAMES = 20_000_000  # of a video: nine hours at 600 Hz
-
-
 def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[Detections, DetectionTruth | None]:
-    """The detections of their messages; frames lost in between count as frames without people.
-
-    Raises:
-        FileFormatError: for people with another number of keypoints, or frames out of order.
-        RecordingError: if times do not increase.
-    """
+    """The detections of their messages; frames lost in between count as frames without people."""
     keypoints = keypoint_set_of(info)
     K = len(keypoints)
-    last_frame = max((message.frame for message in messages), default=0)
-    if last_frame > MOST_FRAMES:
+    last_frame, most_frames = max((message.frame for message in messages), default=0), 20_000_000  # 9 h at 600 Hz
+    if last_frame > most_frames:
         raise FileFormatError(
-            f"detections: video frame {last_frame}: expected at most {MOST_FRAMES:,}; is the file damaged?"
+            f"detections: video frame {last_frame}: expected at most {most_frames:,}; is the file damaged?"
         )
     frames = np.array([message.frame for message in messages], dtype=int)
     if np.any(np.diff(frames) <= 0):
         frame = int(frames[1:][np.diff(frames) <= 0][0])
         raise FileFormatError(f"detections: video frame {frame} comes twice or late: expected increasing frame numbers")
-    time = np.array([message.seconds for message in messages])
-    if len(frames):
-        every = np.arange(frames[-1] + 1)
-        time = _filled(frames, time, every)
+    time = _filled(frames, np.array([message.seconds for message in messages]))
     people = [(message.frame, person) for message in messages for person in message.people]
     for frame, person in people:
         if len(person.pixels) != 2 * K or len(person.confidence) != K:
@@ -170,19 +151,14 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
     if not all(person.HasField("truth_wearer") for _, person in people):
         return detections, None
     wearer = np.array([person.truth_wearer for _, person in people], dtype=int)
-    is_complete = all(len(person.truth_pixels) == 2 * K for _, person in people)
-    pixels = (
-        np.array([person.truth_pixels for _, person in people], dtype=float).reshape(-1, K, 2) if is_complete else None
-    )
-    return detections, DetectionTruth(wearer, pixels)
+    pixels = [person.truth_pixels for _, person in people]
+    if any(len(of_person) != 2 * K for of_person in pixels):
+        return detections, DetectionTruth(wearer, None)
+    return detections, DetectionTruth(wearer, np.array(pixels, dtype=float).reshape(-1, K, 2))
 
 
 def _torso_colours(people: Sequence[Detections2D.Person]) -> Array | None:
-    """Shares ``(N, B)``, NaN where not seen; None if nobody has any.
-
-    Raises:
-        FileFormatError: for people with different numbers of colours.
-    """
+    """Shares ``(N, B)``, NaN where not seen; None if nobody has any."""
     sizes = {len(person.torso_colour) for person in people} - {0}
     if not sizes:
         return None
@@ -200,10 +176,11 @@ def keypoint_set_of(info: CameraInfo) -> KeypointSet:
     return KeypointSet(info.keypoint_set, tuple(info.keypoints))
 
 
-def _filled(frames: np.ndarray, time: Array, every: np.ndarray) -> Array:
+def _filled(frames: np.ndarray, time: Array) -> Array:
     """Times of all frames: those lost lie between their neighbours', or before the first at the same rate."""
-    if len(frames) == len(every):
+    if not len(frames) or len(frames) == frames[-1] + 1:
         return time
+    every = np.arange(frames[-1] + 1)
     step = float(np.median(np.diff(time) / np.diff(frames))) if len(frames) > 1 else 1.0
     inside = np.interp(every, frames, time)
     return np.where(every < frames[0], time[0] - (frames[0] - every) * step, inside)
@@ -326,10 +303,8 @@ def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int) -> tuple[Ca
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
     path = topics.path
-    info, intrinsics = (
-        topics.last(topic_of("info"), CameraInfo),
-        topics.last(topic_of("calibration"), CameraCalibration),
-    )
+    info = topics.last(topic_of("info"), CameraInfo)
+    intrinsics = topics.last(topic_of("calibration"), CameraCalibration)
     if info is None or intrinsics is None:
         expected = topic_of("info"), topic_of("calibration")
         present = expected[0] if info is not None else expected[1] if intrinsics is not None else "neither"

@@ -217,11 +217,6 @@ def write_estimate(
         path: of the new file, which has a temporary name until all is written.
         overwrite: whether an existing file may be replaced.
         start_ns: absolute time of t = 0.
-
-    Raises:
-        InputError: if the file exists and may not be overwritten, cannot be written there, there is no wearer, or
-            residuals do not have one column per sensor.
-        RecordingError, SolveError: of the chunks.
     """
     if not (estimate.wearers if isinstance(estimate, Estimate) else estimate.head.wearers):
         raise InputError("the estimate has no wearer: expected at least one")
@@ -410,10 +405,7 @@ class _CameraTopics:
             yield path_messages(writer, CAMERA_PATH, path, self._start_ns)
             self._next_pose += len(path)
         if residual is not None:
-            time = next(
-                (candidate for candidate in (path.time, motion_time) if len(candidate) == len(residual)),
-                motion_time[:1],
-            )
-            time, kinds = np.resize(time, len(residual)), {REPROJECTION: residual}
+            times = (time for time in (path.time, motion_time) if len(time) == len(residual))
+            time, kinds = np.resize(next(times, motion_time[:1]), len(residual)), {REPROJECTION: residual}
             yield residual_messages(writer, CAMERA_RESIDUALS, time, kinds, self._start_ns, self._next_residual)
             self._next_residual += len(residual)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import ceil
 from operator import attrgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,15 +27,11 @@ from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.imu_stream import ImuStream
 
-if TYPE_CHECKING:
-    from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-
 WORLD = "world"
 SHOWN_HZ = 30.0  # enough for the eye; every shown frame takes about 2 kB compressed
 MODEST_FRAMES = 20_000  # eleven minutes of shown frames, some 40 MB: of longer ones there are none
 MOST_HELD = 120_000  # frames without a pose, an hour at 30 Hz: their poses and covariances take 0.4 GB of memory
 REPROJECTION = "reprojection_px"  # the kind of a camera's residuals
-MOST_RESIDUALS = 20_000_000  # nine hours at 60 Hz, of ten wearers
 
 
 def sample_messages(writer: MessageWriter, topic: str, stream: ImuStream, start_ns: int) -> Iterator[TimedMessage]:
@@ -71,12 +67,7 @@ def fill_sample(
 
 
 def read_streams(path: Path, channels: Sequence[McapMessages], start_ns: int) -> dict[str, ImuStream]:
-    """The streams of all channels of samples, by sensor.
-
-    Raises:
-        FileFormatError: if a sensor has two topics or a topic two sensors.
-        RecordingError: if the samples are unusable.
-    """
+    """The streams of all channels of samples, by sensor."""
     streams: dict[str, ImuStream] = {}
     for messages in channels:
         samples = parsed(path, messages, ImuSample)
@@ -159,9 +150,6 @@ def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[
     """The motion of its messages, and its covariance if all frames have one.
 
     The last pose is held over gaps, of which a warning tells; before a gap that is too long for that the motion ends.
-
-    Raises:
-        FileFormatError: for frames of another skeleton.
     """
     poses = _held_over_gaps(path, info, poses)
     frames = len(poses)
@@ -251,11 +239,7 @@ def camera_poses(
 
 
 def residuals_of(kinds: Iterable[str], columns: int, messages: Sequence[Residuals], frames: int) -> dict[str, Array]:
-    """Residuals ``(frames, columns)`` by kind; NaN where a frame's message is lost.
-
-    Raises:
-        FileFormatError: for other kinds or another number of columns.
-    """
+    """Residuals ``(frames, columns)`` by kind; NaN where a frame's message is lost."""
     residuals = {kind: np.full((frames, columns), np.nan) for kind in kinds}
     for message in messages:
         for kind in message.kinds:
@@ -271,13 +255,10 @@ def residuals_of(kinds: Iterable[str], columns: int, messages: Sequence[Residual
 
 def camera_path_of(poses: Sequence[CameraPose]) -> CameraPath:
     """The path of poses, one at least."""
-    turns = [pose.rotation_wxyz for pose in poses]
-    places = [pose.p_world_camera for pose in poses]
-    return CameraPath(
-        np.array([pose.seconds for pose in poses]),
-        matrix_from_quaternion([(q.w, q.x, q.y, q.z) for q in turns], Order.WXYZ),
-        np.array([(p.x, p.y, p.z) for p in places]),
-    )
+    rows = [(pose.rotation_wxyz, pose.p_world_camera) for pose in poses]
+    R_world_camera = matrix_from_quaternion([(q.w, q.x, q.y, q.z) for q, _ in rows], Order.WXYZ)
+    time = np.array([pose.seconds for pose in poses])
+    return CameraPath(time, R_world_camera, np.array([(p.x, p.y, p.z) for _, p in rows]))
 
 
 def camera_covariance_of(poses: Sequence[CameraPose]) -> Array | None:
@@ -291,10 +272,11 @@ def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence
     """``(T, wearers)``; NaN where a frame's message is lost."""
     if not info.has_residuals:
         return None
-    if info.residual_frames * info.wearers > MOST_RESIDUALS:
+    most = 20_000_000  # nine hours at 60 Hz, of ten wearers
+    if info.residual_frames * info.wearers > most:
         raise FileFormatError(
             f"{path}: tells of reprojection errors in {info.residual_frames} frames of {info.wearers} wearers: "
-            f"expected {MOST_RESIDUALS:,} at most; the file is damaged, copy it again"
+            f"expected {most:,} at most; the file is damaged, copy it again"
         )
     return residuals_of((REPROJECTION,), info.wearers, messages, info.residual_frames)[REPROJECTION]
 
@@ -308,31 +290,20 @@ def transform_messages(writer: MessageWriter, topic: str, motion: Motion, start_
     xyzw = quaternion_from_matrix(motion.R_parent_child[::step], Order.XYZW).tolist()
     times = nanoseconds(motion.time[::step], start_ns)
     message = FrameTransforms()
-    for joint, parent in enumerate(PARENTS):
-        transform = message.transforms.add(
-            parent_frame_id=_frame(motion, parent) if parent >= 0 else WORLD, child_frame_id=_frame(motion, joint)
-        )
-        _set(transform.translation, motion.skeleton.p_parent_joint[joint])
-    for time_ns, rotations, root in zip(times, xyzw, motion.p_world_pelvis[::step], strict=True):
-        _set(message.transforms[0].translation, root)
-        _set_rotations(message, rotations, time_ns)
+    frames = [f"{motion.name}/{joint}" for joint in JOINT_NAMES]
+    for joint, (parent, p) in enumerate(zip(PARENTS, motion.skeleton.p_parent_joint.tolist(), strict=True)):
+        parent_frame = frames[parent] if parent >= 0 else WORLD
+        transform = message.transforms.add(parent_frame_id=parent_frame, child_frame_id=frames[joint])
+        transform.translation.x, transform.translation.y, transform.translation.z = p
+    root = message.transforms[0].translation
+    for time_ns, rotations, p in zip(times, xyzw, motion.p_world_pelvis[::step].tolist(), strict=True):
+        root.x, root.y, root.z = p
+        seconds, nanos = divmod(time_ns, NS_PER_S)
+        for transform, turn in zip(message.transforms, rotations, strict=True):
+            q = transform.rotation
+            q.x, q.y, q.z, q.w = turn
+            transform.timestamp.seconds, transform.timestamp.nanos = seconds, nanos
         yield time_ns, channel, message.SerializeToString()
-
-
-def _set_rotations(message: "FrameTransforms", rotations: list[list[float]], time_ns: int) -> None:
-    seconds, nanos = divmod(time_ns, NS_PER_S)
-    for transform, xyzw in zip(message.transforms, rotations, strict=True):
-        q = transform.rotation
-        q.x, q.y, q.z, q.w = xyzw
-        transform.timestamp.seconds, transform.timestamp.nanos = seconds, nanos
-
-
-def _set(message: Any, xyz: Array) -> None:
-    message.x, message.y, message.z = (float(value) for value in xyz)
-
-
-def _frame(motion: Motion, joint: int) -> str:
-    return f"{motion.name}/{JOINT_NAMES[joint]}"
 
 
 def shown_step(motion: Motion) -> int:

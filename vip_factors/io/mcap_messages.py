@@ -8,6 +8,8 @@ from itertools import count
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, TypeVar
 
+import numpy as np
+
 from vip_factors import __version__
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.codec import NS_PER_S, Codec, set_timestamp
@@ -177,7 +179,8 @@ class MessageWriter:
         self._writer.flush()
 
 
-def nanoseconds(seconds: Any, start_ns: int) -> list[int]:
-    """Absolute nanoseconds, as Python integers, of times ``(N,)`` in seconds from the recording's start."""
+def nanoseconds(seconds: Iterable[float], start_ns: int) -> list[int]:
+    """Absolute nanoseconds, as Python integers, of times in seconds from the recording's start."""
     # Whole and fractional seconds apart: a float product of a long recording would lose nanoseconds.
-    return [start_ns + int(t // 1) * NS_PER_S + round(t % 1 * NS_PER_S) for t in seconds.tolist()]
+    times = seconds.tolist() if isinstance(seconds, np.ndarray) else seconds
+    return [start_ns + int(t // 1) * NS_PER_S + round(t % 1 * NS_PER_S) for t in times]

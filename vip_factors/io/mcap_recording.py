@@ -73,10 +73,6 @@ def recording_of(contents: McapContents, prefix: str = "", has_truth: bool = Tru
         contents: of a file.
         prefix: what the wearer's topics begin with.
         has_truth: whether the frames of a truth were read; without them it is left out.
-
-    Raises:
-        FileFormatError: if there is nothing of a recording.
-        RecordingError: if its samples are unusable.
     """
     left_out = (ESTIMATE,) if prefix else (ESTIMATE, WEARER, *BEYOND)
     mine = [
@@ -138,22 +134,15 @@ def _nothing_here(contents: McapContents) -> str:
     if topics and all(topic.startswith(ESTIMATE) for topic in topics):
         return f"{contents.path} is an estimate: expected a recording; give the one that it was made from"
     topics_found = f"found topics {', '.join(topics)}" if topics else "it has no topics"
-    advice = ""
-    if any(topic.startswith(ESTIMATE) for topic in topics):
-        advice = "; it is an estimate: give the recording that it was made from"
-    elif any(is_imu(messages.channel) for messages in contents.messages.values()):
-        advice = "; it has sensor_msgs/msg/Imu: bring it into a recording with vip-factors convert"
+    if any(is_imu(messages.channel) for messages in contents.messages.values()):
+        topics_found += "; it has sensor_msgs/msg/Imu: bring it into a recording with vip-factors convert"
     damage = f" ({contents.damage[0]})" if contents.damage else ""
-    expected = f"expected a recording, with messages such as {PACKAGE}ImuSample"
-    return f"{contents.path}: {expected}; {topics_found}{damage}{advice}"
+    return f"{contents.path}: expected a recording, with messages such as {PACKAGE}ImuSample{damage}; {topics_found}"
 
 
 def write_recording(content: Recording | Scene, path: str | os.PathLike[str], overwrite: bool = False) -> None:
     """Write a recording or a scene, its truth included; rotations become quaternions, and times of camera paths are
     kept to 1 ns; everything else is kept to the bit.
-
-    Raises:
-        InputError: if the file exists and may not be overwritten, or cannot be written there.
     """
     with atomic_open(path, "wb", overwrite) as file, MessageWriter(file) as writer:
         if isinstance(content, Recording):
@@ -193,7 +182,6 @@ def read_scene(path: str | os.PathLike[str] | McapContents) -> Scene:
     Of a file that was cut off, every whole message is read; a warning and the wearers' notes say up to where.
 
     Raises:
-        InputError: if there is no such file.
         FileFormatError: if it is no MCAP file, holds nothing of a recording, or its camera is incomplete.
         RecordingError: if its samples are unusable.
     """

@@ -45,7 +45,6 @@ from vip_factors.sensors.calibration import (
 from vip_factors.sensors.recording import DEFAULT_STATURE_M
 
 INITIAL_POSES = ("t-pose", "n-pose", "none")
-MOST_SENSORS = 1000
 
 
 class SensorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -66,11 +65,7 @@ class SensorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     sigma_deg: Annotated[float, msgspec.Meta(gt=0, le=180)] | None = None
 
     def on(self, skeleton: Skeleton, sensor: str) -> SensorSite:
-        """The sensor's site on a skeleton.
-
-        Raises:
-            InputError: for an unknown site or bone, or a quaternion that is not of unit length.
-        """
+        """The sensor's site on a skeleton."""
         sigma = STRAPPED_MOUNTING_SIGMA if self.mounting_wxyz is None else CARELESS_MOUNTING_SIGMA
         if self.sigma_deg is not None:
             sigma = float(np.deg2rad(self.sigma_deg))
@@ -98,12 +93,7 @@ class PlacementFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def placement_from_file(path: str | Path) -> PlacementFile:
-    """Read a placement file, TOML or (by its suffix) JSON, or OpenSense's mapping of sensors to a model's frames (XML).
-
-    Raises:
-        FileFormatError: if it cannot be read or parsed.
-        InputError: for an unknown key, site or bone (the nearest known one is named) or a value of the wrong kind.
-    """
+    """Read a placement file (TOML, or JSON by its suffix), or OpenSense's mapping of sensors to frames (XML)."""
     path = Path(path)
     if path.suffix.lower() == ".xml":
         return PlacementFile(sensors={name: SensorEntry(site) for name, site in sites_of_mappings(path).items()})
@@ -116,8 +106,8 @@ def placement_from_file(path: str | Path) -> PlacementFile:
     pose = content.initial_pose
     if pose is not None and pose not in INITIAL_POSES:
         raise InputError(f"{path}: initial_pose '{pose}'{nearest(pose, INITIAL_POSES)}")
-    if len(content.sensors) > MOST_SENSORS:
-        raise InputError(f"{path}: {len(content.sensors)} sensors: expected at most {MOST_SENSORS} on a body")
+    if len(content.sensors) > 1000:
+        raise InputError(f"{path}: {len(content.sensors)} sensors: expected at most 1000 on a body")
     for name, entry in content.sensors.items():
         _check_entry(f"{path}: sensors.{name}", entry)
     return content
@@ -144,16 +134,13 @@ def sites_of_mappings(path: Path) -> dict[str, str]:
     """Sensor name → site, of all experimental sensors whose frame's name tells one: ``_00B42268`` is ``torso_imu``.
 
     OpenSense begins sensors' names with the ``_`` that ends the trial's in the files' names; it is left out.
-
-    Raises:
-        FileFormatError: if the file cannot be read, is no such mapping, or a frame's name tells no site.
     """
     text = read_text(path, "OpenSense's IMU mappings (XML)")
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise FileFormatError(f"{path}: {error}: expected OpenSense's IMU mappings (XML)") from error
-    found: dict[str, str] = {}
+    sites: dict[str, str] = {}
     for sensor in root.iter("ExperimentalSensor"):
         name = (sensor.get("name") or "").strip().lstrip("_")
         frame = (sensor.findtext("name_in_model") or "").strip()
@@ -163,10 +150,10 @@ def sites_of_mappings(path: Path) -> dict[str, str]:
                 f"{path}: sensor '{name}' is frame '{frame}' of the model: expected a name that tells the segment, "
                 "such as pelvis_imu, femur_r_imu, torso_imu; or write a placement file (.toml)"
             )
-        found[name] = site
-    if not found:
+        sites[name] = site
+    if not sites:
         raise FileFormatError(f"{path}: names no ExperimentalSensor: expected OpenSense's IMU mappings")
-    return found
+    return sites
 
 
 # A preset's name, or site → sensor name, or sensor name → entry of a placement file; None leaves it to the log.
@@ -177,9 +164,6 @@ def place_sensors(log: ImportedLog, skeleton: Skeleton, rule: Rule, notes: list[
     """The placement of a log's sensors on a skeleton; a rule of the user's replaces what the log tells.
 
     Only sensors that have an orientation are placed: nothing can be done with the others.
-
-    Raises:
-        InputError: for an unknown preset, site or sensor, or if no sensor is placed.
     """
     of_log = _sites_of_log(log, skeleton)
     if isinstance(rule, str):
@@ -202,20 +186,16 @@ def _sites_of_log(log: ImportedLog, skeleton: Skeleton) -> dict[str, SensorSite]
     """By sensor, what the log itself tells: its mountings first, then its names."""
     of_log: dict[str, SensorSite] = {}
     if log.placement is not None:
-        scale = stature_of(skeleton) / (_stature_of_log(log))
+        stature_m = log.stature_m  # the stature that the positions of the log's own placement are for
+        if stature_m is None:
+            stature_m = stature_of(log.truth_motion.skeleton) if log.truth_motion is not None else DEFAULT_STATURE_M
+        scale = stature_of(skeleton) / stature_m
         for site in log.placement.sites:
             of_log[site.sensor] = replace(site, p_bone_sensor=scale * site.p_bone_sensor)
     for sensor, site_name in log.default_sites.items():
         if sensor not in of_log:
             of_log[sensor] = sensor_site(site_name, skeleton, sensor)
     return {sensor: site for sensor, site in of_log.items() if sensor in log.imus}
-
-
-def _stature_of_log(log: ImportedLog) -> float:
-    """The stature that the positions of the log's own placement are for."""
-    if log.stature_m is not None:
-        return log.stature_m
-    return stature_of(log.truth_motion.skeleton) if log.truth_motion is not None else DEFAULT_STATURE_M
 
 
 def _of_preset(

@@ -37,11 +37,6 @@ def read(path: Path) -> ImportedLog:
     ``linear_acceleration`` is taken as specific force, as REP 145 demands (a sensor at rest reads +9.81 upwards),
     ``orientation`` as R_inertial_sensor; each unless its covariance begins with -1, and the orientation unless it is
     all zero.
-
-    Raises:
-        InputError: if there is no such file.
-        FileFormatError: if it is no MCAP file or has no usable IMU message.
-        RecordingError: if the samples are unusable.
     """
     contents = read_contents(path, is_imu)
     topics = [messages for messages in contents.messages.values() if is_imu(messages.channel) and messages.data]

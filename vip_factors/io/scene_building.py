@@ -22,12 +22,6 @@ from vip_factors.sensors.parts import scene_in_parts
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, UNKNOWN_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
 
-OUTSIDE = 0.05  # of the image's size: detectors put points a little beyond its border
-MOST_OUTSIDE = 0.02  # share of the points that may lie further out
-SMALL_PART = 0.55  # of both sides: a detector run at half the resolution stays within
-USUAL_PART = 0.6  # of a video: a detector that takes every second frame would stay below
-ENOUGH = 10  # people, to judge by where they are
-
 
 class SceneWarning(UserWarning):
     """Something about a scene that looks odd or was assumed, and what it was."""
@@ -77,12 +71,7 @@ class CameraOptions:
 
 
 def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
-    """A sensor log of any known format, or a recording or scene of ours, as a scene named as the options say.
-
-    Raises:
-        InputError, FileFormatError, RecordingError: as :func:`~vip_factors.io.convert.import_recording`; InputError
-            also for a body file of none of several wearers.
-    """
+    """A sensor log of any known format, or a recording or scene of ours, as a scene named as the options say."""
     if options.columns is not None or (options.format or detect_format(path)) != "recording":
         recording = import_recording(path, options)
         return Scene(recording.name, (recording,))
@@ -95,17 +84,12 @@ def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
         scene = scene_with_body(scene, read_body_file(options.body), options.body)
     if options.name is None:
         return scene
-    wearers = tuple(replace(one, name=options.name) for one in scene.wearers)
+    wearers = tuple(replace(wearer, name=options.name) for wearer in scene.wearers)
     return replace(scene, name=options.name, wearers=wearers)
 
 
 def read_scenes(paths: Sequence[Path]) -> Scene:
-    """A scene from a recording's file, or from several that are its parts, one after another in time.
-
-    Raises:
-        InputError, FileFormatError: as :func:`~vip_factors.io.mcap_recording.read_scene`, and as
-            :func:`~vip_factors.sensors.parts.scene_in_parts`.
-    """
+    """A scene from a recording's file, or from several that are its parts, one after another in time."""
     scenes = [read_scene(path) for path in paths]
     return scene_in_parts(scenes, [str(path) for path in paths]) if len(scenes) > 1 else scenes[0]
 
@@ -122,10 +106,10 @@ def join_wearers(scenes: Sequence[Scene], name: str | None = None) -> Scene:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise InputError(f"two wearers are called '{twice}': give each a name of their own when converting (subject)")
-    filmed = [one for one in scenes if one.camera is not None]
+    filmed = [scene for scene in scenes if scene.camera is not None]
     if len(filmed) > 1:
-        named = ", ".join(f"'{one.name}'" for one in filmed)
-        raise InputError(f"scenes {named} have a camera each: expected one camera in all; leave the others' out")
+        scene_names = ", ".join(f"'{scene.name}'" for scene in filmed)
+        raise InputError(f"scenes {scene_names} have a camera each: expected one camera in all; leave the others' out")
     first = scenes[0].wearers[0]
     wearers = []
     for scene in scenes:
@@ -138,14 +122,12 @@ def join_wearers(scenes: Sequence[Scene], name: str | None = None) -> Scene:
                 wearers.append(replace(wearer, start_ns=first.start_ns))
             else:
                 wearers.append(_on_clock(wearer, first.start_ns))
-    camera, truth, further = (filmed[0].camera, filmed[0].truth, filmed[0].further_cameras) if filmed else (None,) * 3
-    if filmed and filmed[0] is not scenes[0]:
-        truth = None  # it counts the wearers of its own scene
-        seconds = (filmed[0].wearers[0].start_ns - first.start_ns) / 1e9
-        if camera is not None and filmed[0].wearers[0].start_ns and first.start_ns and seconds:
-            camera = _camera_later(camera, seconds)
-            further = tuple(_camera_later(one, seconds) for one in further or ())
-    return Scene(name or scenes[0].name, tuple(wearers), camera, truth, further or ())
+    cameras = filmed[0].cameras if filmed else ()
+    truth = scenes[0].truth if filmed and filmed[0] is scenes[0] else None  # it counts the wearers of its own scene
+    start_ns = filmed[0].wearers[0].start_ns if filmed else 0
+    if start_ns and first.start_ns and start_ns != first.start_ns:
+        cameras = tuple(_camera_later(camera, (start_ns - first.start_ns) / 1e9) for camera in cameras)
+    return Scene(name or scenes[0].name, tuple(wearers), next(iter(cameras), None), truth, tuple(cameras[1:]))
 
 
 def _on_clock(wearer: Recording, start_ns: int) -> Recording:
@@ -175,11 +157,7 @@ def _camera_later(camera: Camera, seconds: float) -> Camera:
 
 
 def add_camera(scene: Scene, options: CameraOptions) -> Scene:
-    """The scene with a camera and its detections, in place of the first one it had, if any.
-
-    Raises:
-        InputError: for files that are missing or do not belong together: what was found and what to do is said.
-    """
+    """The scene with a camera and its detections, in place of the first one it had, if any."""
     scene, mount = _with_mount(scene, options)
     camera = replace(_camera(scene, options), mount=mount)
     scene = replace(scene, camera=camera, truth=None)
@@ -190,10 +168,6 @@ def add_further_camera(scene: Scene, options: CameraOptions) -> Scene:
     """The scene with one more camera, which stands still at the pose over the floor that its camera file tells.
 
     All cameras of known pose must have been shown the same board, lying in the same place.
-
-    Raises:
-        InputError: as :func:`add_camera`, and for a camera whose pose is not known.
-        RecordingError: for a scene without a first camera, and for a name that another camera has.
     """
     camera = _camera(scene, replace(options, static=True, known_pose=True))
     return replace(scene, further_cameras=(*scene.further_cameras, camera), truth=None)
@@ -210,7 +184,7 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
     camera = Camera(options.name, model, detections, not options.static, None, path, options.time_offset, video)
     if facts is not None:
         check_video(facts, camera)
-        if len(detections.time) < USUAL_PART * len(facts):
+        if len(detections.time) < 0.6 * len(facts):  # every second frame would stay below
             _warn(
                 f"{options.detections} ends at frame {len(detections.time)} of the {len(facts)} in {facts.path}: "
                 "if the detector left frames out, it numbered them anew; detect in every frame"
@@ -218,7 +192,7 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
         camera = replace(camera, detections=replace(detections, time=facts.time))  # all frames of the video
         if options.rate is not None and abs(options.rate / facts.rate - 1) > 0.01:
             _warn(f"{facts.path} has {facts.rate:.2f} frames a second, not {options.rate:g}: the file's times are used")
-    check_detections(detections, model, options.detections, options.camera, size_known=facts is not None)
+    _check_detections(detections, model, options, size_known=facts is not None)
     _warn_of_clocks(scene, camera)
     return camera if video is None else replace(camera, detections=with_torso_colours(camera.detections, video))
 
@@ -245,14 +219,14 @@ def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMoun
     owners = [wearer for wearer in scene.wearers if options.imu in wearer.imus]
     if len(owners) != 1:
         names = ", ".join(name for wearer in scene.wearers for name in wearer.imus)
-        found = "no wearer's recording has" if not owners else "several recordings have"
-        raise InputError(f"{found} a sensor '{options.imu}' to be the camera's: sensors are {names}")
+        subject = "several recordings have" if owners else "no wearer's recording has"
+        raise InputError(f"{subject} a sensor '{options.imu}' to be the camera's: sensors are {names}")
     owner = owners[0]
-    stream = owner.imus[options.imu]
     sites = tuple(site for site in owner.placement.sites if site.sensor != options.imu)
-    rest = {name: one for name, one in owner.imus.items() if name != options.imu}
-    without = replace(owner, imus=rest, placement=replace(owner.placement, sites=sites))
-    wearers = tuple(without if one is owner else one for one in scene.wearers)
+    imus = dict(owner.imus)
+    stream = imus.pop(options.imu)
+    without = replace(owner, imus=imus, placement=replace(owner.placement, sites=sites))
+    wearers = tuple(without if wearer is owner else wearer for wearer in scene.wearers)
     return replace(scene, wearers=wearers), _mount(stream, options)
 
 
@@ -281,20 +255,10 @@ def _logged_imu(path: Path, options: CameraOptions, start_ns: int) -> ImuStream:
     return _later(with_orientation(log.imus[name]), offset)
 
 
-def check_detections(
-    detections: Detections, model: CameraModel, path: Path, camera_path: Path, size_known: bool = False
-) -> None:
-    """Refuse detections that show nobody, or that were made at another resolution than the calibration.
-
-    Args:
-        detections: of a video.
-        model: the calibrated camera.
-        path, camera_path: of their files, for complaints.
-        size_known: whether the size of the video is known to be the calibrated one.
-
-    Raises:
-        InputError: naming both files.
-    """
+def _check_detections(detections: Detections, model: CameraModel, options: CameraOptions, size_known: bool) -> None:
+    """Refuse detections that show nobody, or that were made at another resolution than the calibration."""
+    path, camera_path = options.detections, options.camera
+    margin = 0.05  # of the image's size: detectors put points a little beyond its border
     if not np.any(detections.seen):
         raise InputError(
             f"{path}: in none of {len(detections.time)} video frames is anybody: every confidence is zero; "
@@ -302,15 +266,16 @@ def check_detections(
         )
     pixels = detections.pixels[detections.seen]
     size = np.array([model.width, model.height])
-    out = np.any((pixels < -OUTSIDE * size) | (pixels > (1 + OUTSIDE) * size), axis=1)
+    out = np.any((pixels < -margin * size) | (pixels > (1 + margin) * size), axis=1)
     reach = np.quantile(pixels, 0.99, axis=0)
-    if np.mean(out) > MOST_OUTSIDE:
+    if np.mean(out) > 0.02:
         raise InputError(
             f"{path}: {100 * np.mean(out):.0f} % of the points lie outside the image of {model.width} by "
             f"{model.height} pixels that {camera_path} is for (they reach to {reach[0]:.0f}, {reach[1]:.0f}): "
             "the detector saw another resolution; calibrate at that one, or detect at this one"
         )
-    if not size_known and len(detections) >= ENOUGH and np.all(reach < SMALL_PART * size):
+    # A detector that is run at half the resolution stays within half of both sides.
+    if not size_known and len(detections) >= 10 and np.all(reach < 0.55 * size):
         _warn(
             f"{path}: all people lie within {reach[0]:.0f} by {reach[1]:.0f} pixels of an image of {model.width} by "
             f"{model.height} ({camera_path}): if the detector saw a smaller image, calibrate at its resolution"

@@ -27,20 +27,20 @@ Declared = TypeVar("Declared")
 MOST_BYTES = 1_000_000  # of a file that people write
 MOST_MOTION_BYTES = 1_000_000_000  # of a motion as text
 PLAIN_WORDS = {
-    "float": "number", "int": "whole number", "str": "text in quotes", "bool": "true or false", "object": "table",
-    "array": "list", "Path": "text in quotes",
-}  # fmt: skip
+    "float": "number",
+    "int": "whole number",
+    "str": "text in quotes",
+    "bool": "true or false",
+    "object": "table",
+    "array": "list",
+    "Path": "text in quotes",
+}
 # A parser's work grows with the square of a key's parts, or worse.
 LONG_KEY = re.compile(r"""(?<![\w-])(?:(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')\s*+\.\s*+){16}""")
 
 
 def read_toml(path: Path, kind: type[Declared], what: str) -> Declared:
-    """Read a TOML file into a declared type; ``what`` names the file that is expected.
-
-    Raises:
-        FileFormatError: if the file cannot be read or parsed.
-        InputError: if a value is not what the type declares.
-    """
+    """Read a TOML file into a declared type; ``what`` names the file that is expected."""
     text = read_text(path, what, strict=True)
     if (long := LONG_KEY.search(text)) is not None:
         line = text.count("\n", 0, long.start()) + 1
@@ -79,7 +79,7 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
             raise InputError(f"{path}: unknown key '{_key(place, unknown[1])}'{nearest(unknown[1], known)}") from error
         if missing is not None:
             raise InputError(f"{path}: {_key(place, missing[1])} is missing") from error
-        message = re.sub(r"`([A-Za-z |]*)`", lambda word: _plain(word[1]), message)
+        message = re.sub(r"`([A-Za-z |]*)`", _plain, message)
         if message.startswith("Invalid enum value") and (choices := _choices(kind)):
             message += f": expected one of {', '.join(choices)}"
         raise InputError(f"{path}: {place or 'the content'}: {message[0].lower()}{message[1:]}") from error
@@ -130,20 +130,17 @@ def _converts(value: object, kind: object) -> bool:
     return True
 
 
+def _plain(kinds: re.Match[str]) -> str:
+    """The types that msgspec names, in plain words."""
+    return " or ".join(PLAIN_WORDS.get(word, word) for word in kinds[1].split(" | ") if word != "null")
+
+
 def _key(where: str, name: str) -> str:
     return f"{where}.{name}".lstrip(".")
 
 
-def _plain(kinds: str) -> str:
-    return " or ".join(PLAIN_WORDS.get(word, word) for word in kinds.split(" | ") if word != "null")
-
-
 def read_text(path: Path, what: str, strict: bool = False, most_bytes: int = MOST_BYTES) -> str:
-    """Read a file in UTF-8; other bytes are replaced, or refused if ``strict``. ``what`` names the expected file.
-
-    Raises:
-        FileFormatError: if the file cannot be read, or is larger than ``most_bytes``.
-    """
+    """Read a file in UTF-8; other bytes are replaced, or refused if ``strict``. ``what`` names the expected file."""
     try:
         with path.open(encoding="utf-8-sig", errors="strict" if strict else "replace") as file:
             # In pieces: whatever the file's size, room is made for as many bytes as are asked for.
@@ -158,12 +155,16 @@ def read_text(path: Path, what: str, strict: bool = False, most_bytes: int = MOS
     return text
 
 
-def correlation_matrix(path: Path, where: str, rows: Sequence[Sequence[float]]) -> Array:
-    """Symmetric matrix ``(n, n)`` of the ``n`` rows of a table of correlations.
+def check_keys(path: Path, where: str, table: Iterable[str], expected: Iterable[str]) -> None:
+    """Refuse a table that lacks one of the expected keys, or has another."""
+    expected, keys = list(expected), set(table)
+    for key in sorted(keys ^ set(expected)):
+        state = "unknown" if key in keys else "missing"
+        raise InputError(f"{path}: {where}.{key} is {state}: expected all of {', '.join(expected)}")
 
-    Raises:
-        InputError: if the rows are not such a matrix.
-    """
+
+def correlation_matrix(path: Path, where: str, rows: Sequence[Sequence[float]]) -> Array:
+    """Symmetric matrix ``(n, n)`` of the ``n`` rows of a table of correlations, which is refused if it is none."""
     if any(len(row) != len(rows) for row in rows):
         raise InputError(f"{path}: {where}: expected {len(rows)} rows of {len(rows)} numbers")
     matrix = np.array(rows, float).reshape(len(rows), len(rows))

@@ -63,7 +63,7 @@ class RecordingInMemory:
         streams = [self.recording.imus[name] for name in self.sensors]
         if not streams:
             raise nothing_placed(self.recording.name, self.recording.imus)
-        return float(min(one.time[0] for one in streams)), float(max(one.time[-1] for one in streams))
+        return float(min(stream.time[0] for stream in streams)), float(max(stream.time[-1] for stream in streams))
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
         """What was measured from one instant to another."""
@@ -88,21 +88,17 @@ def samples_around(recording: RecordingSource, time: Array) -> Mapping[str, ImuS
 
 
 def frames_of(streams: Mapping[str, ImuStream], sensors: Sequence[str], time: Array) -> ImuFrames:
-    """Frames at ``time`` ``(T,)`` of all ``sensors``; of those without a stream nothing is valid.
-
-    Raises:
-        RecordingError: if a stream has no orientation.
-    """
+    """Frames at ``time`` ``(T,)`` of all ``sensors``; of those without a stream nothing is valid."""
     T, S = len(time), len(sensors)
     R, force = np.tile(np.eye(3), (T, S, 1, 1)), np.zeros((T, S, 3))
-    seen, whole = np.zeros((T, S), bool), np.zeros((T, S), bool)
-    own = [name for name in sensors if name in streams]
-    if own:
-        found = resample_streams([streams[name] for name in own], time)
-        columns = [list(sensors).index(name) for name in own]
-        R[:, columns], force[:, columns] = found.R_inertial_sensor, found.specific_force_inertial
-        seen[:, columns], whole[:, columns] = found.orientation_valid, found.acceleration_valid
-    return ImuFrames(tuple(sensors), time, R, seen, force, whole)
+    orientation_valid, acceleration_valid = np.zeros((T, S), bool), np.zeros((T, S), bool)
+    columns = [column for column, name in enumerate(sensors) if name in streams]
+    if columns:
+        frames = resample_streams([streams[sensors[column]] for column in columns], time)
+        R[:, columns], force[:, columns] = frames.R_inertial_sensor, frames.specific_force_inertial
+        orientation_valid[:, columns] = frames.orientation_valid
+        acceleration_valid[:, columns] = frames.acceleration_valid
+    return ImuFrames(tuple(sensors), time, R, orientation_valid, force, acceleration_valid)
 
 
 def without_gaps(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], times: Sequence[Array]) -> Recording:
@@ -128,22 +124,25 @@ def without_gaps(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], 
         begin += end - float(time[0]) + step
     if not parts:
         raise RecordingError(f"recording '{head.name}': no sensor measured in any of the stretches")
-    return replace(head, imus={name: one_stream(own) for name, own in parts.items()})
+    return replace(head, imus={name: one_stream(streams) for name, streams in parts.items()})
 
 
 def one_stream(parts: Sequence[ImuStream]) -> ImuStream:
     """Streams of one sensor, one after another, as one."""
 
     def together(values: Sequence[Array | None]) -> Array | None:
-        there = [one for one in values if one is not None]
-        return np.concatenate(there) if len(there) == len(parts) else None
+        measured = [samples for samples in values if samples is not None]
+        return np.concatenate(measured) if len(measured) == len(parts) else None
 
-    partly = any(one.force_measured is not None for one in parts)
+    is_masked = any(part.force_measured is not None for part in parts)
     return ImuStream(
-        parts[0].name, np.concatenate([one.time for one in parts]), together([one.specific_force for one in parts]),
-        together([one.R_inertial_sensor for one in parts]), together([one.angular_rate for one in parts]),
-        np.concatenate([one.force_measured_mask for one in parts]) if partly else None,
-    )  # fmt: skip
+        parts[0].name,
+        np.concatenate([part.time for part in parts]),
+        together([part.specific_force for part in parts]),
+        together([part.R_inertial_sensor for part in parts]),
+        together([part.angular_rate for part in parts]),
+        np.concatenate([part.force_measured_mask for part in parts]) if is_masked else None,
+    )
 
 
 class SceneSource(Protocol):
@@ -185,12 +184,14 @@ class SceneInMemory:
     @cached_property
     def head(self) -> Scene:
         """The scene without what was measured."""
-        return self._scene(tuple(one.head for one in self.wearers), tuple(map(without_frames, self.scene.cameras)))
+        return self._scene(
+            tuple(wearer.head for wearer in self.wearers), tuple(map(without_frames, self.scene.cameras))
+        )
 
     @cached_property
     def wearers(self) -> tuple[RecordingSource, ...]:
         """The recordings of all wearers, in their order."""
-        return tuple(RecordingInMemory(one) for one in self.scene.wearers)
+        return tuple(map(RecordingInMemory, self.scene.wearers))
 
     @property
     def video_start(self) -> float:
@@ -203,9 +204,10 @@ class SceneInMemory:
         if start == -np.inf and end == np.inf:
             return self.scene
         wearers = tuple(
-            replace(one.head, imus=one.between(start - MARGIN_S, end + MARGIN_S), truth=None) for one in self.wearers
+            replace(wearer.head, imus=wearer.between(start - MARGIN_S, end + MARGIN_S), truth=None)
+            for wearer in self.wearers
         )
-        return self._scene(wearers, tuple(camera_between(one, start, end) for one in self.scene.cameras))
+        return self._scene(wearers, tuple(camera_between(camera, start, end) for camera in self.scene.cameras))
 
     def detected(self, start: float, end: float) -> int:
         """How many people were detected between two instants."""
@@ -230,8 +232,8 @@ class UnfilmedSource(SceneInMemory):
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
         """What was measured from one instant to another."""
-        wearers = (replace(one.head, imus=one.between(start - MARGIN_S, end + MARGIN_S)) for one in self.wearers)
-        return self._scene(tuple(wearers), ())
+        reach = start - MARGIN_S, end + MARGIN_S
+        return self._scene(tuple(replace(wearer.head, imus=wearer.between(*reach)) for wearer in self.wearers), ())
 
     def detected(self, start: float, end: float) -> int:
         """How many people were detected between two instants: nobody."""
@@ -240,8 +242,8 @@ class UnfilmedSource(SceneInMemory):
 
 def shared_interval(source: SceneSource) -> tuple[float, float]:
     """Seconds from which and until when the sensors of all wearers measure."""
-    intervals = [one.interval for one in source.wearers]
-    return max(one[0] for one in intervals), min(one[1] for one in intervals)
+    starts, ends = zip(*(wearer.interval for wearer in source.wearers), strict=True)
+    return max(starts), min(ends)
 
 
 def without_frames(camera: Camera) -> Camera:
@@ -259,9 +261,6 @@ def camera_between(camera: Camera, start: float, end: float) -> Camera:
         mount = replace(mount, imu=mount.imu.cut(*near)) if count >= LEAST_SAMPLES else None
     detections, time = camera.detections, camera.timed_detections.time
     first, last = np.searchsorted(time, start, "left"), np.searchsorted(time, end, "right")
-    own = detections.select((detections.frame >= first) & (detections.frame < last))
-    # Video frames are counted anew.
-    return replace(
-        camera, detections=replace(own, time=detections.time[first:last], frame=own.frame - first),
-        mount=mount, video=None,
-    )  # fmt: skip
+    within = detections.select((detections.frame >= first) & (detections.frame < last))
+    within = replace(within, time=detections.time[first:last], frame=within.frame - first)  # counted anew
+    return replace(camera, detections=within, mount=mount, video=None)

@@ -12,7 +12,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -119,11 +119,6 @@ def _numbers(vector: Array) -> str:
     return " ".join(NUMBER % value for value in vector + 0.0)  # no negative zero
 
 
-if TYPE_CHECKING:
-    from pygltflib import GLTF2
-
-NEAREST_M = 0.05  # what a camera draws begins here
-ROUGHNESS = 0.8
 STILL = 1e-7  # a turn or shift by less (rad or m, nearly) needs no keys: what a float32 can hold
 R_CAMERA_GLTF = np.diag([1.0, -1.0, -1.0])  # glTF's cameras have y up and look along −z
 
@@ -135,11 +130,11 @@ def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings) -> None
     view and aspect; a principal point off the image's middle and distortion have no place in the format.
     """
     file = _Scene(estimate.wearers[0].motion.start)
-    for one in estimate.wearers:
-        file.add_wearer(one, bone_names(settings.bone_names))
+    for wearer in estimate.wearers:
+        file.add_wearer(wearer, bone_names(settings.bone_names))
     if estimate.camera is not None:
         file.add_camera(estimate.camera)
-    path.write_bytes(file.whole())
+    path.write_bytes(file.to_bytes())
 
 
 class _Scene:
@@ -151,10 +146,12 @@ class _Scene:
         self._lib: Any = pygltflib
         self._start = start
         self._buffer = GltfBuffer()
-        self._gltf: GLTF2 = pygltflib.GLTF2(
+        self._gltf: Any = pygltflib.GLTF2(
             asset=pygltflib.Asset(version="2.0", generator=f"vip-factors {__version__}"),
-            scene=0, scenes=[pygltflib.Scene(nodes=[])], materials=[_material(pygltflib, side) for side in Side],
-        )  # fmt: skip
+            scene=0,
+            scenes=[pygltflib.Scene(nodes=[])],
+            materials=[_material(pygltflib, side) for side in Side],
+        )
         self._motion = pygltflib.Animation(name="motion", channels=[], samplers=[])
 
     def add_wearer(self, estimate: WearerEstimate, names: tuple[str, ...]) -> None:
@@ -163,7 +160,7 @@ class _Scene:
         holder = self._node(name=estimate.name, children=[len(gltf.nodes) + 1])
         first = len(gltf.nodes)
         for joint, name in enumerate(names):
-            children = [first + child for child, parent in enumerate(PARENTS) if parent == joint]
+            children = [first + child for child in _children(joint)]
             self._node(name=name, children=children, translation=motion.skeleton.p_parent_joint[joint].tolist())
         mesh = self._mesh(motion.skeleton, estimate.name)
         body = self._node(name=f"{estimate.name} body", mesh=mesh, skin=self._skin(motion.skeleton, first, holder))
@@ -181,7 +178,7 @@ class _Scene:
         lib, model = self._lib, camera.model
         yfov = 2 * np.arctan2(model.height / 2, model.focal[1])
         aspect = (model.width / model.focal[0]) / (model.height / model.focal[1])
-        lens = lib.Perspective(yfov=float(yfov), aspectRatio=float(aspect), znear=NEAREST_M)
+        lens = lib.Perspective(yfov=float(yfov), aspectRatio=float(aspect), znear=0.05)
         self._gltf.cameras.append(lib.Camera(name=camera.name, type="perspective", perspective=lens))
         node = self._node(name=camera.name, camera=len(self._gltf.cameras) - 1)
         self._gltf.scenes[0].nodes.append(node)
@@ -190,7 +187,7 @@ class _Scene:
         self._animate(node, "translation", times, path.p_world_camera @ R_YUP_WORLD.T)
         self._animate(node, "rotation", times, _quaternions(R_YUP_WORLD @ path.R_world_camera @ R_CAMERA_GLTF))
 
-    def whole(self) -> bytes:
+    def to_bytes(self) -> bytes:
         """All that was added, as the bytes of a file."""
         gltf, buffer = self._gltf, self._buffer
         if self._motion.channels:
@@ -231,11 +228,10 @@ class _Scene:
         side_of_bone = np.array([[*Side].index(side_of(bone)) for bone in range(JOINT_COUNT)])
         of_sides = body.weights @ np.eye(len(Side))[side_of_bone]
         side_of_triangle = np.argmax(of_sides[body.faces].sum(axis=1), axis=1)
+        faces = body.faces.astype(np.uint16 if len(p) < 65535 else np.uint32)
         primitives = [
             lib.Primitive(
-                attributes=attributes,
-                indices=add(_indices(body.faces[side_of_triangle == side]), INDICES),
-                material=side,
+                attributes=attributes, indices=add(faces[side_of_triangle == side].ravel(), INDICES), material=side
             )
             for side in range(len(Side))
         ]
@@ -254,8 +250,8 @@ class _Scene:
 def _stand(skeleton: Skeleton) -> Array:
     """How far to lift the rest pose for it to stand on the floor, ``(3,)`` metres."""
     lowest = skeleton.p_pelvis_joint[:, 1].min()
-    for one in skeleton.landmarks.values():
-        lowest = min(lowest, skeleton.p_pelvis_joint[one.bone, 1] + one.p_bone_point[1])
+    for landmark in skeleton.landmarks.values():
+        lowest = min(lowest, skeleton.p_pelvis_joint[landmark.bone, 1] + landmark.p_bone_point[1])
     return np.array([0.0, -lowest, 0.0])
 
 
@@ -267,24 +263,18 @@ def _quaternions(R: Array) -> Array:
     return q
 
 
-def _indices(triangles: np.ndarray) -> np.ndarray:
-    flat = triangles.reshape(-1)
-    return flat.astype(np.uint16 if flat.max() < 65535 else np.uint32)
-
-
 def _material(lib: Any, side: Side) -> Any:
     """The side's colour, in the linear shares that glTF counts in."""
     share = np.array(ESTIMATE_COLOURS[side]) / 255
     linear = np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
     surface = lib.PbrMetallicRoughness(
-        baseColorFactor=[*np.round(linear, 4).tolist(), 1.0], metallicFactor=0.0, roughnessFactor=ROUGHNESS
+        baseColorFactor=[*np.round(linear, 4).tolist(), 1.0], metallicFactor=0.0, roughnessFactor=0.8
     )
     return lib.Material(name=side.value, pbrMetallicRoughness=surface, alphaCutoff=None)
 
 
-FLOAT, UNSIGNED_BYTE, UNSIGNED_SHORT, UNSIGNED_INT = 5126, 5121, 5123, 5125  # component types of glTF 2.0
-_COMPONENTS = {"float32": FLOAT, "uint8": UNSIGNED_BYTE, "uint16": UNSIGNED_SHORT, "uint32": UNSIGNED_INT}
-_KINDS = {(): "SCALAR", (2,): "VEC2", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
+_COMPONENTS = {"float32": 5126, "uint8": 5121, "uint16": 5123, "uint32": 5125}
+_KINDS = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 CORNERS, INDICES = 34962, 34963  # what a graphics card is to use an array for
 
 
@@ -304,9 +294,6 @@ class GltfBuffer:
             target: what it is for, :data:`CORNERS` or :data:`INDICES`.
             bounds: whether least and greatest values are told, as glTF wants of positions and times.
             unit: whether integers stand for fractions of their greatest value.
-
-        Raises:
-            InputError: for numbers that are not finite, or were not before they became float32.
         """
         from pygltflib import Accessor, BufferView
 
@@ -319,20 +306,20 @@ class GltfBuffer:
         flat = values.reshape(len(values), -1)
         self.accessors.append(
             Accessor(
-                bufferView=len(self.views) - 1, componentType=_COMPONENTS[values.dtype.name], count=len(values),
-                type=_KINDS[values.shape[1:]], normalized=unit,
-                min=flat.min(axis=0).tolist() if bounds else None, max=flat.max(axis=0).tolist() if bounds else None,
+                bufferView=len(self.views) - 1,
+                componentType=_COMPONENTS[values.dtype.name],
+                count=len(values),
+                type=_KINDS[values.shape[1:]],
+                normalized=unit,
+                min=flat.min(axis=0).tolist() if bounds else None,
+                max=flat.max(axis=0).tolist() if bounds else None,
             )
-        )  # fmt: skip
+        )
         return len(self.accessors) - 1
 
 
 def write_fbx(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
-    """Skins, bones and camera of all wearers in one file, one key a frame, at a whole number of frames a second.
-
-    Raises:
-        InputError: without Blender, or if it fails.
-    """
+    """Write skins, bones and camera of all wearers, one key a frame, at a whole number of frames a second."""
     blender = shutil.which("blender")
     if blender is None and importlib.util.find_spec("bpy") is None:
         raise InputError(
@@ -343,9 +330,8 @@ def write_fbx(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     with tempfile.TemporaryDirectory() as folder:
         source, target, script = (Path(folder) / name for name in ("a.glb", "a.fbx", "script.py"))
         write_gltf(estimate, source, settings)
-        work = {
-            "source": str(source), "target": str(target), "rate": max(round(motion.rate), 1), "frames": len(motion),
-        }  # fmt: skip
+        rate = max(round(motion.rate), 1)
+        work = {"source": str(source), "target": str(target), "rate": rate, "frames": len(motion)}
         script.write_text(f"WORK = {json.dumps(work)!r}\n{_IN_BLENDER}", encoding="utf-8")
         program = [sys.executable] if blender is None else [blender, "--background", "--factory-startup", "--python"]
         done = subprocess.run([*program, str(script)], capture_output=True, text=True, check=False)

@@ -2,7 +2,7 @@
 the file, whatever its format; and the turn to a world with Y up.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib import import_module
 from importlib.util import find_spec
@@ -65,19 +65,14 @@ FORMATS: dict[str, ExportFormat] = {
 
 
 def export_format(path: Path) -> ExportFormat:
-    """The format that the suffix of a file names, which can be written here.
-
-    Raises:
-        InputError: for an unknown suffix, or without the format's package.
-    """
-    known = FORMATS.get(path.suffix.lower())
-    if known is None:
+    """The format that the suffix of a file names; refused if unknown, or without the format's package."""
+    file_format = FORMATS.get(path.suffix.lower())
+    if file_format is None:
         raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
-    if known.package and find_spec(known.package) is None:
-        raise InputError(
-            f"{path}: this needs {known.package}, which is not installed: pip install 'vip-factors[export]'"
-        )
-    return known
+    package = file_format.package
+    if package and find_spec(package) is None:
+        raise InputError(f"{path}: this needs {package}, which is not installed: pip install 'vip-factors[export]'")
+    return file_format
 
 
 def export(
@@ -103,17 +98,20 @@ def export(
         InputError: as :func:`export_format`, for an unknown wearer, one without frames, or a file that may not be
             written.
     """
-    known = export_format(path)
+    file_format = export_format(path)
     chosen = _chosen(estimate, settings.wearer)
     for wearer in chosen.wearers:
         if len(wearer.motion) == 0:
             raise InputError(f"wearer '{wearer.name}' has no frames to export: was the estimate's file cut off?")
     chosen = resampled(chosen, settings.frame_rate)
-    parts = [chosen] if known.several else [_one_wearer(chosen, number) for number in range(len(chosen.wearers))]
-    paths = file_names(path, parts)
-    for one in paths:
-        check_target(one, overwrite)
-    write = known.load()
+    parts = [chosen] if file_format.several else [_one_wearer(chosen, number) for number in range(len(chosen.wearers))]
+    paths = [path]
+    if len(parts) > 1:
+        names = distinct_file_names(part.wearers[0].name for part in parts)
+        paths = [path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names]
+    for target in paths:
+        check_target(target, overwrite)
+    write = file_format.load()
     for part, target in zip(parts, paths, strict=True):
         with atomic_path(target, overwrite) as temporary:
             write(part, temporary, settings)
@@ -123,18 +121,10 @@ def export(
     return tuple(paths)
 
 
-def file_names(path: Path, parts: Sequence[Estimate]) -> list[Path]:
-    """One name for each part: the path itself, or with the wearer's name, made distinct, before the suffix."""
-    if len(parts) == 1:
-        return [path]
-    names = distinct_file_names(part.wearers[0].name for part in parts)
-    return [path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names]
-
-
 def _chosen(estimate: Estimate, wearer: str | None) -> Estimate:
     if wearer is None:
         return estimate
-    names = [one.name for one in estimate.wearers]
+    names = [candidate.name for candidate in estimate.wearers]
     if wearer not in names:
         raise InputError(f"no wearer '{wearer}' in the estimate: expected one of {', '.join(names)}")
     return _one_wearer(estimate, names.index(wearer))
@@ -153,26 +143,20 @@ def _one_wearer(estimate: Estimate, number: int) -> Estimate:
     )
 
 
-SAME_RATE = 1e-9  # relative: rates come from differences of times
-
-
 def resampled(estimate: Estimate, rate: float | None) -> Estimate:
     """The estimate at ``rate`` frames per second, from its first frame on; as it is if that is its rate or None.
 
     Poses follow cubic splines: against linear steps, feet that stand stay five times nearer to where they were.
     Nothing is filtered: at a lower rate, movements faster than half of it are sampled as they come.
-
-    Raises:
-        InputError: for a rate that is not positive.
     """
     if rate is None:
         return estimate
     if not 0 < rate < float("inf"):
         raise InputError(f"{rate:g} frames a second: expected a positive number")
     motion = estimate.wearers[0].motion
-    if abs(motion.rate - rate) <= SAME_RATE * rate:
+    if abs(motion.rate - rate) <= 1e-9 * rate:  # rates come from differences of times
         return estimate
-    wearers = tuple(_wearer(one, rate) for one in estimate.wearers)
+    wearers = tuple(_wearer(wearer, rate) for wearer in estimate.wearers)
     camera = None if estimate.camera is None else _camera(estimate.camera, motion.time, wearers[0].motion.time)
     return replace(estimate, wearers=wearers, camera=camera)
 
@@ -190,14 +174,15 @@ def _wearer(estimate: WearerEstimate, rate: float) -> WearerEstimate:
     time = motion.start + np.arange(frames) / rate
     R, p = poses_at(motion, time)
     covariance = estimate.covariance
+    if covariance is not None:
+        joints, root = (_between(motion.time, values, time) for values in (covariance.joints, covariance.root))
+        covariance = PoseCovariance(joints, root)
     return replace(
         estimate,
         motion=replace(motion, R_parent_child=R, p_world_pelvis=p, rate=rate),
-        covariance=None if covariance is None else PoseCovariance(
-            _between(motion.time, covariance.joints, time), _between(motion.time, covariance.root, time)
-        ),
+        covariance=covariance,
         residuals={kind: _between(motion.time, values, time) for kind, values in estimate.residuals.items()},
-    )  # fmt: skip
+    )
 
 
 def _camera(camera: CameraEstimate, before: Array, time: Array) -> CameraEstimate:

@@ -5,7 +5,6 @@ world has Y up; ``cam_poses`` take it to the camera, whose axes are OpenCV's.
 """
 
 import pickle
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +21,6 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 
 POSE_WIDTH = 156  # of SMPL-H: 22 joints of the body and 30 of the hands, three numbers each
-AMASS_BETAS, AMASS_DMPLS = 16, 8
-RATE_DIGITS = 6  # a rate of 59.999999999 Hz is read as 59 by programs that count in whole frames
 
 
 def write_amass(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
@@ -36,14 +33,14 @@ def write_amass(estimate: Estimate, path: Path, settings: ExportSettings) -> Non
     motion = estimate.wearers[0].motion
     poses = np.zeros((len(motion), POSE_WIDTH))
     poses[:, : 3 * BODY_JOINTS] = log(motion.R_parent_child[:, :BODY_JOINTS]).reshape(len(motion), -1)
-    rate = round(motion.rate, RATE_DIGITS)
+    rate = round(motion.rate, 6)  # 59.999999999 Hz is read as 59 by programs that count in whole frames
     with path.open("wb") as file:
         np.savez_compressed(
             file,
             poses=poses,
             trans=motion.p_world_pelvis - P_MODEL_PELVIS,
-            betas=np.zeros(AMASS_BETAS),
-            dmpls=np.zeros((len(motion), AMASS_DMPLS)),
+            betas=np.zeros(16),
+            dmpls=np.zeros((len(motion), 8)),
             gender=np.array("neutral"),
             mocap_framerate=np.array(rate),
             mocap_frame_rate=np.array(rate),
@@ -52,13 +49,13 @@ def write_amass(estimate: Estimate, path: Path, settings: ExportSettings) -> Non
 
 
 VIDEO_RATE, IMU_RATE = 30.0, 60.0  # of 3DPW: the fields without a rate in their name, and those of "60Hz"
-THREE_DPW_BETAS = 10
-PROTOCOL = 2  # the newest that Python 2 reads
+_ARM, _LEG = ("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle")
 COCO18 = (
-    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
-    "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "right_eye", "left_eye",
-    "right_ear", "left_ear",
-)  # fmt: skip
+    "nose",
+    "neck",
+    *(f"{side}_{point}" for limb in (_ARM, _LEG) for side in ("right", "left") for point in limb),
+    *("right_eye", "left_eye", "right_ear", "left_ear"),
+)
 
 
 def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
@@ -66,46 +63,33 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
 
     They are the video's frames if the recording is given, else 30 a second or as many as were asked for. ``betas`` are
     zero, of the mean shape, for the body is not SMPL's: ``jointPositions`` are those of the wearer's own skeleton.
-
-    Raises:
-        InputError: for a recording that is not the one that the estimate was made from.
-        FileFormatError: for a recording that cannot be read.
     """
     scene = None if settings.recording is None else _scene(settings.recording, estimate)
-    video = _Video.of(estimate, scene, settings.frame_rate)
-    people = [_person(one, video) for one in estimate.wearers]
-    poses2d = [_poses2d(number, estimate, scene, len(video.time)) for number in range(len(people))]
-    frames_60hz = np.rint((video.time - estimate.wearers[0].motion.start) * IMU_RATE).astype(int)
-    sexes = {} if scene is None else {one.subject.name: one.subject.sex for one in scene.wearers}
+    known = estimate.wearers[0].motion.time
+    if scene is not None and scene.camera is not None and estimate.camera is not None:
+        time = scene.camera.detections.timed(estimate.camera.clock).time
+    else:
+        time = _steps(known, settings.frame_rate or VIDEO_RATE)
+    people = [_person(wearer, time) for wearer in estimate.wearers]
+    poses2d = [_poses2d(number, estimate, scene, len(time)) for number in range(len(people))]
+    frames_60hz = np.rint((time - known[0]) * IMU_RATE).astype(int)
+    sexes = {} if scene is None else {wearer.subject.name: wearer.subject.sex for wearer in scene.wearers}
+    # Where a wearer can be looked for in a picture: seen there, if the recording is known to tell.
+    is_inside = (time >= known[0] - 1e-6) & (time <= known[-1] + 1e-6) & (estimate.camera is not None)
+    valid = [is_inside & (scene is None or pixels[:, 2].any(axis=1)) for pixels in poses2d]
     content: dict[str, Any] = {
         "sequence": estimate.name,
-        "betas": [np.zeros(THREE_DPW_BETAS) for _ in people],
-        "genders": [(sexes.get(one.name) or "neutral")[0] for one in estimate.wearers],
+        "betas": [np.zeros(10) for _ in people],
+        "genders": [(sexes.get(wearer.name) or "neutral")[0] for wearer in estimate.wearers],
         **{key: [person[key] for person in people] for key in people[0]},
         "poses2d": poses2d,
         "img_frame_ids": frames_60hz.clip(0, len(people[0]["poses_60Hz"]) - 1),
-        **_camera(estimate.camera, video.time),
-        "campose_valid": [_valid(one, estimate, scene, video) for one in poses2d],
+        **_camera(estimate.camera, time),
+        "campose_valid": valid,
     }
-    path.write_bytes(_old_numpy(pickle.dumps(content, PROTOCOL)))
-
-
-@dataclass(frozen=True)
-class _Video:
-    """The frames that the fields without a rate are of: times ``(N,)``, and whether the estimate reaches there."""
-
-    time: Array
-    inside: np.ndarray
-
-    @classmethod
-    def of(cls, estimate: Estimate, scene: Scene | None, frame_rate: float | None) -> "_Video":
-        known = estimate.wearers[0].motion.time
-        if scene is not None and scene.camera is not None and estimate.camera is not None:
-            time = scene.camera.detections.timed(estimate.camera.clock).time
-        else:
-            time = _steps(known, frame_rate or VIDEO_RATE)
-        slack = 1e-6
-        return cls(time, (time >= known[0] - slack) & (time <= known[-1] + slack))
+    pickled = pickle.dumps(content, protocol=2)  # the newest that Python 2 reads
+    # Readers with NumPy before 1.26 know arrays under their old module's name.
+    path.write_bytes(pickled.replace(b"cnumpy._core.", b"cnumpy.core."))
 
 
 def _steps(time: Array, rate: float) -> Array:
@@ -125,10 +109,10 @@ def _scene(path: Path, estimate: Estimate) -> Scene:
     return scene
 
 
-def _person(estimate: WearerEstimate, video: _Video) -> dict[str, Array]:
+def _person(estimate: WearerEstimate, video_time: Array) -> dict[str, Array]:
     motion = estimate.motion
     poses, trans, joints = {}, {}, np.zeros((0, 72))
-    for key, time in (("", video.time), ("_60Hz", _steps(motion.time, IMU_RATE))):
+    for key, time in (("", video_time), ("_60Hz", _steps(motion.time, IMU_RATE))):
         R_parent_child, p_world_pelvis = poses_at(motion, time)
         R_parent_child[:, 0] = R_YUP_WORLD @ R_parent_child[:, 0]
         p_yup_pelvis = p_world_pelvis @ R_YUP_WORLD.T
@@ -150,13 +134,6 @@ def _camera(camera: CameraEstimate | None, time: Array) -> dict[str, Array]:
     cam_poses[:, :3, :3] = R_camera_world @ R_YUP_WORLD.T
     cam_poses[:, :3, 3] = -np.einsum("tij,tj->ti", R_camera_world, path.p_world_camera)
     return {"cam_poses": cam_poses, "cam_intrinsics": camera.model.K}
-
-
-def _valid(poses2d: Array, estimate: Estimate, scene: Scene | None, video: _Video) -> np.ndarray:
-    """``(N,)`` whether a wearer can be looked for in a picture: seen there, if the recording is known to tell."""
-    if estimate.camera is None:
-        return np.zeros(len(video.time), bool)
-    return video.inside & (poses2d[:, 2].any(axis=1) if scene is not None else True)
 
 
 def _poses2d(number: int, estimate: Estimate, scene: Scene | None, frames: int) -> Array:
@@ -188,8 +165,3 @@ def _coco18(detections: Detections) -> tuple[Array, Array]:
         confidence[:, COCO18.index("neck")] = confidence[:, shoulders].min(axis=1)
         pixels[:, COCO18.index("neck")] = pixels[:, shoulders].mean(axis=1)
     return confidence, pixels
-
-
-def _old_numpy(pickled: bytes) -> bytes:
-    """The same for readers with NumPy before 1.26, which knows arrays under their old module's name."""
-    return pickled.replace(b"cnumpy._core.", b"cnumpy.core.")

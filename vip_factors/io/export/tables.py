@@ -43,14 +43,11 @@ def write_csv(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
         np.savetxt(file, np.column_stack(list(columns.values())), [f"%.{number}f" for number in digits], ",")
 
 
-_SIDES = {
-    "Eye": "eye", "Ear": "ear", "Shoulder": "shoulder", "Elbow": "elbow", "Wrist": "wrist", "Hip": "hip",
-    "Knee": "knee", "Ankle": "ankle", "Heel": "heel", "BigToe": "big_toe", "SmallToe": "small_toe",
-}  # fmt: skip
+_PAIRS = "eye ear shoulder elbow wrist hip knee ankle heel big_toe small_toe"
 KEYPOINT_MARKERS = {"Nose": "nose", "Head": "head_top", "Neck": "neck", "Hip": "mid_hip"} | {
-    f"{side[0].upper()}{marker}": f"{side}_{keypoint}"
+    f"{side[0].upper()}{keypoint.title().replace('_', '')}": f"{side}_{keypoint}"
     for side in ("right", "left")
-    for marker, keypoint in _SIDES.items()
+    for keypoint in _PAIRS.split()
 }
 """Keypoints by the names that Pose2Sim's models and set-ups have for them, of COCO, BODY_25, BODY_25B and HALPE_26."""
 
@@ -60,12 +57,12 @@ def markers(motion: Motion) -> Mapping[str, Array]:
 
     Toes, heels and the top of the head are left out of a skeleton that does not know them.
     """
-    found = dict(zip(JOINT_NAMES, np.moveaxis(motion.state.p_world_joint, 1, 0), strict=True))
+    points = dict(zip(JOINT_NAMES, np.moveaxis(motion.state.p_world_joint, 1, 0), strict=True))
     places = KeypointSet("markers", tuple(KEYPOINT_MARKERS.values())).on_body(motion.skeleton)
     for name, place in zip(KEYPOINT_MARKERS, places, strict=True):
         if place is not None:
-            found[name] = motion.state.point(place.bone, place.p_bone_point)
-    return found
+            points[name] = motion.state.point(place.bone, place.p_bone_point)
+    return points
 
 
 def write_opensim_table(path: Path, header: Iterable[str], columns: Sequence[str], rows: Iterable[str]) -> None:
@@ -81,12 +78,11 @@ def write_trc(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     points = markers(motion)
     table = np.column_stack([p_world_point @ R_WORLD_ISB for p_world_point in points.values()])
     axes = (f"{axis}{number}" for number in range(1, len(points) + 1) for axis in "XYZ")
-    stated = ("DataRate", "CameraRate", "NumFrames", "NumMarkers", "Units", "OrigDataRate", "OrigDataStartFrame",
-              "OrigNumFrames")  # fmt: skip
+    keys = "DataRate CameraRate NumFrames NumMarkers Units OrigDataRate OrigDataStartFrame OrigNumFrames"
     rate, frames = f"{motion.rate:.6f}", str(len(motion))
     lines = [
         f"PathFileType\t4\t(X/Y/Z)\t{one_line(estimate.name)}.trc",
-        "\t".join(stated),
+        keys.replace(" ", "\t"),
         "\t".join((rate, rate, frames, str(len(points)), "m", rate, "1", frames)),
         "\t".join(("Frame#", "Time", *("\t\t".join((name, "")) for name in points))),
         "\t".join(("", "", *axes)),
@@ -104,19 +100,17 @@ def write_mot(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     coordinates = opensim_coordinates(motion)
     table = np.column_stack([motion.time, *coordinates.values()])
     header = (
-        "Coordinates", "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}", "inDegrees=yes", "",
-        "Coordinates of the model Rajagopal2016: degrees, and metres of pelvis_tx, pelvis_ty, pelvis_tz.", "",
-    )  # fmt: skip
+        *("Coordinates", "version=1", f"nRows={len(table)}", f"nColumns={table.shape[1]}", "inDegrees=yes", ""),
+        *("Coordinates of the model Rajagopal2016: degrees, and metres of pelvis_tx, pelvis_ty, pelvis_tz.", ""),
+    )
     write_opensim_table(path, header, tuple(coordinates), ("\t".join(f"{cell:.8f}" for cell in row) for row in table))
 
 
-_SIDE = {
-    "femur": "hip", "tibia": "knee", "calcn": "ankle", "toes": "foot", "humerus": "shoulder", "radius": "elbow",
-    "hand": "wrist",
-}  # fmt: skip
+_LEG = {"femur": "hip", "tibia": "knee", "calcn": "ankle", "toes": "foot"}
+_LIMBS = _LEG | {"humerus": "shoulder", "radius": "elbow", "hand": "wrist"}
 # Bodies of OpenSim's full-body models, and our bones.
 BODIES = {"pelvis": "pelvis", "torso": "spine3", "head": "head"} | {
-    f"{body}_{side[0]}": f"{side}_{bone}" for side in ("right", "left") for body, bone in _SIDE.items()
+    f"{body}_{side[0]}": f"{side}_{bone}" for side in ("right", "left") for body, bone in _LIMBS.items()
 }
 
 
@@ -130,13 +124,12 @@ def write_opensense(estimate: Estimate, path: Path, settings: ExportSettings) ->
     quaternions = quaternion_from_matrix(segment_orientations(motion)[:, bones], Order.WXYZ)
     header = (f"DataRate={motion.rate:.6f}", "DataType=Quaternion", "version=3", "OpenSimVersion=4.6")
     rows = (
-        "\t".join([f"{time:.6f}", *(",".join(f"{part:.9f}" for part in one) for one in row)])
+        "\t".join([f"{time:.6f}", *(",".join(f"{part:.9f}" for part in wxyz) for wxyz in row)])
         for time, row in zip(motion.time, np.asarray(quaternions), strict=True)
     )
     write_opensim_table(path, header, [f"{body}_imu" for body in BODIES], rows)
 
 
-MILLIMETRES = 1000.0
 # The header counts frames with 16 bits. Longer files state their length in POINT:LONG_FRAMES, which not all readers
 # know, and begin at frame 1.
 HEADER_FRAMES = 65_535
@@ -149,7 +142,7 @@ def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
 
     wearer = estimate.wearers[0]
     motion = wearer.motion
-    points = {name: MILLIMETRES * p for name, p in markers(motion).items()}
+    points = {name: 1000.0 * p for name, p in markers(motion).items()}
     angles, described = _angle_points(joint_angles(motion))
     names = (*points, *angles)
     file: Any = ezc3d.c3d()
@@ -279,17 +272,14 @@ def _about_zxy(R: Array, *names: str) -> dict[str, Array]:
 def _nearest(R: Array, axes: Mapping[str, Array]) -> dict[str, Array]:
     """Angles about axes one after the other whose rotation is nearest to each of ``(T, 3, 3)``: Gauss-Newton."""
     angles = np.zeros((len(R), len(axes)))
-    for _ in range(_STEPS):
+    for _ in range(12):  # from zero to where no step is left in double precision, for all that joints can do
         turned, moves = np.broadcast_to(np.eye(3), R.shape), np.zeros((len(R), 3, len(axes)))
         for number, axis in enumerate(axes.values()):
-            one = exp(angles[:, [number]] * axis)
-            turned, moves = turned @ one, transpose(one) @ moves
+            turn = exp(angles[:, [number]] * axis)
+            turned, moves = turned @ turn, transpose(turn) @ moves
             moves[:, :, number] = axis
         missing = log(transpose(turned) @ R)
         moves = transpose(inverse_right_jacobian(missing)) @ moves  # of log(exp(-δ) exp(missing))
         normal = transpose(moves) @ moves
         angles = angles + np.linalg.solve(normal, transpose(moves) @ missing[..., None])[..., 0]
     return dict(zip(axes, angles.T, strict=True))
-
-
-_STEPS = 12  # from zero to where no step is left in double precision, for all that joints can do

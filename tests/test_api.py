@@ -50,10 +50,10 @@ def test_the_import_takes_nothing_heavy_along() -> None:
 # What is promised (docs/python.md): a name or a parameter goes only after it has warned for two minor releases.
 FUNCTIONS = {
     "convert": "log options camera join further_cameras",
-    "detect": "video settings out model keypoints overwrite progress",
+    "detect": "video settings out overwrite progress",
     "evaluate": "estimate truth",
     "export": "estimate path settings overwrite",
-    "factor_graph": "recording settings",
+    "factor_graph": "source settings progress",
     "gait": "estimate recording out overwrite",
     "joint_angles": "motion",
     "live_samples": "scene",
@@ -67,13 +67,13 @@ FUNCTIONS = {
     "run": "options progress",
     "serve": "worn port host token",
     "simulate": "motion placement camera seconds seed settings initial_pose pose_error_deg bystanders names name",
-    "smooth": "recording settings progress extra_factors",
+    "smooth": "source settings progress extra_factors",
     "stream": "source settings follow real_time token_file limits extra_factors",
     "sync": "scene max_offset",
     "write": "content path overwrite",
 }
 CLASSES = {
-    "Camera": "", "CameraModel": "", "CameraOptions": "", "DetectSettings": "", "DetectorOptions": "",
+    "Camera": "", "CameraModel": "", "CameraOptions": "", "DetectSettings": "",
     "Detections": "from_arrays",
     "Estimate": "all_findings columns joint_angles only_wearer positions to_dataframe to_xarray verdict wearer",
     "ExportSettings": "", "FixedLagTracker": "push finish", "ImportOptions": "", "ImuSample": "", "LiveEstimate": "",

@@ -21,7 +21,7 @@ ROWS = [
     {"settings"},
     {"stages"},
     {"pipeline", "live", "report"},
-    {"api", "steps"},
+    {"api"},
     {"workflow"},
     {"cli"},
     {"__main__"},

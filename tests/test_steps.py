@@ -7,7 +7,7 @@ import pytest
 
 from vip_factors.display import ProgressCallback
 from vip_factors.errors import InputError
-from vip_factors.steps import Result, Step, take
+from vip_factors.workflow import Result, Step, take
 
 
 class Copy:
@@ -39,7 +39,7 @@ def test_files_that_are_there_are_used_again(step: Step, copy: Copy, tmp_path: P
     first, second = take(step, tmp_path / "steps"), take(step, tmp_path / "steps")
     assert first.seconds is not None
     assert second.seconds is None
-    assert first.result == second.result == Result((copy.target,), ("copied",))
+    assert replace(first, seconds=None) == second == Result((copy.target,), ("copied",))
     assert copy.overwrites == [False]
 
 

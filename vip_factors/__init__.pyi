@@ -5,16 +5,13 @@ from .api import (
     detect as detect,
     evaluate as evaluate,
     export as export,
-    factor_graph as factor_graph,
     gait as gait,
     picture as picture,
     read as read,
-    read_estimate as read_estimate,
     repetitions as repetitions,
     report as report,
     serve as serve,
     simulate as simulate,
-    smooth as smooth,
     stream as stream,
     sync as sync,
     write as write,
@@ -28,6 +25,7 @@ from .estimate import Estimate as Estimate
 from .factor_graph import keys as keys
 from .io.convert import ImportOptions as ImportOptions
 from .io.live.open import open_source as open_source
+from .io.mcap_estimate import read_estimate as read_estimate
 from .io.motions import read_motion as read_motion
 from .io.scene_building import CameraOptions as CameraOptions
 from .io.settings import ExportSettings as ExportSettings
@@ -35,6 +33,7 @@ from .live.settings import LiveSettings as LiveSettings
 from .live.stream import Stream as Stream
 from .live.tracker import FixedLagTracker as FixedLagTracker
 from .live_estimate import LiveEstimate as LiveEstimate
+from .pipeline import factor_graph as factor_graph, smooth as smooth
 from .sensors.camera import CameraModel as CameraModel
 from .sensors.detections import Detections as Detections
 from .sensors.live import ImuSample as ImuSample, VideoFrame as VideoFrame, live_samples as live_samples
@@ -42,4 +41,4 @@ from .sensors.recording import Recording as Recording, Subject as Subject
 from .sensors.scene import Camera as Camera, Scene as Scene
 from .settings import Settings as Settings
 from .simulate.settings import SceneSettings as SceneSettings, SimulateSettings as SimulateSettings
-from .workflow import DetectorOptions as DetectorOptions, RunOptions as RunOptions, run as run
+from .workflow import RunOptions as RunOptions, run as run

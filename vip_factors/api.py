@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Literal
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.detect.settings import DetectSettings
-from vip_factors.display import ProgressCallback
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.estimate import Moved, WearerEstimate, as_estimate
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.scene_building import CameraOptions
 from vip_factors.io.settings import ExportSettings, LiveSourceSettings
@@ -22,22 +22,18 @@ from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitio
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import Scene, as_scene
 from vip_factors.simulate.settings import CameraKind, SceneSettings
 
 if TYPE_CHECKING:  # these take a while, and not every command that calls a function of this page needs them
     from vip_factors.evaluate.evaluation import Evaluation
     from vip_factors.factor_graph.extra import ExtraFactors
-    from vip_factors.factor_graph.graph import FactorGraph
     from vip_factors.gait.analysis import Gait
     from vip_factors.io.live_server import LiveServer
     from vip_factors.live.settings import LiveSettings
     from vip_factors.live_estimate import LiveEstimate
-    from vip_factors.settings import Settings
 
 StrPath = str | PathLike[str]
-Moved = Motion | WearerEstimate | Estimate
-"""What moves: an estimate, that of one wearer, or a motion by itself."""
 GESTURES, WALK = "gestures", "walk"  # in place of a motion: the package's own
 SECONDS = 20.0  # of it
 OUT_OF_STEP_S = 3.7  # between people who show the package's own motion; no multiple of its periods
@@ -61,17 +57,6 @@ def read(path: StrPath, *then: StrPath) -> Scene:
     return read_scenes([Path(path), *map(Path, then)])
 
 
-def read_estimate(path: StrPath) -> Estimate:
-    """An estimate (.mcap).
-
-    Raises:
-        InputError, FileFormatError, OSError: if it cannot be read.
-    """
-    from vip_factors.io import mcap_estimate
-
-    return mcap_estimate.read_estimate(path)
-
-
 def write(content: Recording | Scene | Moved, path: StrPath, overwrite: bool = False) -> Path:
     """Write a recording, a scene or an estimate into an MCAP file, with its truth if it has one.
 
@@ -85,9 +70,9 @@ def write(content: Recording | Scene | Moved, path: StrPath, overwrite: bool = F
     from vip_factors.io.mcap_recording import write_recording
 
     if isinstance(content, Recording | Scene):
-        write_recording(_scene(content), path, overwrite=overwrite)
+        write_recording(as_scene(content), path, overwrite=overwrite)
     else:
-        write_estimate(_estimate(content), path, overwrite=overwrite)
+        write_estimate(as_estimate(content), path, overwrite=overwrite)
     return Path(path)
 
 
@@ -116,12 +101,12 @@ def convert(
     options = options or ImportOptions()
     scene = read_log_as_scene(Path(log), options)
     if join:
-        others = [read_log_as_scene(Path(one), ImportOptions()) for one in join]
+        others = [read_log_as_scene(Path(path), ImportOptions()) for path in join]
         scene = join_wearers([scene, *others], options.name)
     if camera is not None:
         scene = add_camera(scene, camera)
-    for one in further_cameras:
-        scene = add_further_camera(scene, one)
+    for further in further_cameras:
+        scene = add_further_camera(scene, further)
     return scene
 
 
@@ -135,10 +120,10 @@ def sync(scene: Scene, max_offset: float = 10.0) -> Scene:
     """
     from vip_factors.initialise.clock import find_clock_offset
 
-    found = find_clock_offset(scene, max_offset)
-    if not found.determined:
-        raise InputError(f"scene '{scene.name}': {found.sentence}")
-    return with_clock(scene, found.clock)
+    offset = find_clock_offset(scene, max_offset)
+    if not offset.determined:
+        raise InputError(f"scene '{scene.name}': {offset.sentence}")
+    return with_clock(scene, offset.clock)
 
 
 def with_clock(scene: Scene, clock: VideoClock) -> Scene:
@@ -152,34 +137,25 @@ def detect(
     settings: DetectSettings | None = None,
     *,
     out: StrPath | None = None,
-    model: StrPath | None = None,
-    keypoints: str | None = None,
     overwrite: bool = False,
-    progress: ProgressCallback | None = None,
+    progress: ProgressCallback = silent,
 ) -> Detections:
     """The 2D poses of everybody in a video, followed from frame to frame: what a :class:`Camera` holds.
 
     Args:
         video: file (.mp4, .mov …).
-        settings: how people are searched for.
+        settings: how people are searched for, and by which models.
         out: file (.json) to write them to as well, which ``convert`` and ``run`` take.
-        model: ONNX file of another pose model than BlazePose, for the keypoints.
-        keypoints: name of that model's keypoint set; told by their number if absent.
         overwrite: whether that file may be replaced.
-        progress: called with ``"detect"`` and the fraction that is done.
+        progress: called with what goes on and the fraction of it that is done.
 
     Raises:
         InputError, FileFormatError: if the video or a model cannot be read, or a package is missing.
     """
-    from vip_factors.detect.video import detect_people, write_poses
+    from vip_factors.detect.video import detect_people
 
-    tell = progress or (lambda stage, fraction: None)
-    poses = detect_people(
-        Path(video), settings or DetectSettings(), model=None if model is None else Path(model), keypoints=keypoints,
-        on_progress=lambda done, count: tell("detect", done / count),
-    )  # fmt: skip
-    if out is not None:
-        write_poses(Path(out), poses, overwrite)
+    target = None if out is None else Path(out)
+    poses = detect_people(Path(video), settings or DetectSettings(), progress, out=target, overwrite=overwrite)
     return poses.detections
 
 
@@ -240,7 +216,7 @@ def simulate(
         recording = simulate_recording(own, worn, settings.imu, seed, name, initial_pose)
         if names:
             recording = replace(recording, subject=replace(recording.subject, name=names[0]))
-        return _scene(recording)
+        return as_scene(recording)
     if bystanders < 0:
         raise InputError(f"{bystanders} bystanders: expected 0 or more")
     if seconds is not None:
@@ -274,44 +250,6 @@ def _played(source: Played, seconds: float | None, number: int) -> Motion:
     return from_time(gestures((SECONDS if seconds is None else seconds) + shift, straight=source == WALK), shift)
 
 
-def smooth(
-    recording: Recording | Scene,
-    settings: "Settings | None" = None,
-    progress: ProgressCallback | None = None,
-    *,
-    extra_factors: "ExtraFactors | None" = None,
-) -> Estimate:
-    """Reconstruct motion, headings and mountings of the sensors, and of a filmed scene the camera and who is who.
-
-    Args:
-        recording: of one wearer, or a scene.
-        settings: of all rooms; the package's own if absent.
-        progress: called with the name of a stage and the fraction of it that is done.
-        extra_factors: makes GTSAM factors of your own on the frames' variables (``vip.keys``), given the frames' times
-            ``(T,)`` and the number of the first of them.
-
-    Raises:
-        InputError, RecordingError: for a recording that cannot be used.
-        SolveError: if the problem is not determined.
-    """
-    from vip_factors import pipeline
-    from vip_factors.settings import Settings
-
-    return pipeline.smooth(_scene(recording), settings or Settings(), progress, extra_factors)
-
-
-def factor_graph(recording: Recording | Scene, settings: "Settings | None" = None) -> "FactorGraph":
-    """The factor graph of a recording before it is solved, as GTSAM has it, and values to start from.
-
-    Raises:
-        InputError, RecordingError, SolveError: as :func:`smooth`.
-    """
-    from vip_factors import pipeline
-    from vip_factors.settings import Settings
-
-    return pipeline.factor_graph(_scene(recording), settings or Settings())
-
-
 def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
     """How far an estimate is from the truth that a recording holds; printed, it begins with the most important.
 
@@ -324,7 +262,7 @@ def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
     """
     from vip_factors.evaluate.evaluation import evaluate_scene
 
-    return evaluate_scene(_estimate(estimate), _scene(truth))
+    return evaluate_scene(as_estimate(estimate), as_scene(truth))
 
 
 def gait(
@@ -344,10 +282,10 @@ def gait(
     from vip_factors.gait.analysis import gaits_of
     from vip_factors.gait.files import write_gait
 
-    found = gaits_of(_estimate(estimate), None if recording is None else _scene(recording))
+    gaits = gaits_of(as_estimate(estimate), None if recording is None else as_scene(recording))
     if out is not None:
-        write_gait(found, Path(out), overwrite)
-    return found
+        write_gait(gaits, Path(out), overwrite)
+    return gaits
 
 
 def repetitions(
@@ -363,12 +301,12 @@ def repetitions(
     Raises:
         InputError: if one has no frames, or files may not be written.
     """
-    found = all_repetitions(_estimate(estimate))
+    wearers = all_repetitions(as_estimate(estimate))
     if out is not None:
         from vip_factors.repetitions.files import write_repetitions
 
-        write_repetitions(found, Path(out), overwrite)
-    return found
+        write_repetitions(wearers, Path(out), overwrite)
+    return wearers
 
 
 def export(
@@ -390,7 +328,7 @@ def export(
     """
     from vip_factors.io.export.files import export as export_file
 
-    return export_file(_estimate(estimate), Path(path), settings or ExportSettings(), overwrite)
+    return export_file(as_estimate(estimate), Path(path), settings or ExportSettings(), overwrite)
 
 
 def report(
@@ -425,18 +363,11 @@ def report(
     """
     from vip_factors.report.page import write_report
 
-    scene, true = (None if one is None else _scene(one) for one in (recording, truth))
+    scene, true = (None if one is None else as_scene(one) for one in (recording, truth))
     write_report(
-        _estimate(estimate),
-        path,
-        scene,
-        true,
-        overwrite,
-        None,
-        video,
-        video_height=video_height,
+        as_estimate(estimate), path, scene, true, overwrite, None, video, video_height=video_height,
         video_seconds=video_seconds,
-    )
+    )  # fmt: skip
     return Path(path)
 
 
@@ -491,7 +422,7 @@ def serve(worn: Recording | Scene, port: int = 8080, host: str = "127.0.0.1", to
     from vip_factors.io.live_server import LiveServer
     from vip_factors.report.page import live_page
 
-    return LiveServer(_scene(worn), live_page(_scene(worn)), port, host, token)
+    return LiveServer(as_scene(worn), live_page(as_scene(worn)), port, host, token)
 
 
 def picture(
@@ -523,8 +454,8 @@ def picture(
     from vip_factors.viz.picture import filmstrip
 
     own = shown if isinstance(shown, Recording | Scene) else recording
-    scene = None if own is None else _scene(own)
-    estimate = None if isinstance(shown, Recording | Scene) else _estimate(shown)
+    scene = None if own is None else as_scene(own)
+    estimate = None if isinstance(shown, Recording | Scene) else as_estimate(shown)
     if scene is not None and scene.camera is not None and not isinstance(shown, WearerEstimate | Motion):
         drawn = drawn_scene(scene, estimate)
     else:
@@ -532,24 +463,3 @@ def picture(
         drawn = drawn_wearer(worn, one)
     filmstrip(drawn, Path(path), frames=poses, title=title, overwrite=overwrite)
     return Path(path)
-
-
-def _scene(recording: Recording | Scene) -> Scene:
-    if not isinstance(recording, Recording | Scene):
-        raise InputError(f"{_called(recording)}: expected a recording or a scene, as vip.read gives of a file")
-    return recording if isinstance(recording, Scene) else Scene(recording.name, (recording,))
-
-
-def _called(given: object) -> str:
-    """What a user handed over, in a few words."""
-    if isinstance(given, str | PathLike):
-        return f"{given!s:.80}"
-    return f"{type(given).__name__} {getattr(given, 'name', '')}".strip()
-
-
-def _estimate(estimate: Moved) -> Estimate:
-    if isinstance(estimate, Motion):
-        estimate = WearerEstimate(estimate.name, "motion", estimate, {})
-    if not isinstance(estimate, WearerEstimate | Estimate):
-        raise InputError(f"{_called(estimate)}: expected an estimate, as vip.smooth makes, or vip.read_estimate reads")
-    return estimate if isinstance(estimate, Estimate) else Estimate.of_one(estimate)

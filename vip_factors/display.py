@@ -4,6 +4,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Iterable
 from html import escape
+from os import PathLike
 
 ProgressCallback = Callable[[str, float], None]
 """Called with the name of a stage and the fraction of it that is done."""
@@ -63,3 +64,10 @@ def table_cell(text: str) -> str:
     """Text for a cell of a CSV table: one line, behind a ``'`` where a spreadsheet would take it for a formula."""
     line = one_line(text).lstrip()
     return f"'{line}" if line.startswith(("=", "+", "-", "@")) else line
+
+
+def described(given: object) -> str:
+    """What a user handed over, in a few words."""
+    if isinstance(given, str | PathLike):
+        return f"{given!s:.80}"
+    return f"{type(given).__name__} {getattr(given, 'name', '')}".strip()

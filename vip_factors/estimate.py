@@ -13,7 +13,7 @@ from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.model_errors import FILMED, LENGTH, UNFILMED, ModelErrors, shape_factor
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.display import Summarised
+from vip_factors.display import Summarised, described
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding, Verdict, verdict
 from vip_factors.geometry.rotations import Array
@@ -433,6 +433,23 @@ class Estimate(Summarised):
         whole = xarray.concat(each, "individuals", join="outer")
         fps = self.wearers[0].motion.rate
         return whole.assign_attrs(fps=fps, time_unit="seconds", source_software="vip_factors", ds_type="poses")
+
+
+Moved = Motion | WearerEstimate | Estimate
+"""What moves: an estimate, that of one wearer, or a motion by itself."""
+
+
+def as_estimate(moved: Moved) -> Estimate:
+    """The estimate itself, or that of one wearer or of a motion.
+
+    Raises:
+        InputError: for anything else.
+    """
+    if isinstance(moved, Motion):
+        moved = WearerEstimate(moved.name, "motion", moved, {})
+    if not isinstance(moved, WearerEstimate | Estimate):
+        raise InputError(f"{described(moved)}: expected an estimate, as vip.smooth makes, or vip.read_estimate reads")
+    return moved if isinstance(moved, Estimate) else Estimate.of_one(moved)
 
 
 def _package(name: str) -> Any:

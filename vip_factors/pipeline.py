@@ -21,7 +21,7 @@ from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.findings import Finding
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import Scene, as_scene
 from vip_factors.sensors.sources import SceneInMemory, SceneSource
 from vip_factors.settings import Settings, flatten
 from vip_factors.stages.association import associate_cameras, usable_cameras
@@ -66,8 +66,7 @@ def smooth(
         InputError, RecordingError: for a recording that cannot be used.
         SolveError: if the problem is not determined.
     """
-    scene = source if isinstance(source, Scene) else Scene(source.name, (source,))
-    return smooth_chunks(SceneInMemory(scene), settings, progress, extra_factors).whole()
+    return smooth_chunks(SceneInMemory(as_scene(source)), settings, progress, extra_factors).whole()
 
 
 def smooth_chunks(
@@ -181,7 +180,7 @@ def factor_graph(
         InputError, RecordingError: for a recording that cannot be used.
         SolveError: if a problem on the way is not determined.
     """
-    scene = source if isinstance(source, Scene) else Scene(source.name, (source,))
+    scene = as_scene(source)
     solver = Solver(settings.solve, progress or silent, name=settings.solver)
     plan = scene_plan(SceneInMemory(scene), settings, whole=True)
     wearers = inertial_trackers(scene, plan.all_coarse_time, settings, solver)

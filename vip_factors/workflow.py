@@ -1,26 +1,31 @@
-"""From a video and sensor logs to motion, exports and a report, step by step, in one folder."""
+"""From a video and sensor logs to motion, exports and a report, step by step, in one folder.
+
+A step is taken again only when its inputs or parameters have changed, or its files are gone.
+"""
 
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from math import radians, tan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vip_factors import api
+import msgspec
+
+from vip_factors import __version__, api
 from vip_factors.atomic import check_target
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.display import ProgressCallback, silent
-from vip_factors.errors import InputError
+from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.files import export_format
+from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.scene_building import CameraOptions
 from vip_factors.settings import Settings
-from vip_factors.steps import Result, Step, take
 
 if TYPE_CHECKING:
-    from vip_factors.detect.video import Stretch
     from vip_factors.estimate import Estimate, SolveReport
     from vip_factors.stages.windows import Each
 
@@ -28,26 +33,108 @@ ESTIMATE = "estimate.mcap"
 
 
 @dataclass(frozen=True)
-class DetectorOptions:
-    """How the 2D poses in a video are found.
+class Result:
+    """Files that a step made, and what there is to say about them, line by line.
 
     Attributes:
-        settings: how people are searched for.
-        model: ONNX file of another pose model than BlazePose, for the keypoints.
-        keypoints: name of that model's keypoint set; told by their number if None.
-        blazepose: wheel or folder with BlazePose's files; fetched once if None.
-        threads: of the processor; up to four if None.
-        stretch: frames to look at; all if None.
-        overlay: file (.mp4) for the video with the poses drawn over it; none if None.
+        files, lines: these.
+        seconds: that the step took; None where the files of an earlier run were still right.
     """
 
-    settings: DetectSettings = field(default_factory=DetectSettings)
-    model: Path | None = None
-    keypoints: str | None = None
-    blazepose: Path | None = None
-    threads: int | None = None
-    stretch: "Stretch | None" = None
-    overlay: Path | None = None
+    files: tuple[Path, ...]
+    lines: tuple[str, ...] = ()
+    seconds: float | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step from files to files.
+
+    Attributes:
+        name: unlike any other step's.
+        inputs: files and folders that it reads.
+        parameters: all else that its result depends on.
+        make: writes its files, given whether they may be replaced and a callback for progress.
+        hint: what a user can do if it fails.
+    """
+
+    name: str
+    inputs: tuple[Path, ...]
+    parameters: object
+    make: Callable[[bool, ProgressCallback], Result]
+    hint: str = ""
+
+
+@dataclass(frozen=True)
+class _Record:
+    """What a step was made from, and what it made."""
+
+    version: str
+    parameters: str
+    inputs: dict[str, tuple[int, int]]  # file → bytes, time of change in ns
+    files: list[str]
+    lines: list[str]
+
+
+def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCallback = silent) -> Result:
+    """Take a step, unless its files are there, made with the same parameters from the same inputs.
+
+    Args:
+        step: to take.
+        folder: for records of what was done.
+        overwrite: whether files may be replaced that no step wrote.
+        progress: called with what goes on and the fraction of it that is done.
+
+    Raises:
+        InputError: with the step's name, if it fails by what the user can mend.
+    """
+    path = folder / f"{step.name.replace(' ', '_')}.json"
+    record = _read_record(path)
+    if record is not None and _is_fresh(step, record):
+        return Result(tuple(map(Path, record.files)), tuple(record.lines))
+    begin = time.perf_counter()
+    try:
+        result = step.make(overwrite or record is not None, progress)
+    except VipFactorsError as error:
+        raise InputError(f"step {step.name}: {error}{f'; {step.hint}' if step.hint else ''}") from error
+    except OSError as error:
+        raise InputError(f"step {step.name}: {error.filename or step.name}: {error.strerror or error}") from error
+    record = _Record(
+        __version__, repr(step.parameters), _stamps(step.inputs), list(map(str, result.files)), list(result.lines)
+    )
+    folder.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(record)) + b"\n")
+    return replace(result, seconds=time.perf_counter() - begin)
+
+
+def _read_record(path: Path) -> _Record | None:
+    """What was written of a step before; None if it was never taken, or the file is none of ours."""
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=_Record)
+    except (OSError, ValueError, RecursionError):  # the last of brackets in brackets
+        return None
+
+
+def _is_fresh(step: Step, record: _Record) -> bool:
+    made_alike = record.version == __version__ and record.parameters == repr(step.parameters)
+    return made_alike and record.inputs == _stamps(step.inputs) and all(Path(file).is_file() for file in record.files)
+
+
+def _stamps(inputs: Iterable[Path]) -> dict[str, tuple[int, int]]:
+    """Size and time of change of every file that a step reads."""
+    statuses = {str(file): file.stat() for path in inputs for file in _files(path)}
+    return {name: (status.st_size, status.st_mtime_ns) for name, status in statuses.items()}
+
+
+def _files(path: Path) -> list[Path]:
+    """A file; those in a folder; those whose names begin so; without a camera's name behind a colon."""
+    if path.is_file():
+        return [path]
+    if path.is_dir():
+        return sorted(file for file in path.rglob("*") if file.is_file())
+    if ":" in path.name:
+        return _files(path.with_name(path.name.rpartition(":")[0]))
+    return sorted(file for file in path.parent.glob(f"{path.name}*") if file.is_file()) if path.parent.is_dir() else []
 
 
 @dataclass(frozen=True)
@@ -60,6 +147,7 @@ class RunOptions:
         camera: what filmed the wearers, if anything did.
         detector: finds the 2D poses in the camera's video and writes them to its file of detections; None if that file
             is there already.
+        overlay: file (.mp4) for that video with the poses drawn over it; none if None.
         sync: whether to find the offset between the clocks of video and sensors.
         settings: of the reconstruction.
         report: whether to write ``report.html``.
@@ -70,7 +158,8 @@ class RunOptions:
     logs: tuple[tuple[Path, ImportOptions], ...]
     out: Path
     camera: CameraOptions | None = None
-    detector: DetectorOptions | None = None
+    detector: DetectSettings | None = None
+    overlay: Path | None = None
     sync: bool = True
     settings: Settings = field(default_factory=Settings)
     report: bool = True
@@ -94,7 +183,7 @@ def run(options: RunOptions, progress: ProgressCallback | None = None) -> "Estim
     options.out.mkdir(parents=True, exist_ok=True)
     for step in steps(options):
         take(step, options.out / "steps", options.overwrite, progress or silent)
-    return api.read_estimate(options.out / ESTIMATE)
+    return read_estimate(options.out / ESTIMATE)
 
 
 def check(options: RunOptions) -> None:
@@ -121,8 +210,8 @@ def steps(options: RunOptions, map_fn: "Each" = map) -> Iterator[Step]:
     folder, camera = options.out, options.camera
     if camera is not None and options.detector is not None:
         assert camera.video is not None
-        make = partial(_detect, camera.video, camera.detections, options.detector)
-        yield Step("detect", (camera.video,), options.detector, make)
+        make = partial(_detect, camera.video, camera.detections, options.overlay, options.detector)
+        yield Step("detect", (camera.video,), (options.detector, options.overlay), make)
     recording, pictures = folder / "recording.mcap", _files_named(camera)
     if len(options.logs) == 1:
         ((log, known),) = options.logs
@@ -155,35 +244,20 @@ def _files_named(options: ImportOptions | CameraOptions | None) -> tuple[Path, .
         named = [options.video, options.detections, options.camera, options.imu_log, options.imu_columns]
     elif isinstance(options, ImportOptions):
         placement = options.placement if isinstance(options.placement, str | Path) else None
-        named = [*map(_path, (placement, options.columns, options.pose_from, options.body)), *options.then]
+        names = (placement, options.columns, options.pose_from, options.body)
+        named = [*(Path(name) for name in names if name), *options.then]
     else:
         named = []
     return tuple(path for path in named if path is not None)
 
 
-def _path(name: str | Path | None) -> Path | None:
-    return Path(name) if name else None
+def _detect(
+    video: Path, out: Path, overlay: Path | None, settings: DetectSettings, overwrite: bool, progress: ProgressCallback
+) -> Result:
+    from vip_factors.detect.video import detect_people, poses_summary
 
-
-def _detect(video: Path, out: Path, options: DetectorOptions, overwrite: bool, progress: ProgressCallback) -> Result:
-    from vip_factors.detect.video import Stretch, detect_people, poses_summary, write_overlay, write_poses
-
-    if options.overlay is not None:
-        check_target(options.overlay, overwrite)
-    begin = time.perf_counter()
-    poses = detect_people(
-        video, options.settings, options.stretch or Stretch(), model=options.model, keypoints=options.keypoints,
-        blazepose=options.blazepose, threads=options.threads, on_message=warnings.warn,
-        on_progress=lambda done, count: progress(f"looking for people in {count:,} frames", done / count),
-    )  # fmt: skip
-    lines = poses_summary(poses, time.perf_counter() - begin)
-    write_poses(out, poses, overwrite)
-    if options.overlay is None:
-        return Result((out,), tuple(lines))
-    write_overlay(
-        options.overlay, poses, overwrite, lambda done, count: progress(f"drawing {count:,} frames", done / count)
-    )
-    return Result((out, options.overlay), tuple(lines))
+    poses = detect_people(video, settings, progress, out=out, overlay=overlay, overwrite=overwrite)
+    return Result((out,) if overlay is None else (out, overlay), tuple(poses_summary(poses)))
 
 
 def _convert(
@@ -232,7 +306,7 @@ def smooth_file(
         The estimate without its frames, and how many frames of each wearer there are.
 
     Raises:
-        InputError, RecordingError, SolveError: as :func:`vip_factors.api.smooth`.
+        InputError, RecordingError, SolveError: as :func:`vip_factors.pipeline.smooth`.
     """
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_source import open_source
@@ -271,12 +345,12 @@ def estimate_lines(estimate: "Estimate", frames: Sequence[int]) -> Iterator[str]
 
 def _report(estimate: Path, recording: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
     progress("report", 0.0)
-    return Result((api.report(api.read_estimate(estimate), out, api.read(recording), overwrite=overwrite),))
+    return Result((api.report(read_estimate(estimate), out, api.read(recording), overwrite=overwrite),))
 
 
 def _export(estimate: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
     progress(f"writing {out.name}", 0.0)
-    return Result(api.export(api.read_estimate(estimate), out, overwrite=overwrite))
+    return Result(api.export(read_estimate(estimate), out, overwrite=overwrite))
 
 
 def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
@@ -285,14 +359,12 @@ def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
     Raises:
         InputError, FileFormatError: if the video cannot be opened.
     """
-    import math
-
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
     from vip_factors.io.video import video_size
     from vip_factors.sensors.camera import CameraModel
 
     width, height = video_size(video)
-    focal = round(max(width, height) / 2 / math.tan(math.radians(field_of_view_deg) / 2), 1)
+    focal = round(max(width, height) / 2 / tan(radians(field_of_view_deg) / 2), 1)
     model = CameraModel(width, height, (focal, focal), (width / 2, height / 2))
     warnings.warn(
         f"no camera file is given: a field of view of {field_of_view_deg:g} degrees along the longer side is taken "

@@ -61,7 +61,7 @@ def test_nobody_is_told(run: Callable, video: Path, seen: People) -> None:
 def test_what_cannot_be(run: Callable, video: Path, seen: People, tmp_path: Path) -> None:
     for words, expected in (
         ((tmp_path / "none.mp4",), "no such video file"),
-        ((video, "--keypoints", "coco17"), "without --model"),
+        ((video, "--keypoints", "coco17"), "without a model"),
         ((video, "--start-s", "20"), "there is no frame"),
         ((video, "--model", tmp_path / "none.onnx"), "no such model file"),
         ((video, "--tile-levels", "9"), "--tile-levels is 9"),

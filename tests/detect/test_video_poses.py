@@ -13,7 +13,7 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.detect.onnx_pose import Box
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Tracker
-from vip_factors.detect.video import Stretch, confused, detect_video, write_overlay
+from vip_factors.detect.video import confused, detect_video, write_overlay
 from vip_factors.errors import InputError
 from vip_factors.io.detections import read_detections, write_mmpose
 
@@ -47,11 +47,11 @@ def test_everybody_is_in_the_file_that_convert_reads(video: Path, tmp_path: Path
 
 
 def test_a_stretch_and_every_third_frame(video: Path) -> None:
-    stretch = Stretch(0.4, 1.6, 3)
-    poses = detect_video(video, tracker(People({"a": (150, 120)})), stretch)
+    settings = DetectSettings(start_s=0.4, end_s=1.6, every=3)
+    poses = detect_video(video, tracker(People({"a": (150, 120)})), settings)
     assert [index for index, people in enumerate(poses.frames) if people] == list(range(6, 25, 3))
     assert len(poses.frames) == FRAMES
-    for wrong in (Stretch(5.0), Stretch(1.0, 0.5), Stretch(every=0)):
+    for wrong in (DetectSettings(start_s=5.0), DetectSettings(start_s=1.0, end_s=0.5)):
         with pytest.raises(InputError):
             detect_video(video, tracker(People({})), wrong)
 
@@ -80,7 +80,7 @@ def test_another_model_sees_the_people_who_are_followed(video: Path) -> None:
             return np.full((17, 2), [box.left, box.lower]), np.full(17, 0.7)
 
     people = People({"a": (150, 120), "b": (450, 120)})
-    poses = detect_video(video, tracker(people), Stretch(end_s=0.1), Model())  # type: ignore[arg-type]
+    poses = detect_video(video, tracker(people), DetectSettings(end_s=0.1), Model())  # type: ignore[arg-type]
     assert poses.keypoints.name == "coco17"
     assert [len(one) for one in poses.frames[:3]] == [2, 2, 0]
     assert len(Model.boxes) == 4
@@ -91,8 +91,8 @@ def test_another_model_sees_the_people_who_are_followed(video: Path) -> None:
 
 
 def test_the_overlay_shows_them_in_the_frames_looked_at(video: Path, tmp_path: Path) -> None:
-    stretch = Stretch(every=2)
-    poses = detect_video(video, tracker(People({"a": (150, 120)})), stretch)
+    settings = DetectSettings(every=2)
+    poses = detect_video(video, tracker(People({"a": (150, 120)})), settings)
     write_overlay(tmp_path / "o.mp4", poses)
     capture = cv2.VideoCapture(str(tmp_path / "o.mp4"))
     good, image = capture.read()

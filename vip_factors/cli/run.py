@@ -14,12 +14,11 @@ from vip_factors.cli.detect import DetectOptions
 from vip_factors.cli.options import FailOn, Flag, Options, Output, fail_on, parse
 from vip_factors.cli.smooth import SmoothOptions
 from vip_factors.cli.terminal import progress_bar, say
+from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
-    from vip_factors.steps import StepOutcome
-    from vip_factors.workflow import DetectorOptions
     from vip_factors.workflow import RunOptions as Run
 
 # Phones that film with their main camera: 60 to 65 degrees along the longer side, a little less when they steady it.
@@ -83,8 +82,7 @@ def main(options: RunOptions) -> None:
     """Run the command."""
     from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.io.mcap_estimate import read_estimate
-    from vip_factors.steps import take
-    from vip_factors.workflow import ESTIMATE, check, guess_camera, steps
+    from vip_factors.workflow import ESTIMATE, check, guess_camera, steps, take
 
     begin = time.perf_counter()
     run, smooth = run_options(options), _smooth_options(options)
@@ -95,8 +93,11 @@ def main(options: RunOptions) -> None:
     with windows_elsewhere(smooth.jobs, smooth.cluster) as map_fn:
         for step in steps(run, map_fn):
             with progress_bar() as progress:
-                outcome = take(step, run.out / "steps", run.overwrite, progress)
-            _print_outcome(outcome)
+                result = take(step, run.out / "steps", run.overwrite, progress)
+            when = "as before" if result.seconds is None else f"{result.seconds:.1f} s"
+            say(f"{step.name:<16} {when:>9}  {'  '.join(map(str, result.files))}")
+            for line in result.lines:
+                say(f"  {line}")
     say(f"{time.perf_counter() - begin:.1f} s in all, files in {run.out}")
     fail_on(options.fail_on, read_estimate(run.out / ESTIMATE).verdict)
 
@@ -160,7 +161,8 @@ def run_options(options: RunOptions) -> "Run":
         logs=tuple((log, import_options(parsed)) for log, parsed in zip(options.log, converted, strict=True)),
         out=folder,
         camera=camera_options(converted[0]) if filmed else None,
-        detector=_detector_options(options, folder),
+        detector=_detector(options),
+        overlay=folder / "poses.mp4" if options.overlay else None,
         sync=options.time_offset_s is None,
         settings=_smooth_options(options).settings,
         report=options.report,
@@ -179,17 +181,10 @@ def _filmed_words(options: RunOptions, folder: Path) -> list[str]:
     return words + _given("--time-offset-s", options.time_offset_s) + ["--static-camera"] * options.static_camera
 
 
-def _detector_options(options: RunOptions, folder: Path) -> "DetectorOptions | None":
-    from vip_factors.detect.video import Stretch
-    from vip_factors.workflow import DetectorOptions
-
+def _detector(options: RunOptions) -> DetectSettings | None:
     if options.video is None or options.detections is not None:
         return None
-    detect = _parsed(DetectOptions, "detect", [str(options.video)], _words(options.detect_options))
-    return DetectorOptions(
-        detect.settings, detect.model, detect.keypoints, detect.blazepose, detect.threads,
-        Stretch(detect.start_s, detect.end_s, detect.every), folder / "poses.mp4" if options.overlay else None,
-    )  # fmt: skip
+    return _parsed(DetectOptions, "detect", [str(options.video)], _words(options.detect_options)).settings
 
 
 def _smooth_options(options: RunOptions) -> SmoothOptions:
@@ -210,10 +205,3 @@ def _words(text: str) -> list[str]:
         return shlex.split(text)
     except ValueError as error:
         raise InputError(f"{text}: expected options as on a command line; {error}") from error
-
-
-def _print_outcome(outcome: "StepOutcome") -> None:
-    when = "as before" if outcome.seconds is None else f"{outcome.seconds:.1f} s"
-    say(f"{outcome.step.name:<16} {when:>9}  {'  '.join(map(str, outcome.result.files))}")
-    for line in outcome.result.lines:
-        say(f"  {line}")

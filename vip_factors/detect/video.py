@@ -7,20 +7,23 @@ between, and tells nothing until it is wide again.
 """
 
 import math
+import warnings
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 
-from vip_factors.atomic import atomic_path, check_complete
+from vip_factors.atomic import atomic_path, check_complete, check_target
 from vip_factors.body.keypoints import KeypointSet, keypoint_set
 from vip_factors.detect import blazepose as blazepose_models
 from vip_factors.detect import model_files, tracks
 from vip_factors.detect.onnx_pose import OnnxPose, box_around
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Track, Tracker
+from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.detections import TrackedPose, write_mmpose
@@ -78,32 +81,25 @@ def _across(keypoints: KeypointSet, pixels: Array, confidence: Array) -> tuple[A
 
 
 BLAZEPOSE = "blazepose33"
+DEFAULT = DetectSettings()
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Which frames to look at: from ``start_s`` to ``end_s`` of the video (None: its ends), each ``every``-th."""
+def frames_to_look_at(facts: VideoFacts, settings: DetectSettings) -> range:
+    """Indices of the frames from ``start_s`` to ``end_s`` (None: the video's ends), each ``every``-th.
 
-    start_s: float | None = None
-    end_s: float | None = None
-    every: int = 1
-
-    def frames(self, facts: VideoFacts) -> range:
-        """Their indices.
-
-        Raises:
-            InputError: if there are none.
-        """
-        if self.every < 1:
-            raise InputError(f"every {self.every}: expected 1 for every frame, 2 for every second one …")
-        low = 0 if self.start_s is None else int(np.searchsorted(facts.time, self.start_s))
-        high = len(facts) if self.end_s is None else int(np.searchsorted(facts.time, self.end_s, side="right"))
-        if low >= high:
-            raise InputError(
-                f"{facts.path} lasts {facts.time[-1]:.1f} s: there is no frame from {self.start_s or 0:g} to "
-                f"{facts.time[-1] if self.end_s is None else self.end_s:g} s"
-            )
-        return range(low, high, self.every)
+    Raises:
+        InputError: if there are none.
+    """
+    start_s, end_s = settings.start_s, settings.end_s
+    low = 0 if start_s is None else int(np.searchsorted(facts.time, start_s))
+    high = len(facts) if end_s is None else int(np.searchsorted(facts.time, end_s, side="right"))
+    if low >= high:
+        last = facts.time[-1]
+        raise InputError(
+            f"{facts.path} lasts {last:.1f} s: there is no frame from {start_s or 0:g} to "
+            f"{last if end_s is None else end_s:g} s"
+        )
+    return range(low, high, settings.every)
 
 
 @dataclass(frozen=True)
@@ -116,6 +112,7 @@ class VideoPoses:
         frames: everybody in each of the video's frames; nobody where no one looked.
         looked: indices of the frames that were looked at.
         detector: name of the model.
+        seconds: that the search took.
     """
 
     facts: VideoFacts
@@ -123,6 +120,7 @@ class VideoPoses:
     frames: list[list[TrackedPose]]
     looked: range
     detector: str = "BlazePose"
+    seconds: float = 0.0
 
     @property
     def detections(self) -> Detections:
@@ -144,70 +142,79 @@ class VideoPoses:
 def detect_video(
     path: Path,
     tracker: Tracker,
-    stretch: Stretch | None = None,
+    settings: DetectSettings = DEFAULT,
     model: OnnxPose | None = None,
-    on_progress: Callable[[int, int], None] = lambda done, count: None,
+    progress: ProgressCallback = silent,
 ) -> VideoPoses:
     """Poses of everybody in a video.
 
     Args:
         path: of the video.
         tracker: follows people; its landmarks are the poses, if no other model is given.
-        stretch: which frames to look at; all if None.
+        settings: which frames to look at.
         model: that finds the keypoints of the people followed.
-        on_progress: called with the frames that are done, and of how many.
+        progress: called with the fraction of frames that are done.
 
     Raises:
         InputError, FileFormatError: if there is no such video, or no such frame in it.
     """
+    begin = perf_counter()
     facts = video_facts(path)
-    looked = (stretch or Stretch()).frames(facts)
+    looked = frames_to_look_at(facts, settings)
     keypoints = keypoint_set(BLAZEPOSE) if model is None else model.keypoints
     frames: list[list[TrackedPose]] = [[] for _ in range(len(facts))]
     images = iterate_frames(path, facts.time, looked.step, looked.start, looked.stop)
+    count = looked.stop - looked.start
     for index, time, image in images:
-        poses = [_pose(one, image, model) for one in tracker.step(image, time)]
-        frames[index] = [one for one in poses if np.any(one.confidence > 0)]
-        on_progress(index + 1 - looked.start, looked.stop - looked.start)
-    somebody = [[one for one in poses if one.track not in tracker.given_up] for poses in frames]
+        poses = [_pose(track, image, model) for track in tracker.step(image, time)]
+        frames[index] = [pose for pose in poses if np.any(pose.confidence > 0)]
+        progress(f"looking for people in {count:,} frames", (index + 1 - looked.start) / count)
+    somebody = [[pose for pose in poses if pose.track not in tracker.given_up] for poses in frames]
     rate = facts.rate / looked.step
     least = min(math.ceil(LEAST_S * rate), len(looked))  # a short video has no longer tracks
     tidy = _tidied(somebody, keypoints, least, max(1, round(TURN_S * rate)))
-    return VideoPoses(facts, keypoints, tidy, looked)
+    return VideoPoses(facts, keypoints, tidy, looked, seconds=perf_counter() - begin)
 
 
 def detect_people(
     path: Path,
-    settings: DetectSettings,
-    stretch: Stretch | None = None,
+    settings: DetectSettings = DEFAULT,
+    progress: ProgressCallback = silent,
     *,
-    model: Path | None = None,
-    keypoints: str | None = None,
-    blazepose: Path | None = None,
-    threads: int | None = None,
-    on_message: Callable[[str], None] = lambda sentence: None,
-    on_progress: Callable[[int, int], None] = lambda done, count: None,
+    out: Path | None = None,
+    overlay: Path | None = None,
+    overwrite: bool = False,
 ) -> VideoPoses:
     """Poses of everybody in a video by BlazePose, or their keypoints by another model.
 
     Args:
-        path, stretch, on_progress: as of :func:`detect_video`.
-        settings: how people are searched for.
-        model: ONNX file.
-        keypoints: name of its keypoint set; told by their number if None.
-        blazepose: wheel of mediapipe or folder with BlazePose's files; they are fetched once if None.
-        threads: of the processor; as many as there are, up to four, if None.
-        on_message: called with what is fetched.
+        path: of the video.
+        settings: how people are searched for, and by which models.
+        progress: called with what goes on and the fraction of it that is done.
+        out: file (.json) to write the poses to.
+        overlay: file (.mp4) for the video with the poses drawn over it.
+        overwrite: whether these may be replaced.
 
     Raises:
         InputError, FileFormatError: if the video or a model cannot be read, or a package is missing.
     """
-    threads = threads or tracks.usual_threads()
-    other = OnnxPose(model, threads, keypoints) if model is not None else None
+    if settings.keypoints is not None and settings.model is None:
+        raise InputError("keypoints are given without a model: BlazePose has its own 33")
+    for target in (out, overlay):
+        if target is not None:
+            check_target(target, overwrite)
+    threads = settings.threads or tracks.usual_threads()
+    model = OnnxPose(settings.model, threads, settings.keypoints) if settings.model is not None else None
     blazepose_models.check_interpreter()
-    tracker = tracks.blazepose_tracker(model_files.blazepose_files(blazepose, on_message), settings, threads)
-    found = detect_video(path, tracker, stretch, other, on_progress)
-    return found if model is None else replace(found, detector=model.name)
+    files = model_files.blazepose_files(settings.blazepose, lambda told: warnings.warn(told, stacklevel=2))
+    poses = detect_video(path, tracks.blazepose_tracker(files, settings, threads), settings, model, progress)
+    if settings.model is not None:
+        poses = replace(poses, detector=settings.model.name)
+    if out is not None:
+        write_poses(out, poses, overwrite)
+    if overlay is not None:
+        write_overlay(overlay, poses, overwrite, progress)
+    return poses
 
 
 def write_poses(path: Path, poses: VideoPoses, overwrite: bool = False) -> None:
@@ -263,7 +270,7 @@ def write_overlay(
     path: Path,
     poses: VideoPoses,
     overwrite: bool = False,
-    on_progress: Callable[[int, int], None] = lambda done, count: None,
+    progress: ProgressCallback = silent,
 ) -> None:
     """Write the frames that were looked at as a video (``.mp4``), each person in a colour and with the track's number.
 
@@ -289,7 +296,7 @@ def write_overlay(
                     draw_pose(small, limbs, pixels, one.confidence, one.track - 1, str(one.track))
                 writer.write(cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
                 count += 1
-                on_progress(index + 1 - looked.start, looked.stop - looked.start)
+                progress("drawing", (index + 1 - looked.start) / (looked.stop - looked.start))
         finally:
             writer.release()
         read_back = cv2.VideoCapture(str(temporary))  # the writer tells of no error
@@ -297,14 +304,14 @@ def write_overlay(
         read_back.release()
 
 
-def poses_summary(poses: VideoPoses, seconds: float) -> list[str]:
-    """Who was found in so many seconds of work, line by line."""
+def poses_summary(poses: VideoPoses) -> list[str]:
+    """Who was found, line by line."""
     looked = len(poses.looked)
     counts = {number: 0 for number in poses.tracks}
     for people in poses.frames:
         for one in people:
             counts[one.track] += 1
-    speed = f", {looked / seconds:.1f} frames a second" if seconds > 0 else ""
+    speed = f", {looked / poses.seconds:.1f} frames a second" if poses.seconds > 0 else ""
     lines = [f"{looked} of {len(poses.frames)} frames of {poses.facts.path.name} looked at{speed}"]
     if not counts:
         lines.append("nobody was found")

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from vip_factors.body.keypoints import KeypointOffsets, KeypointSet
-from vip_factors.display import Summarised
-from vip_factors.errors import RecordingError
+from vip_factors.display import Summarised, described
+from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
@@ -206,3 +206,14 @@ class Scene(Summarised):
                     f"scene '{self.name}': further camera '{camera.name}' {found}: expected one that stands still at a "
                     "single known pose (vip-factors calibrate-camera --floor finds it); only the first camera may move"
                 )
+
+
+def as_scene(recording: Recording | Scene) -> Scene:
+    """The scene itself, or that of one wearer without a camera.
+
+    Raises:
+        InputError: for anything else.
+    """
+    if not isinstance(recording, Recording | Scene):
+        raise InputError(f"{described(recording)}: expected a recording or a scene, as vip.read gives of a file")
+    return recording if isinstance(recording, Scene) else Scene(recording.name, (recording,))

@@ -299,7 +299,7 @@ def _step_record() -> bytes:
 
 def _take_step(folder: Path) -> None:
     """One that does nothing, as ``run`` takes it again."""
-    from vip_factors.steps import Result, Step, take
+    from vip_factors.workflow import Result, Step, take
 
     take(Step("info", (), None, lambda overwrite, progress: Result(())), folder)
 

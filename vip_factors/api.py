@@ -2,6 +2,9 @@
 
 A recording of one wearer and a filmed scene of several are both a :class:`~vip_factors.sensors.scene.Scene` here, so
 that one set of functions does. Commands of the same names call what these call.
+
+With ``overwrite`` files that exist are replaced. What cannot be read, used or written raises an
+:class:`~vip_factors.errors.InputError` (or a kind of it), whose message says what was expected.
 """
 
 from collections.abc import Iterator, Sequence
@@ -48,9 +51,6 @@ def read(path: StrPath, *then: StrPath) -> Scene:
     Args:
         path: of the file.
         then: parts of the same recording that follow in time, of one without a camera.
-
-    Raises:
-        InputError, FileFormatError, OSError: if it cannot be read.
     """
     from vip_factors.io.scene_building import read_scenes
 
@@ -58,14 +58,7 @@ def read(path: StrPath, *then: StrPath) -> Scene:
 
 
 def write(content: Recording | Scene | Moved, path: StrPath, overwrite: bool = False) -> Path:
-    """Write a recording, a scene or an estimate into an MCAP file, with its truth if it has one.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: if the file exists and may not be replaced.
-    """
+    """Write a recording, a scene or an estimate into an MCAP file, with its truth if it has one."""
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_recording import write_recording
 
@@ -92,9 +85,6 @@ def convert(
         camera: what filmed the wearers: its file, and the 2D poses that a detector found.
         join: recordings (.mcap) of further wearers at the same time.
         further_cameras: that stand still at known poses.
-
-    Raises:
-        InputError, FileFormatError, RecordingError: if the log cannot be read or used.
     """
     from vip_factors.io.scene_building import add_camera, add_further_camera, join_wearers, read_log_as_scene
 
@@ -114,9 +104,6 @@ def sync(scene: Scene, max_offset: float = 10.0) -> Scene:
     """The scene with the offset between the clocks of its video and its sensors, found from how people move.
 
     Offsets of up to ``max_offset`` seconds either way are looked at.
-
-    Raises:
-        InputError, RecordingError: without a camera, or if the offset cannot be told.
     """
     from vip_factors.initialise.clock import find_clock_offset
 
@@ -146,11 +133,7 @@ def detect(
         video: file (.mp4, .mov …).
         settings: how people are searched for, and by which models.
         out: file (.json) to write them to as well, which ``convert`` and ``run`` take.
-        overwrite: whether that file may be replaced.
         progress: called with what goes on and the fraction of it that is done.
-
-    Raises:
-        InputError, FileFormatError: if the video or a model cannot be read, or a package is missing.
     """
     from vip_factors.detect.video import detect_people
 
@@ -191,9 +174,6 @@ def simulate(
         bystanders: people without sensors in the picture; they repeat the wearers' motions elsewhere, out of step.
         names: of the wearers.
         name: of the recording.
-
-    Raises:
-        InputError: for an unknown preset or camera, or a motion file that cannot be read.
     """
     from vip_factors.sensors.calibration import preset
     from vip_factors.simulate.recording import simulate_recording
@@ -256,9 +236,6 @@ def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
     Args:
         estimate: of :func:`smooth`, or a motion on the recording's clock.
         truth: the recording with its truth.
-
-    Raises:
-        InputError: if the recording holds no truth, or the two are not of the same wearers and times.
     """
     from vip_factors.evaluate.evaluation import evaluate_scene
 
@@ -274,10 +251,6 @@ def gait(
         estimate: of one wearer or several.
         recording: that it was made from: sensors on the feet tell events and lengths better than a motion does.
         out: folder for tables, JSON and a picture of it, made if need be; none if absent.
-        overwrite: whether files there may be replaced.
-
-    Raises:
-        InputError: if the two are not of the same wearers, or files may not be written.
     """
     from vip_factors.gait.analysis import gaits_of
     from vip_factors.gait.files import write_gait
@@ -296,10 +269,6 @@ def repetitions(
     Args:
         estimate: of one wearer or several.
         out: folder for a table, JSON and a picture of it, made if need be; none if absent.
-        overwrite: whether files there may be replaced.
-
-    Raises:
-        InputError: if one has no frames, or files may not be written.
     """
     wearers = all_repetitions(as_estimate(estimate))
     if out is not None:
@@ -318,13 +287,6 @@ def export(
         estimate: of one wearer or several.
         path: of the file; several wearers in a format that holds one get a file each.
         settings: what is written.
-        overwrite: whether files that exist may be replaced.
-
-    Returns:
-        The files that were written.
-
-    Raises:
-        InputError: for an unknown suffix, or a file that may not be written.
     """
     from vip_factors.io.export.files import export as export_file
 
@@ -349,17 +311,10 @@ def report(
         path: of the page.
         recording: what it was made from: then the page tells of sensors and video too.
         truth: a recording whose truth counts, if it is not the one above.
-        overwrite: whether an existing file may be replaced.
         video: a film (.mp4) is to be beside the page, of skeletons over the camera's pictures and of the room: of the
             recording's own video, or of that in a file.
         video_height: of the film, pixels.
         video_seconds: first and last second of the recording that the film shows; all of it if None.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError, FileFormatError: if they do not belong together, a file may not be written, or a film not be made.
     """
     from vip_factors.report.page import write_report
 
@@ -415,9 +370,6 @@ def serve(worn: Recording | Scene, port: int = 8080, host: str = "127.0.0.1", to
         port: of this machine, where the page is.
         host: address that is listened to: this machine alone, or 0.0.0.0 for those in all its networks.
         token: that readers need; without one this machine's need none, and one is made for those of other machines.
-
-    Raises:
-        InputError: if a package is missing, or the port is taken.
     """
     from vip_factors.io.live_server import LiveServer
     from vip_factors.report.page import live_page
@@ -442,13 +394,6 @@ def picture(
         recording: what an estimate was made from: sensors, video and truth are drawn too.
         title: above the picture.
         poses: how many, evenly over the time.
-        overwrite: whether an existing file may be replaced.
-
-    Returns:
-        The path.
-
-    Raises:
-        InputError: if there is nothing to draw, or the file may not be written.
     """
     from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
     from vip_factors.viz.picture import filmstrip

@@ -99,16 +99,12 @@ class WindowSettings:
     calibration_stretch_s: float = 25.0  # long enough for gestures of all limbs
 
     def __post_init__(self) -> None:
-        for name in ("above_s", "window_s", "overlap_s", "calibration_stretch_s"):
-            if not getattr(self, name) > 0:
-                raise RangeError(f"windows.{name}", f"is {getattr(self, name):g}: expected seconds above 0")
+        check_ranges(self, "windows.")
         if not self.window_s >= LEAST_OVERLAPS * self.overlap_s:
             raise RangeError(
                 "windows.window_s",
                 f"is {self.window_s:g}: expected {LEAST_OVERLAPS} times windows.overlap_s ({self.overlap_s:g}) or more",
             )
-        if self.calibration_stretches < 1:
-            raise RangeError("windows.calibration_stretches", f"is {self.calibration_stretches}: expected one or more")
 
 
 class SolverName(StrEnum):

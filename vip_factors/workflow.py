@@ -93,6 +93,7 @@ def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCa
     if record is not None and _is_fresh(step, record):
         return Result(tuple(map(Path, record.files)), tuple(record.lines))
     begin = time.perf_counter()
+    progress(step.name, 0.0)
     try:
         result = step.make(overwrite or record is not None, progress)
     except VipFactorsError as error:
@@ -208,28 +209,26 @@ def check(options: RunOptions) -> None:
 def steps(options: RunOptions, map_fn: "Each" = map) -> Iterator[Step]:
     """All steps in order; ``map_fn`` solves the windows of a long recording, in other processes say."""
     folder, camera = options.out, options.camera
+    recording, estimate, page = folder / "recording.mcap", folder / ESTIMATE, folder / "report.html"
     if camera is not None and options.detector is not None:
         assert camera.video is not None
         make = partial(_detect, camera.video, camera.detections, options.overlay, options.detector)
         yield Step("detect", (camera.video,), (options.detector, options.overlay), make)
-    recording, pictures = folder / "recording.mcap", _files_named(camera)
-    if len(options.logs) == 1:
-        ((log, known),) = options.logs
-        make = partial(_convert, log, known, camera, (), recording)
-        yield Step("convert", (log, *_files_named(known), *pictures), (known, camera), make)
-    else:
-        parts = [folder / f"wearer{number}.mcap" for number in range(1, len(options.logs) + 1)]
-        for (log, known), part in zip(options.logs, parts, strict=True):
+    logs, join = options.logs, list[Path]()
+    if len(logs) > 1:
+        parts = [folder / f"wearer{number}.mcap" for number in range(1, len(logs) + 1)]
+        for (log, known), part in zip(logs, parts, strict=True):
             make = partial(_convert, log, known, None, (), part)
             yield Step(f"convert {part.stem}", (log, *_files_named(known)), known, make)
-        make = partial(_convert, parts[0], ImportOptions(), camera, parts[1:], recording)
-        yield Step("convert", (*parts, *pictures), camera, make)
+        logs, join = ((parts[0], ImportOptions()),), parts[1:]
+    ((log, known),) = logs
+    inputs = (log, *_files_named(known), *join, *_files_named(camera))
+    yield Step("convert", inputs, (known, camera), partial(_convert, log, known, camera, join, recording))
     if camera is not None and options.sync:
         synced = folder / "synced.mcap"
         hint = "if you know the offset, give it as --time-offset-s"
         yield Step("sync", (recording,), None, partial(_sync, recording, synced), hint)
         recording = synced
-    estimate, page = folder / ESTIMATE, folder / "report.html"
     settings = replace(options.settings, covariance=True)  # how sure it is comes first in the report
     yield Step("smooth", (recording,), settings, partial(_smooth, recording, estimate, settings, map_fn))
     if options.report:
@@ -265,7 +264,6 @@ def _convert(
     progress: ProgressCallback,
 ) -> Result:  # fmt: skip
     check_target(out, overwrite)
-    progress("reading", 0.0)
     return Result((api.write(api.convert(log, known, camera, join=join), out, overwrite),))
 
 
@@ -273,7 +271,6 @@ def _sync(recording: Path, out: Path, overwrite: bool, progress: ProgressCallbac
     from vip_factors.initialise.clock import find_clock_offset
 
     check_target(out, overwrite)
-    progress("comparing video and sensors", 0.0)
     scene = api.read(recording)
     offset = find_clock_offset(scene)
     if not offset.determined:
@@ -344,12 +341,10 @@ def estimate_lines(estimate: "Estimate", frames: Sequence[int]) -> Iterator[str]
 
 
 def _report(estimate: Path, recording: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
-    progress("report", 0.0)
     return Result((api.report(read_estimate(estimate), out, api.read(recording), overwrite=overwrite),))
 
 
 def _export(estimate: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
-    progress(f"writing {out.name}", 0.0)
     return Result(api.export(read_estimate(estimate), out, overwrite=overwrite))
 
 

@@ -87,11 +87,3 @@ def test_mistakes(run, video: Path, tmp_path: Path, options: tuple[str, ...], wo
     for word in words:
         assert word in told.err
     assert list(tmp_path.iterdir()) == []
-
-
-def test_files_are_checked_first(run, video: Path, tmp_path: Path) -> None:
-    (tmp_path / "a.toml").write_text("precious")
-    assert "exists" in run("calibrate-camera", video, tmp_path / "a.toml", "--checkerboard", "7x5").err
-    assert ".toml" in run("calibrate-camera", video, tmp_path / "a.yaml", "--checkerboard", "7x5").err
-    assert "none" in run("calibrate-camera", tmp_path / "none", tmp_path / "b.toml", "--checkerboard", "7x5").err
-    assert [path.name for path in tmp_path.iterdir()] == ["a.toml"]

@@ -39,7 +39,6 @@ def test_sentences_name_options_and_no_functions(run, files, tmp_path: Path) -> 
     assert_one_sentence(
         run("smooth", files.recording, "--overwrite", "--calibration-rate=-1"), "--calibration-rate is -1"
     )
-    assert_one_sentence(run("simulate", "gestures", tmp_path / "a.mcap", "--imu-rate", "inf"), "--imu-rate is inf")
     assert_one_sentence(run("evaluate", files.estimate), "--truth")
     assert_one_sentence(run("evaluate", files.recording), "holds no estimate")
     for told in (run("evaluate", files.estimate), run("smooth", files.estimate, "--out", tmp_path / "e.mcap")):
@@ -61,13 +60,6 @@ def test_the_truth_of_another_recording_is_doubted(run, files, tmp_path: Path) -
     assert told.code == 0
     assert "is this the truth of the same recording? the estimate is of 'walk', the truth of 'other'" in told.err
     assert run("evaluate", files.estimate, "--truth", files.recording).err == ""
-
-
-def test_a_cut_file_is_told_of_once(run, files, tmp_path: Path) -> None:
-    content = files.estimate.read_bytes()
-    (tmp_path / "cut.mcap").write_bytes(content[: int(0.6 * len(content))])
-    told = run("info", tmp_path / "cut.mcap")
-    assert told.err.count("the file is cut off") == 1
 
 
 def test_a_stream_of_sensors_nowhere_says_what_to_do(run, files, tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -64,14 +63,6 @@ def test_a_verdict_and_settings_are_those_of_one_recording(run, folder: Path, tm
     assert run(*words).code == 3  # of what is there already, too
 
 
-def test_a_head_tells_what_the_whole_does(files) -> None:
-    head, frames = read_head(files.estimate)
-    whole = read_estimate(files.estimate)
-    assert head.verdict == whole.verdict
-    assert frames == len(whole.only_wearer.motion)
-    assert len(head.only_wearer.motion) == 0
-
-
 @pytest.mark.parametrize(
     ("words", "is_multi_file"),
     [
@@ -84,7 +75,6 @@ def test_a_head_tells_what_the_whole_does(files) -> None:
         ("stream a.mcap --jobs 2", True),
         ("stream ws://127.0.0.1:0", False),
         ("info *.mcap", False),
-        ("smooth * --help", False),
     ],
 )
 def test_one_recording_is_not_many(words: str, is_multi_file: bool) -> None:
@@ -171,21 +161,6 @@ def test_an_interrupt_ends_the_children_and_leaves_nothing(folder: Path, tmp_pat
     assert not [child for child in started if child.exists()]
     assert {path.name for path in set(folder.rglob("*")) - before} <= {"smooth.summary.csv"}
     assert not list(temporary.iterdir())
-
-
-def test_folders_of_a_killed_run_are_cleared_by_the_next(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    process = start(folder, temporary)
-    left = list(temporary.iterdir())
-    assert left
-    process.kill()
-    process.communicate()
-    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
-    with workers.working_folder() as first, workers.working_folder() as second:  # which leaves the first alone
-        assert {path.name for path in temporary.iterdir()} == {first.name, second.name}
 
 
 def test_a_child_ends_with_its_parent() -> None:

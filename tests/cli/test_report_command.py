@@ -53,7 +53,6 @@ def test_the_recording_is_named_or_in_the_same_file(files: Path, tmp_path: Path)
     [
         (["missing.mcap"], "missing.mcap"),
         (["scene.mcap"], "estimate"),
-        (["scene.estimate.mcap", "--out", "page.pdf"], ".html"),
         (["scene.estimate.mcap", "--out", "page.html", "--video"], "filmed recording"),
         (["scene.estimate.mcap", "--out", "page.html", "--video", "scene.mcap"], "not a video"),
         (["scene.estimate.mcap", "--out", "page.html", "--video", "gone.mp4"], "no such video"),

@@ -94,13 +94,6 @@ def test_what_cannot_be_is_said_before_anything_is_done(given: RunOptions, words
         check(run_options(given))
 
 
-def test_a_failing_step_is_named(run: Callable, tmp_path: Path) -> None:
-    told = run("run", "--log", tmp_path / "none", "--out", tmp_path / "o")
-    assert told.code == 2
-    assert "step convert: " in told.err
-    assert "none" in told.err
-
-
 def test_the_folder_is_beside_the_video(tmp_path: Path) -> None:
     (tmp_path / "walk.mp4").touch()
     assert usual_folder(RunOptions((tmp_path,), video=tmp_path / "walk.mp4")) == tmp_path / "walk_motion"

@@ -1,19 +1,15 @@
 """What is shown while one waits: lines in a pipe, nothing that steers a terminal."""
 
-import ast
 import io
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeGuard
 
 import pytest
 
 import vip_factors as vip
 from vip_factors.cli import terminal
 from vip_factors.io.mcap_recording import read_scene
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_a_pipe_hears_stage_and_share_now_and_then(
@@ -99,15 +95,3 @@ def test_names_of_files_do_not_steer_the_terminal(words: str, run, files, tmp_pa
     told = outcome.out + outcome.err
     assert set(terminal.CONTROL.findall(told)) == {"\n"}
     assert words.startswith("stream") or "\\x1b" in told
-
-
-def test_commands_print_through_the_terminal_alone() -> None:
-    """What is printed by ``print`` itself is not escaped."""
-    for path in (ROOT / "vip_factors" / "cli").glob("*.py"):
-        names = [node.func.id for node in ast.walk(ast.parse(path.read_text("utf-8"))) if is_call(node)]
-        assert "print" not in names or path.name in ("terminal.py", "main.py"), path
-
-
-def is_call(node: ast.AST) -> TypeGuard[Any]:
-    """Whether it is a call of a function by its bare name."""
-    return isinstance(node, ast.Call) and isinstance(node.func, ast.Name)

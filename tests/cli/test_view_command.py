@@ -1,7 +1,6 @@
 """``view``: what is made sure of before a viewer is started."""
 
 from collections.abc import Callable
-from pathlib import Path
 
 import pytest
 
@@ -22,13 +21,3 @@ def test_without_a_display_a_window_is_refused_in_one_sentence(run: Callable, fi
     assert done.code == 2
     assert done.err.startswith("vip-factors: no display: use --rerun-save FILE.rrd")
     assert len(done.err.splitlines()) == 1
-
-
-@pytest.mark.parametrize("name", ["x.bvh", "x.npz", "x"])
-def test_only_rerun_files_are_written_as_such(run: Callable, files, tmp_path: Path, name: str) -> None:
-    for command in (("view", files.recording, "--save"), ("stream", files.recording, "--rerun-save")):
-        done = run(*command, tmp_path / name)
-        assert done.code == 2
-        assert ".rrd" in done.err
-        assert "vip-factors export" in done.err
-    assert list(tmp_path.iterdir()) == []

@@ -3,17 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
-from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import Output, WritingOptions, beside
+from vip_factors.atomic import atomic_open
+from vip_factors.cli.options import Output, WritingOptions
 from vip_factors.cli.terminal import say
 from vip_factors.errors import InputError, nearest
-
-if TYPE_CHECKING:
-    from vip_factors.estimate import WearerEstimate
 
 
 @dataclass(frozen=True)
@@ -41,15 +38,13 @@ def main(options: BodyOptions) -> None:
     from vip_factors.cli.terminal import print_tables
     from vip_factors.describe.estimates import hinge_table, length_table
     from vip_factors.io.body_file import body_of_estimate, write_body_file
+    from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.viz.charts import body_figure, svg
 
-    out = options.out or beside(options.estimate, ".body.toml")
-    check_target(out, options.overwrite)
-    if options.picture is not None:
-        check_target(options.picture, options.overwrite)
-    elif options.truth is not None:
+    out = options.target(options.out, options.estimate, ".body.toml")
+    if options.picture is None and options.truth is not None:
         raise InputError("--truth is drawn into the picture: give --picture too")
-    estimate = _wearer(options)
+    estimate = read_estimate(options.estimate).wearer(options.wearer)
     truth = _true_lengths(options.truth, estimate.motion.name) if options.truth is not None else {}
     write_body_file(out, body_of_estimate(estimate, options.estimate.name), options.overwrite)
     assert estimate.body is not None
@@ -61,24 +56,12 @@ def main(options: BodyOptions) -> None:
         say(options.picture)
 
 
-def _wearer(options: BodyOptions) -> "WearerEstimate":
-    from vip_factors.io.mcap_estimate import read_estimate
-
-    wearers = {one.motion.name: one for one in read_estimate(options.estimate).wearers}
-    if options.wearer is None and len(wearers) > 1:
-        raise InputError(f"{options.estimate} holds {', '.join(wearers)}: say whose body is wanted with --wearer")
-    name = next(iter(wearers)) if options.wearer is None else options.wearer
-    if name not in wearers:
-        raise InputError(f"{options.estimate}: no wearer '{name}'{nearest(name, wearers)}")
-    return wearers[name]
-
-
 def _true_lengths(path: Path, name: str) -> Mapping[str, float]:
     """Of the wearer of that name, or the only one."""
     from vip_factors.evaluate.calibration import true_lengths
     from vip_factors.io.mcap_recording import read_scene
 
-    wearers = {one.subject.name: one for one in read_scene(path).wearers}
+    wearers = {wearer.subject.name: wearer for wearer in read_scene(path).wearers}
     if len(wearers) > 1 and name not in wearers:
         raise InputError(f"{path}: no wearer '{name}'{nearest(name, wearers)}")
     truth = wearers.get(name, next(iter(wearers.values()))).truth

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.atomic import check_target
 from vip_factors.cli.options import Output, WritingOptions
 from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.errors import InputError
@@ -48,7 +47,6 @@ def main(options: CalibrateCameraOptions) -> None:
     """Calibrate a camera from the command line's arguments."""
     from vip_factors.io.camera_file import read_camera_file, write_camera_file
 
-    check_target(options.out, options.overwrite)
     board = _board(options)
     views: Sequence[BoardView] = ()
     warnings: Sequence[str] = ()

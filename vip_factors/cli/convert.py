@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.atomic import check_target
 from vip_factors.cli.options import Flag, Input, Output, WritingOptions
 from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
@@ -130,7 +129,6 @@ def main(options: ConvertOptions) -> None:
         return
     if options.out is None:
         raise InputError("no RECORDING.mcap to write is named: convert LOG RECORDING.mcap, or LOG --template NAME")
-    check_target(options.out, options.overwrite)
     camera = camera_options(options)
     further = [_further_options(options, *one) for one in options.further_camera]
     with waiting(f"reading {options.log}"):

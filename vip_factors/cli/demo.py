@@ -7,7 +7,6 @@ from typing import Annotated, Literal
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import WritingOptions
 from vip_factors.cli.terminal import progress_bar, say
-from vip_factors.errors import InputError
 from vip_factors.ranges import NotNegativeInt, Range, Rate
 
 
@@ -33,13 +32,11 @@ MOUNTING_ERROR_DEG = 10.0  # straps put on by eye
 
 def main(options: DemoOptions) -> None:
     """Run the command."""
-    from vip_factors.cli.simulate import SimulateOptions, simulated
+    from vip_factors.api import simulate, write
     from vip_factors.evaluate.evaluation import evaluate
-    from vip_factors.io.mcap_estimate import write_estimate
-    from vip_factors.io.mcap_recording import write_recording
     from vip_factors.pipeline import smooth
     from vip_factors.settings import Settings
-    from vip_factors.simulate.settings import SimulateSettings
+    from vip_factors.simulate.settings import SceneSettings, SimulateSettings
     from vip_factors.viz.drawn_scene import drawn_wearer
     from vip_factors.viz.picture import filmstrip
     from vip_factors.viz.rerun_view import show
@@ -54,22 +51,21 @@ def main(options: DemoOptions) -> None:
     with progress_bar() as progress:
         progress("simulating", 0.0)
         errors = SimulateSettings(heading_offset_deg=HEADING_OFFSET_DEG, mounting_error_deg=MOUNTING_ERROR_DEG)
-        recording = simulated(
-            SimulateOptions("gestures", Path(), options.placement, options.seed, seconds=options.seconds, errors=errors)
-        )
-        write_recording(recording, files["recording.mcap"], options.overwrite)
-        whole = smooth(recording, Settings(frame_rate=options.frame_rate), progress)
-        estimate = whole.only_wearer
-        write_estimate(whole, files["estimate.mcap"], options.overwrite)
+        recording = simulate(
+            placement=options.placement, seconds=options.seconds, seed=options.seed, settings=SceneSettings(imu=errors)
+        ).wearers[0]
+        write(recording, files["recording.mcap"], options.overwrite)
+        estimate = smooth(recording, Settings(frame_rate=options.frame_rate), progress).only_wearer
+        write(estimate, files["estimate.mcap"], options.overwrite)
         progress("drawing", 0.0)
         truth = recording.truth
-        if truth is None:
-            raise InputError("the simulated recording has no truth")
+        assert truth is not None
         evaluation = evaluate(estimate, truth)
         with atomic_open(files["evaluation.json"], "w", options.overwrite) as file:
             file.write(evaluation.to_json())
         drawn = drawn_wearer(recording, estimate)
-        filmstrip(drawn, files["demo.png"], title=_title(estimate.method), overwrite=options.overwrite)
+        title = f"A simulated walk, reconstructed from body-worn sensors, {estimate.method}"
+        filmstrip(drawn, files["demo.png"], title=title, overwrite=options.overwrite)
         show(drawn, files["demo.rrd"], options.overwrite)
     for name in ("mpjpe", "mpjae", "heading_error", "mounting_error"):
         if name in evaluation.metrics:
@@ -77,7 +73,3 @@ def main(options: DemoOptions) -> None:
             say(f"{name:<15} {metric.value:6.1f} {metric.unit}")
     for path in files.values():
         say(path)
-
-
-def _title(method: str) -> str:
-    return f"A simulated walk, reconstructed from body-worn sensors, {method}"

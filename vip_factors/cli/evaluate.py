@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.atomic import atomic_open, check_target
+from vip_factors.atomic import atomic_open
 from vip_factors.cli.options import Output, WritingOptions
 from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
@@ -37,8 +37,6 @@ class EvaluateOptions(WritingOptions):
 
 def main(options: EvaluateOptions) -> None:
     """Run the command."""
-    if options.json is not None:
-        check_target(options.json, options.overwrite)
     with waiting(f"comparing {options.estimate.name} with the truth"):
         evaluation = _evaluation(options)
     say(evaluation)

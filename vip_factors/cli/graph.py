@@ -1,15 +1,14 @@
 """``vip-factors graph``: counts and a picture of the factor graph of a recording or scene."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
-from vip_factors.atomic import atomic_open, check_target
-from vip_factors.cli.options import UNPREFIXED, Output, SettingsOptions, WritingOptions, beside
-from vip_factors.cli.terminal import note, progress_bar, say
+from vip_factors.atomic import atomic_open
+from vip_factors.cli.options import UNPREFIXED, Output, SettingsOptions, WritingOptions
+from vip_factors.cli.terminal import note, print_tables, progress_bar, say
 from vip_factors.ranges import Range
 from vip_factors.settings import Settings
 
@@ -37,9 +36,9 @@ def main(options: GraphOptions) -> None:
     """Run the command."""
     from vip_factors.io.mcap_recording import read_scene
 
-    picture = options.picture or beside(options.recording, ".graph.svg")
-    check_target(picture, options.overwrite)
+    picture = options.target(options.picture, options.recording, ".graph.svg")
     scene = read_scene(options.recording)
+    from vip_factors.describe.table import Table
     from vip_factors.factor_graph.dot import dot, svg
     from vip_factors.pipeline import factor_graph
 
@@ -53,14 +52,11 @@ def main(options: GraphOptions) -> None:
         file.write(drawing)
     seconds = graph.time[-1] - graph.time[0]
     say(f"{len(graph.time)} frames in {seconds:.2f} s, of {', '.join(scene.names)}")
-    for title, counts in (("variables", graph.variable_counts), ("factors", graph.factor_counts)):
-        say(_table(title, counts))
-    say(f"\n{picture}")
+    kinds = (("variables", graph.variable_counts), ("factors", graph.factor_counts))
+    print_tables(
+        Table((name, str(sum(counts.values()))), [(kind, str(count)) for kind, count in counts.items()])
+        for name, counts in kinds
+    )
+    say(picture)
     if picture.suffix == ".dot":
         note(f"Graphviz did not lay the picture out: install it, then dot -Tsvg -O {picture}")
-
-
-def _table(title: str, counts: Mapping[str, int]) -> str:
-    width = 30
-    lines = [f"  {kind:<{width}}  {count:>8}" for kind, count in counts.items()]
-    return "\n".join(["", f"{title:<{width + 2}}  {sum(counts.values()):>8}", *lines])

@@ -9,10 +9,10 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any, NoReturn
+from typing import NoReturn
 
 from vip_factors import __version__
-from vip_factors.cli.terminal import printable
+from vip_factors.cli.terminal import STANDARD_OUTPUT, give_up_output, printable, say
 from vip_factors.errors import VipFactorsError, naming_file
 
 PROGRAM = "vip-factors"
@@ -71,7 +71,8 @@ def _run(words: list[str]) -> int:
         with warnings.catch_warnings():
             warnings.showwarning = _Notes().show
             code = _dispatched(words)
-            sys.stdout.flush()
+            with naming_file(STANDARD_OUTPUT):
+                sys.stdout.flush()
             return code
     except BrokenPipeError:  # the reader of our output, ``head`` say, has seen enough
         give_up_output()
@@ -85,17 +86,19 @@ def _run(words: list[str]) -> int:
 
 def _dispatched(words: Sequence[str]) -> int:
     if words[:1] == ["--version"]:
-        print(f"{PROGRAM} {__version__}")
+        say(f"{PROGRAM} {__version__}")
         return 0
     try:
         if not words or words[0] not in COMMANDS:
             _run_without_command(words)
-        from vip_factors.cli import multi_file
         from vip_factors.cli.options import run_command
 
         command, *words = words
-        if multi_file.is_multi_file(command, words):
-            return multi_file.main(command, f"{PROGRAM} {command}", words)
+        if command in ("smooth", "stream") and not {"-h", "--help"} & {*words}:
+            from vip_factors.cli import multi_file
+
+            if multi_file.is_multi_file(command, words):
+                return multi_file.main(command, f"{PROGRAM} {command}", words)
         run_command(command, f"{PROGRAM} {command}", words)
     except SystemExit as stop:  # how the parser of options ends, after help or a complaint
         return stop.code if isinstance(stop.code, int) else BAD_INPUT if stop.code else 0
@@ -147,7 +150,6 @@ def _sentence(error: Exception) -> str:
     return printable(" ".join(text.split()))
 
 
-STANDARD_OUTPUT = "standard output"
 ENDING = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -195,14 +197,6 @@ def ending() -> Iterator[Ending]:
             signal.signal(number, handler)
 
 
-class _StandardOutput(io.FileIO):
-    """Standard output, whose errors name it: to the system it is a number."""
-
-    def write(self, data: Any, /) -> int:
-        with naming_file(STANDARD_OUTPUT):
-            return super().write(data)
-
-
 def open_streams() -> None:
     """Make sure that there is an output to write to, and that it takes all characters: what it has not is escaped."""
     for name in ("stdout", "stderr"):
@@ -211,21 +205,3 @@ def open_streams() -> None:
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115  # for as long as we live
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-            if name == "stdout" and type(stream) is io.TextIOWrapper:
-                sys.stdout = _named_stream(stream)
-
-
-def _named_stream(stream: io.TextIOWrapper) -> io.TextIOWrapper:
-    """The same output with a name; Python itself keeps the first one open, as ``sys.__stdout__``."""
-    if stream is not sys.__stdout__:
-        return stream
-    stream.flush()
-    raw = _StandardOutput(stream.fileno(), "w", closefd=False)
-    return io.TextIOWrapper(
-        io.BufferedWriter(raw), stream.encoding, stream.errors, line_buffering=stream.line_buffering
-    )
-
-
-def give_up_output() -> None:
-    """Forget what could not be written to standard output, or Python would try once more at its end."""
-    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # for as long as we live

@@ -6,14 +6,17 @@ from dataclasses import MISSING, dataclass, fields, is_dataclass, replace
 from importlib import import_module
 from itertools import combinations
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, TypeVar, cast, get_args, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, cast, get_args, get_type_hints
 
 import tyro
 
-from vip_factors.errors import InputError, nearest
-from vip_factors.findings import Severity, Verdict
-from vip_factors.io.typed_files import convert, read_toml
+from vip_factors.atomic import check_target
+from vip_factors.cli.terminal import STANDARD_OUTPUT
+from vip_factors.errors import InputError, naming_file, nearest
 from vip_factors.ranges import Range, RangeError, check_ranges
+
+if TYPE_CHECKING:
+    from vip_factors.findings import Verdict
 
 Options = TypeVar("Options")
 Tree = TypeVar("Tree")
@@ -27,19 +30,29 @@ FailOn = Literal["never", "care", "doubt"]
 FAILED = 3
 
 
-def fail_on(limit: FailOn, verdict: Verdict) -> None:
+def fail_on(limit: FailOn, verdict: "Verdict") -> None:
     """End a command whose verdict is as bad as the user does not want it.
 
     Raises:
         SystemExit: 3, then.
     """
+    from vip_factors.findings import Severity
+
     if limit != "never" and verdict.severity.reaches(Severity(limit)):
         raise SystemExit(FAILED)
 
 
 def run_command(command: str, prog: str, words: Sequence[str]) -> None:
-    """Run ``main`` of the module of a command with the options that the words after it make."""
-    _command_module(command).main(parse(options_of(command), prog, words))
+    """Run ``main`` of the module of a command with the options that the words after it make.
+
+    Raises:
+        InputError: as :func:`parse`, and for a file that exists and may not be replaced, or cannot be written.
+    """
+    options = parse(options_of(command), prog, words)
+    for path, mark in _marked_files(options):
+        if isinstance(mark, Output) and not mark.may_exist:
+            check_target(path, options.overwrite)
+    _command_module(command).main(options)
 
 
 def options_of(command: str) -> type[Any]:
@@ -72,7 +85,8 @@ def parse(options: type[Options], prog: str, words: Sequence[str]) -> Options:
     named = issubclass(options, SettingsOptions) and any(word.partition("=")[0] == "--settings" for word in words)
     default = _with_settings(options, prog, words) if named else None
     try:
-        filled = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
+        with naming_file(STANDARD_OUTPUT):  # where help is written
+            filled = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
         _check_ranges(filled)
     except RangeError as error:
         raise InputError(f"--{error.name.replace('_', '-')} {error.reason}") from error
@@ -100,6 +114,8 @@ def read_settings(path: Path, defaults: Tree) -> Tree:
         InputError: for an unknown key, whose nearest is named, or a value of another type or out of range.
         FileFormatError: if the file is not TOML, or cannot be read.
     """
+    from vip_factors.io.typed_files import read_toml
+
     try:
         return _overlaid(path, defaults, read_toml(path, dict[str, object], "TOML with settings"), "")
     except RangeError as error:
@@ -107,6 +123,8 @@ def read_settings(path: Path, defaults: Tree) -> Tree:
 
 
 def _overlaid(path: Path, defaults: Tree, content: Mapping[str, object], where: str) -> Tree:
+    from vip_factors.io.typed_files import convert
+
     types, changes = get_type_hints(type(defaults)), dict[str, Any]()
     for key, value in content.items():
         place = f"{where}.{key}".lstrip(".")
@@ -146,10 +164,12 @@ class Output:
     Attributes:
         suffix: what the name has to end in, so that no other program is misled; any if empty.
         hint: what to do instead of another suffix.
+        may_exist: whether it is replaced without asking, or the command itself looks whether it may be.
     """
 
     suffix: str = ""
     hint: str = "choose another one to write"
+    may_exist: bool = False
 
 
 RERUN_FILE = Output(".rrd", "vip-factors export writes the files of other programs")
@@ -167,6 +187,16 @@ class WritingOptions:
     overwrite: Flag = False
     """Replace files that exist."""
 
+    def target(self, given: Path | None, source: Path, ending: str) -> Path:
+        """The file to write: the given one, or else the usual one beside the source.
+
+        Raises:
+            InputError: if it exists and may not be replaced, or cannot be written.
+        """
+        path = given or beside(source, ending)
+        check_target(path, self.overwrite)
+        return path
+
 
 @dataclass(frozen=True, kw_only=True)
 class ManyOptions(WritingOptions):
@@ -176,7 +206,7 @@ class ManyOptions(WritingOptions):
     """Processes at a time, for many recordings or long ones."""
     cluster: str | None = None
     """Dask scheduler: tcp://host:8786, or its file."""
-    summary: Annotated[Path | None, Output()] = None
+    summary: Annotated[Path | None, Output(may_exist=True)] = None
     """Table (.csv) of many recordings."""
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from vip_factors.atomic import check_target
-from vip_factors.cli.options import FailOn, Output, WritingOptions, beside, fail_on
+from vip_factors.cli.options import FailOn, Output, WritingOptions, fail_on
 from vip_factors.cli.terminal import note, progress_bar, say
 from vip_factors.errors import InputError
 from vip_factors.ranges import Range
@@ -36,7 +36,7 @@ class ReportOptions(WritingOptions):
     """Pixels, of the film."""
     video_seconds: tuple[float, float] | None = None
     """First and last second of the recording that the film shows; all of it if not given."""
-    out: Annotated[Path | None, Output()] = None
+    out: Annotated[Path | None, Output(".html")] = None
     """Where to write the page; beside the estimate if not given."""
     fail_on: FailOn = "never"
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
@@ -44,10 +44,7 @@ class ReportOptions(WritingOptions):
 
 def main(options: ReportOptions) -> None:
     """Run the command."""
-    out = options.out or beside(options.estimate, ".html")
-    if out.suffix.lower() not in (".html", ".htm"):
-        raise InputError(f"{out}: expected a name that ends in .html")
-    check_target(out, options.overwrite)
+    out = options.target(options.out, options.estimate, ".html")
     if options.video is not None:
         if len(options.video) > 1:
             raise InputError(f"--video {' '.join(map(str, options.video))}: expected one file at most")

@@ -12,13 +12,13 @@ import tyro
 from vip_factors.cli.convert import ConvertOptions, camera_options, import_options
 from vip_factors.cli.detect import DetectOptions
 from vip_factors.cli.options import FailOn, Flag, Options, Output, fail_on, parse
-from vip_factors.cli.smooth import SmoothOptions
 from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
+    from vip_factors.cli.smooth import SmoothOptions
     from vip_factors.workflow import RunOptions as Run
 
 # Phones that film with their main camera: 60 to 65 degrees along the longer side, a little less when they steady it.
@@ -48,7 +48,9 @@ class RunOptions:
     so."""
     out: Path | None = None
     """Folder for all files, made if it is not there; VIDEO_motion beside the video if absent."""
-    export: Annotated[tuple[Path, ...], Output(), tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")] = ()
+    export: Annotated[
+        tuple[Path, ...], Output(may_exist=True), tyro.conf.UseAppendAction, tyro.conf.arg(metavar="FILE")
+    ] = ()
     """File of another program to write in the end; the suffix tells the format. May be said several times."""
     report: bool = True
     """Write report.html, a page that tells what was found."""
@@ -187,7 +189,9 @@ def _detector(options: RunOptions) -> DetectSettings | None:
     return _parsed(DetectOptions, "detect", [str(options.video)], _words(options.detect_options)).settings
 
 
-def _smooth_options(options: RunOptions) -> SmoothOptions:
+def _smooth_options(options: RunOptions) -> "SmoothOptions":
+    from vip_factors.cli.smooth import SmoothOptions
+
     assign = ["--assign"] * options.assign
     return _parsed(SmoothOptions, "smooth", ["recording.mcap"], [*assign, *_words(options.smooth_options)])
 

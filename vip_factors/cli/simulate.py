@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 import tyro
 
-from vip_factors.atomic import check_target
 from vip_factors.cli.options import UNPREFIXED, Flag, Input, Output, WritingOptions
 from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
@@ -15,7 +14,6 @@ from vip_factors.ranges import NotNegativeInt, Range
 from vip_factors.simulate.settings import CameraKind, DetectorSettings, FilmSettings, SceneSettings, SimulateSettings
 
 if TYPE_CHECKING:
-    from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
 
 PresetName = Literal["sip6", "tnt10", "totalcapture13", "mvn17"]
@@ -57,14 +55,19 @@ class SimulateOptions(WritingOptions):
 
 def main(options: SimulateOptions) -> None:
     """Run the command."""
+    from vip_factors.api import simulate
     from vip_factors.io.mcap_recording import write_recording
 
     film = options.film
     if film.camera is None and (options.also or options.bystanders or film.cameras > 1 or film.known_camera_pose):
         raise InputError("--also, --bystanders and --cameras make a scene: expected a --camera as well")
-    check_target(options.out, options.overwrite)
     with waiting("simulating"):
-        scene = simulated_scene(options)
+        errors = SceneSettings(**vars(film), imu=options.errors, detector=options.detector)
+        scene = simulate(
+            (options.motion, *options.also), options.placement, film.camera, options.seconds, options.seed,
+            settings=SceneSettings.noise_free(film) if options.noise_free else errors, name=options.out.stem,
+            initial_pose=options.initial_pose, pose_error_deg=options.pose_error_deg, bystanders=options.bystanders,
+        )  # fmt: skip
         content = scene.wearers[0] if film.camera is None else scene
         write_recording(content, options.out, overwrite=options.overwrite)
     say(_summary(scene, film.camera))
@@ -82,21 +85,3 @@ def _summary(scene: "Scene", camera: CameraKind | None) -> str:
         f"{len(scene.wearers)} wearers with {sensors} sensors, {camera} camera{further}, {len(found[0].time)} video "
         f"frames, {sum(map(len, found))} detections"
     )
-
-
-def simulated(options: SimulateOptions) -> "Recording":
-    """The recording that the options ask for."""
-    return simulated_scene(options).wearers[0]
-
-
-def simulated_scene(options: SimulateOptions) -> "Scene":
-    """The scene that the options ask for."""
-    from vip_factors.api import simulate
-
-    perfect, film = options.noise_free, options.film
-    settings = SceneSettings(**vars(film), imu=options.errors, detector=options.detector)
-    return simulate(
-        (options.motion, *options.also), options.placement, film.camera, options.seconds, options.seed,
-        settings=SceneSettings.noise_free(film) if perfect else settings, initial_pose=options.initial_pose,
-        pose_error_deg=options.pose_error_deg, bystanders=options.bystanders, name=options.out.stem,
-    )  # fmt: skip

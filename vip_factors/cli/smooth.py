@@ -8,7 +8,6 @@ from typing import Annotated
 
 import tyro
 
-from vip_factors.atomic import check_target
 from vip_factors.cli.options import UNPREFIXED, FailOn, ManyOptions, Output, SettingsOptions, beside, fail_on
 from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.errors import InputError
@@ -42,8 +41,7 @@ def main(options: SmoothOptions) -> None:
 
     if not options.recording:
         raise InputError("no RECORDING.mcap to smooth is named")
-    out = options.out or beside(options.recording[0], ".estimate.mcap")
-    check_target(out, options.overwrite)
+    out = options.target(options.out, options.recording[0], ".estimate.mcap")
     with progress_bar() as progress, windows_elsewhere(options.jobs, options.cluster) as map_fn:
         estimate, frames = smooth_file(
             options.recording, out, options.settings, progress, map_fn=map_fn, overwrite=options.overwrite

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.atomic import check_partial, check_target, partial_path
+from vip_factors.atomic import check_partial, partial_path
 from vip_factors.cli.options import (
     RERUN_FILE,
     UNPREFIXED,
@@ -23,7 +23,7 @@ from vip_factors.cli.options import (
     SettingsOptions,
     fail_on,
 )
-from vip_factors.cli.terminal import StatusLine, note, say
+from vip_factors.cli.terminal import StatusLine, give_up_output, note, say
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
 from vip_factors.io.settings import LiveSourceSettings, SentPose
@@ -115,9 +115,6 @@ def main(options: StreamOptions) -> None:
 def _check(options: StreamOptions) -> None:
     if options.rerun:
         check_display(INSTEAD_OF_A_WINDOW)
-    for wanted in (options.out, options.rerun_save):
-        if wanted is not None:
-            check_target(wanted, options.overwrite)
     if options.rerun_save is not None:
         check_partial(options.rerun_save, options.overwrite)
     if options.vmc is not None:
@@ -160,7 +157,7 @@ def _run(
                 session.write_video(item)
             session.write(stream.take(item, source.waited_s))
             if session.is_over:
-                _silence_stdout()
+                give_up_output()
                 break
         session.write(stream.finish())
         told = [sentence for viewer in viewers for sentence in viewer.close()]
@@ -264,14 +261,3 @@ def _tell_partial(*wanted: Path | None) -> None:
     for path in wanted:
         if path is not None and (partial := partial_path(path)).exists():
             note(f"note: what was written until then is in {partial}, which can be read")
-
-
-def _silence_stdout() -> None:
-    """Nobody reads it: what is still in its buffer must not fail at the interpreter's end."""
-    try:
-        descriptor = sys.stdout.fileno()
-    except (OSError, ValueError):  # not a file
-        return
-    nothing = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nothing, descriptor)
-    os.close(nothing)

@@ -65,18 +65,13 @@ class Interrupts:
     def until_asked(self, source: Iterator[LiveItem]) -> Iterator[LiveItem]:
         """The items of a source, until it ends or one of the signals comes."""
         while True:
-            self._waiting = True
             try:
-                if self.asked:  # looked at after that, lest one between the two be waited over
-                    return
-                item = next(source)
+                item = self.waiting_for(lambda: next(source))
             except StopIteration:
                 return
             except KeyboardInterrupt:
                 self.asked = True
                 return
-            finally:
-                self._waiting = False
             yield item
 
     def waiting_for(self, wait: Callable[[], T]) -> T:
@@ -87,7 +82,7 @@ class Interrupts:
         """
         self._waiting = True
         try:
-            if self.asked:
+            if self.asked:  # looked at after that, lest one between the two be waited over
                 raise KeyboardInterrupt
             return wait()
         finally:

@@ -6,8 +6,7 @@ from typing import Annotated
 
 import tyro
 
-from vip_factors.atomic import check_target
-from vip_factors.cli.options import Flag, Output, WritingOptions, beside
+from vip_factors.cli.options import Flag, Output, WritingOptions
 from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
 from vip_factors.initialise.clock import MAX_OFFSET_S, ClockOffset, find_clock_offset
@@ -37,19 +36,11 @@ class SyncOptions(WritingOptions):
 
 def main(options: SyncOptions) -> None:
     """Run the command."""
-    from math import isfinite
-
     from vip_factors.api import with_clock
     from vip_factors.io.mcap_recording import read_scene, write_recording
     from vip_factors.sensors.camera import VideoClock
 
-    out = options.out or beside(options.scene, ".synced.mcap")
-    if not options.dry_run:
-        check_target(out, options.overwrite)
-    if options.picture is not None:
-        check_target(options.picture, options.overwrite)
-    if options.seconds is not None and not isfinite(options.seconds):
-        raise InputError(f"--seconds {options.seconds}: expected a number")
+    out = options.out if options.dry_run else options.target(options.out, options.scene, ".synced.mcap")
     scene = read_scene(options.scene)
     if scene.camera is None:
         raise InputError(f"{options.scene} has no camera: there is no clock to compare with the sensors'")
@@ -67,7 +58,7 @@ def main(options: SyncOptions) -> None:
                 return
             raise InputError(f"{options.scene}: {found.sentence}; or give the offset as --seconds")
         clock = found.clock if seconds is None else VideoClock(seconds)
-    if options.dry_run:
+    if options.dry_run or out is None:
         return
     write_recording(with_clock(scene, clock), out, overwrite=options.overwrite)
     say(out)

@@ -1,5 +1,6 @@
 """What a person sees: results and tables on stdout; on stderr progress, as bars at a terminal, else as lines."""
 
+import os
 import re
 import shutil
 import sys
@@ -10,6 +11,7 @@ from io import StringIO
 from typing import TYPE_CHECKING
 
 from vip_factors.display import ProgressCallback
+from vip_factors.errors import naming_file
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -21,17 +23,12 @@ CONTROL = re.compile("[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff
 LINE_S = 5.0  # between plain lines: often enough to see that it lives, and a minute fits on a screen
 STREAM_LINE_S = 10.0  # of a stream, which may run for hours
 UNBROKEN = 10_000  # characters, where no terminal breaks lines
-MINUTES_S = 120.0  # from here on times are told in minutes
+STANDARD_OUTPUT = "standard output"  # in errors of writing there
 
 
 def printable(text: str) -> str:
     """One line of text with its control characters escaped, ``\\x1b`` say: names from files never steer a terminal."""
     return CONTROL.sub(lambda match: match[0].encode("unicode_escape").decode("ascii"), text)
-
-
-def duration(seconds: float) -> str:
-    """As one says it: ``40 s``, ``12 min``."""
-    return f"{max(seconds, 1.0):.0f} s" if seconds < MINUTES_S else f"{seconds / 60:.0f} min"
 
 
 @contextmanager
@@ -94,8 +91,12 @@ def waiting(what: str) -> Iterator[None]:
 
 def say(result: object, is_remark: bool = False) -> None:
     """Print a result, of one line or several, on standard output; a remark on stderr."""
-    lines = map(printable, str(result).split("\n"))
-    print("\n".join(lines), file=sys.stderr if is_remark else sys.stdout, flush=True)
+    text = "\n".join(map(printable, str(result).split("\n")))
+    if is_remark:
+        print(text, file=sys.stderr, flush=True)
+        return
+    with naming_file(STANDARD_OUTPUT):
+        print(text, flush=True)
 
 
 def note(text: str) -> None:
@@ -189,3 +190,8 @@ class StatusLine:
             self._live.console.print(printable(text), markup=False, highlight=False, soft_wrap=True)
         else:
             note(text)
+
+
+def give_up_output() -> None:
+    """Forget what could not be written to standard output, or Python would try once more at its end."""
+    sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # for as long as we live

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.atomic import check_target
 from vip_factors.cli.files import Opened, open_all
 from vip_factors.cli.options import RERUN_FILE, Output, WritingOptions
 from vip_factors.cli.terminal import say
@@ -39,12 +38,9 @@ def main(options: ViewOptions) -> None:
     """Run the command."""
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
-    targets = (options.save, options.picture)
-    for target in targets:
-        if target is not None:
-            check_target(target, options.overwrite)
     opened = open_all(options.files)
-    if all(target is None for target in targets):
+    in_a_window = options.save is None and options.picture is None
+    if in_a_window:
         check_display(INSTEAD_OF_A_WINDOW)
     if opened.is_scene and opened.motion is not None:
         raise InputError(f"a motion ('{opened.motion.name}') beside a scene: expected the scene's own file for truth")
@@ -56,7 +52,7 @@ def main(options: ViewOptions) -> None:
     if options.save is not None:
         _show(opened, options.save, options)
         say(options.save)
-    if all(target is None for target in targets):
+    if in_a_window:
         _show(opened, None, options)
 
 

@@ -13,8 +13,6 @@ from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
-    from vip_factors.body.kinematics import Motion
-    from vip_factors.estimate import Estimate
     from vip_factors.evaluate.evaluation import Evaluation
 
 
@@ -50,6 +48,7 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation":
     from vip_factors.evaluate.comparison import doubts
     from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
     from vip_factors.io.mcap_estimate import read_start
+    from vip_factors.sensors.recording import Truth
 
     opened = open_one(options.estimate)
     scene, estimate = opened.scene, opened.estimate
@@ -58,7 +57,7 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation":
     if options.truth is not None:
         truth = open_one(options.truth)
         if truth.motion is not None:
-            return _against_motion(options, estimate, truth.motion)
+            return evaluate(estimate.only_wearer, Truth(truth.motion))  # of headings and mountings it knows nothing
         scene = truth.scene
     source = options.truth or options.estimate
     if scene is None:
@@ -74,16 +73,3 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation":
     if len(scene.wearers) == len(estimate.wearers) == 1 and scene.camera is None and wearer.truth is not None:
         return evaluate(estimate.wearers[0], wearer.truth)
     return evaluate_scene(estimate, scene)
-
-
-def _against_motion(options: EvaluateOptions, estimate: "Estimate", motion: "Motion") -> "Evaluation":
-    """One wearer against a motion file: without headings, mountings and camera, of which it knows nothing."""
-    from vip_factors.evaluate.evaluation import evaluate
-    from vip_factors.sensors.recording import Truth
-
-    if len(estimate.wearers) != 1:
-        raise InputError(
-            f"{options.truth} is the motion of one person, {options.estimate} an estimate of {len(estimate.wearers)}: "
-            "expected a recording with the truth of all"
-        )
-    return evaluate(estimate.wearers[0], Truth(motion))

@@ -27,8 +27,7 @@ from .io.convert import ImportOptions as ImportOptions
 from .io.live.open import open_source as open_source
 from .io.mcap_estimate import read_estimate as read_estimate
 from .io.motions import read_motion as read_motion
-from .io.scene_building import CameraOptions as CameraOptions
-from .io.settings import ExportSettings as ExportSettings
+from .io.settings import CameraOptions as CameraOptions, ExportSettings as ExportSettings
 from .live.settings import LiveSettings as LiveSettings
 from .live.stream import Stream as Stream
 from .live.tracker import FixedLagTracker as FixedLagTracker

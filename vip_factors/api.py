@@ -19,8 +19,7 @@ from vip_factors.display import ProgressCallback, silent
 from vip_factors.errors import InputError
 from vip_factors.estimate import Moved, WearerEstimate, as_estimate
 from vip_factors.io.convert import ImportOptions
-from vip_factors.io.scene_building import CameraOptions
-from vip_factors.io.settings import ExportSettings, LiveSourceSettings
+from vip_factors.io.settings import CameraOptions, ExportSettings, LiveSourceSettings
 from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.detections import Detections
@@ -346,9 +345,6 @@ def stream(
         token_file: with a secret that senders must have.
         limits: of what senders may do.
         extra_factors: makes GTSAM factors of your own.
-
-    Raises:
-        InputError, FileFormatError, OSError: if the source cannot be opened.
     """
     from vip_factors.io.live.open import open_source, read_token
     from vip_factors.live.settings import LiveSettings

@@ -22,7 +22,7 @@ from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.export.files import export_format
 from vip_factors.io.mcap_estimate import read_estimate
-from vip_factors.io.scene_building import CameraOptions
+from vip_factors.io.settings import CameraOptions
 from vip_factors.settings import Settings
 
 if TYPE_CHECKING:
@@ -212,6 +212,7 @@ def steps(options: RunOptions, map_fn: "Each" = map) -> Iterator[Step]:
     recording, estimate, page = folder / "recording.mcap", folder / ESTIMATE, folder / "report.html"
     if camera is not None and options.detector is not None:
         assert camera.video is not None
+        assert camera.detections is not None
         make = partial(_detect, camera.video, camera.detections, options.overlay, options.detector)
         yield Step("detect", (camera.video,), (options.detector, options.overlay), make)
     logs, join = options.logs, list[Path]()
@@ -240,7 +241,7 @@ def steps(options: RunOptions, map_fn: "Each" = map) -> Iterator[Step]:
 def _files_named(options: ImportOptions | CameraOptions | None) -> tuple[Path, ...]:
     """The files that options may name."""
     if isinstance(options, CameraOptions):
-        named = [options.video, options.detections, options.camera, options.imu_log, options.imu_columns]
+        named = [options.video, options.detections, options.camera, options.camera_imu_log, options.camera_imu_columns]
     elif isinstance(options, ImportOptions):
         placement = options.placement if isinstance(options.placement, str | Path) else None
         names = (placement, options.columns, options.pose_from, options.body)

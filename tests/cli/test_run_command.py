@@ -65,7 +65,7 @@ def test_found_poses_need_no_video() -> None:
     made = run_options(given)
     check(made)
     assert made.camera is not None
-    assert made.camera.rate == 30.0
+    assert made.camera.video_rate == 30.0
     assert [step.name for step in steps(made)] == ["convert", "sync", "smooth", "report"]
 
 

@@ -6,14 +6,15 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
-from vip_factors.cli.options import Flag, Input, Output, WritingOptions
+from vip_factors.cli.options import UNPREFIXED, Input, Output, WritingOptions
 from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
-from vip_factors.ranges import MaybeRate
+from vip_factors.io.settings import CameraOptions
 
 if TYPE_CHECKING:
     from vip_factors.io.convert import ImportOptions
-    from vip_factors.io.scene_building import CameraOptions
+
+OF_DETECTOR = {"keypoints", "video_rate", "first_frame"}  # options that hold for further cameras too
 
 
 @dataclass(frozen=True)
@@ -75,37 +76,7 @@ class ConvertOptions(WritingOptions):
     be said several times."""
     join: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING")] = ()
     """Recording (.mcap) of another wearer at the same time, to be part of the scene; may be said several times."""
-    detections: Path | None = None
-    """2D poses: OpenPose's folder, or the .json file of AlphaPose, MMPose or COCO's results."""
-    keypoints: str | None = None
-    """Their keypoints: coco17, openpose18, body25, body25b, halpe26, blazepose33; told by their number if absent."""
-    video_rate: MaybeRate = None
-    """Frames per second of the video, if neither the video is given nor the 2D poses tell times."""
-    first_frame: int | None = None
-    """Number of the video's first frame among the 2D poses; the format's usual one if absent."""
-    camera: Path | None = None
-    """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one. Of Pose2Sim's calibration:
-    Calib.toml:cam_01."""
-    static_camera: Flag = False
-    """The camera stands still: one pose for the whole recording."""
-    known_camera_pose: Flag = False
-    """Believe the static camera's pose over the floor that the camera file tells."""
-    camera_imu: str | None = None
-    """Name of the sensor that is on the camera, among those of the logs."""
-    camera_imu_log: Path | None = None
-    """Log of the sensor on the camera, if it has one of its own; --camera-imu names the sensor if it has several."""
-    camera_imu_columns: Path | None = None
-    """Column map (.toml) of that log, if it is a table of no known format."""
-    camera_imu_offset_s: float | None = None
-    """Seconds to add to that log's times to get the wearers' sensors'; told by absolute times if absent."""
-    camera_imu_wxyz: tuple[float, float, float, float] | None = None
-    """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion (1 0 0 0: its axes
-    are the camera's); found from the data if absent."""
-    time_offset_s: float = 0.0
-    """Seconds to add to the video's times to get the sensors'; vip-factors sync finds them."""
-    video: Path | None = None
-    """Video, to look at, for the times of its frames, and for the colours of people's clothes: they help to tell who is
-    who."""
+    filmed: Annotated[CameraOptions, UNPREFIXED, tyro.conf.FlagCreatePairsOff] = field(default_factory=CameraOptions)
     further_camera: Annotated[
         tuple[tuple[Path, Path, float], ...],
         tyro.conf.UseAppendAction,
@@ -113,8 +84,6 @@ class ConvertOptions(WritingOptions):
     ] = ()
     """Another camera that stands still at the pose over the floor that its file tells, its 2D poses, and the seconds
     to add to its video's times; rate and keypoints are the first one's; may be said several times."""
-    embed_video: Flag = False
-    """Put small images of the video into the recording, so that it can be looked at anywhere."""
 
 
 def main(options: ConvertOptions) -> None:
@@ -130,7 +99,13 @@ def main(options: ConvertOptions) -> None:
     if options.out is None:
         raise InputError("no RECORDING.mcap to write is named: convert LOG RECORDING.mcap, or LOG --template NAME")
     camera = camera_options(options)
-    further = [_further_options(options, *one) for one in options.further_camera]
+    further = [
+        CameraOptions(
+            detections, file, **{name: getattr(options.filmed, name) for name in OF_DETECTOR}, time_offset_s=offset_s,
+            camera_name=file.name.rpartition(":")[2] if ":" in file.name else file.stem,
+        )
+        for file, detections, offset_s in options.further_camera
+    ]  # fmt: skip
     with waiting(f"reading {options.log}"):
         scene = convert(options.log, import_options(options), camera, join=options.join, further_cameras=further)
         if scene.camera is None and len(scene.wearers) == 1:
@@ -166,48 +141,19 @@ def _write_templates(options: ConvertOptions) -> None:
             say(path)
 
 
-def camera_options(options: ConvertOptions) -> "CameraOptions | None":
+def camera_options(options: ConvertOptions) -> CameraOptions | None:
     """What was said of the camera; None if nothing was.
 
     Raises:
         InputError: if detections or the camera's file are missing.
     """
-    if options.detections is None or options.camera is None:
-        usual = ConvertOptions(options.log, options.out)
-        given = [name for name in _OF_CAMERA if getattr(options, name) != getattr(usual, name)]
-        if not given or (options.further_camera and set(given) <= _OF_DETECTOR):
-            return None
-        missing = "--camera, the camera's file (vip-factors calibrate-camera makes one)"
-        if options.detections is None:
-            missing = "--detections, the 2D poses of the video's frames"
-        said = ", ".join("--" + name.replace("_", "-") for name in given)
-        raise InputError(f"{said} given without {missing}")
-    import numpy as np
-
-    from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
-    from vip_factors.io.scene_building import CameraOptions
-
-    wxyz = options.camera_imu_wxyz
-    said_of_camera = {field_name: getattr(options, name) for name, field_name in _OF_CAMERA.items()}
-    return CameraOptions(
-        **said_of_camera, R_camera_imu=None if wxyz is None else matrix_from_quaternion(np.array(wxyz), Order.WXYZ)
-    )
-
-
-def _further_options(options: ConvertOptions, camera: Path, detections: Path, time_offset: float) -> "CameraOptions":
-    from vip_factors.io.scene_building import CameraOptions
-
-    return CameraOptions(
-        detections, camera, options.keypoints, options.video_rate, options.first_frame, time_offset=time_offset,
-        name=camera.name.rpartition(":")[2] if ":" in camera.name else camera.stem,
-    )  # fmt: skip
-
-
-# Options → fields of CameraOptions.
-_OF_CAMERA = {
-    "detections": "detections", "camera": "camera", "keypoints": "keypoints", "video_rate": "rate",
-    "first_frame": "first_frame", "static_camera": "static", "known_camera_pose": "known_pose", "camera_imu": "imu",
-    "camera_imu_log": "imu_log", "camera_imu_columns": "imu_columns", "camera_imu_offset_s": "imu_offset",
-    "time_offset_s": "time_offset", "video": "video", "embed_video": "embed",
-}  # fmt: skip
-_OF_DETECTOR = {"keypoints", "video_rate", "first_frame"}  # these may be said for further cameras alone
+    filmed = options.filmed
+    if filmed.detections is not None and filmed.camera is not None:
+        return filmed
+    given = [field.name for field in fields(filmed) if getattr(filmed, field.name) != field.default]
+    if not given or (options.further_camera and set(given) <= OF_DETECTOR):
+        return None
+    missing = "--camera, the camera's file (vip-factors calibrate-camera makes one)"
+    if filmed.detections is None:
+        missing = "--detections, the 2D poses of the video's frames"
+    raise InputError(f"{', '.join('--' + name.replace('_', '-') for name in given)} given without {missing}")

@@ -2,72 +2,30 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from vip_factors.errors import InputError, nearest
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.body_file import read_body_file, scene_with_body
 from vip_factors.io.camera_file import read_camera_file, read_floor
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
+from vip_factors.io.settings import CameraOptions
 from vip_factors.io.video import check_video, embed_video, video_facts, with_torso_colours
 from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.parts import scene_in_parts
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, UNKNOWN_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
+from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
 
 
 class SceneWarning(UserWarning):
     """Something about a scene that looks odd or was assumed, and what it was."""
-
-
-@dataclass(frozen=True)
-class CameraOptions:
-    """What filmed a scene; the file of detections and the camera's are needed, the rest is optional.
-
-    Attributes:
-        detections: 2D poses, as :func:`~vip_factors.io.detections.read_detections` takes them.
-        camera: camera file with the intrinsics.
-        keypoints: name of the keypoint set; told by the number of keypoints if None.
-        rate: video frames per second; the times in the video file win over it, and are used if None.
-        first_frame: number that the video's first frame has among the detections; the format's usual one if None.
-        static: whether the camera stands still.
-        video: file to look at, and for the colours of people's clothes.
-        embed: whether to put small images of it into the recording.
-        imu: name of the sensor on the camera, among those of the recordings, or of ``imu_log`` if that has several.
-        imu_log: log of that sensor alone, in any known format.
-        imu_columns: column map of that log, if it is a table of no known format.
-        imu_offset: seconds to add to that log's times to get the recordings'; by its absolute start if None, else 0.
-        R_camera_imu: ``(3, 3)`` rough mounting of that sensor; found from the data if None.
-        mounting_sigma: radians, of that rough mounting about each axis.
-        known_pose: believe the pose over the floor that the camera file tells; only for a camera that stands still.
-        time_offset: seconds to add to the video's times to get the IMUs'.
-        name: of the camera.
-    """
-
-    detections: Path
-    camera: Path
-    keypoints: str | None = None
-    rate: float | None = None
-    first_frame: int | None = None
-    static: bool = False
-    video: Path | None = None
-    embed: bool = False
-    imu: str | None = None
-    imu_log: Path | None = None
-    imu_columns: Path | None = None
-    imu_offset: float | None = None
-    R_camera_imu: Array | None = None
-    mounting_sigma: float = CAMERA_MOUNTING_SIGMA
-    known_pose: bool = False
-    time_offset: float = 0.0
-    name: str = field(default="camera")
 
 
 def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
@@ -161,7 +119,7 @@ def add_camera(scene: Scene, options: CameraOptions) -> Scene:
     scene, mount = _with_mount(scene, options)
     camera = replace(_camera(scene, options), mount=mount)
     scene = replace(scene, camera=camera, truth=None)
-    return embed_video(scene) if options.embed else scene
+    return embed_video(scene) if options.embed_video else scene
 
 
 def add_further_camera(scene: Scene, options: CameraOptions) -> Scene:
@@ -169,82 +127,92 @@ def add_further_camera(scene: Scene, options: CameraOptions) -> Scene:
 
     All cameras of known pose must have been shown the same board, lying in the same place.
     """
-    camera = _camera(scene, replace(options, static=True, known_pose=True))
+    camera = _camera(scene, replace(options, static_camera=True, known_camera_pose=True))
     return replace(scene, further_cameras=(*scene.further_cameras, camera), truth=None)
 
 
 def _camera(scene: Scene, options: CameraOptions) -> Camera:
     """A camera with its detections, without a sensor."""
+    poses, file = options.detections, options.camera
+    if poses is None or file is None:
+        raise InputError("a camera needs its 2D poses (detections) and its camera file (camera)")
     facts = video_facts(options.video) if options.video is not None else None
-    rate = facts.rate if facts is not None else options.rate
-    detections = read_detections(options.detections, rate, options.keypoints, None, options.first_frame)
-    model = read_camera_file(options.camera)
+    rate = facts.rate if facts is not None else options.video_rate
+    detections = read_detections(poses, rate, options.keypoints, None, options.first_frame)
+    model = read_camera_file(file)
     video = Video(options.video) if options.video is not None else None
-    path = _known_path(options)
-    camera = Camera(options.name, model, detections, not options.static, None, path, options.time_offset, video)
+    path = _known_path(options, file)
+    camera = Camera(
+        options.camera_name, model, detections, not options.static_camera, None, path, options.time_offset_s, video
+    )
     if facts is not None:
         check_video(facts, camera)
         if len(detections.time) < 0.6 * len(facts):  # every second frame would stay below
             _warn(
-                f"{options.detections} ends at frame {len(detections.time)} of the {len(facts)} in {facts.path}: "
+                f"{poses} ends at frame {len(detections.time)} of the {len(facts)} in {facts.path}: "
                 "if the detector left frames out, it numbered them anew; detect in every frame"
             )
         camera = replace(camera, detections=replace(detections, time=facts.time))  # all frames of the video
-        if options.rate is not None and abs(options.rate / facts.rate - 1) > 0.01:
-            _warn(f"{facts.path} has {facts.rate:.2f} frames a second, not {options.rate:g}: the file's times are used")
+        if options.video_rate is not None and abs(options.video_rate / facts.rate - 1) > 0.01:
+            _warn(
+                f"{facts.path} has {facts.rate:.2f} frames a second, not {options.video_rate:g}: the file's times "
+                "are used"
+            )
     _check_detections(detections, model, options, size_known=facts is not None)
     _warn_of_clocks(scene, camera)
     return camera if video is None else replace(camera, detections=with_torso_colours(camera.detections, video))
 
 
-def _known_path(options: CameraOptions) -> CameraPath | None:
-    if not options.known_pose:
+def _known_path(options: CameraOptions, file: Path) -> CameraPath | None:
+    if not options.known_camera_pose:
         return None
-    floor = read_floor(options.camera)
-    if not options.static or floor is None:
+    floor = read_floor(file)
+    if not options.static_camera or floor is None:
         lacks = (
-            "it tells no pose over the floor ([floor])" if options.static else "the camera is not said to stand still"
+            "it tells no pose over the floor ([floor])"
+            if options.static_camera
+            else "the camera is not said to stand still"
         )
-        raise InputError(f"{options.camera}: its pose cannot be taken as known: {lacks}")
+        raise InputError(f"{file}: its pose cannot be taken as known: {lacks}")
     R_floor_camera, p_floor_camera = floor
     return CameraPath(np.zeros(1), R_floor_camera[None], p_floor_camera[None])
 
 
 def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMount | None]:
     """The camera's own sensor from its log, or taken from the wearer among whose streams it came."""
-    if options.imu_log is not None:
-        return scene, _mount(_logged_imu(options.imu_log, options, scene.wearers[0].start_ns), options)
-    if options.imu is None:
+    if options.camera_imu_log is not None:
+        return scene, _mount(_logged_imu(options.camera_imu_log, options, scene.wearers[0].start_ns), options)
+    if options.camera_imu is None:
         return scene, None
-    owners = [wearer for wearer in scene.wearers if options.imu in wearer.imus]
+    owners = [wearer for wearer in scene.wearers if options.camera_imu in wearer.imus]
     if len(owners) != 1:
         names = ", ".join(name for wearer in scene.wearers for name in wearer.imus)
         subject = "several recordings have" if owners else "no wearer's recording has"
-        raise InputError(f"{subject} a sensor '{options.imu}' to be the camera's: sensors are {names}")
+        raise InputError(f"{subject} a sensor '{options.camera_imu}' to be the camera's: sensors are {names}")
     owner = owners[0]
-    sites = tuple(site for site in owner.placement.sites if site.sensor != options.imu)
+    sites = tuple(site for site in owner.placement.sites if site.sensor != options.camera_imu)
     imus = dict(owner.imus)
-    stream = imus.pop(options.imu)
+    stream = imus.pop(options.camera_imu)
     without = replace(owner, imus=imus, placement=replace(owner.placement, sites=sites))
     wearers = tuple(without if wearer is owner else wearer for wearer in scene.wearers)
     return replace(scene, wearers=wearers), _mount(stream, options)
 
 
 def _mount(stream: ImuStream, options: CameraOptions) -> CameraMount:
-    if options.R_camera_imu is None:
+    if options.camera_imu_wxyz is None:
         return CameraMount(stream, mounting_sigma=UNKNOWN_MOUNTING_SIGMA)
-    return CameraMount(stream, options.R_camera_imu, mounting_sigma=options.mounting_sigma)
+    return CameraMount(stream, matrix_from_quaternion(np.array(options.camera_imu_wxyz), Order.WXYZ))
 
 
 def _logged_imu(path: Path, options: CameraOptions, start_ns: int) -> ImuStream:
     """The camera's sensor from a log of its own, on the recordings' clock, which begins at ``start_ns``."""
-    log = read_log(path, columns=options.imu_columns)
-    if options.imu is None and len(log.imus) > 1:
+    log = read_log(path, columns=options.camera_imu_columns)
+    if options.camera_imu is None and len(log.imus) > 1:
         raise InputError(f"{path} has the sensors {', '.join(log.imus)}: say which of them was on the camera")
-    name = next(iter(log.imus)) if options.imu is None else options.imu
+    name = next(iter(log.imus)) if options.camera_imu is None else options.camera_imu
     if name not in log.imus:
         raise InputError(f"{path} has no sensor '{name}'{nearest(name, log.imus)}")
-    offset = options.imu_offset
+    offset = options.camera_imu_offset_s
     if offset is None:
         offset = (log.start_ns - start_ns) / 1e9 if log.start_ns and start_ns else 0.0
         if not (log.start_ns and start_ns):

@@ -1,6 +1,4 @@
-"""What is set of live sources and sinks, and of exported files. Apart from what uses it: the command line shows it
-without NumPy.
-"""
+"""What is set of cameras, of live sources and sinks, and of exported files: the command line shows it without NumPy."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -38,6 +36,48 @@ class LiveSourceSettings:
 
 
 DEFAULT = LiveSourceSettings()
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """What filmed a scene: the 2D poses and the camera's file are needed, the rest is optional."""
+
+    detections: Path | None = None
+    """2D poses: OpenPose's folder, or the .json file of AlphaPose, MMPose or COCO's results."""
+    camera: Path | None = None
+    """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one. Of Pose2Sim's calibration:
+    Calib.toml:cam_01."""
+    keypoints: str | None = None
+    """Keypoints of the 2D poses: coco17, openpose18, body25, body25b, halpe26, blazepose33; told by their number if
+    absent."""
+    video_rate: MaybeRate = None
+    """Frames per second of the video, if neither the video is given nor the 2D poses tell times."""
+    first_frame: int | None = None
+    """Number of the video's first frame among the 2D poses; the format's usual one if absent."""
+    static_camera: bool = False
+    """The camera stands still: one pose for the whole recording."""
+    known_camera_pose: bool = False
+    """Believe the static camera's pose over the floor that the camera file tells."""
+    camera_imu: str | None = None
+    """Name of the sensor that is on the camera, among those of the logs."""
+    camera_imu_log: Path | None = None
+    """Log of the sensor on the camera, if it has one of its own; --camera-imu names the sensor if it has several."""
+    camera_imu_columns: Path | None = None
+    """Column map (.toml) of that log, if it is a table of no known format."""
+    camera_imu_offset_s: float | None = None
+    """Seconds to add to that log's times to get the wearers' sensors'; told by absolute times if absent."""
+    camera_imu_wxyz: tuple[float, float, float, float] | None = None
+    """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion (1 0 0 0: its axes
+    are the camera's); found from the data if absent."""
+    time_offset_s: float = 0.0
+    """Seconds to add to the video's times to get the sensors'; vip-factors sync finds them."""
+    video: Path | None = None
+    """Video, to look at, for the times of its frames, and for the colours of people's clothes: they help to tell who is
+    who."""
+    embed_video: bool = False
+    """Put small images of the video into the recording, so that it can be looked at anywhere."""
+    camera_name: str = "camera"
+    """Name of the camera in the recording."""
 
 
 class BoneNames(StrEnum):

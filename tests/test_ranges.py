@@ -7,7 +7,6 @@ import pytest
 
 from vip_factors.cli.options import UNPREFIXED, parse
 from vip_factors.errors import InputError
-from vip_factors.io.settings import LiveSourceSettings
 from vip_factors.live.settings import LiveSettings
 from vip_factors.ranges import NotNegative, Share, check_ranges
 from vip_factors.settings import Settings
@@ -26,7 +25,6 @@ class Outer:
     shift: float = 0.0
     count: int = 3
     switch: bool = True
-    wait: float = float("inf")
     offsets: tuple[float, ...] = (1.0,)
     inner: Inner = field(default_factory=Inner)
 
@@ -38,7 +36,6 @@ class Outer:
         (Outer(sigma=float("inf")), "sigma is inf"),
         (Outer(shift=float("nan")), "shift is nan: expected a finite number"),
         (Outer(count=-1), "count is -1"),
-        (Outer(wait=-1.0), "wait is -1.0: expected a number, 0 or more"),
         (Outer(offsets=(1.0, float("inf"))), "offsets"),
         (Outer(inner=Inner(1.5)), "inner.part is 1.5: expected a finite number, 0 or more and 1 at most"),
         (Outer(inner=Inner(off=-1.0)), "inner.off is -1.0: expected a finite number, 0 or more"),
@@ -74,13 +71,6 @@ def test_no_setting_may_be_infinite(whole: Settings) -> None:
         for value in (float("inf"), float("nan")):
             with pytest.raises(InputError):
                 changed(whole, path, value)
-
-
-def test_patience_may_be_endless() -> None:
-    check_ranges(LiveSourceSettings())
-    check_ranges(LiveSourceSettings(next_client_wait=0.0))
-    with pytest.raises(InputError, match="growth_wait is inf: expected a finite number"):
-        check_ranges(LiveSourceSettings(growth_wait=float("inf")))
 
 
 @dataclass(frozen=True)

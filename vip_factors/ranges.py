@@ -17,18 +17,15 @@ class Range:
         least: the smallest.
         above: all must be larger than this.
         most: the largest.
-        endless: whether infinity is allowed: of times to wait.
     """
 
     least: float = -math.inf
     above: float = -math.inf
     most: float = math.inf
-    endless: bool = False
 
     def __contains__(self, value: float) -> bool:
-        # isfinite fails at integers beyond the largest float
-        known = abs(value) <= sys.float_info.max or (self.endless and value == math.inf)
-        return known and self.above < value and self.least <= value <= self.most
+        is_finite = abs(value) <= sys.float_info.max  # isfinite fails at integers beyond the largest float
+        return is_finite and self.above < value and self.least <= value <= self.most
 
     def __str__(self) -> str:
         words = []
@@ -38,13 +35,12 @@ class Range:
             words.append(f"{self.least:g} or more")
         if self.most < math.inf:
             words.append(f"{self.most:g} at most")
-        return ("a number" if self.endless else "a finite number") + (f", {' and '.join(words)}" if words else "")
+        return "a finite number" + (f", {' and '.join(words)}" if words else "")
 
 
 ANY = Range()
 POSITIVE = Range(above=0)
 NOT_NEGATIVE = Range(least=0)
-ENDLESS = Range(least=0, endless=True)
 NotNegative = Annotated[float, Range(least=0)]
 """A setting that 0 switches off."""
 NotNegativeInt = Annotated[int, Range(least=0)]
@@ -75,8 +71,8 @@ class RangeError(InputError):
 def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
     """Refuse a number among settings that is out of its range.
 
-    The range is the one that is stated at the field. Where none is, every number has to be finite (unless its default
-    is infinite), and to be positive if its default is: a standard deviation, a rate, a length, a count.
+    The range is the one that is stated at the field. Where none is, every number has to be finite, and to be positive
+    if its default is: a standard deviation, a rate, a length, a count.
 
     Args:
         settings: a dataclass, with dataclasses in it.
@@ -87,12 +83,12 @@ def check_ranges(settings: Any, prefix: str = "", zero: bool = False) -> None:
         RangeError: for the first number that is out of its range; it is named with its value and the range.
     """
     hints = _hints(settings.__class__)
-    for one in fields(settings):
-        value, name = getattr(settings, one.name), f"{prefix}{one.name}"
+    for field in fields(settings):
+        value, name = getattr(settings, field.name), f"{prefix}{field.name}"
         if is_dataclass(value):
             check_ranges(value, f"{name}.", zero)
         elif isinstance(value, int | float) and not isinstance(value, bool):
-            allowed = _stated(hints[one.name]) or _usual(one.default, zero)
+            allowed = _stated(hints[field.name]) or _usual(field.default, zero)
             if value not in allowed:
                 raise RangeError(name, f"is {value}: expected {allowed}")
         elif isinstance(value, tuple) and not all(math.isfinite(n) for n in value if isinstance(n, float)):
@@ -114,4 +110,4 @@ def _stated(hint: Any) -> Range | None:
 def _usual(default: Any, zero: bool) -> Range:
     if not isinstance(default, int | float) or isinstance(default, bool) or not default > 0:
         return ANY
-    return ENDLESS if math.isinf(default) else NOT_NEGATIVE if zero else POSITIVE
+    return NOT_NEGATIVE if zero else POSITIVE

@@ -3,8 +3,9 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
-from vip_factors.ranges import MaybeRate, check_ranges
+from vip_factors.ranges import MaybeRate, Range, check_ranges
 
 
 class SentPose(StrEnum):
@@ -22,14 +23,14 @@ class LiveSourceSettings:
         queue_limit: samples that wait for the tracker before some are dropped.
         growth_wait: seconds that a file may take to appear, and without growth after which it counts as finished.
         next_client_wait: seconds that a server waits for another client after one whose samples were used has gone;
-            infinite: until Ctrl-C.
+            None: until Ctrl-C.
     """
 
     # Two wearers of 13 sensors at 100 Hz send 2,600 a second: a start-up of a second and a half loses nothing.
     queue_limit: int = 4096
     # Recorders flush several times a second; a minute of slack for the operating system would only delay the end.
     growth_wait: float = 10.0
-    next_client_wait: float = float("inf")
+    next_client_wait: Annotated[float | None, Range(least=0)] = None
 
     def __post_init__(self) -> None:
         check_ranges(self, "limits.")

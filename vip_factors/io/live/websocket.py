@@ -77,7 +77,8 @@ class WebSocketSource(LiveSource):
     def _read(self) -> None:
         while not self._stop.wait(POLL):
             takes_part = any(client.takes_part for client in list(self._clients.values()))
-            if not takes_part and time.monotonic() - self._gone > self._settings.next_client_wait:
+            wait = self._settings.next_client_wait
+            if not takes_part and wait is not None and time.monotonic() - self._gone > wait:
                 return
 
     def _close(self) -> None:
@@ -102,7 +103,9 @@ class WebSocketSource(LiveSource):
             reason = self._follow(client, connection)
         except Exception as error:  # nobody sees what a thread raises
             reason = f"{type(error).__name__}: {error}"
-        awaits = "; waiting for the next client" if self._settings.next_client_wait or not client.takes_part else ""
+        awaits = (
+            "; waiting for the next client" if self._settings.next_client_wait != 0 or not client.takes_part else ""
+        )
         if reason:
             client.leave(f"{reason}; its connection is closed{awaits}")
         else:

@@ -36,8 +36,8 @@ SILENCES = [(2,), (0,), (3, 4)]  # frames in which no sensor measured anything: 
 class WearerObjective:
     """One wearer whom no camera sees, as an objective of their state."""
 
-    def __init__(self, problem: WearerProblem) -> None:
-        self.problem, self.scene = problem, SceneObjective(unfilmed_problem([problem]))
+    def __init__(self, problem: WearerProblem, chunk: int = 32) -> None:
+        self.problem, self.scene = problem, SceneObjective(unfilmed_problem([problem]), chunk=chunk)
 
     def cost(self, state: WearerState) -> Mapping[str, float]:
         return self.scene.cost(SceneState.unfilmed([state]))

@@ -1,30 +1,40 @@
 """Compiled kernels say what the functions in NumPy say, which are the definition."""
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from small_problems import KINDS, SILENCES, T, small_scene, walking_scene
 
-from vip_factors.assembly import objective
 from vip_factors.assembly.charts import Charts
+from vip_factors.assembly.objective import SceneObjective, joined_slices
 from vip_factors.associate import hypothesis
 from vip_factors.body import kinematics
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.compiled import kernels
 from vip_factors.geometry import poses, rotations
-from vip_factors.initialise import sensor_faults, sensor_tree
-from vip_factors.initialise.sensor_tree import Link, LinkCosts, joint_products
-from vip_factors.initialise.start_candidates import Candidates
-from vip_factors.live import association_evidence, sensor_samples
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.initialise.sensor_faults import (
+    APART,
+    FINE,
+    STEP,
+    JointSignal,
+    joint_delay,
+    joint_share,
+    least_over_headings,
+)
+from vip_factors.initialise.sensor_tree import Link, bend_cost, joint_products
 from vip_factors.live.association_evidence import BodyFitter, People
 from vip_factors.live.sensor_samples import SensorBuffer
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
-from vip_factors.sensors.frames import ImuFrames
 from vip_factors.solve.slices import Slices
 
 pytestmark = pytest.mark.skipif(kernels is None, reason="no kernels were built")
@@ -58,23 +68,22 @@ def test_logarithm() -> None:
     np.testing.assert_allclose(rotations.log(turned), rotations.log.__wrapped__(turned), atol=1e-10)
 
 
-def test_kinematics(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_kinematics() -> None:
     random = np.random.default_rng(1)
     R, p = rotations.exp(random.standard_normal((5, 24, 3))), random.standard_normal((5, 3))
     skeleton = skeleton_from_stature(1.8)
     fast = kinematics.forward_kinematics(skeleton, R, p)
-    screws, on_bones = fast.screws, (np.array([3, 3, 20]), random.standard_normal((3, 3)))
-    points = fast.points(*on_bones)
-    monkeypatch.setattr(kinematics, "kernels", None)
-    pure = kinematics.forward_kinematics(skeleton, R, p)
+    on_bones = np.array([3, 3, 20]), random.standard_normal((3, 3))
+    pure = kinematics.forward_kinematics(skeleton, R, p, kernels=None)
+    screws = kinematics.joint_screws(pure.R_world_bone, pure.p_world_joint, kernels=None)
     np.testing.assert_allclose(fast.R_world_bone, pure.R_world_bone, atol=1e-10)
     np.testing.assert_allclose(fast.p_world_joint, pure.p_world_joint, atol=1e-10)
-    np.testing.assert_allclose(screws, pure.screws, atol=1e-10)
-    np.testing.assert_allclose(points, pure.points(*on_bones), atol=1e-10)
+    np.testing.assert_allclose(fast.screws, screws, atol=1e-10)
+    np.testing.assert_allclose(fast.points(*on_bones), pure.points(*on_bones, kernels=None), atol=1e-10)
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_measurements_of_sensors(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_measurements_of_sensors(seed: int) -> None:
     """Sensors of several rates with gaps, one that does not measure force, one with a single sample, one with none."""
     random, buffer, step = np.random.default_rng(seed), SensorBuffer(6), 1 / 60
     for sensor, count in enumerate((70, 150, 40, 40, 1, 0)):
@@ -83,28 +92,24 @@ def test_measurements_of_sensors(seed: int, monkeypatch: pytest.MonkeyPatch) -> 
             force = (np.nan,) * 3 if sensor == 2 and time < 0.3 else tuple(random.standard_normal(3))
             buffer.insert(sensor, float(time), rotations.exp(random.standard_normal(3)).ravel().tolist(), force)
     for time in np.arange(-2, 40) * step:
-        fast = buffer.measure(time, step)
-        monkeypatch.setattr(sensor_samples, "kernels", None)
-        for one, pure in zip(fast, buffer.measure(time, step), strict=True):
-            np.testing.assert_allclose(one, pure, atol=1e-10)
-        monkeypatch.undo()
+        for fast, pure in zip(buffer.measure(time, step), buffer.measure(time, step, kernels=None), strict=True):
+            np.testing.assert_allclose(fast, pure, atol=1e-10)
 
 
-def test_cameras_that_are_followed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cameras_that_are_followed() -> None:
     """Of bodies some of whose keypoints are not seen; steps that lead lower and steps that do not."""
     random, (P, K) = np.random.default_rng(3), (60, 17)
     seen, weight = random.normal(0.0, 0.15, (P, K, 2)), random.uniform(size=(P, K))
     weight[random.uniform(size=(P, K)) < 0.3] = 0.0
     problem = hypothesis._Problem(random.normal(0.0, 0.4, (P, K, 3)), seen, weight, random.uniform(0.05, 0.2, (P, K)))
     for start in problem.starts():
-        fast = problem._descend(*start, hypothesis.START_STEPS)
-        monkeypatch.setattr(hypothesis, "kernels", None)
-        for one, pure in zip(fast, problem._descend(*start, hypothesis.START_STEPS), strict=True):
-            np.testing.assert_allclose(one, pure, atol=1e-10)
-        monkeypatch.undo()
+        steps = hypothesis.START_STEPS
+        both = zip(problem._descend(*start, steps), problem._descend(*start, steps, kernels=None), strict=True)
+        for fast, pure in both:
+            np.testing.assert_allclose(fast, pure, atol=1e-10)
 
 
-def test_fits_of_people(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fits_of_people() -> None:
     keypoints, random = keypoint_set("blazepose33"), np.random.default_rng(2)
     F, W, N, K = 3, 2, 4, len(keypoints)
     fitter = BodyFitter(keypoints, [skeleton_from_stature(one) for one in (1.6, 1.9)], 0.15, 0.1)
@@ -113,37 +118,32 @@ def test_fits_of_people(monkeypatch: pytest.MonkeyPatch) -> None:
     fitter.count_keypoints(people)
     points = random.normal([0.0, 0.0, 3.0], [0.5, 0.5, 2.0], (F, W, K, 3))  # some behind the camera
     root = random.normal(0.0, 0.1, (F, W, 3, 3))
-    found = [fitter.fit(points, people, root @ root.swapaxes(2, 3))]
-    monkeypatch.setattr(association_evidence, "kernels", None)
-    found.append(fitter.fit(points, people, root @ root.swapaxes(2, 3)))
+    covariance = root @ root.swapaxes(2, 3)
+    fast, pure = fitter.fit(points, people, covariance), fitter.fit(points, people, covariance, kernels=None)
     for name in ("shape", "fitting", "seen", "position"):
-        fast, pure = (getattr(one, name) for one in found)
-        np.testing.assert_allclose(fast, pure, rtol=1e-10, atol=1e-10, err_msg=name)
+        np.testing.assert_allclose(getattr(fast, name), getattr(pure, name), rtol=1e-10, atol=1e-10, err_msg=name)
 
 
-def test_costs_of_links(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_costs_of_links() -> None:
     """Candidates of several mountings, bones that are alike among them, and almost half a turn apart."""
     random, S, K, T = np.random.default_rng(4), 3, 5, 35
-    R = rotations.exp(random.standard_normal((T, S, 3)))
-    R[:4] = R[:1, :1]
-    frames = ImuFrames(
-        ("a", "b", "c"), 0.1 * np.arange(T), R, np.ones((T, S), bool), np.zeros((T, S, 3)), np.zeros((T, S), bool)
-    )
+    R = rotations.exp(random.standard_normal((S, T, 3)))
+    R[:, :4] = R[:1, :1]
     mountings = [rotations.exp(random.standard_normal((K, M, 3))) for M in (1, 2, 4)]
     same = mountings[0][0, 0]
     mountings[1][0, 0], mountings[2][0, :2] = same, np.stack([same, rotations.exp([3.14, 0.0, 0.0]) @ same])
-    candidates = Candidates(np.zeros((S, K)) + np.array([0.0, *random.uniform(-4.0, 4.0, K - 1)]), tuple(mountings))
+    headings = rotations.rotation_z(np.array([0.0, *random.uniform(-4.0, 4.0, K - 1)]))
+    of_headings, *of_mountings = (quaternion_from_matrix(one, Order.WXYZ) for one in (headings, *mountings))
+    ends = [(of_headings, one, quaternion_from_matrix(R[s], Order.WXYZ)) for s, one in enumerate(of_mountings)]
     limits, whitening = np.sort(random.standard_normal((3, 3)), axis=0), np.triu(random.standard_normal((3, 3)))
-    links = tuple(Link(a, b, limits[1], limits[0], limits[2], whitening, 1, None, None) for a, b in ((0, 1), (1, 2)))
-    fast = LinkCosts(links, frames).of(candidates)
-    monkeypatch.setattr(sensor_tree, "kernels", None)
-    pure = LinkCosts(links, frames).of(candidates)
-    for child in (1, 2):
-        np.testing.assert_allclose(fast[child], pure[child], rtol=1e-10)
+    for a, b in ((0, 1), (1, 2)):
+        link = Link(a, b, limits[1], limits[0], limits[2], whitening, 1, None, None)
+        fast, pure = bend_cost(link, ends[a], ends[b]), bend_cost(link, ends[a], ends[b], kernels=None)
+        np.testing.assert_allclose(fast.ravel(), pure.ravel(), rtol=1e-10)
 
 
 @pytest.mark.parametrize("count", [90, 301])
-def test_misfits_of_joints(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_misfits_of_joints(count: int) -> None:
     """One point's acceleration as two sensors tell it, with noise and outliers; and two that have nothing in common."""
     random, scale = np.random.default_rng(5), np.array([1.0, 20.0, 20.0, 20.0])
     above, strange = random.standard_normal((2, count, 3, 4)) * 5.0 * scale
@@ -151,53 +151,58 @@ def test_misfits_of_joints(count: int, monkeypatch: pytest.MonkeyPatch) -> None:
     below[..., 0] = above[..., 0] @ rotations.rotation_z(2.0) + 0.3 * random.standard_normal((count, 3))
     below[::9, :, 0] += 30.0
     pairs = [(above, below), (above, strange), (above, above)]
-    shares = [sensor_faults.joint_share(*one) for one in pairs]
+    for pair in pairs:
+        np.testing.assert_allclose(joint_share(*pair), joint_share(*pair, kernels=None), rtol=1e-10, atol=1e-12)
     products = np.stack([joint_products(*one) for one in pairs])
-    least = sensor_faults.least_over_headings(products)
-    monkeypatch.setattr(sensor_faults, "kernels", None)
-    np.testing.assert_allclose(shares, [sensor_faults.joint_share(*one) for one in pairs], rtol=1e-10, atol=1e-12)
-    for fast, pure in zip(least, sensor_faults.least_over_headings(products), strict=True):
+    for fast, pure in zip(least_over_headings(products), least_over_headings(products, kernels=None), strict=True):
         np.testing.assert_allclose(fast, pure, rtol=1e-10, atol=1e-8)
 
 
-def test_delays_of_joints(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_delays_of_joints() -> None:
     """From where the child is right to where the search leaves its reach."""
     random, count = np.random.default_rng(6), 1500
     smooth = np.apply_along_axis(np.convolve, 0, random.standard_normal((count, 12)), np.hanning(15), "same")
-    child = sensor_faults.JointSignal(
-        7.0 + np.arange(count) * sensor_faults.STEP / sensor_faults.FINE, smooth.reshape(-1, 3, 4), np.ones(count, bool)
-    )
-    time = np.arange(child.time[0] + 0.25, child.time[-1] - 0.25, sensor_faults.APART)
+    child = JointSignal(7.0 + np.arange(count) * STEP / FINE, smooth.reshape(-1, 3, 4), np.ones(count, bool))
+    time = np.arange(child.time[0] + 0.25, child.time[-1] - 0.25, APART)
     above = rotations.rotation_z(0.7) @ child.spline(time + 0.03) + 0.3 * random.standard_normal((len(time), 3, 4))
     begun = [(0.02, 0.6), (0.0, 0.0), (-0.12, 3.0), (0.12, 3.0)]
-    fast = [sensor_faults.joint_delay(above, child, time, *one) for one in begun]
-    monkeypatch.setattr(sensor_faults, "kernels", None)
-    np.testing.assert_allclose(fast, [sensor_faults.joint_delay(above, child, time, *one) for one in begun], rtol=1e-10)
+    fast = [joint_delay(above, child, time, *one) for one in begun]
+    np.testing.assert_allclose(fast, [joint_delay(above, child, time, *one, kernels=None) for one in begun], rtol=1e-10)
     assert abs(fast[0][0] - 0.03) < 0.002
+
+
+def test_the_solvers_without_kernels(checkout: Path) -> None:
+    """What holds chains, lags and slices to GTSAM, in a Python that has no kernels."""
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider"]
+    chains = ["tests/solve/test_chain.py", "tests/solve/test_fixed_lag.py"]
+    slices = "tests/assembly/test_slices.py::test_slices_add_up_to_the_batch[moving]"
+    without = {**os.environ, "VIP_FACTORS_PURE": "1"}
+    done = subprocess.run(
+        [*command, *chains, slices], cwd=checkout, env=without, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("in_coordinates", [False, True])
-def test_slices(kind: str, in_coordinates: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert_same_slices(*small_scene(kind), in_coordinates, monkeypatch)
+def test_slices(kind: str, in_coordinates: bool) -> None:
+    assert_same_slices(*small_scene(kind), in_coordinates)
 
 
 @pytest.mark.parametrize("silent", SILENCES)
-def test_slices_where_nothing_was_measured(silent: tuple[int, ...], monkeypatch: pytest.MonkeyPatch) -> None:
-    assert_same_slices(*small_scene("moving", silent), True, monkeypatch)
+def test_slices_where_nothing_was_measured(silent: tuple[int, ...]) -> None:
+    assert_same_slices(*small_scene("moving", silent), True)
 
 
 @pytest.mark.parametrize(
     ("scene", "kind"),
     [*((small_scene, kind) for kind in KINDS), (walking_scene, "moving"), (walking_scene, "standing")],
 )
-def test_chains(scene: Callable[[str], Any], kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chains(scene: Callable[[str], Any], kind: str) -> None:
     """Of a frame with itself, and of what all share, what lies on and above the diagonal counts."""
     model, state = scene(kind)
-    monkeypatch.setattr(objective, "CHUNK", 3)
-    fast = objective.SceneObjective(model).linearise(state)
-    monkeypatch.setattr(objective, "kernels", None)
-    pure = objective.SceneObjective(model).linearise(state)
+    fast = SceneObjective(model, chunk=3).linearise(state)
+    pure = SceneObjective(model, chunk=3, kernels=None).linearise(state)
     for one, other in zip(fast.chains, pure.chains, strict=True):
         counts, expected = one.rows.copy(), other.rows.copy()
         for rows in (counts, expected):
@@ -216,20 +221,14 @@ def test_chains(scene: Callable[[str], Any], kind: str, monkeypatch: pytest.Monk
             np.testing.assert_allclose(getattr(ours, name), expected, atol=1e-10 * np.abs(expected).max(initial=1.0))
 
 
-def assert_same_slices(
-    model: SceneProblem, state: SceneState, in_coordinates: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def assert_same_slices(model: SceneProblem, state: SceneState, in_coordinates: bool) -> None:
     layout, random = scene_layout(model), np.random.default_rng(2)
     frames, static = random.standard_normal((T, layout.frame_width)), random.standard_normal(layout.static_width)
     charts = Charts.at(layout, 0.1 * frames, 0.1 * static) if in_coordinates else None
 
-    def slices() -> Slices:
-        empty = Slices(layout.frame_width, layout.static_width, model.frames)
-        return objective.joined_slices([layout], model, state, [empty], charts)[0]
-
-    fast = slices()
-    monkeypatch.setattr(objective, "kernels", None)
-    pure = slices()
+    empty = [Slices(layout.frame_width, layout.static_width, model.frames) for _ in range(2)]
+    (fast,) = joined_slices([layout], model, state, empty[:1], charts)
+    (pure,) = joined_slices([layout], model, state, empty[1:], charts, kernels=None)
     counts, expected = np.triu(fast.hessian), np.triu(pure.hessian)
     np.testing.assert_allclose(counts, expected, atol=1e-10 * np.abs(expected).max())
     np.testing.assert_allclose(fast.gradient, pure.gradient, atol=1e-10 * np.abs(pure.gradient).max())

@@ -7,12 +7,16 @@ import importlib
 import os
 from collections.abc import Callable
 from functools import wraps
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 OnStack = Callable[[ArrayLike], NDArray[np.float64]]
+
+
+Kernels = ModuleType | None  # the argument of a function that has a kernel: None for NumPy, which defines it
 
 
 def _extension_module() -> Any:
@@ -24,7 +28,7 @@ def _extension_module() -> Any:
         return None
 
 
-kernels = _extension_module()  # the extension module; None where there is none
+kernels = _extension_module()  # None where there is none
 
 
 def compiled(of: tuple[int, ...], to: tuple[int, ...]) -> Callable[[OnStack], OnStack]:

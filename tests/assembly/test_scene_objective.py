@@ -7,7 +7,6 @@ import pytest
 from linear import assert_same, dense, dense_of_graph
 from small_problems import KINDS, T, small_scene, walking_scene
 
-from vip_factors.assembly import objective as assembly
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.geometry.rotations import rotation_z
@@ -38,11 +37,10 @@ def test_the_camera_alone_follows_kept_wearers(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_it_does_not_matter_how_many_frames_are_evaluated_together(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_does_not_matter_how_many_frames_are_evaluated_together(kind: str) -> None:
     problem, state = small_scene(kind)
     whole = dense(SceneObjective(problem).linearise(state))
-    monkeypatch.setattr(assembly, "CHUNK", 2)
-    assert_same(dense(SceneObjective(problem).linearise(state)), whole)
+    assert_same(dense(SceneObjective(problem, chunk=2).linearise(state)), whole)
 
 
 @pytest.mark.parametrize("kind", ["moving", "standing"])

@@ -13,7 +13,6 @@ from vip_factors.assembly.objective import SceneObjective, joined_slices
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve import slices as solve_slices
 from vip_factors.solve.slices import Slices
 
 
@@ -48,12 +47,9 @@ def test_slices_add_up_to_the_batch(kind: str) -> None:
     assert_slices_add_up(*small_scene(kind))
 
 
-@pytest.mark.parametrize("pure", [False, True])
-def test_what_is_made_of_a_slice_stays_with_the_next_ones(pure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_made_of_a_slice_stays_with_the_next_ones() -> None:
     model, state = small_scene(KINDS[0])
     made = slices_of(model, state)
-    if pure:
-        monkeypatch.setattr(solve_slices, "kernels", None)
     information, vector = made.in_coordinates(0, np.zeros((3, made.frame)), np.zeros(made.static))
     before = np.triu(information)
     made.emptied(T)

@@ -1,6 +1,7 @@
 """The summed objective of one wearer and the graph of its GTSAM factors are the same problem."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 from linear import assert_same, dense, dense_of_graph
 from small_problems import SILENCES, S, T, WearerObjective, small_model
 
-from vip_factors.assembly import objective as assembly
 from vip_factors.errors import SolveError
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.geometry.rotations import rotation_z
@@ -63,8 +63,9 @@ def test_frames_in_which_nothing_was_measured_are_determined(silent: Sequence[in
     assert sigmas[:, 72:].max() < 5.0  # m: a contact off by so much says little of the velocity
     unused = replace(problem.settings.constant_velocity, use=False)
     without = replace(problem, settings=replace(problem.settings, constant_velocity=unused))
-    with pytest.raises(SolveError):
-        chain_marginals(WearerObjective(without).linearise(state))
+    with suppress(SolveError):  # unless rounding errors say something
+        vague = chain_marginals(WearerObjective(without).linearise(state))
+        assert max(np.diag(block).max() for block in vague.values()) > 1e6
 
 
 def test_stretches_with_time_between_them_are_one_problem() -> None:
@@ -128,14 +129,11 @@ def test_marginals_of_all_frames() -> None:
 
 
 @pytest.mark.parametrize("silent", [(), *SILENCES])
-def test_it_does_not_matter_how_many_frames_are_evaluated_together(
-    monkeypatch: pytest.MonkeyPatch, silent: Sequence[int]
-) -> None:
+def test_it_does_not_matter_how_many_frames_are_evaluated_together(silent: Sequence[int]) -> None:
     problem, state = small_model(silent=silent)
     whole = dense(WearerObjective(problem).linearise(state))
     for chunk in (REACH, REACH + 1):  # stretches write into the frames behind them; the last frame is once alone
-        monkeypatch.setattr(assembly, "CHUNK", chunk)
-        assert_same(dense(WearerObjective(problem).linearise(state)), whole)
+        assert_same(dense(WearerObjective(problem, chunk=chunk).linearise(state)), whole)
 
 
 def test_sensors_are_those_of_the_frames() -> None:

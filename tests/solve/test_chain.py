@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from vip_factors.errors import SolveError
-from vip_factors.solve import chain_elimination, segments, strands
+from vip_factors.solve import chain_elimination, segments
 from vip_factors.solve.chain_elimination import ChainElimination, chain_marginals, last_covariance, tree_marginals
 from vip_factors.solve.chain_system import Chain, ChainSystem, StaticGroup, frame_keys, static_key
 from vip_factors.solve.elimination import eliminate
@@ -183,14 +183,11 @@ def scene_system(tied: bool, moving: bool) -> ChainSystem:
 
 @pytest.mark.parametrize("tied", [True, False])
 @pytest.mark.parametrize("moving", [True, False])
-@pytest.mark.parametrize("pure", [True, False])
 @pytest.mark.parametrize("apart", [True, False])
 @pytest.mark.parametrize("damping", [0.0, 0.7])
 def test_the_step_and_the_covariance_are_gtsams(
-    tied: bool, moving: bool, pure: bool, apart: bool, damping: float, monkeypatch: pytest.MonkeyPatch
+    tied: bool, moving: bool, apart: bool, damping: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    if pure:
-        monkeypatch.setattr(strands, "kernels", None)
     if apart:
         monkeypatch.setattr(segments, "SEGMENT", 2)  # three of them
         monkeypatch.setattr(chain_elimination, "_met_by_all", lambda system: 2 if tied and system.between else None)
@@ -208,10 +205,7 @@ def test_the_step_and_the_covariance_are_gtsams(
 
 @pytest.mark.parametrize("tied", [True, False])
 @pytest.mark.parametrize("moving", [True, False])
-@pytest.mark.parametrize("pure", [True, False])
-def test_all_marginals_are_gtsams(tied: bool, moving: bool, pure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    if pure:
-        monkeypatch.setattr(strands, "kernels", None)
+def test_all_marginals_are_gtsams(tied: bool, moving: bool) -> None:
     for system in (random_chain(tied), scene_system(tied, moving)):
         told = list[float]()
         found, expected = chain_marginals(system, told.append), tree_marginals(system)
@@ -241,11 +235,8 @@ def test_marginals_of_many_frames_keep_their_digits() -> None:
         np.testing.assert_allclose(found[key], block, rtol=0.0, atol=1e-8 * np.abs(block).max())
 
 
-@pytest.mark.parametrize("pure", [True, False])
 @pytest.mark.parametrize("tied", [True, False])
-def test_what_is_not_determined_has_no_step(tied: bool, pure: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    if pure:
-        monkeypatch.setattr(strands, "kernels", None)
+def test_what_is_not_determined_has_no_step(tied: bool) -> None:
     system = random_chain(tied)
     system.chains[0].own[3] = -np.eye(W)
     with pytest.raises(SolveError, match="not determined"):

@@ -6,7 +6,6 @@ import pytest
 
 from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
-from vip_factors.solve import fixed_lag
 from vip_factors.solve.fixed_lag import FixedLagChain
 
 WIDTH, SHARED, FRAMES, LAG = 4, 3, 12, 5
@@ -120,27 +119,7 @@ def test_what_is_shared_may_wander() -> None:
         np.testing.assert_allclose(solution.covariance(t), tree.marginalCovariance(frame_key(t)), atol=1e-9)
 
 
-@pytest.mark.skipif(kernels is None, reason="no kernels were built")
-def test_kernels_say_what_numpy_says(monkeypatch: pytest.MonkeyPatch) -> None:
-    def found() -> list[np.ndarray]:
-        chain = FixedLagChain(WIDTH, SHARED)
-        for t, graph in enumerate(slices(seed=2)):
-            chain.eliminate(t, *dense(t, _copy(graph)), np.ones(SHARED) if t % 4 == 1 else None)
-        solution = chain.solution()
-        return [solution.values, solution.shared, solution.covariance(3), solution.shared_covariance()]
-
-    fast = found()
-    monkeypatch.setattr(fixed_lag, "kernels", None)
-    for one, other in zip(fast, found(), strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-10)
-
-
-@pytest.mark.parametrize("pure", [False, True])
-def test_columns_that_no_frame_sees_from_two_before_need_not_be_there(
-    pure: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:  # fmt: skip
-    if pure:
-        monkeypatch.setattr(fixed_lag, "kernels", None)
+def test_columns_that_no_frame_sees_from_two_before_need_not_be_there() -> None:
     far = np.array([0, 3])
     less, all_there = FixedLagChain(WIDTH, SHARED, far), FixedLagChain(WIDTH, SHARED)
     for t, graph in enumerate(slices(seed=3)):

@@ -13,7 +13,7 @@ from vip_factors.assembly.chain import ChainAccumulator
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.compiled_sums import CompiledChainAccumulator, CompiledSliceAccumulator
 from vip_factors.assembly.slices import SliceAccumulator
-from vip_factors.compiled import kernels
+from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
@@ -25,10 +25,6 @@ from vip_factors.solve.slices import Slices
 from vip_factors.terms.equations import Equations, Term
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
-
-# Frames evaluated together: enough to amortise calls, few enough to stay in a processor's cache. At least REACH, for a
-# stretch writes into so many frames behind it, while the one after the next is summed.
-CHUNK = 32
 
 
 class Step(Protocol):
@@ -97,10 +93,17 @@ class SceneObjective:
     Args:
         problem: of the scene.
         wearers_move: False keeps the wearers as they are: the camera alone follows them.
+        kernels: to sum the terms with.
+        chunk: frames evaluated together: enough to amortise calls, few enough to stay in a processor's cache. At
+            least REACH, for a stretch writes into so many frames behind it, while the one after the next is summed.
     """
 
-    def __init__(self, problem: SceneProblem, wearers_move: bool = True) -> None:
-        self.problem, self._wearers_move = problem, wearers_move
+    def __init__(
+        self, problem: SceneProblem, wearers_move: bool = True, kernels: Kernels = kernels, chunk: int = 32
+    ) -> None:
+        self.problem, self._wearers_move, self._chunk = problem, wearers_move, chunk
+        is_pure = kernels is None or problem.extra is not None
+        self._accumulator = ChainAccumulator if is_pure else CompiledChainAccumulator
         self.layout = scene_layout(problem, wearers_move=wearers_move)
         self.static_keys = [static_key(group) for group in range(len(self.layout.owners))]
         self._system: ChainSystem | None = None
@@ -131,8 +134,7 @@ class SceneObjective:
         evaluation, T = SceneEvaluation(self.problem, state, self._wearers_move), self.problem.frames
         system = self._system.emptied() if self._system is not None else self._empty_system()
         self._system = system
-        kind = ChainAccumulator if kernels is None or self.problem.extra is not None else CompiledChainAccumulator
-        sums = [kind(self.layout, system, t, min(CHUNK, T - t)) for t in range(0, T, CHUNK)]
+        sums = [self._accumulator(self.layout, system, t, min(self._chunk, T - t)) for t in range(0, T, self._chunk)]
 
         def add(stretch: ChainAccumulator, first: int, behind: int) -> None:
             system.empty_frames(stretch.begin + first, stretch.begin + stretch.count + behind)
@@ -220,7 +222,7 @@ class SceneObjective:
 
 def joined_slices(
     layouts: Sequence[Layout], problem: SceneProblem, state: SceneState, slices: Sequence[Slices],
-    charts: Charts | None = None,
+    charts: Charts | None = None, kernels: Kernels = kernels,
 ) -> list[Slices]:  # fmt: skip
     """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough.
 

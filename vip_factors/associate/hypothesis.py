@@ -13,7 +13,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion, forward_kinematics
-from vip_factors.compiled import kernels
+from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array, exp, hat, transpose
 from vip_factors.sensors.detections import Detections
 
@@ -164,7 +164,7 @@ class _Problem:
         error = (flat - self.flat) * (self.scale / np.sqrt(np.maximum(self.w, 1e-12)) * self.depth[:, None])[..., None]
         return np.einsum("pki,pki->pk", error, error)
 
-    def _descend(self, R: Array, t: Array, steps: int) -> tuple[Array, Array, Array]:
+    def _descend(self, R: Array, t: Array, steps: int, kernels: Kernels = kernels) -> tuple[Array, Array, Array]:
         """Cameras some steps of Gauss–Newton on from others, and their costs."""
         if kernels is not None:
             R, t, cost = R.copy(), t.copy(), np.empty(len(R))

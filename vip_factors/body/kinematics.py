@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Skeleton, ancestors
-from vip_factors.compiled import kernels
+from vip_factors.compiled import Kernels, kernels
 from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
@@ -55,7 +55,7 @@ class BodyState:
         """World positions ``(T, 3)`` of a point fixed to a bone (``p_bone_point`` in metres, bone axes)."""
         return self.p_world_joint[:, bone] + self.R_world_bone[:, bone] @ p_bone_point
 
-    def points(self, bones: np.ndarray, p_bone_point: Array) -> Array:
+    def points(self, bones: np.ndarray, p_bone_point: Array, kernels: Kernels = kernels) -> Array:
         """World positions ``(T, n, 3)`` of points fixed to bones ``(n,)``, ``(n, 3)`` metres in their bones' axes."""
         if kernels is not None:
             found = np.empty((len(self.p_world_joint), len(bones), 3))
@@ -75,20 +75,23 @@ class BodyState:
         A twist is the angular velocity, then the velocity of what is at the root's position, in world axes. The
         last of the 25 is the root's translation.
         """
-        R = self.R_world_bone
-        if kernels is not None:
-            screws = np.empty((len(R), JOINT_COUNT + 1, 6, 3))
-            kernels.screws(R, self.p_world_joint, screws)
-            return screws
-        screws = np.zeros((len(R), JOINT_COUNT + 1, 6, 3))
-        screws[:, :-1, :3] = R
-        screws[:, :-1, 3:] = hat(self.p_world_joint - self.p_world_joint[:, :1]) @ R
-        screws[:, -1, 3:] = np.eye(3)
-        return screws
+        return joint_screws(self.R_world_bone, self.p_world_joint)
 
     def point_twists(self, p_world_point: Array) -> Array:
         """Derivatives ``(T, n, 3, 6)`` of points ``(T, n, 3)`` by the twists of their bones."""
         return twists_at(p_world_point - self.p_world_joint[:, :1])
+
+
+def joint_screws(R_world_bone: Array, p_world_joint: Array, kernels: Kernels = kernels) -> Array:
+    """:attr:`BodyState.screws` of bones ``(T, 24, 3, 3)`` and joints ``(T, 24, 3)``."""
+    screws = np.zeros((len(R_world_bone), JOINT_COUNT + 1, 6, 3))
+    if kernels is not None:
+        kernels.screws(R_world_bone, p_world_joint, screws)
+        return screws
+    screws[:, :-1, :3] = R_world_bone
+    screws[:, :-1, 3:] = hat(p_world_joint - p_world_joint[:, :1]) @ R_world_bone
+    screws[:, -1, 3:] = np.eye(3)
+    return screws
 
 
 def twists_at(arms: Array) -> Array:
@@ -99,7 +102,9 @@ def twists_at(arms: Array) -> Array:
     return np.concatenate([hat(-arms), np.broadcast_to(np.eye(3), (*arms.shape, 3))], axis=-1)
 
 
-def forward_kinematics(skeleton: Skeleton, R_parent_child: Array, p_world_pelvis: Array) -> BodyState:
+def forward_kinematics(
+    skeleton: Skeleton, R_parent_child: Array, p_world_pelvis: Array, kernels: Kernels = kernels
+) -> BodyState:
     """World poses of all bones, of joint rotations ``(T, 24, 3, 3)`` (joint 0 is ``R_world_pelvis``) and roots ``(T,
     3)``, m.
     """

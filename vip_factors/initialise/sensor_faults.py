@@ -15,7 +15,7 @@ import numpy as np
 import scipy
 
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.compiled import kernels
+from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array, rotation_z, transpose
 from vip_factors.initialise.sensor_tree import Link, joint_products
 from vip_factors.sensors.frames import resample_streams
@@ -131,7 +131,7 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
 
 
 def joint_delay(
-    above: Array, child: JointSignal, time: Array, seconds: float, heading: float
+    above: Array, child: JointSignal, time: Array, seconds: float, heading: float, kernels: Kernels = kernels
 ) -> tuple[float, float, float]:
     """The delay of a child against the parent's values ``(T, 3, 4)``, its sigma, and :func:`joint_share`.
 
@@ -159,7 +159,7 @@ def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | 
     return joint_share(above, below), np.count_nonzero(moving) * STEP
 
 
-def joint_share(above: Array, below: Array) -> float:
+def joint_share(above: Array, below: Array, kernels: Kernels = kernels) -> float:
     """The share (in squares) by which two sensors' values ``(T, 3, 4)`` disagree about a joint's acceleration."""
     if kernels is not None:
         return float(kernels.joint_share(above, below))
@@ -175,7 +175,7 @@ def _start(above: Array, below: Array) -> tuple[float, float]:
     return float(cost[0]), float(heading[0])
 
 
-def least_over_headings(products: Array) -> tuple[Array, Array]:
+def least_over_headings(products: Array, kernels: Kernels = kernels) -> tuple[Array, Array]:
     """Least costs ``(L,)`` over headings, and these; of :func:`joint_products` ``(L, 5, 4, 4)``, arms eliminated."""
     if kernels is not None:
         found = np.empty(len(products)), np.empty(len(products))

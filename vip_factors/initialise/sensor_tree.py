@@ -17,7 +17,7 @@ import scipy
 
 from vip_factors.body.pose_prior import JointLimits, PosePrior
 from vip_factors.body.skeleton import Skeleton, ancestors, joint_index
-from vip_factors.compiled import kernels
+from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.start_candidates import Candidates
@@ -203,7 +203,7 @@ class LinkCosts:
                 ends = [(about[s, own], mountings[s][own], self._turned[s][looked]) for s, own in sides]
                 # Rotation vectors of several joints add up roughly only: the more, the less what they say counts.
                 weight = _looks(self.frames, rows, POSES_PER_SECOND) / link.joints
-                cost = weight * _bend_cost(link, *ends).reshape(cost.shape)
+                cost = weight * bend_cost(link, ends[0], ends[1]).reshape(cost.shape)
             if accelerations is not None:
                 headings = candidates.headings[link.child] - candidates.headings[link.parent, of_parent, None]
                 cost += accelerations.cost(headings, R_parent, R_child)
@@ -233,7 +233,7 @@ def _quaternions(candidates: Candidates) -> tuple[Array, list[Array]]:
     return about, [np.ascontiguousarray(one) for one in np.split(mountings, ends[:-1], axis=1)]
 
 
-def _bend_cost(link: Link, parent: End, child: End) -> Array:
+def bend_cost(link: Link, parent: End, child: End, kernels: Kernels = kernels) -> Array:
     """How unlike people's a joint bends, nats a look: ``(N, M)``, of all headings and mountings of parent and child."""
     if kernels is not None:
         found = np.empty(tuple(mountings.shape[0] * mountings.shape[1] for _, mountings, _ in (parent, child)))

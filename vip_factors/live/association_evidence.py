@@ -18,7 +18,7 @@ from vip_factors.associate.tracklets import FURTHEST, LONGEST_GAP_S, RIVAL, keyp
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.compiled import kernels
+from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraModel
 
@@ -126,7 +126,7 @@ class BodyFitter:
         """Mean ``(..., W, 3)`` of known keypoints ``(..., W, K, 3)``."""
         return np.asarray((self._share[:, None] @ points)[..., 0, :])
 
-    def fit(self, points: Array, people: People, covariance: Array) -> Fit:
+    def fit(self, points: Array, people: People, covariance: Array, kernels: Kernels = kernels) -> Fit:
         """Compare everybody with everybody.
 
         Args:

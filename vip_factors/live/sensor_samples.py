@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vip_factors.compiled import kernels
+from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array, exp, log, transpose
 from vip_factors.sensors.imu_stream import (
     FORCE_LIMIT,
@@ -226,7 +226,9 @@ class SensorBuffer:
             self._period[sensor] = float(np.median(np.diff(recent))) if len(recent) > 1 else 0.0
         return True
 
-    def measure(self, time: float, step: float) -> tuple[Array, np.ndarray, Array, np.ndarray]:
+    def measure(
+        self, time: float, step: float, kernels: Kernels = kernels
+    ) -> tuple[Array, np.ndarray, Array, np.ndarray]:
         """Orientation at an instant, and acceleration about the instant one ``step`` before it.
 
         Returns:

@@ -1,12 +1,7 @@
 """What all tests share: the folder of real recordings, repeatable property tests, single-threaded arithmetic."""
 
-import hashlib
 import os
-import pickle
 import signal
-import sys
-from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -69,33 +64,3 @@ def data_folder() -> Path:
 def checkout() -> Path:
     """The folder that holds ``pyproject.toml``."""
     return CHECKOUT
-
-
-@pytest.fixture(scope="session", autouse=True)
-def same_starts_are_searched_once() -> Iterator[None]:
-    """Half the time of a short scene is the search for its start, and most tests have few sensor data in common.
-
-    The search is a function of its arguments alone: what it found for the same ones is given again, as a new copy.
-    Tests of the search itself call it where it is made, and processes that tests start have nothing of this.
-    """
-    inertial = sys.modules.get("vip_factors.stages.inertial")
-    if inertial is None:  # no module of tests that were collected needs it
-        yield
-        return
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(inertial, "search_start", remembering(inertial.search_start))
-        yield
-
-
-def remembering(search_start: Callable[..., Any]) -> Callable[..., Any]:
-    """The search, made once for the same sensor data, start by straps and settings; the truth is nothing to it."""
-    found: dict[bytes, bytes] = {}
-
-    def search(recording: Any, frames: Any, usual: Any, settings: Any, stretch: Any = None) -> Any:
-        asked = replace(recording, truth=None), frames, usual, settings.calibration, settings.factors
-        key = hashlib.sha256(pickle.dumps(asked)).digest()
-        if key not in found:
-            found[key] = pickle.dumps(search_start(recording, frames, usual, settings, stretch))
-        return pickle.loads(found[key])
-
-    return search

@@ -110,3 +110,10 @@ def test_imports_go_one_way(path: Path) -> None:
 def test_every_room_is_in_the_table() -> None:
     rooms = {path.name.removesuffix(".py") for path in PACKAGE.iterdir() if path.suffix == ".py" or path.is_dir()}
     assert rooms - {"__init__", "__pycache__", "py.typed", "data"} <= set(ROW_OF)
+
+
+def test_studies_may_use_tests_but_tests_no_studies() -> None:
+    tests, studies = Path(__file__).parent, Path(__file__).parent / "studies"
+    for path in (path for path in tests.rglob("*.py") if not path.is_relative_to(studies)):
+        found = [name for name, *_ in imports_of(path) if name.startswith("tests.studies")]
+        assert not found, f"{path}: imports {found}"

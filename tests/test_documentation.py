@@ -4,12 +4,10 @@ import re
 import shlex
 import subprocess
 import sys
-from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
-from tests.studies.__main__ import study_of
 from vip_factors.cli.main import COMMANDS
 from vip_factors.cli.options import options_of, parse
 from vip_factors.io.convert import FORMATS as LOG_FORMATS
@@ -97,15 +95,6 @@ def test_commands_are_understood(page: Path, tmp_path: Path, monkeypatch: pytest
     for command, *words in commands(page):
         options = parse(options_of(command), f"vip-factors {command}", words)
         assert command != "convert" or (options.out is None) == (options.template is not None)
-
-
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md"], ids=[*NAMES, "CONTRIBUTING.md"])
-def test_studies_are_there_and_understood(page: Path) -> None:
-    text = page.read_text(encoding="utf-8")
-    assert "vip-factors benchmark" not in text
-    for words in map(str.split, re.findall(r"`python -m tests\.studies ([a-z][^`]*)`", text)):
-        known = {one.name.replace("_", "-") for one in fields(study_of(words[0]))}
-        assert {word.removeprefix("--") for word in words if word.startswith("--")} <= known, f"{page.name}: {words}"
 
 
 READ = {

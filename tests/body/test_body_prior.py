@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.studies.body_prior_training import BodyTraining, centre_covariance, save_body_prior
 from vip_factors.body.anthropometry import (
     GROUPS,
     SIZE,
@@ -52,12 +51,6 @@ def test_statures_are_the_surveys() -> None:
     assert groups["both"].stature[0] == pytest.approx((1.756 + 1.628) / 2, abs=1e-3)
 
 
-def test_what_is_unsure_about_centres_leaves_stature_and_mass_alone() -> None:
-    covariance = centre_covariance(BodyTraining())
-    np.testing.assert_allclose(covariance @ STATURE_ROW, 0.0, atol=1e-12)
-    np.testing.assert_array_equal(covariance[0], 0.0)
-
-
 def test_stature_is_the_sum_of_lengths() -> None:
     lengths = load_body_prior().groups["male"].mean[1:]
     assert skeleton_of_lengths(lengths, "").stature == pytest.approx(STATURE_ROW[1:] @ lengths)
@@ -74,16 +67,6 @@ def test_conditioning_is_bayes() -> None:
     np.testing.assert_allclose(found.covariance, np.linalg.inv(information), atol=1e-9)
     np.testing.assert_allclose(found.mean, np.linalg.solve(information, gradient), atol=1e-6)
     np.testing.assert_allclose(prior.given(seen[:1]).given(seen[1:]).mean, found.mean, atol=1e-9)
-
-
-def test_a_written_prior_is_read_back(tmp_path: Path) -> None:
-    prior, path = load_body_prior(), tmp_path / "body.npz"
-    save_body_prior(prior, path)
-    again = load_body_prior(path)
-    assert again.provenance == prior.provenance
-    for name in GROUPS:
-        np.testing.assert_array_equal(again.groups[name].mean, prior.groups[name].mean)
-        np.testing.assert_array_equal(again.groups[name].covariance, prior.groups[name].covariance)
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

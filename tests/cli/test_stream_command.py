@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from live_answers import answer, live_scene
+from running_processes import begun_by
 from stub_tracker import scene_file, tracker_class
 
-from tests.studies.processes import begun_by
 from vip_factors.cli.main import main
 from vip_factors.cli.stream_session import Interrupts, Session, status, summary
 from vip_factors.cli.terminal import StatusLine

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from onnx_samples import simcc_model
 
-from tests.studies.fuzz.corpus import simcc_model
 from vip_factors.detect.onnx_pose import Box, OnnxPose
 from vip_factors.errors import FileFormatError, InputError
 

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from limited_memory import limited_memory
 
-from tests.studies.fuzz.outcome import limited_memory
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.body_file import read_body_file
 from vip_factors.io.camera_file import read_camera_file

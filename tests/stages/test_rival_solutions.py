@@ -1,59 +1,62 @@
 """A solution that ended far from where it began is compared with one that began with that held; both may stand."""
 
-from types import SimpleNamespace
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from filmed_gestures import HASTY, filmed_gestures
 
-from vip_factors.findings import Finding, sentences
-from vip_factors.geometry.rotations import exp
-from vip_factors.settings import Settings
-from vip_factors.stages import fusion
-from vip_factors.stages.fusion import FusionSolution
+from vip_factors.findings import sentences
+from vip_factors.geometry.rotations import angle_between, exp
+from vip_factors.sensors.sources import SceneInMemory
+from vip_factors.stages.association import AssociatedCamera, associate_cameras, usable_cameras
+from vip_factors.stages.fusion import FusionSolution, _reconsidered, _rival_findings, fuse
+from vip_factors.stages.fusion_start import FusionStart, start_fusion
+from vip_factors.stages.inertial import inertial_trackers
+from vip_factors.stages.solver import Solver
+from vip_factors.stages.windows import scene_plan
 
+SOLVER = Solver(HASTY.solve, lambda stage, fraction: None)
+THIGH = "left_thigh"
 
-def solution(turn_deg: float) -> FusionSolution:
-    """Of two sensors, the second of which is turned."""
-    R = np.stack([np.eye(3), exp(np.deg2rad([0.0, turn_deg, 0.0]))])
-    model = SimpleNamespace(name="anna", frames=SimpleNamespace(sensors=("pelvis", "thigh")))
-    wearers: Any = SimpleNamespace(wearers=[model]), SimpleNamespace(wearers=[SimpleNamespace(R_bone_sensor=R)])
-    return FusionSolution(*wearers, ())
-
-
-def reconsidered(monkeypatch: pytest.MonkeyPatch, costs: dict[float, float]) -> tuple[float, tuple[Finding, ...]]:
-    """By how much the kept solution turns the sensor, and what is told, given both solutions' costs by their turn."""
-    turns = list(costs)
-    far, near = map(solution, turns)
-    held = SimpleNamespace(mounting_sigma=None, free_hinges=True)
-    initial: Any = SimpleNamespace(wearers=[SimpleNamespace(model=held)])
-    monkeypatch.setattr(fusion, "_with_unlikely_fixed", lambda model, state: held)
-    monkeypatch.setattr(fusion, "fuse", lambda *arguments: near)
-    of = dict(zip(map(id, (far, near)), costs.values(), strict=True))
-    monkeypatch.setattr(fusion, "_cost", lambda one, other: of[id(one)])
-    monkeypatch.setattr(fusion, "replace", _with)
-    best = fusion._reconsidered(initial, far, (), Settings(), SimpleNamespace())  # type: ignore[arg-type]
-    return (turns[0] if best.state is far.state else turns[1]), best.findings
+Fused = tuple[FusionStart, tuple[AssociatedCamera, ...], FusionSolution]
 
 
-def _with(one: Any, /, **changes: Any) -> Any:
-    if isinstance(one, FusionSolution):
-        return FusionSolution(one.model, one.state, one.spreads, changes["findings"])
-    return SimpleNamespace(**{**vars(one), **changes})
+@pytest.fixture(scope="module")
+def fused() -> Fused:
+    scene = filmed_gestures(seconds=3.0, azimuth_deg=20.0)
+    time = scene_plan(SceneInMemory(scene), HASTY, whole=True).all_coarse_time
+    inertial = inertial_trackers(scene, time, HASTY, SOLVER)
+    associated = usable_cameras(associate_cameras(scene, inertial, HASTY, lambda fraction: None))
+    initial = start_fusion(associated, inertial, HASTY)
+    return initial, associated, fuse(initial, None, associated, HASTY, SOLVER)
 
 
-@pytest.mark.parametrize(("costs", "kept"), [({90.0: 100.0, 0.0: 150.0}, 90.0), ({90.0: 150.0, 0.0: 100.0}, 0.0)])
-def test_the_likelier_of_two_is_kept_without_a_word(
-    monkeypatch: pytest.MonkeyPatch, costs: dict[float, float], kept: float
-) -> None:
-    assert reconsidered(monkeypatch, costs) == (kept, ())
+def with_thigh_turned(solution: FusionSolution, degrees: float) -> FusionSolution:
+    (own,), (model,) = solution.state.wearers, solution.model.wearers
+    R, sensor = own.R_bone_sensor.copy(), model.frames.sensors.index(THIGH)
+    R[sensor] = exp([0.0, np.deg2rad(degrees), 0.0]) @ R[sensor]
+    return replace(solution, state=replace(solution.state, wearers=(replace(own, R_bone_sensor=R),)))
 
 
-def test_two_that_both_stand_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    kept, findings = reconsidered(monkeypatch, {90.0: 101.0, 0.0: 100.0})
-    assert kept == 0.0
-    (told,) = sentences(findings)
+def test_what_is_near_its_start_is_not_reconsidered(fused: Fused) -> None:
+    initial, associated, solution = fused
+    assert _reconsidered(initial, solution, associated, HASTY, SOLVER) is solution
+
+
+def test_the_likelier_of_two_is_kept_without_a_word(fused: Fused) -> None:
+    initial, associated, solution = fused
+    best = _reconsidered(initial, with_thigh_turned(solution, 90.0), associated, HASTY, SOLVER)
+    (own,), (found,) = best.state.wearers, solution.state.wearers
+    assert np.rad2deg(angle_between(own.R_bone_sensor, found.R_bone_sensor)).max() < 10
+    assert best.findings == ()
+
+
+def test_two_that_both_stand_are_told(fused: Fused) -> None:
+    *_, solution = fused
+    (told,) = sentences(_rival_findings(solution, with_thigh_turned(solution, 90.0), margin=1.0))
     assert "'anna'" in told
-    assert "thigh by 90°" in told
+    assert f"{THIGH} by 90°" in told
     assert "2.7 times" in told
     assert "pelvis" not in told
+    assert not list(_rival_findings(solution, with_thigh_turned(solution, 50.0), margin=1.0))

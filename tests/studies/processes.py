@@ -7,10 +7,10 @@ from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
-from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-PROC = Path("/proc")
+from tests.running_processes import PROC, begun_by, process_status
+
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -49,7 +49,7 @@ class ProcessTree:
 
 def process_tree(pid: int) -> ProcessTree | None:
     """What a program takes now; None if it is over, or the system does not say."""
-    fields = _stat(pid)
+    fields = process_status(pid)
     if fields is None:
         return None
     return ProcessTree(_resident(pid), sum(map(_resident, begun_by(pid))), cpu_seconds(pid)[0])
@@ -57,35 +57,11 @@ def process_tree(pid: int) -> ProcessTree | None:
 
 def cpu_seconds(pid: int) -> tuple[float, float]:
     """Of a process itself, and of those that it began and that have ended; NaN where the system does not say."""
-    fields = _stat(pid)
+    fields = process_status(pid)
     if fields is None:
         return float("nan"), float("nan")
     own, begun = (sum(map(int, fields[first : first + 2])) / os.sysconf("SC_CLK_TCK") for first in (11, 13))
     return own, begun
-
-
-def begun_by(pid: int) -> list[int]:
-    """Numbers of the processes below one; empty where the system does not say."""
-    stats = {int(folder.name): _stat(int(folder.name)) for folder in PROC.glob("[0-9]*")}
-    parents = {one: int(fields[1]) for one, fields in stats.items() if fields is not None}
-    below = {pid}
-    while more := {one for one, parent in parents.items() if parent in below} - below:
-        below |= more
-    return sorted(below - {pid})
-
-
-def is_running(pid: int) -> bool:
-    """Whether there is such a process, and it has not ended."""
-    fields = _stat(pid)
-    return fields is not None and fields[0] != "Z"
-
-
-def _stat(pid: int) -> list[str] | None:
-    """Fields of ``/proc/PID/stat`` from the state on; the name before it may hold anything."""
-    try:
-        return (PROC / str(pid) / "stat").read_text(errors="replace").rpartition(")")[2].split()
-    except OSError:
-        return None
 
 
 def _resident(pid: int) -> int:

@@ -12,7 +12,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from tests.studies.processes import begun_by, is_running
+from tests.running_processes import begun_by, is_running
 from tests.studies.stream_program import COMMAND
 from tests.studies.study import Fixed, Study, Tell, bullets
 from vip_factors.atomic import partial_path

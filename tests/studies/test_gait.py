@@ -11,6 +11,7 @@ from tests.studies.gait import (
     agreement,
     angle_errors,
     gait_of,
+    hip_flexion_of,
     opensim_angles,
     optical_angles,
     video_motion,
@@ -22,11 +23,15 @@ from tests.studies.real import converted
 from tests.studies.real_recordings import real_recordings
 from tests.studies.study import markdown, run
 from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.joint_angles import joint_angles
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import FileFormatError
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.gait.events import events_of_sensor
 from vip_factors.geometry.rotations import rotation_x
+from vip_factors.io.export.files import export
+from vip_factors.simulate.gestures import gestures
 
 
 def test_a_bent_leg_has_the_angles_it_was_bent_by() -> None:
@@ -151,3 +156,13 @@ def test_shares_are_chosen_without_who_judges_them() -> None:
     assert "| strike | none | 0.25 | b | 1 | -25.0 | 25.0 | 25.0 |" in told
     assert "| strike | a | 0.50 | a | 2 | 50.0 | 50.0 | 50.0 |" in told
     assert "| strike | b | 0.00 | b | 1 | -50.0 | 50.0 | 50.0 |" in told
+
+
+def test_exported_knees_and_hips_are_those_of_the_motion(tmp_path: Path) -> None:
+    motion = gestures(2.0)
+    estimate = Estimate("walk", "IT", (WearerEstimate("ann", "IT", motion, {}, None, {}, ()),))
+    found, angles = opensim_angles(export(estimate, tmp_path / "walk.mot")[0]), joint_angles(motion)
+    for side in ("left", "right"):
+        assert np.allclose(angles.of(f"{side}_hip_flexion"), hip_flexion_of(motion, side), atol=1e-9)
+        for joint in ("knee", "hip"):
+            assert found.flexion[f"{side}_{joint}"] == pytest.approx(angles.of(f"{side}_{joint}_flexion"), abs=1e-6)

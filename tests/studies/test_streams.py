@@ -14,6 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from live_answers import answers, live_scene
 
+from tests.running_processes import begun_by, is_running
 from tests.studies import stream_faults, stream_program
 from tests.studies.faults import (
     OfSensors,
@@ -31,7 +32,7 @@ from tests.studies.faults import (
 )
 from tests.studies.live_run import error_over_time, filled_motion
 from tests.studies.long_stream import Long, LongRun, LongStream, LongStreamTrials, stream_scene
-from tests.studies.processes import begun_by, is_running, process_tree
+from tests.studies.processes import process_tree
 from tests.studies.speed import measure
 from tests.studies.stream_ends import RATE, DiskFull, FullDisk, StreamKill
 from tests.studies.stream_faults import FaultTrial, StreamFaults, run_stream, seconds_until_good

@@ -1,14 +1,15 @@
 """The runner: every study says what it can be told, rows are kept as they are made, and files are learned."""
 
 import json
+import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.studies.__main__ import STUDIES, main
+from tests.studies.__main__ import STUDIES, main, study_of
 from tests.studies.study import Study, columns, plain, run, table
 from vip_factors.body.pose_prior import load_pose_prior
 from vip_factors.errors import InputError
@@ -95,3 +96,15 @@ def test_a_pose_prior_is_learned_from_a_folder_of_motions(tmp_path: Path, capsys
     assert "trained by" in capsys.readouterr().out
     assert main(["train-prior", "--motions", str(tmp_path / "no"), "--out", str(tmp_path / "p.npz")]) == 2
     assert "expected a folder" in capsys.readouterr().err
+
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("page", [*(ROOT / "docs").rglob("*.md"), ROOT / "CONTRIBUTING.md"], ids=str)
+def test_studies_of_the_documentation_are_there(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert "vip-factors benchmark" not in text
+    for words in map(str.split, re.findall(r"`python -m tests\.studies ([a-z][^`]*)`", text)):
+        known = {one.name.replace("_", "-") for one in fields(study_of(words[0]))}
+        assert {word.removeprefix("--") for word in words if word.startswith("--")} <= known, f"{page.name}: {words}"

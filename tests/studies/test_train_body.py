@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.studies.__main__ import main
-from tests.studies.body_prior_training import DIMENSIONS
+from tests.studies.body_prior_training import DIMENSIONS, BodyTraining, centre_covariance, save_body_prior
 from tests.studies.train_prior import read_ansur, train_body_prior_from_folder
-from vip_factors.body.anthropometry import VARIABLES, load_body_prior
+from vip_factors.body.anthropometry import GROUPS, STATURE_ROW, VARIABLES, load_body_prior
 from vip_factors.errors import FileFormatError, InputError
 
 # Millimetres and tenths of a kilogram of a made-up person.
@@ -65,3 +65,19 @@ def test_the_shipped_prior_is_the_surveys(data_folder: Path) -> None:
     for name, group in made.groups.items():
         np.testing.assert_allclose(group.mean, shipped.groups[name].mean, atol=1e-9)
         np.testing.assert_allclose(group.covariance, shipped.groups[name].covariance, atol=1e-9)
+
+
+def test_what_is_unsure_about_centres_leaves_stature_and_mass_alone() -> None:
+    covariance = centre_covariance(BodyTraining())
+    np.testing.assert_allclose(covariance @ STATURE_ROW, 0.0, atol=1e-12)
+    np.testing.assert_array_equal(covariance[0], 0.0)
+
+
+def test_a_written_prior_is_read_back(tmp_path: Path) -> None:
+    prior, path = load_body_prior(), tmp_path / "body.npz"
+    save_body_prior(prior, path)
+    again = load_body_prior(path)
+    assert again.provenance == prior.provenance
+    for name in GROUPS:
+        np.testing.assert_array_equal(again.groups[name].mean, prior.groups[name].mean)
+        np.testing.assert_array_equal(again.groups[name].covariance, prior.groups[name].covariance)

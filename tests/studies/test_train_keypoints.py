@@ -13,6 +13,7 @@ from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, KeypointOffsets,
 from vip_factors.cli.main import main as vip_factors
 from vip_factors.errors import InputError
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+from vip_factors.io.mcap_recording import write_recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 
@@ -78,16 +79,17 @@ def test_what_teaches_nothing_is_refused() -> None:
 
 
 def test_from_recordings_to_the_next_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    scene, offsets, estimate = (str(tmp_path / name) for name in ("scene.mcap", "offsets.toml", "e.mcap"))
-    simulate = ["simulate", "gestures", scene, "--camera", "fixed", "--seconds", "3", "--placement", "sip6"]
-    assert vip_factors(simulate) == 0
-    assert main(["train-keypoints", scene, "--out", offsets]) == 0
-    printed = capsys.readouterr().out
-    assert "1 person" in printed
-    assert all(name in printed for name in OFFSET_KEYPOINTS)
-    assert len(read_keypoint_offsets(Path(offsets))) == 1
+    scene, offsets, estimate = (tmp_path / name for name in ("scene.mcap", "offsets.toml", "e.mcap"))
+    write_recording(seen_with_habit(3.0), scene)
+    assert main(["train-keypoints", str(scene), "--out", str(offsets)]) == 0
+    assert "2 people" in capsys.readouterr().out
+    (learnt,) = read_keypoint_offsets(offsets).values()
+    along = np.sum(learnt.mean * HABIT) / np.sum(HABIT**2)
+    assert 0.3 < along < 1.0  # two people are believed by half
+    assert np.linalg.norm(learnt.mean - along * HABIT) < 0.3 * np.linalg.norm(along * HABIT)
     quick = ["--frame-rate", "5", "--fusion.rounds", "1", "--fusion.refits", "0"]
-    assert vip_factors(["smooth", scene, "--out", estimate, "--camera.keypoint-offset.learned", offsets, *quick]) == 0
+    learned = ["--camera.keypoint-offset.learned", str(offsets)]
+    assert vip_factors(["smooth", str(scene), "--out", str(estimate), *learned, *quick]) == 0
 
 
 USUAL = np.full(SHAPE, 0.010)

@@ -20,6 +20,7 @@ from pathlib import Path
 from types import FrameType
 
 import vip_factors
+from tests.limited_memory import limited_memory
 from vip_factors.errors import VipFactorsError
 
 SECONDS, MEMORY = 10.0, 2 * 2**30
@@ -60,7 +61,7 @@ class Outcome:
 def outcome(read: Callable[[], object]) -> Outcome:
     """Read, within the limits of time and memory."""
     try:
-        with limited_memory(), limited_time():
+        with limited_memory(MEMORY), limited_time():
             read()
     except KeyboardInterrupt:
         raise
@@ -139,29 +140,6 @@ def _place(error: BaseException) -> str:
 
 class Hang(BaseException):
     """Something took longer than it may; no Exception, so that nobody catches it by accident."""
-
-
-@contextmanager
-def limited_memory(extra: int = MEMORY) -> Iterator[None]:
-    """Let the process have so many bytes more than it has: beyond them, allocation fails with a MemoryError.
-
-    Where the system knows no such limit, nothing is limited.
-    """
-    try:
-        import resource
-
-        with open("/proc/self/statm") as file:
-            now = int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-    except (ImportError, OSError, ValueError):
-        yield
-        return
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    soft = now + extra if before[1] == resource.RLIM_INFINITY else min(now + extra, before[1])
-    resource.setrlimit(resource.RLIMIT_AS, (soft, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 @contextmanager

@@ -22,29 +22,13 @@ from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.scene import Scene
 
 NEVER_S = 1e9  # between steps of what frames share: GTSAM's smoothers hold it constant
-MOVED = 0.0087  # rad or m, half a degree: from which on ISAM2 linearises a variable anew
 
 
 class LagOfGtsam:
-    """``BatchFixedLagSmoother`` or ``IncrementalFixedLagSmoother``; time is counted in frames."""
+    """``BatchFixedLagSmoother``; time is counted in frames."""
 
-    def __init__(self, smoother: gtsam.FixedLagSmoother) -> None:
-        self._smoother = smoother
-
-    @classmethod
-    def batch(cls, lag: int) -> "LagOfGtsam":
-        """All frames of the lag at once, to convergence."""
-        return cls(gtsam.BatchFixedLagSmoother(float(lag), gtsam.LevenbergMarquardtParams()))
-
-    @classmethod
-    def incremental(cls, lag: int) -> "LagOfGtsam":
-        """By ISAM2."""
-        settings = gtsam.ISAM2Params()
-        settings.setOptimizationParams(gtsam.ISAM2GaussNewtonParams(0.0))
-        settings.setRelinearizeThreshold(MOVED)
-        settings.relinearizeSkip = 1  # the default looks only every tenth time
-        settings.findUnusedFactorSlots = True  # else their number grows without end
-        return cls(gtsam.IncrementalFixedLagSmoother(float(lag), settings))
+    def __init__(self, lag: int) -> None:
+        self._smoother = gtsam.BatchFixedLagSmoother(float(lag), gtsam.LevenbergMarquardtParams())
 
     def update(
         self, newest: int, factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, frames: Mapping[int, int],

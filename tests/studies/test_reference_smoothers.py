@@ -1,14 +1,11 @@
-"""GTSAM's own smoothers say what the fixed-lag chain says: on a small linear problem, and on a filmed wearer."""
+"""GTSAM's own smoother says of a filmed wearer what the tracker's says."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam_smoothers import LagOfGtsam, RecordedWindow, feed, recorded_window, without_walk
-from test_fixed_lag import FRAMES, LAG, SHARED, WIDTH, Z, frame_key, run, slices
 
+from tests.studies.gtsam_smoothers import LagOfGtsam, RecordedWindow, feed, recorded_window, without_walk
 from tests.studies.long_stream import LongStream, LongStreamTrials, stream_scene
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.keys import joint_key, root_key
@@ -17,39 +14,6 @@ from vip_factors.live.problem import FrameState, stacked, without_frames
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-
-
-@pytest.mark.parametrize("made", [LagOfGtsam.batch, LagOfGtsam.incremental])
-def test_gtsams_smoothers_say_what_the_chain_says(made: Callable[[int], LagOfGtsam]) -> None:
-    graphs, smoother = slices(seed=3), made(LAG)
-    found = gtsam.Values()
-    for t in range(FRAMES):
-        factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
-        values.insert(frame_key(t), np.zeros(WIDTH))
-        if t == 0:
-            values.insert(Z, np.zeros(SHARED))
-        # A factor can only come when all of its frames have.
-        for factor in [*_of_frames(graphs[t], 1), *(_of_frames(graphs[t - 2], 3) if t >= 2 else [])]:
-            factors.push_back(gtsam.LinearContainerFactor(factor, _zeros(factor)))
-        found = smoother.update(t, factors, values, {frame_key(t): t}, (Z,))
-    solution = run(graphs).solution()
-    for t in range(FRAMES - LAG, FRAMES):
-        np.testing.assert_allclose(solution.frames[t], found.atVector(frame_key(t)), atol=1e-6)
-    np.testing.assert_allclose(solution.shared, found.atVector(Z), atol=1e-6)
-
-
-def _of_frames(graph: gtsam.GaussianFactorGraph, frames: int) -> list[gtsam.GaussianFactor]:
-    """Factors that see so many frames."""
-    factors = [graph.at(index) for index in range(graph.size())]
-    return [one for one in factors if len([key for key in list(one.keys()) if int(key) != Z]) == frames]
-
-
-def _zeros(factor: gtsam.GaussianFactor) -> gtsam.Values:
-    values = gtsam.Values()
-    for key in list(factor.keys()):
-        values.insert(int(key), np.zeros(SHARED if int(key) == Z else WIDTH))
-    return values
-
 
 SHORT_LAG, WINDOW, ITERATIONS, ALL = 3, 9, 6, 100
 # The same factors have the same minimum, but for where GTSAM's iterations stop.
@@ -92,7 +56,7 @@ def _ours(window: RecordedWindow, settings: LiveSettings, lag: int) -> Answers:
 
 
 def _gtsams(window: RecordedWindow, lag: int) -> Answers:
-    reference, answers = LagOfGtsam.batch(lag), []
+    reference, answers = LagOfGtsam(lag), []
     for one in feed(window, SHORT_LAG):
         values = reference.update(one.newest, one.factors, one.values, one.frames, one.shared)
         R = np.stack([values.atRot3(joint_key(one.newest, joint)).matrix() for joint in range(24)])

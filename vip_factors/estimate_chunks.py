@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
-from vip_factors.findings import Finding
 from vip_factors.sensors.camera import CameraPath
 
 
@@ -46,17 +45,15 @@ class EstimateChunks:
             1 if camera is None else len(camera.path),
         )
 
-    def with_findings(self, findings: tuple[Finding, ...]) -> "EstimateChunks":
-        """The same, with findings of the whole before its own."""
-        return self._changed(lambda one: replace(one, findings=(*findings, *one.findings)))
-
     def changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
         """The same with a change of the head and of every chunk."""
-        return replace(self._changed(change), chunks=map(change, self.chunks))
-
-    def _changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
         closed = self.closed
-        return replace(self, head=change(self.head), closed=None if closed is None else lambda: change(closed()))
+        return replace(
+            self,
+            head=change(self.head),
+            chunks=map(change, self.chunks),
+            closed=None if closed is None else lambda: change(closed()),
+        )
 
     def whole(self) -> Estimate:
         """All chunks together, in memory."""

@@ -1,4 +1,4 @@
-"""The pipeline on one page: source → windows → initialise → solve → chunks → estimate (thesis 4.3).
+"""The pipeline: check → plan → calibrate → solve windows → join (thesis 4.3).
 
 Without a camera each wearer goes by itself: inertial tracker → sparse inertial poser. With cameras all go together:
 inertial trackers → association → video-inertial fusion, twice. Either way what all frames share is found first, on
@@ -22,20 +22,21 @@ from vip_factors.findings import Finding
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene, as_scene
-from vip_factors.sensors.sources import SceneInMemory, SceneSource
+from vip_factors.sensors.sources import SceneInMemory, SceneSource, UnfilmedSource
 from vip_factors.settings import Settings, flatten
-from vip_factors.stages.association import associate_cameras, usable_cameras
-from vip_factors.stages.filmed_windows import smooth_filmed
+from vip_factors.stages.calibrate import calibrate
 from vip_factors.stages.fusion import fusion_problem
-from vip_factors.stages.fusion_start import start_fusion
+from vip_factors.stages.fusion_start import FusionStart
 from vip_factors.stages.inertial import inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
-from vip_factors.stages.inertial_windows import smooth_wearer
-from vip_factors.stages.reporting import with_model_errors
+from vip_factors.stages.reporting import calibrated_estimate, with_model_errors
 from vip_factors.stages.restarts import in_own_frames, with_restarts
+from vip_factors.stages.scene_solution import start_before_cameras
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
+from vip_factors.stages.solve_windows import solve_at_once, solve_windows
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.windows import Each, scene_plan
+from vip_factors.stages.window_join import join
+from vip_factors.stages.windows import MapFn, plan_windows, scene_plan
 from vip_factors.terms.registry import unfilmed_problem
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
@@ -71,81 +72,102 @@ def smooth(
 
 def smooth_chunks(
     source: SceneSource, settings: Settings = DEFAULT, progress: ProgressCallback | None = None,
-    extra_factors: ExtraFactors | None = None, each: Each = map,
+    extra_factors: ExtraFactors | None = None, map_fn: MapFn = map,
 ) -> EstimateChunks:  # fmt: skip
     """The same of a source that need not fit into memory: calibrated now, windows are solved as chunks are asked for.
 
     Args:
         source: of a scene, in memory or in a file.
         settings, progress, extra_factors: as of :func:`smooth`.
-        each: as :func:`map`: where windows are solved; before a camera, their full rate.
+        map_fn: as :func:`map`: where windows are solved; before a camera, their full rate.
 
     Raises:
         InputError, RecordingError, SolveError: as :func:`smooth`; also as chunks are asked for.
     """
-    found = _solved_chunks(source, settings, progress or silent, extra_factors, each)
-    return found.changed(lambda one: with_model_errors(one, settings)) if settings.model_errors else found
-
-
-def _solved_chunks(
-    source: SceneSource,
-    settings: Settings,
-    on_progress: ProgressCallback,
-    extra_factors: ExtraFactors | None,
-    each: Each,
-) -> EstimateChunks:
+    extra = None if extra_factors is None else UserTerms(extra_factors)
     with _one_blas_thread():
-        extra = None if extra_factors is None else UserTerms(extra_factors)
         source, pauses, about_pauses = with_restarts(source, settings)
-        found = _each_solved(source, settings, on_progress, extra, each)
-        if not about_pauses:
-            return found
-    return found.with_findings(about_pauses).changed(lambda one: in_own_frames(one, pauses))
-
-
-def _each_solved(
-    source: SceneSource, settings: Settings, on_progress: ProgressCallback, extra: UserTerms | None, each: Each
-) -> EstimateChunks:
-    with _one_blas_thread():
         source, findings = with_sensors_assigned(source, settings)
-        if source.head.camera is not None and settings.fusion.use_camera:
-            filmed = smooth_filmed(source, settings, on_progress, extra, each)
-            if isinstance(filmed, EstimateChunks):
-                return replace(filmed.with_findings(findings), chunks=_in_one_thread(filmed.chunks))
-            findings = (*findings, *filmed, Finding("not in the video"))
-        if extra is not None and len(source.wearers) > 1:
-            raise InputError(
-                "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
-            )
-        alone = [smooth_wearer(one, settings, on_progress, extra, each) for one in source.wearers]
-        if len(alone) > 1:  # several are told apart by who they are; one has the recording's name
-            alone = [one.changed(partial(_named, name)) for one, name in zip(alone, source.head.names, strict=True)]
-    return _each_in_own_world(source.head.name, alone, findings, settings)
+        estimate = _smooth_all(source, findings, settings, progress or silent, extra, map_fn)
+
+    def reported(part: Estimate) -> Estimate:
+        part = replace(part, findings=(*about_pauses, *part.findings))
+        part = in_own_frames(part, pauses) if about_pauses else part
+        return with_model_errors(part, settings) if settings.model_errors else part
+
+    estimate = estimate.changed(reported)
+    return replace(estimate, chunks=_in_one_thread(estimate.chunks))
+
+
+def _smooth_all(
+    source: SceneSource, findings: tuple[Finding, ...], settings: Settings, on_progress: ProgressCallback,
+    extra: UserTerms | None, map_fn: MapFn,
+) -> EstimateChunks:  # fmt: skip
+    """All wearers before the cameras, or each by itself where these show nobody; with ``findings`` before others."""
+    if source.head.camera is not None and settings.fusion.use_camera:
+        filmed = _smooth_scene(source, settings, on_progress, extra, map_fn)
+        if isinstance(filmed, EstimateChunks):
+            return filmed.changed(lambda part: replace(part, findings=(*findings, *part.findings)))
+        findings = (*findings, *filmed, Finding("not in the video"))
+    if extra is not None and len(source.wearers) > 1:
+        raise InputError(
+            "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
+        )
+    parts = []
+    for recording in source.wearers:
+        alone = UnfilmedSource(Scene(recording.head.name, (recording.head,)), (recording,))
+        part = _smooth_scene(alone, settings, on_progress, extra, map_fn)
+        assert isinstance(part, EstimateChunks)
+        parts.append(part)
+    if len(parts) > 1:  # several are told apart by who they are; one has the recording's name
+        parts = [part.changed(partial(_named, name)) for name, part in zip(source.head.names, parts, strict=True)]
+    return _together(source.head.name, parts, findings, settings)
+
+
+def _smooth_scene(
+    source: SceneSource, settings: Settings, on_progress: ProgressCallback, extra: UserTerms | None, map_fn: MapFn
+) -> EstimateChunks | tuple[Finding, ...]:
+    """Wearers before cameras, or one whom no camera sees; findings, if the cameras show nobody whom they know."""
+    plan = plan_windows(source, settings, whole=extra is not None)
+    calibration = calibrate(source, plan, settings, on_progress, extra)
+    if isinstance(calibration, tuple):
+        return calibration
+    if plan.is_one_window:
+        return EstimateChunks.of(solve_at_once(source, calibration, plan, settings))
+    calibrated = calibrated_estimate(calibration, settings)
+    windows = solve_windows(source, calibration, calibrated, plan, settings, map_fn)
+    return join(windows, calibrated, source, plan, on_progress)
 
 
 def _named(name: str, estimate: Estimate) -> Estimate:
     """The estimate of one wearer under another name."""
-    one = estimate.only_wearer
-    about = (replace(said, wearer=name) if said.wearer == one.motion.name else said for said in one.findings)
-    return replace(estimate, wearers=(replace(one, motion=replace(one.motion, name=name), findings=tuple(about)),))
+    wearer = estimate.only_wearer
+    findings = tuple(
+        replace(finding, wearer=name) if finding.wearer == wearer.motion.name else finding
+        for finding in wearer.findings
+    )
+    return replace(
+        estimate, wearers=(replace(wearer, motion=replace(wearer.motion, name=name), findings=findings),)
+    )  # fmt: skip
 
 
-def _each_in_own_world(
-    name: str, each: Sequence[EstimateChunks], findings: tuple[Finding, ...], settings: Settings
+def _together(
+    name: str, parts: Sequence[EstimateChunks], findings: tuple[Finding, ...], settings: Settings
 ) -> EstimateChunks:
     """Estimates of wearers who have no world in common, as one."""
-    wearers = tuple(one.head.only_wearer for one in each)
-    findings = (*findings, *(finding for one in wearers for finding in one.findings))
+    wearers = tuple(part.head.only_wearer for part in parts)
+    findings = (*findings, *(finding for wearer in wearers for finding in wearer.findings))
     if len(wearers) > 1:
         findings = (*findings, Finding("apart"))
     head = Estimate(name, wearers[0].method, wearers, findings=findings, settings=flatten(settings))
-    ended = [Estimate.of_one(replace(one, reports=())) for one in wearers]
+    ended = [Estimate.of_one(replace(wearer, reports=())) for wearer in wearers]
 
     def chunks() -> Iterator[Estimate]:
-        for own in zip_longest(*(one.chunks for one in each)):
-            yield replace(head, wearers=tuple((one or end).only_wearer for one, end in zip(own, ended, strict=True)))
+        for several in zip_longest(*(part.chunks for part in parts)):
+            chunk = [(part or end).only_wearer for part, end in zip(several, ended, strict=True)]
+            yield replace(head, wearers=tuple(chunk))
 
-    return EstimateChunks(head, tuple(one.frames[0] for one in each), _in_one_thread(chunks()))
+    return EstimateChunks(head, tuple(part.frames[0] for part in parts), chunks())
 
 
 def _in_one_thread(chunks: Iterator[Estimate]) -> Iterator[Estimate]:
@@ -183,11 +205,12 @@ def factor_graph(
     scene = as_scene(source)
     solver = Solver(settings.solve, progress or silent, name=settings.solver)
     plan = scene_plan(SceneInMemory(scene), settings, whole=True)
-    wearers = inertial_trackers(scene, plan.all_coarse_time, settings, solver)
+    trackers = inertial_trackers(scene, plan.all_coarse_time, settings, solver)
     if scene.camera is not None and settings.fusion.use_camera:
-        associated = usable_cameras(associate_cameras(scene, wearers, settings, solver.progress_of("association")))
-        if associated:
-            start = fusion_problem(start_fusion(associated, wearers, settings), None, associated, settings)
-            return factor_graph_of(start.model, start.state)
-    problems = [with_contacts(one.model, one.state) for one in wearers]
-    return factor_graph_of(unfilmed_problem(problems), SceneState.unfilmed([one.state for one in wearers]))
+        start = start_before_cameras(scene, trackers, settings, solver, is_calibrated=True)
+        if isinstance(start, FusionStart):
+            problem = fusion_problem(start, None, start.associated, settings)
+            return factor_graph_of(problem.model, problem.state)
+    problems = [with_contacts(tracker.model, tracker.state) for tracker in trackers]
+    state = SceneState.unfilmed([tracker.state for tracker in trackers])
+    return factor_graph_of(unfilmed_problem(problems), state)

@@ -27,7 +27,7 @@ from vip_factors.settings import Settings
 
 if TYPE_CHECKING:
     from vip_factors.estimate import Estimate, SolveReport
-    from vip_factors.stages.windows import Each
+    from vip_factors.stages.windows import MapFn
 
 ESTIMATE = "estimate.mcap"
 
@@ -206,7 +206,7 @@ def check(options: RunOptions) -> None:
         check_target(target, overwrite=True)  # whether an earlier run wrote it is not known yet
 
 
-def steps(options: RunOptions, map_fn: "Each" = map) -> Iterator[Step]:
+def steps(options: RunOptions, map_fn: "MapFn" = map) -> Iterator[Step]:
     """All steps in order; ``map_fn`` solves the windows of a long recording, in other processes say."""
     folder, camera = options.out, options.camera
     recording, estimate, page = folder / "recording.mcap", folder / ESTIMATE, folder / "report.html"
@@ -280,7 +280,7 @@ def _sync(recording: Path, out: Path, overwrite: bool, progress: ProgressCallbac
 
 
 def _smooth(
-    recording: Path, out: Path, settings: Settings, map_fn: "Each", overwrite: bool, progress: ProgressCallback
+    recording: Path, out: Path, settings: Settings, map_fn: "MapFn", overwrite: bool, progress: ProgressCallback
 ) -> Result:
     estimate, frames = smooth_file((recording,), out, settings, progress, map_fn=map_fn, overwrite=overwrite)
     return Result((out,), tuple(estimate_lines(estimate, frames)))
@@ -288,7 +288,7 @@ def _smooth(
 
 def smooth_file(
     recordings: Sequence[Path], out: Path, settings: Settings, progress: ProgressCallback = silent,
-    *, map_fn: "Each" = map, overwrite: bool = False,
+    *, map_fn: "MapFn" = map, overwrite: bool = False,
 ) -> "tuple[Estimate, Sequence[int]]":  # fmt: skip
     """Reconstruct a recording into a file, window by window if it is long, in the memory of one.
 
@@ -314,7 +314,7 @@ def smooth_file(
     has_windows = settings.windows.use and not settings.calibration.from_truth
     source = open_source(recordings, settings.windows.above_s if has_windows else float("inf"))
     reports: list[SolveReport] = []
-    estimate = smooth_chunks(source, settings, progress, each=map_fn)
+    estimate = smooth_chunks(source, settings, progress, map_fn=map_fn)
     reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
     write_estimate(reported, out, overwrite, start_ns=source.wearers[0].head.start_ns)
     head = estimate.head if estimate.closed is None else estimate.closed()

@@ -13,26 +13,23 @@ import pytest
 from filmed_gestures import QUICK, camera_of, filmed_gestures, without_detections
 from scene_sample import estimate_of, scene_sample
 
-from vip_factors import pipeline
 from vip_factors.cli.main import main
-from vip_factors.display import ProgressCallback
+from vip_factors.display import silent
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
-from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, rotation_z
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.pipeline import smooth, smooth_chunks
-from vip_factors.problem.scene import ExtraTerms, SceneProblem
+from vip_factors.problem.scene import SceneProblem
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.scene import Scene
-from vip_factors.sensors.sources import SceneInMemory, SceneSource
-from vip_factors.settings import CalibrationSettings, FusionSettings, Settings, WindowSettings
+from vip_factors.sensors.sources import SceneInMemory
+from vip_factors.settings import CalibrationSettings, FusionSettings, WindowSettings
 from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.stages.filmed_windows import smooth_filmed
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
-from vip_factors.stages.windows import Each
+from vip_factors.stages.windows import WindowPlan
 
 HASTY = replace(
     QUICK,
@@ -52,13 +49,13 @@ OPTIONS = (
 )  # fmt: skip
 
 
-def test_windows_are_as_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_windows_are_as_the_whole() -> None:
     """The same frames, wearers and detections, and a motion that is as near to the truth."""
     scene = at_10_hz(filmed_gestures("fixed", seconds=4.5))
     settings = replace(HASTY, covariance=True, windows=replace(HASTY.windows, calibration_stretch_s=9.0))
     whole = smooth(scene, replace(settings, windows=replace(HASTY.windows, use=False)))
-    monkeypatch.setattr(pipeline, "smooth_filmed", lightly)
-    estimate = smooth_chunks(SceneInMemory(scene), settings, each=sent).whole()
+    chunks = smooth_chunks(SceneInMemory(scene), settings, map_fn=sent)
+    estimate = replace(chunks, chunks=watched(chunks.chunks)).whole()
     here = smooth(scene, settings)
     np.testing.assert_array_equal(estimate.wearers[0].motion.p_world_pelvis, here.wearers[0].motion.p_world_pelvis)
     assert [one.stage for one in estimate.reports if one.stage.startswith("video")] == [
@@ -85,7 +82,7 @@ def test_windows_that_start_from_all_coarse_frames_are_as_the_whole() -> None:
     scene = at_10_hz(filmed_gestures("hand-held", seconds=4.5))
     windows = WindowSettings(window_s=2.6, overlap_s=1.0)
     whole = smooth(scene, replace(HASTY, windows=replace(windows, use=False)))
-    estimate = smooth_chunks(SceneInMemory(scene), replace(HASTY, windows=windows), each=sent).whole()
+    estimate = smooth_chunks(SceneInMemory(scene), replace(HASTY, windows=windows), map_fn=sent).whole()
     rates = [one.stage for one in estimate.reports if one.stage.startswith("full rate, anna")]
     assert rates == [f"full rate, anna, window {number}" for number in range(1, len(rates) + 1)]
     assert len(rates) > 1
@@ -138,22 +135,14 @@ def at_10_hz(scene: Scene) -> Scene:
     return replace(scene, camera=replace(camera, detections=detections), truth=truth)
 
 
-def lightly(
-    source: SceneSource, settings: Settings, progress: ProgressCallback, extra: ExtraTerms | None, each: Each
-) -> EstimateChunks | tuple[str, ...]:
-    """Windows, of which no more is in memory while chunks are made than a few solutions, and no problem."""
-
-    def watched(chunks: Iterator[Estimate]) -> Iterator[Estimate]:
-        others = Counter(type(one) for one in gc.get_objects())
-        for chunk in chunks:
-            kinds = Counter(type(one) for one in gc.get_objects())
-            assert kinds[SolvedWindow] <= others[SolvedWindow] + 4
-            assert kinds[SceneProblem] <= others[SceneProblem] + 2
-            yield chunk
-
-    estimate = smooth_filmed(source, settings, progress, extra, each)
-    assert isinstance(estimate, EstimateChunks)
-    return replace(estimate, chunks=watched(estimate.chunks))
+def watched(chunks: Iterator[Estimate]) -> Iterator[Estimate]:
+    """Chunks, while which are made no more windows are in memory than a few solutions, and no problem."""
+    others = Counter(type(one) for one in gc.get_objects())
+    for chunk in chunks:
+        kinds = Counter(type(one) for one in gc.get_objects())
+        assert kinds[SolvedWindow] <= others[SolvedWindow] + 4
+        assert kinds[SceneProblem] <= others[SceneProblem] + 2
+        yield chunk
 
 
 def root_relative(estimate: Estimate, scene: Scene) -> np.ndarray:
@@ -186,7 +175,8 @@ def test_worlds_are_joined_exactly() -> None:
         yaw, shift = 0.7 * number, np.array([3.0 * number, -number, 0.0])
         window = window_of(truth, span, path, yaw, shift)
         windows.append(window if not windows else moved(window, windows[-1], True))
-    chunks = list(chunks_of(iter(windows), truth))
+    plan = WindowPlan.one_window(motions[0].start, motions[0].rate, T, 1)
+    chunks = list(chunks_of(iter(windows), truth, plan, silent))
     first = [0, *np.cumsum([len(chunk.wearers[0].motion) for chunk in chunks])[:-1]]
     for number, motion in enumerate(motions):
         found = [chunk.wearers[number].motion for chunk in chunks]

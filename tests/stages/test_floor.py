@@ -16,7 +16,7 @@ from vip_factors.pipeline import smooth
 from vip_factors.problem.state import CameraPoses, CameraState, SceneState
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.gestures import gestures
-from vip_factors.stages import scene_calibration
+from vip_factors.stages import scene_solution
 from vip_factors.stages.floor import Floor, distance_findings, levelled, with_declared_floor
 from vip_factors.stages.floor import _plane as plane
 from vip_factors.terms.registry import FactorSettings
@@ -178,7 +178,7 @@ def test_neither_level_floors_nor_ramps_turn_the_world() -> None:
 
 
 def test_a_standing_camera_that_was_found_tilted_stands_upright(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene, fused, found = before_tripod(10.0), scene_calibration.fuse_in_rounds, []
+    scene, fused, found = before_tripod(10.0), scene_solution.fuse_in_rounds, []
 
     def found_tilted(*given: Any) -> Any:
         solution, associated = fused(*given)
@@ -186,7 +186,7 @@ def test_a_standing_camera_that_was_found_tilted_stands_upright(monkeypatch: pyt
         found.append(tilted(solution.state, 1.5, across))
         return replace(solution, state=found[0]), associated
 
-    monkeypatch.setattr(scene_calibration, "fuse_in_rounds", found_tilted)
+    monkeypatch.setattr(scene_solution, "fuse_in_rounds", found_tilted)
     estimate = smooth(scene, HASTY)
     assert "level floor" in [one.stage for one in estimate.reports]
     assert scene.truth is not None

@@ -18,8 +18,8 @@ from vip_factors.settings import Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.stages.inertial_windows import with_sensors_checked
-from vip_factors.stages.sensor_checks import checked
+from vip_factors.stages.calibrate import Stretches, check_sensors
+from vip_factors.stages.sensor_checks import CorrectedSamples, checked
 from vip_factors.stages.windows import WindowPlan
 
 LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")
@@ -185,7 +185,9 @@ def test_long_recordings_are_put_right_by_time() -> None:
     recording = replace(leg(), imus={**leg(rigid=True).imus, **odd})
     settings = Settings(windows=WindowSettings(above_s=1.0, calibration_stretches=2, calibration_stretch_s=4.5))
     source = RecordingInMemory(recording)
-    right, findings = with_sensors_checked(source, WindowPlan.of("leg", source.interval, settings), settings)
+    plan = WindowPlan.of("leg", source.interval, settings)
+    corrections, findings = check_sensors(Stretches.of(source, plan), source, plan, settings)
+    right = CorrectedSamples(source, corrections)
     whole, told = checked(recording, settings)
     assert [(one.kind, one.subject) for one in findings] == [(one.kind, one.subject) for one in told]
     assert len(findings) == 3
@@ -199,11 +201,8 @@ def test_long_recordings_are_put_right_by_time() -> None:
             assert not stream.force_measured_mask.all()
             assert stream.specific_force is not None
             np.testing.assert_allclose(stream.specific_force, expected[name].specific_force, rtol=0.01)
-    sound, nothing = with_sensors_checked(
-        RecordingInMemory(leg()), WindowPlan.of("leg", source.interval, settings), settings
-    )
-    assert nothing == ()
-    assert isinstance(sound, RecordingInMemory)
+    sound = RecordingInMemory(leg())
+    assert check_sensors(Stretches.of(sound, plan), sound, plan, settings) == ({}, ())
 
 
 def test_a_sensor_that_lost_samples_and_moved_up_what_came_after_is_told() -> None:

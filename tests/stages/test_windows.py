@@ -10,19 +10,21 @@ import numpy as np
 import pytest
 
 from vip_factors.body.kinematics import Motion
+from vip_factors.display import silent
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.initialise.sensor_faults import SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
+from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.state import WearerState
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import in_stretches, resample, resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
-from vip_factors.sensors.sources import RecordingInMemory, SceneInMemory, frames_of, without_gaps
+from vip_factors.sensors.sources import SceneInMemory, frames_of, without_gaps
 from vip_factors.settings import CalibrationSettings, Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
@@ -30,9 +32,9 @@ from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import with_initial_pose
 from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.stages.decode import motion_of
-from vip_factors.stages.inertial_windows import calibrate, smooth_wearer, solve_windows
-from vip_factors.stages.solver import Solver
+from vip_factors.stages.calibrate import Calibration, calibrate
+from vip_factors.stages.reporting import calibrated_estimate
+from vip_factors.stages.solve_windows import solve_windows
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import WindowPlan, scene_plan
 
@@ -54,21 +56,18 @@ def in_windows(settings: Settings, window_s: float, overlap_s: float, **more: fl
     return replace(settings, windows=replace(settings.windows, window_s=window_s, overlap_s=overlap_s, **more))
 
 
-def tell(stage: str, fraction: float) -> None:
-    pass
-
-
 def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
     """To 0.1 mm and 0.01°, as sure to a thousandth, of converged solves about one calibration; 3 s settle a window."""
-    settings, source = replace(QUICK, covariance=True), RecordingInMemory(recording)
-    plan = WindowPlan.of("e", source.interval, settings)
-    found = calibrate(source, plan, settings, Solver(settings.solve, tell))
-    solved = []
+    settings, source = replace(QUICK, covariance=True), SceneInMemory(Scene("e", (recording,)))
+    plan = WindowPlan.of("e", recording.interval, settings)
+    calibration = calibrate(source, plan, settings, silent)
+    assert isinstance(calibration, Calibration)
+    estimate, solved = calibrated_estimate(calibration, settings), []
     for one in (settings, in_windows(settings, 10.0, 5.0)):
-        own = WindowPlan.of("e", source.interval, one)
-        windows = solve_windows(found, source, own, one, Solver(settings.solve, tell))
-        head = motion_of(found.model, found.state).frames(slice(0, 0))
-        solved.append(together(empty(replace(head, rate=own.rate, start=own.start)), windows))
+        own = WindowPlan.of("e", recording.interval, one)
+        windows = solve_windows(source, calibration, estimate, own, one, map)
+        head = estimate.only_wearer.motion.frames(slice(0, 0))
+        solved.append(together(empty(replace(head, rate=own.rate, start=own.start)), windows, own))
     whole, estimate = solved
     assert len(estimate.motion) == len(whole.motion) == plan.frames
     off = np.rad2deg(angle_between(estimate.motion.R_parent_child, whole.motion.R_parent_child))
@@ -89,7 +88,7 @@ def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
 def test_windows_that_start_from_all_coarse_frames_agree_with_all_frames_at_once(recording: Recording) -> None:
     settings = replace(QUICK, frame_rate=20.0, calibration_rate=10.0, solve=SolveSettings())
     found, whole = (
-        smooth_wearer(RecordingInMemory(recording), replace(settings, windows=one), tell).whole().only_wearer
+        smooth(recording, replace(settings, windows=one)).only_wearer
         for one in (WindowSettings(window_s=7.0, overlap_s=3.0), WindowSettings(use=False))
     )
     stages = [one.stage for one in found.reports]
@@ -122,7 +121,7 @@ def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
         windows.append(moved(one, windows[-1], True) if windows else one)
     motion = Motion(skeleton, np.zeros((0, 24, 3, 3)), np.zeros((0, 3)), 10.0, start=2.0)
     head = WearerEstimate("e", "SIP", motion, {}, residuals={"orientation_deg": np.zeros(0)})
-    whole = together(head, iter(windows))
+    whole = together(head, iter(windows), WindowPlan.one_window(2.0, 10.0, T, 1))
     np.testing.assert_allclose(whole.motion.R_parent_child, truth.R_parent_child, atol=1e-12)
     np.testing.assert_allclose(whole.motion.p_world_pelvis, truth.p_world_pelvis, atol=1e-12)
     np.testing.assert_array_equal(whole.residuals["orientation_deg"][:, 0], np.arange(T))
@@ -130,9 +129,9 @@ def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
     np.testing.assert_allclose(whole.covariance.root, np.arange(T)[:, None, None] * walked + height, atol=1e-9)
 
 
-def together(head: WearerEstimate, windows: Iterator[SolvedWindow]) -> WearerEstimate:
+def together(head: WearerEstimate, windows: Iterator[SolvedWindow], plan: WindowPlan) -> WearerEstimate:
     whole = Estimate.of_one(head)
-    chunks = [chunk.only_wearer for chunk in chunks_of(windows, whole)]
+    chunks = [chunk.only_wearer for chunk in chunks_of(windows, whole, plan, silent)]
     first = [0, *np.cumsum([len(chunk.motion) for chunk in chunks])[:-1]]
     starts = [head.motion.start + one / head.motion.rate for one in first]
     assert [chunk.motion.start for chunk in chunks] == pytest.approx(starts)
@@ -150,7 +149,7 @@ def peak_of(recording: Recording, settings: Settings) -> tuple[int, int]:
     gc.collect()
     tracemalloc.start()
     try:
-        chunks = smooth_wearer(RecordingInMemory(recording), settings, tell).chunks
+        chunks = smooth_chunks(SceneInMemory(Scene("e", (recording,))), settings).chunks
         frames = sum(len(chunk.only_wearer.motion) for chunk in chunks)
         return tracemalloc.get_traced_memory()[1], frames
     finally:
@@ -240,7 +239,7 @@ def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
     motion = gestures(14.0)
     recording = simulate_recording(motion, preset("sip6", motion.skeleton))
     imus = {name: _without(stream, 4.0, 10.5) for name, stream in recording.imus.items()}
-    estimate = smooth_wearer(RecordingInMemory(replace(recording, imus=imus)), settings, tell).whole().only_wearer
+    estimate = smooth(replace(recording, imus=imus), settings).only_wearer
     assert np.all(np.isfinite(estimate.motion.R_parent_child))
     assert np.linalg.norm(np.diff(estimate.motion.p_world_pelvis, axis=0), axis=1).max() < 0.5
     silent = np.isnan(estimate.residuals["orientation_deg"]).all(axis=1)

@@ -232,7 +232,7 @@ def smoothed(recording: Path, estimate: Path, jobs: int = 1) -> LongRun:
     """As ``vip-factors smooth`` does."""
     before, begin, cpu = peak_memory(), perf_counter(), process_time()
     with windows_elsewhere(jobs, None) as each:
-        chunks = smooth_chunks(open_source([recording], Settings().windows.above_s), each=each)
+        chunks = smooth_chunks(open_source([recording], Settings().windows.above_s), map_fn=each)
         write_estimate(chunks, estimate)
         seconds = perf_counter() - begin
     cpu_seconds = process_time() - cpu

@@ -20,7 +20,7 @@ from vip_factors.errors import InputError
 if TYPE_CHECKING:
     from distributed import Client
 
-    from vip_factors.stages.windows import Each
+    from vip_factors.stages.windows import MapFn
 
 CONNECT_S = 2.0  # until a scheduler has answered
 LOOK_S = 0.5  # between looks at whether to stop
@@ -87,7 +87,7 @@ def workers(jobs: int, address: str | None) -> Iterator[Callable[..., Any]]:
 
 
 @contextmanager
-def windows_elsewhere(jobs: int, address: str | None) -> Iterator["Each"]:
+def windows_elsewhere(jobs: int, address: str | None) -> Iterator["MapFn"]:
     """What calls a function on each of many things, as :func:`map`, in other processes, some of them ahead.
 
     Args:

@@ -12,6 +12,7 @@ from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.live import VideoFrame, sensor_columns
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.stages.scene_solution import SceneSolution
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,13 @@ class MeasuredStretch:
         columns = np.array([self.column(carrier, sensor) for sensor in sensors], dtype=int)
         R, seen, force, whole = (values[:, columns] for values in self._stacked)
         return ImuFrames(tuple(sensors), self.time, R, seen, force, whole)
+
+    def frames_of(self, solution: SceneSolution) -> tuple[ImuFrames, ...]:
+        """Of each wearer, the sensors that were solved at all frames."""
+        return tuple(
+            self.frames(recording.subject.name, wearer.frames.sensors)
+            for recording, wearer in zip(solution.scene.wearers, solution.fused.model.wearers, strict=True)
+        )
 
     @cached_property
     def _stacked(self) -> tuple[Array, ...]:

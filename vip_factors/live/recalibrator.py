@@ -35,7 +35,6 @@ from vip_factors.live.problem import FrameState
 from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import (
     EarlierCalibration,
-    StretchSolution,
     TrackingStart,
     solve_stretch,
     tracking_start,
@@ -48,7 +47,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 from vip_factors.solve.chain_elimination import last_covariance
 from vip_factors.stages.fusion import FusionSolution
-from vip_factors.stages.rival_starts import with_rivals_solved
+from vip_factors.stages.scene_solution import SceneSolution
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
 from vip_factors.stages.solver import Solver
 
@@ -85,31 +84,20 @@ def recalibrate(
     )
     with threadpool_limits(limits=1, user_api="blas"):
         coarse, end = solve_stretch(stretch, batch, earlier, before), stretch.tail(FRAMES)
-        model, state, spreads = coarse.at_full_rate(end, batch)
-        wearers = tuple(_freed(*each, settings) for each in zip(model.wearers, state.wearers, strict=True))
-        found = tracking_start(end, coarse, replace(model, wearers=wearers), state, spreads, settings)
+        fine = coarse.problem_on(end.frames_of(coarse), batch)
+        wearers = tuple(_freed(*each, settings) for each in zip(fine.model.wearers, fine.state.wearers, strict=True))
+        fine = replace(fine, model=replace(fine.model, wearers=wearers))
+        found = tracking_start(end, coarse, fine, settings)
         information = information_of(coarse.fused, found.problem.layout, inflation)
         exchanges, in_place = list[Finding](), before is not None and before.in_place
         if stretch.seconds >= SETTLING_S:
-            coarse = _with_rivals_solved(coarse, batch)
+            coarse = coarse.with_rivals_solved(batch, Solver(batch.solve, silent))
             exchanges, in_place = ([], True) if in_place else _exchanges(coarse, settings)
         findings = (*unsettled_starts(coarse), *exchanges)
         return replace(found, information=information, findings=findings, in_place=in_place)
 
 
-def _with_rivals_solved(coarse: StretchSolution, settings: LiveSettings) -> StretchSolution:
-    """The same, but for starts whose rivals end in the same motion: those are settled."""
-    fused, solver = coarse.fused, Solver(settings.solve, silent)
-    wearers = tuple(
-        replace(one, starts=with_rivals_solved(
-            one.starts, fused.model, fused.state, number, recording, settings, solver
-        ))
-        for number, (recording, one) in enumerate(zip(coarse.scene.wearers, coarse.wearers, strict=True))
-    )  # fmt: skip
-    return replace(coarse, wearers=wearers)
-
-
-def _exchanges(coarse: StretchSolution, settings: LiveSettings) -> tuple[list[Finding], bool]:
+def _exchanges(coarse: SceneSolution, settings: LiveSettings) -> tuple[list[Finding], bool]:
     """About sensors in each other's places; and whether each exchange is as unlikely as those told are likely."""
     own = Settings(calibration=settings.calibration)
     found = [(one, exchange) for one in coarse.scene.wearers for exchange in exchanges_of(one, own, -LEAST_NATS)]

@@ -22,14 +22,12 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
-from vip_factors.stages.association import AssociatedCamera, associate_cameras, first_association, usable_cameras
-from vip_factors.stages.calibration_start import start_findings
-from vip_factors.stages.floor import on_floor
-from vip_factors.stages.fusion import FusionSolution, at_full_rate, fuse_in_rounds
-from vip_factors.stages.fusion_start import FusionStart, start_fusion
-from vip_factors.stages.inertial import InertialSolution, at_frames, find_start, first_calibration, inertial_tracker
-from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
+from vip_factors.stages.association import AssociatedCamera
+from vip_factors.stages.fusion import FusionSolution
+from vip_factors.stages.fusion_start import FusionStart
+from vip_factors.stages.inertial import InertialSolution, find_start, first_calibration, inertial_tracker
+from vip_factors.stages.inertial_model import with_contacts
+from vip_factors.stages.scene_solution import SceneSolution, solve_from, start_before_cameras
 from vip_factors.stages.solver import Solver
 from vip_factors.terms.registry import unfilmed_problem
 
@@ -60,58 +58,10 @@ class EarlierCalibration:
         return wearer if found is None else replace(wearer, subject=replace(wearer.subject, skeleton=found))
 
 
-@dataclass(frozen=True)
-class StretchSolution:
-    """A stretch, solved on every n-th frame.
-
-    Attributes:
-        scene: the stretch as a scene.
-        wearers: each by its IMUs alone.
-        fused: all together.
-        fusion_start: where the fusion with the cameras started from; None where no camera shows a wearer.
-        associated: of the cameras that are of use: who is who in each of their video frames.
-        about_floor: what is odd about it.
-    """
-
-    scene: Scene
-    wearers: tuple[InertialSolution, ...]
-    fused: FusionSolution
-    fusion_start: FusionStart | None = None
-    associated: tuple[AssociatedCamera, ...] = ()
-    about_floor: tuple[Finding, ...] = ()
-
-    @property
-    def is_world_known(self) -> bool:
-        """Whether the pose of a camera was given: the floor is at z = 0 then."""
-        return any(one.camera.known_path is not None for one in self.associated)
-
-    def at_full_rate(
-        self, stretch: MeasuredStretch, settings: LiveSettings
-    ) -> tuple[SceneProblem, SceneState, tuple[tuple[float, ...], ...]]:
-        """The problem on all frames of a stretch, with all that they share kept, where to start, and spreads.
-
-        Args:
-            stretch: what was solved, or a part of it.
-            settings: that it was solved with.
-        """
-        if self.fusion_start is not None:
-            return at_full_rate(self.scene, self.fusion_start, self.fused, self.associated, stretch.time, settings)
-        models, states = [], []
-        for recording, model, state in zip(
-            self.scene.wearers, self.fused.model.wearers, self.fused.state.wearers, strict=True
-        ):
-            fine = stretch.frames(recording.subject.name, model.frames.sensors)
-            states.append(at_frames(state, model.frames.time, stretch.time))
-            models.append(with_contacts(on_frames_with_fixed_calibration(model, fine), states[-1]))
-        problem = unfilmed_problem(models)
-        unseen = tuple(KeypointView.unseen((), len(stretch.time)) for _ in models)
-        return replace(problem, views=unseen), SceneState.unfilmed(states), ()
-
-
 def solve_stretch(
     stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None,
     before: "TrackingStart | None" = None,
-) -> StretchSolution:  # fmt: skip
+) -> SceneSolution:  # fmt: skip
     """Inertial trackers, association and fusion of a stretch.
 
     Args:
@@ -140,34 +90,14 @@ def solve_stretch(
         is_calibrated = bool(known) and all(one is not None for one in known)
         every = zip(each, starts, known if is_calibrated else [None] * len(each), strict=True)
         wearers = tuple(_inertial(*one, settings, solver, start, kept) for one, start, kept in every)
-    if scene.cameras and settings.fusion.use_camera:
-        solution = _solve_before_cameras(scene, wearers, settings, solver, is_calibrated)
-        if solution is not None:
-            return solution
+    if settings.fusion.use_camera and any(len(camera.detections) for camera in scene.cameras):
+        start = start_before_cameras(scene, wearers, settings, solver, is_calibrated)
+        if isinstance(start, FusionStart):
+            return solve_from(start, scene, settings, solver).on_floor(settings)
     models = [with_contacts(replace(one.model, free_pose_mean=False), one.state) for one in wearers]
     states = [solver.solve_wearer(model, one.state, "start") for model, one in zip(models, wearers, strict=True)]
     fused = FusionSolution(unfilmed_problem(models), SceneState.unfilmed(states), ())
-    return StretchSolution(scene, wearers, fused)
-
-
-def _solve_before_cameras(
-    scene: Scene, wearers: Sequence[InertialSolution], settings: LiveSettings, solver: Solver, calibrated: bool
-) -> StretchSolution | None:
-    """The solution in front of cameras; None if they do not show anybody whom it knows."""
-    if not any(len(camera.detections) for camera in scene.cameras):
-        return None
-    if calibrated:
-        associated_cameras = associate_cameras(scene, wearers, settings, solver.progress_of("association"))
-    else:
-        wearers, associated_cameras = first_association(scene, wearers, settings, solver)
-    associated = usable_cameras(associated_cameras)
-    if not associated:
-        return None
-    fusion_start = start_fusion(associated, wearers, settings)
-    fused, associated = fuse_in_rounds(fusion_start, associated, settings, solver)
-    solution = StretchSolution(scene, tuple(wearers), fused, fusion_start, tuple(associated))
-    state, about_floor = on_floor(fused.model.wearers, fused.state, settings.floor, solution.is_world_known)
-    return replace(solution, fused=replace(fused, state=state), about_floor=about_floor)
+    return SceneSolution(scene, wearers, fused)
 
 
 def _as_before(
@@ -264,23 +194,24 @@ def start_tracking(
     if silent:
         raise RecordingError(f"no sensor of '{silent[0]}' has measured in the last {len(stretch.time)} frames")
     coarse = solve_stretch(stretch, settings, earlier)
-    model, state, spreads = coarse.at_full_rate(stretch, settings)
+    fine = coarse.problem_on(stretch.frames_of(coarse), settings)
+    state = fine.state
     if earlier is not None and not coarse.is_world_known:
         shift = earlier.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0]
         state = _shifted(state, shift * [1, 1, 0] if coarse.associated and settings.floor == "found" else shift)
     freed = tuple(
         _freed(one, tracked.model, settings, own.p_world_pelvis[0])
-        for one, tracked, own in zip(model.wearers, coarse.wearers, state.wearers, strict=True)
+        for one, tracked, own in zip(fine.model.wearers, coarse.wearers, state.wearers, strict=True)
     )
-    begun = tracking_start(stretch, coarse, replace(model, wearers=freed), state, spreads, settings)
+    fine = replace(fine, model=replace(fine.model, wearers=freed), state=state)
+    begun = tracking_start(stretch, coarse, fine, settings)
     return replace(begun, findings=tuple(unsettled_starts(coarse)))
 
 
-def unsettled_starts(coarse: StretchSolution) -> Iterator[Finding]:
+def unsettled_starts(coarse: SceneSolution) -> Iterator[Finding]:
     """About starts and floors that the data does not settle."""
     yield from coarse.about_floor
-    for recording, one in zip(coarse.scene.wearers, coarse.wearers, strict=True):
-        yield from start_findings(recording.subject.name, one.model.frames.sensors, one.starts)
+    yield from coarse.about_starts()
 
 
 def _freed(model: WearerProblem, inertial: WearerProblem, settings: LiveSettings, p_start: Array) -> WearerProblem:
@@ -304,10 +235,10 @@ def _shifted(state: SceneState, shift: Array) -> SceneState:
 
 
 def tracking_start(
-    stretch: MeasuredStretch, coarse: StretchSolution, model: SceneProblem, state: SceneState,
-    spreads: tuple[tuple[float, ...], ...], settings: LiveSettings,
-) -> TrackingStart:  # fmt: skip
-    """A problem on all frames of a stretch, frame by frame."""
+    stretch: MeasuredStretch, coarse: SceneSolution, fine: FusionSolution, settings: LiveSettings
+) -> TrackingStart:
+    """The problem on all frames of a stretch, ``fine``, frame by frame."""
+    model, state, spreads = fine.model, fine.state, fine.spreads
     frames = _lag_frames(stretch, model, state)
     states = [_frame_state(state, t) for t in range(len(frames))]
     problem = _lag_problem(stretch, coarse, model, state, settings)
@@ -315,7 +246,7 @@ def tracking_start(
 
 
 def _lag_problem(
-    stretch: MeasuredStretch, coarse: StretchSolution, model: SceneProblem, state: SceneState, settings: LiveSettings
+    stretch: MeasuredStretch, coarse: SceneSolution, model: SceneProblem, state: SceneState, settings: LiveSettings
 ) -> LagProblem:
     sensors = [
         np.array([stretch.column(recording.subject.name, name) for name in one.frames.sensors], dtype=int)

@@ -1,43 +1,48 @@
-"""A filmed scene of hours, window by window: each is solved as a scene of its own whose calibration is known.
+"""A window of a long filmed scene: solved as a scene whose calibration is known, which goes on from the one before.
 
 A window begins before the last one ends: there the wearers are where the coarse frames of that have put them, and its
 headings are as these have left them. So nothing waits for a window's full rate, which may be solved elsewhere.
-The world of a camera that stands still, or whose pose is known, is the same in all windows; before one that is carried,
-a solved window is moved to where the last one has its wearers and the camera.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vip_factors.estimate import WearerEstimate
+from vip_factors.body.keypoints import KeypointOffsets
+from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
-from vip_factors.initialise.calibration import InitialCalibration
+from vip_factors.problem.state import WearerState
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.sensors.scene import Camera
 from vip_factors.sensors.sources import SceneSource, frames_of
 from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, associate_cameras, usable_cameras
-from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers
-from vip_factors.stages.findings import quality_checks
+from vip_factors.stages.calibrate import Calibration
+from vip_factors.stages.decode import decode_camera, decode_wearers
+from vip_factors.stages.drift import found_clock
+from vip_factors.stages.findings import quality_checks, who_is_who
 from vip_factors.stages.floor import with_declared_floor
-from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds
+from vip_factors.stages.fusion import FusionSolution, fuse_finely, with_body_of
 from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
-from vip_factors.stages.inertial import InertialSolution, at_frames, inertial_tracker, start_state
-from vip_factors.stages.inertial_model import inertial_model, with_heading_knots
-from vip_factors.stages.reporting import full_rate_covariance, who_is_who
-from vip_factors.stages.scene_calibration import SceneCalibration, WearerCalibration
+from vip_factors.stages.inertial import InertialSolution, at_frames, track_window
+from vip_factors.stages.inertial_model import declared_pose, with_fixed_calibration, with_heading_knots
+from vip_factors.stages.reporting import full_rate_covariance
+from vip_factors.stages.scene_solution import SceneSolution, solve_from
+from vip_factors.stages.sensor_checks import Corrections, corrected_elsewhere
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import Headings, SolvedWindow
 from vip_factors.stages.windows import WindowPlan
 
+# Degrees, of a heading as the frames before have left it: as sure as a minute in front of a camera makes it.
+HEADING_DEG = 3.0
+
 
 @dataclass(frozen=True)
-class WindowStart:
+class WearerStart:
     """How a wearer begins a window.
 
     Attributes:
@@ -52,250 +57,92 @@ class WindowStart:
     p_world_pelvis: Array | None = None
     known_until: float = -np.inf
 
+    def track(
+        self, model: WearerProblem, shared: WearerState, settings: Settings, solver: Solver
+    ) -> InertialSolution:  # fmt: skip
+        """The wearer on a window's coarse frames by the sensors alone; stands still if none measured anything.
+
+        Args:
+            model: of the window, with constant headings.
+            shared: what all frames share.
+            settings, solver: of the window.
+        """
+        time, frames = model.frames.time, model.frames
+        headings = self.headings.at(max(float(time[0]), self.known_until))
+        shared = replace(shared, headings=headings, later_headings=np.zeros((0, len(headings))))
+        if self.R_parent_child is not None and not frames.orientation_valid.any():
+            R = np.tile(self.R_parent_child, (len(frames), 1, 1, 1))
+            state = replace(shared, R_parent_child=R, p_world_pelvis=np.zeros((len(frames), 3)))
+        else:
+            state = track_window(model, shared, headings, solver)
+        if self.p_world_pelvis is not None:
+            shift = self.p_world_pelvis - state.p_world_pelvis[0]
+            state = replace(state, p_world_pelvis=state.p_world_pelvis + shift)
+        model = with_heading_knots(model, settings.calibration)
+        if not model.headings_walk:
+            model = replace(model, heading_drift_deg=np.zeros(0))
+        model = replace(model, prior_headings=self.headings.at(float(time[0])))
+        return InertialSolution(model, state.with_knots(len(model.heading_knots)))
+
 
 @dataclass(frozen=True)
-class CoarseWindow:
-    """A window whose coarse frames are solved: what the next one begins with, and all that its full rate asks for.
+class WindowStart:
+    """How a filmed window begins.
 
     Attributes:
-        span: its frames, of the whole recording.
-        time: ``(T,)`` seconds of these.
-        cameras: as they were given.
-        scene: the window, with what is known declared.
-        clock: that its first camera's video was said to have.
-        initial, solution, associated: of its coarse frames.
-        settings: of windows.
-        solver: of the window.
-        about_sensors: findings on them.
+        wearers: in their order.
+        camera_path: of the first camera, before; None if it was nowhere.
+        camera_heading: radians, of the sensor on it.
+        clock: of its video.
     """
 
-    span: slice
-    time: Array
-    cameras: tuple[Camera, ...]
-    scene: Scene
+    wearers: tuple[WearerStart, ...]
+    camera_path: CameraPath | None
+    camera_heading: float
     clock: VideoClock
-    initial: FusionStart
-    solution: FusionSolution
-    associated: tuple[AssociatedCamera, ...]
-    settings: Settings
-    solver: Solver
-    about_sensors: tuple[Finding, ...]
 
-    @property
-    def found_clock(self) -> VideoClock:
-        """The clock that the first camera's video was found to have."""
-        camera = self.solution.state.camera
-        return self.clock.corrected(camera.clock, camera.clock_drift, self.solution.model.camera.clock_middle)
+    def placed(
+        self, associated: Sequence[AssociatedCamera], trackers: Sequence[InertialSolution], settings: Settings
+    ) -> FusionStart:
+        """Wearers and cameras in the world of the windows before; a first camera that sees nobody is where it was.
 
-    def start_at(self, number: int, frame: int) -> WindowStart:
-        """How a wearer begins a window at one of this one's frames."""
-        model, state = self.solution.model.wearers[number], self.solution.state.wearers[number]
-        at = frame - self.span.start
-        pose = at_frames(state, model.frames.time, self.time[at : at + 1])
-        return WindowStart(
-            Headings.of(model, state), pose.R_parent_child[0], pose.p_world_pelvis[0], float(self.time[-1])
-        )
-
-    def solved(self) -> SolvedWindow:
-        """The window at its full rate, in a world of its own if nothing ties it to the last one's.
-
-        Raises:
-            SolveError: if its problem is not determined.
+        Which way sensors point the frames before say, and not a window's first look. Whom no camera sees for as long as
+        the window before knows where he is begins there, and from there goes to where he is seen. Whom none sees either
+        at the beginning or at the end walks on his feet, as without a camera: nothing else holds him.
         """
-        solution, associated, first = self.solution, self.associated, self.cameras[0]
-        fine = fuse_finely(self.scene, self.initial, solution, associated, self.time, self.settings, self.solver)
-        covariance = _covariance(self.scene, solution, fine, self.solver) if self.settings.covariance else None
-        estimates = decode_wearers(fine.model, fine.state, covariance)
-        wearer = np.full(len(first.detections), -1)
-        if associated[0].camera.name == first.name:
-            wearer = associated[0].association.wearer
-        return SolvedWindow(
-            self.span,
-            estimates,
-            decode_camera(first.name, fine.model, fine.state, covariance, self.clock),
-            tuple(Headings.of(*one) for one in zip(solution.model.wearers, solution.state.wearers, strict=True)),
-            first.timed_detections.time[first.detections.frame],
-            wearer,
-            any(each.shows_somebody and each.camera.known_path is not None for each in associated),
-            tuple(self.solver.reports),
-            (*self.about_sensors, *_findings(self.cameras, self.scene, associated, fine, estimates)),
-        )
+        time = trackers[0].model.frames.time
+        first, *_ = associated
+        used = usable_cameras(associated) or tuple(one for one in associated if one.camera.known_path is not None)
+        if not any(one is first for one in used):
+            unseeing = camera_without_sight(first.camera, self.camera_path, self.camera_heading, time, settings)
+            if unseeing.known_path is not None:
+                used = (replace(first, camera=unseeing), *used)
+        start = start_fusion(used, trackers, settings)
+        wearers = []
+        for number, (wearer, tracker, begin) in enumerate(zip(start.wearers, trackers, self.wearers, strict=True)):
+            seen = np.concatenate([one.seen[number].time for one in used])
+            model = replace(wearer.model, prior_headings=tracker.model.prior_headings)
+            wearer = replace(wearer, model=model)
+            if begin.p_world_pelvis is not None and not np.any(seen <= begin.known_until):
+                wearer = _from_before(wearer, begin.p_world_pelvis, seen)
+            reach = settings.windows.overlap_s
+            if not (np.any(seen <= time[0] + reach) and np.any(seen >= time[-1] - reach)):
+                contact = tracker.model.settings.foot_contact
+                loose = replace(contact, sigma=settings.fusion.contact_loosening * contact.sigma)
+                factors = replace(wearer.model.settings, foot_contact=loose)
+                wearer = replace(wearer, model=replace(wearer.model, settings=factors))
+            wearers.append(wearer)
+        state = replace(start.state, wearers=tuple(wearer.state for wearer in wearers))
+        return replace(start, wearers=tuple(wearers), state=state)
 
 
-def solve_coarsely(
-    source: SceneSource, calibration: SceneCalibration, before: CoarseWindow | None, plan: WindowPlan, span: slice,
-    settings: Settings, solver: Solver,
-) -> CoarseWindow:  # fmt: skip
-    """The coarse frames of one window.
-
-    Args:
-        source: the scene.
-        calibration: what all windows share.
-        before: the last one.
-        plan: of all.
-        span: its frames.
-        settings: of all.
-        solver: of the window.
-
-    Raises:
-        RecordingError: for samples that cannot be used.
-        SolveError: if its problem is not determined.
-    """
-    settings, time = calibration.settings(settings), plan.time(span)
-    measured = with_declared_floor(source.between(float(time[0]), float(time[-1])), settings.floor)
-    clock = calibration.clock if before is None else before.found_clock
-    scene, about_sensors = calibration.declared(measured, span.start == 0, clock, settings)
-    coarse = time[:: plan.factor]
-    begins = [
-        WindowStart(known.headings) if before is None else before.start_at(number, span.start)
-        for number, known in enumerate(calibration.wearers)
-    ]
-    trackers = [
-        track_from_start(recording, one.sensors, known, begin, coarse, settings, solver)
-        for recording, one, known, begin in zip(scene.wearers, source.wearers, calibration.wearers, begins, strict=True)
-    ]
-    last = calibration.camera_path, 0.0
-    if before is not None:
-        last = before.solution.camera_path, before.solution.state.camera.heading
-    found = _fused(scene, trackers, begins, last, settings, solver)
-    return CoarseWindow(span, time, measured.cameras, scene, clock, *found, settings, solver, about_sensors)
-
-
-def _fused(
-    scene: Scene,
-    trackers: Sequence[InertialSolution],
-    begins: Sequence[WindowStart],
-    last: tuple[CameraPath | None, float],
-    settings: Settings,
-    solver: Solver,
-) -> tuple[FusionStart, FusionSolution, tuple[AssociatedCamera, ...]]:
-    """Association and fusion; a first camera that sees no wearer is where it was ``last``."""
-    filmed_by = associate_cameras(scene, trackers, settings, solver.progress_of("association"))
-    associated = usable_cameras(filmed_by) or tuple(each for each in filmed_by if each.camera.known_path is not None)
-    if not any(each.camera is scene.camera for each in associated):
-        first = camera_without_sight(filmed_by[0].camera, *last, trackers[0].model.frames.time, settings)
-        if first.known_path is not None:
-            associated = (replace(filmed_by[0], camera=first), *associated)
-    if not any(each.shows_somebody for each in associated):  # who is seen is not to be found by a guess
-        settings = replace(settings, fusion=replace(settings.fusion, rounds=1))
-    initial = with_window_starts(start_fusion(associated, trackers, settings), trackers, associated, begins, settings)
-    solution, associated = fuse_in_rounds(initial, associated, settings, solver)
-    return initial, solution, associated
-
-
-def _covariance(scene: Scene, solution: FusionSolution, fine: FusionSolution, solver: Solver) -> SceneCovariance:
-    """Of a window's poses, with mountings as sure as they were found."""
-    wearers = tuple(
-        replace(
-            model, free_mountings=True,
-            mounting_sigma=np.array([one.placement.site(name).mounting_sigma for name in model.frames.sensors]),
-        )
-        for one, model in zip(scene.wearers, solution.model.wearers, strict=True)
-    )  # fmt: skip
-    return full_rate_covariance(replace(solution, model=replace(solution.model, wearers=wearers)), fine, solver)
-
-
-def _findings(
-    cameras: Sequence[Camera],
-    scene: Scene,
-    associated: Sequence[AssociatedCamera],
-    fine: FusionSolution,
-    estimates: Sequence[WearerEstimate],
-) -> list[Finding]:
-    """What is odd about a window, but for drift, which is of all of them; cameras are as they were given."""
-    given = {camera.name: camera for camera in cameras}
-    associated = [replace(each, camera=given[each.camera.name]) for each in associated]
-    still = [
-        replace(one, calibration={
-            name: replace(own, heading_time=np.zeros(0), heading_path=np.zeros(0))
-            for name, own in one.calibration.items()
-        })
-        for one in estimates
-    ]  # fmt: skip
-    return [*who_is_who(scene, associated), *quality_checks(scene, associated, fine, still)]
-
-
-def track_from_start(
-    recording: Recording, sensors: Sequence[str], shared: WearerCalibration, begin: WindowStart, time: Array,
-    settings: Settings, solver: Solver,
-) -> InertialSolution:  # fmt: skip
-    """A wearer at a window's coarse frames by the sensors alone, where the window before has had him at first.
-
-    Args:
-        recording: of the window, with what is known declared.
-        sensors: all that are used; some may be silent now.
-        shared: about the wearer.
-        begin: of the window.
-        time: ``(T,)`` of the coarse frames.
-        settings: of windows.
-        solver: of the window.
-    """
-    frames = frames_of(recording.imus, sensors, time)
-    mountings = np.stack([recording.placement.site(name).R_bone_sensor for name in sensors])
-    nearest = begin.headings.at(max(float(time[0]), begin.known_until))
-    calibration = InitialCalibration(nearest, np.zeros(len(sensors)), mountings)
-    if begin.R_parent_child is not None and not frames.orientation_valid.any():
-        inertial = _unmoved(recording, frames, calibration, begin.R_parent_child, settings)
-    else:
-        inertial = inertial_tracker(recording, frames, settings, solver, calibration)
-    model, state = inertial.model, inertial.state
-    factors = replace(model.settings, sole=replace(model.settings.sole, thickness=shared.sole))
-    model = replace(model, settings=factors, prior_headings=begin.headings.at(float(time[0])))
-    if model.headings_walk and len(shared.drift_deg):
-        model = replace(model, heading_drift_deg=shared.drift_deg)
-    if begin.p_world_pelvis is not None:
-        shift = begin.p_world_pelvis - state.p_world_pelvis[0]
-        state = replace(state, p_world_pelvis=state.p_world_pelvis + shift)
-    return InertialSolution(model, state)
-
-
-def _unmoved(
-    recording: Recording, frames: ImuFrames, calibration: InitialCalibration, R_parent_child: Array, settings: Settings
-) -> InertialSolution:
-    """A wearer in a window in which none of the sensors measured anything: as at its beginning."""
-    model, T = inertial_model(recording, frames, calibration, settings), len(frames)
-    model = with_heading_knots(model, settings.calibration)
-    state = start_state(model, calibration, np.tile(R_parent_child, (T, 1, 1, 1)))
-    return InertialSolution(model, state.with_knots(len(model.heading_knots)))
-
-
-def with_window_starts(
-    initial: FusionStart,
-    trackers: Sequence[InertialSolution],
-    associated: Sequence[AssociatedCamera],
-    begins: Sequence[WindowStart],
-    settings: Settings,
-) -> FusionStart:
-    """The wearers as cameras place them, in a world that is known already.
-
-    Which way their sensors point the frames before say, and not a window's first look. Whom no camera sees for as long
-    as the window before knows where he is begins there, and from there goes to where he is seen. Whom none sees either
-    at the beginning or at the end walks on his feet, as without a camera: nothing else holds him.
-    """
-    wearers = []
-    for number, (one, tracker, begin) in enumerate(zip(initial.wearers, trackers, begins, strict=True)):
-        seen = np.concatenate([each.seen[number].time for each in associated])
-        one = replace(one, model=replace(one.model, prior_headings=tracker.model.prior_headings))
-        if begin.p_world_pelvis is not None and not np.any(seen <= begin.known_until):
-            one = _from_before(one, begin.p_world_pelvis, seen)
-        time, reach = one.model.frames.time, settings.windows.overlap_s
-        if not (np.any(seen <= time[0] + reach) and np.any(seen >= time[-1] - reach)):
-            contact = tracker.model.settings.foot_contact
-            loose = replace(contact, sigma=settings.fusion.contact_loosening * contact.sigma)
-            one = replace(one, model=replace(one.model, settings=replace(one.model.settings, foot_contact=loose)))
-        wearers.append(one)
-    return replace(
-        initial, wearers=tuple(wearers), state=replace(initial.state, wearers=tuple(one.state for one in wearers))
-    )
-
-
-def _from_before(inertial: InertialSolution, p_world_start: Array, seen: Array) -> InertialSolution:
+def _from_before(wearer: InertialSolution, p_world_start: Array, seen: Array) -> InertialSolution:
     """A wearer who begins where the window before has him, and goes to where he is ``seen`` first, if he is."""
-    time, p = inertial.model.frames.time, inertial.state.p_world_pelvis
+    time, p = wearer.model.frames.time, wearer.state.p_world_pelvis
     first = float(seen.min()) if len(seen) else np.inf
     left = np.clip((first - time) / (first - time[0]), 0.0, 1.0) if np.isfinite(first) else np.ones(len(time))
-    state = replace(inertial.state, p_world_pelvis=p + left[:, None] * (p_world_start - p[0]))
-    return replace(inertial, model=replace(inertial.model, is_gauge=True), state=state)
+    state = replace(wearer.state, p_world_pelvis=p + left[:, None] * (p_world_start - p[0]))
+    return replace(wearer, model=replace(wearer.model, is_gauge=True), state=state)
 
 
 def camera_without_sight(
@@ -318,3 +165,246 @@ def camera_without_sight(
         return replace(camera, known_path=there)
     R = CameraPath(time[valid], rotation_z(heading) @ measured, there.p_world_camera[valid]).at(time).R_world_camera
     return replace(camera, known_path=replace(there, R_world_camera=R))
+
+
+@dataclass(frozen=True)
+class FilmedWindow:
+    """A window of a long scene whose coarse frames are solved: all that the next one and its full rate ask for.
+
+    Attributes:
+        span: its frames, of the whole recording.
+        frames: of each wearer at the full rate.
+        solution: of its coarse frames.
+        cameras: as they were given.
+        clock: that its first camera's video was said to have.
+        settings, solver: of the window.
+        about_sensors: findings on them.
+    """
+
+    span: slice
+    frames: tuple[ImuFrames, ...]
+    solution: SceneSolution
+    cameras: tuple[Camera, ...]
+    clock: VideoClock
+    settings: Settings
+    solver: Solver
+    about_sensors: tuple[Finding, ...]
+
+    def start_at(self, frame: int) -> WindowStart:
+        """How a window begins at one of this one's frames."""
+        fused, time = self.solution.fused, self.frames[0].time
+        camera, wearers, at = fused.state.camera, list[WearerStart](), frame - self.span.start
+        for model, state in zip(fused.model.wearers, fused.state.wearers, strict=True):
+            pose = at_frames(state, model.frames.time, time[at : at + 1])
+            until = float(time[-1])
+            wearers.append(
+                WearerStart(Headings.of(model, state), pose.R_parent_child[0], pose.p_world_pelvis[0], until)
+            )
+        clock = self.clock.corrected(camera.clock, camera.clock_drift, fused.model.camera.clock_middle)
+        return WindowStart(tuple(wearers), fused.camera_path, camera.heading, clock)
+
+    def solved(self) -> SolvedWindow:
+        """The window at its full rate, in a world of its own if nothing ties it to the last one's.
+
+        Raises:
+            SolveError: if its problem is not determined.
+        """
+        coarse, associated, first = self.solution.fused, self.solution.associated, self.cameras[0]
+        assert self.solution.start is not None
+        fine = fuse_finely(self.solution.start, coarse, associated, self.frames, self.settings, self.solver)
+        covariance = None
+        if self.settings.covariance:  # with mountings as sure as they were found
+            free = tuple(replace(model, free_mountings=True) for model in coarse.model.wearers)
+            unsure = replace(coarse, model=replace(coarse.model, wearers=free))
+            covariance = full_rate_covariance(unsure, fine, self.solver)
+        wearers = decode_wearers(fine.model, fine.state, covariance)
+        seen = np.full(len(first.detections), -1)
+        if associated[0].camera.name == first.name:
+            seen = associated[0].association.wearer
+        return SolvedWindow(
+            self.span,
+            wearers,
+            decode_camera(first.name, fine.model, fine.state, covariance, self.clock),
+            tuple(Headings.of(*wearer) for wearer in zip(coarse.model.wearers, coarse.state.wearers, strict=True)),
+            first.timed_detections.time[first.detections.frame],
+            seen,
+            any(each.shows_somebody and each.camera.known_path is not None for each in associated),
+            tuple(self.solver.reports),
+            (*self.about_sensors, *self._findings(fine, wearers)),
+        )
+
+    def _findings(self, fine: FusionSolution, wearers: Sequence[WearerEstimate]) -> Iterator[Finding]:
+        """What is odd about the window, but for drift, which is of all of them; cameras are as they were given."""
+        given, scene = {camera.name: camera for camera in self.cameras}, self.solution.scene
+        associated = [replace(each, camera=given[each.camera.name]) for each in self.solution.associated]
+        none = np.zeros(0)
+        still = [
+            replace(wearer, calibration={
+                name: replace(sensor, heading_time=none, heading_path=none)
+                for name, sensor in wearer.calibration.items()
+            })
+            for wearer in wearers
+        ]  # fmt: skip
+        yield from who_is_who(scene, associated)
+        yield from quality_checks(scene, associated, fine, still)
+
+
+def filmed_windows(
+    source: SceneSource,
+    calibration: Calibration,
+    calibrated: Estimate,
+    plan: WindowPlan,
+    settings: Settings,
+    solver: Solver,
+) -> Iterator[FilmedWindow]:
+    """The coarse frames of every window solved, one after the other.
+
+    Args:
+        source: the scene.
+        calibration: what all windows share.
+        calibrated: the estimate of the calibrating frames.
+        plan, settings, solver: of the scene.
+
+    Raises:
+        RecordingError: for samples that cannot be used.
+        SolveError: if a window's problem is not determined.
+    """
+    known = KnownScene.of(calibration, calibrated, settings)
+    start, overlap = known.start, None
+    for span in plan.windows():
+        if overlap is not None:
+            start = overlap.start_at(span.start)
+        overlap = known.solve(source, start, plan, span, replace(solver, reports=[]))
+        yield overlap
+
+
+@dataclass(frozen=True)
+class KnownScene:
+    """A scene whose calibration is known.
+
+    Attributes:
+        wearers: each with all that its frames share fixed, but for headings and the mean pose.
+        corrections: of each wearer's sensors.
+        start: of the first window.
+        R_camera_imu: mounting of the sensor on the first camera.
+        keypoint_offsets: of the detector.
+        settings: of windows.
+    """
+
+    wearers: tuple[InertialSolution, ...]
+    corrections: tuple[Corrections, ...]
+    start: WindowStart
+    R_camera_imu: Array
+    keypoint_offsets: KeypointOffsets
+    settings: Settings
+
+    @classmethod
+    def of(cls, calibration: Calibration, calibrated: Estimate, settings: Settings) -> "KnownScene":
+        """As calibrated; ``calibrated`` says how surely."""
+        solution, scene = calibration.solution, calibration.solution.scene
+        model, state = solution.fused.model, solution.fused.state
+        settings = _settings_of_windows(settings, any(camera.known_path is not None for camera in scene.cameras))
+        wearers, starts = list[InertialSolution](), list[WearerStart]()
+        for recording, begun, solved, own, estimate in zip(
+            scene.wearers, solution.wearers, model.wearers, state.wearers, calibrated.wearers, strict=True
+        ):
+            sites = [recording.placement.site(name) for name in solved.frames.sensors]
+            found = [estimate.calibration[site.sensor].mounting_sigma for site in sites]
+            sigmas = [_size(sigma, site.mounting_sigma) for sigma, site in zip(found, sites, strict=True)]
+            factors = replace(
+                begun.model.settings,
+                foot_contact=settings.factors.foot_contact,
+                heading_prior=settings.factors.heading_prior,
+            )
+            known = replace(
+                with_fixed_calibration(with_body_of(begun.model, solved)),
+                free_headings=settings.calibration.estimate_headings,
+                free_pose_mean=True,
+                heading_sigma=np.zeros(len(sites)),
+                prior_R_bone_sensor=own.R_bone_sensor,
+                mounting_sigma=np.array(sigmas),
+                heading_knots=np.zeros(0),
+                heading_drift_deg=solved.heading_drift_deg,
+                settings=factors,
+                variation=None,
+                free_body=False,
+                is_gauge=True,
+            )
+            wearers.append(InertialSolution(known, replace(own, pose_mean=known.prior.mean)))
+            starts.append(WearerStart(Headings.of(solved, own)))
+        first, *_ = solution.associated
+        path = solution.fused.camera_path if first.camera is scene.camera else None
+        clock = found_clock(state.camera, model.camera.clock_middle, scene.cameras[0].clock)
+        offsets = KeypointOffsets(state.detector.keypoint_offsets, model.camera.prior_offsets.sigma)
+        start = WindowStart(tuple(starts), path, 0.0, clock)
+        return cls(
+            tuple(wearers), calibration.corrections, start, state.camera.R_camera_imu, offsets, settings
+        )  # fmt: skip
+
+    def solve(
+        self, source: SceneSource, start: WindowStart, plan: WindowPlan, span: slice, solver: Solver
+    ) -> FilmedWindow:
+        """The coarse frames of one window."""
+        time, settings = plan.time(span), self.settings
+        given = with_declared_floor(source.between(float(time[0]), float(time[-1])), settings.floor)
+        recordings, frames, trackers, findings = [], list[ImuFrames](), list[InertialSolution](), list[Finding]()
+        for recording, corrections, wearer, begin in zip(
+            given.wearers, self.corrections, self.wearers, start.wearers, strict=True
+        ):
+            recording, about_sensors = corrected_elsewhere(recording, corrections, settings)
+            findings += about_sensors
+            if span.start:
+                recording = replace(recording, initial_pose="none")
+            recordings.append(recording)
+            frames.append(frames_of(recording.imus, wearer.model.frames.sensors, time))
+            coarse = frames_of(recording.imus, wearer.model.frames.sensors, time[:: plan.factor])
+            model = replace(wearer.model, frames=coarse, initial_pose=declared_pose(recording, coarse, settings))
+            trackers.append(begin.track(model, wearer.state, settings, solver))
+        scene = replace(
+            given,
+            wearers=tuple(recordings),
+            camera=self._first_camera(given.cameras[0], start.clock),
+            further_cameras=tuple(
+                replace(camera, keypoint_offsets=self.keypoint_offsets) for camera in given.further_cameras
+            ),
+        )
+        associated = associate_cameras(scene, trackers, settings, solver.progress_of("association"))
+        solution = solve_from(start.placed(associated, trackers, settings), scene, settings, solver)
+        return FilmedWindow(
+            span, tuple(frames), solution, given.cameras, start.clock, settings, solver, tuple(findings)
+        )  # fmt: skip
+
+    def _first_camera(self, camera: Camera, clock: VideoClock) -> Camera:
+        """The first camera of a window with what is known of it: if it stands still, its pose too."""
+        mount, path = camera.mount, camera.known_path
+        if mount is not None:
+            mount = replace(mount, R_camera_imu=self.R_camera_imu)
+        if not camera.moving and path is None:
+            path = self.start.camera_path
+        return replace(
+            camera,
+            mount=mount,
+            known_path=path,
+            keypoint_offsets=self.keypoint_offsets,
+            time_offset=clock.offset,
+            time_drift=clock.drift,
+        )
+
+
+def _settings_of_windows(settings: Settings, is_world_known: bool) -> Settings:
+    """What is known is kept, and headings are as sure as the frames before have left them."""
+    fixed = replace(
+        settings.calibration, estimate_mountings=False, estimate_body=False, estimate_hinges=False,
+        estimate_places=False, estimate_sole=False, estimate_keypoints=False,
+    )  # fmt: skip
+    factors, camera = settings.factors, settings.camera
+    least = min(HEADING_DEG, factors.heading_prior.least_sigma_deg)
+    factors = replace(factors, heading_prior=replace(factors.heading_prior, least_sigma_deg=least))
+    if not is_world_known:  # a camera that was found knows of no floor
+        camera = replace(camera, ground_contact=replace(camera.ground_contact, use=False))
+    return replace(settings, calibration=fixed, factors=factors, camera=camera)
+
+
+def _size(sigma: Array, otherwise: float) -> float:
+    """Root mean square of ``(3,)``, if known."""
+    return float(np.sqrt(np.mean(sigma**2))) if np.all(np.isfinite(sigma)) else otherwise

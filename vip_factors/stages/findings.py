@@ -62,6 +62,11 @@ def film_findings(scene: Scene, told: Sequence[Finding]) -> tuple[Finding, ...]:
     return () if finding is None else (in_picture_of(camera, scene, finding),)
 
 
+def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[Finding, ...]:
+    """What was odd about who is seen, before each camera."""
+    return tuple(in_picture_of(each.camera, scene, one) for each in associated for one in each.association.findings)
+
+
 def in_picture_of(camera: Camera, scene: Scene, finding: Finding) -> Finding:
     """The finding with the camera's name, where there are several."""
     return replace(finding, camera=camera.name) if len(scene.cameras) > 1 else finding

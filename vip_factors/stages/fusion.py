@@ -15,8 +15,8 @@ from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, S
 from vip_factors.problem.variables import CAMERA
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera import CameraPath, VideoClock
-from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Scene
-from vip_factors.sensors.sources import frames_of
+from vip_factors.sensors.frames import ImuFrames
+from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA
 from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera, add_left_over_detections, associate_cameras_again
 from vip_factors.stages.decode import motion_of
@@ -148,7 +148,7 @@ def with_level_floor(solution: FusionSolution, solver: Solver) -> FusionSolution
     return with_found_bodies(replace(solution, model=model, state=state))
 
 
-def _with_body_of(model: WearerProblem, other: WearerProblem) -> WearerProblem:
+def with_body_of(model: WearerProblem, other: WearerProblem) -> WearerProblem:
     """A wearer's problem with the body of an earlier one."""
     return replace(model, skeleton=other.skeleton, variation=other.variation, sensors=other.sensors)
 
@@ -166,7 +166,7 @@ def fusion_problem(
     spreads = before.measured_spreads() if before else (usual,) * len(associated)
     problems = [_with_free_body(one.model, settings) for one in initial.wearers]
     if before is not None:
-        problems = [_with_body_of(one, other) for one, other in zip(problems, before.model.wearers, strict=True)]
+        problems = [with_body_of(one, other) for one, other in zip(problems, before.model.wearers, strict=True)]
         problems = [with_found_drift(one, state) for one, state in zip(problems, start.wearers, strict=True)]
     wearers = tuple(
         with_contacts(one, state, path_known=before is not None)
@@ -190,11 +190,10 @@ def _with_free_body(model: WearerProblem, settings: CommonSettings) -> WearerPro
 
 
 def fuse_finely(
-    scene: Scene,
     initial: FusionStart,
     coarse: FusionSolution,
     associated: Sequence[AssociatedCamera],
-    time: Array,
+    frames: Sequence[ImuFrames],
     settings: CommonSettings,
     solver: Solver,
 ) -> FusionSolution:
@@ -203,47 +202,45 @@ def fuse_finely(
     The coarse solution has settled how camera and wearers lie to each other: what is left is fast and small. A moving
     camera follows the wearers as they are, and then each wearer is refined in front of it, by itself.
     """
-    model, state, spreads = at_full_rate(scene, initial, coarse, associated, time, settings)
-    model = replace(model, extra=solver.extra)
+    start = fusion_problem_on_frames(initial, coarse, associated, frames, settings)
+    model, state = replace(start.model, extra=solver.extra), start.state
     states, camera = list(state.wearers), model.camera
     if camera.moving and camera.free_pose:
         state = solver.solve(SceneObjective(model, wearers_move=False), state, "full rate, camera")
     if model.extra is not None:  # it may tie wearers to one another
         together = replace(model, camera=_held(model.camera))
-        return FusionSolution(model, solver.solve(SceneObjective(together), state, "full rate"), spreads)
-    for number, name in enumerate(scene.names):
-        start = replace(state, wearers=(state.wearers[number],))
-        refined = solver.solve(SceneObjective(_one_wearer(model, number)), start, f"full rate, {name}")
+        return replace(start, model=model, state=solver.solve(SceneObjective(together), state, "full rate"))
+    for number, wearer in enumerate(model.wearers):
+        alone = SceneObjective(_one_wearer(model, number)), replace(state, wearers=(state.wearers[number],))
+        refined = solver.solve(*alone, f"full rate, {wearer.name}")
         states[number] = refined.wearers[0]
-    return FusionSolution(model, replace(state, wearers=tuple(states)), spreads)
+    return replace(start, model=model, state=replace(state, wearers=tuple(states)))
 
 
-def at_full_rate(
-    scene: Scene,
+def fusion_problem_on_frames(
     initial: FusionStart,
     coarse: FusionSolution,
     associated: Sequence[AssociatedCamera],
-    time: Array,
+    frames: Sequence[ImuFrames],
     settings: CommonSettings,
-) -> tuple[SceneProblem, SceneState, tuple[tuple[float, ...], ...]]:
-    """The problem at the full frame rate, with headings, mountings and mean poses kept, where to start, and spreads."""
-    before = coarse.model.wearers[0].frames.time
+) -> FusionSolution:
+    """The problem on each wearer's ``frames``, with headings, mountings and mean poses kept, and where to start."""
+    before, time = coarse.model.wearers[0].frames.time, frames[0].time
     wearers, states = [], []
-    found = zip(coarse.model.wearers, coarse.state.wearers, strict=True)
-    for recording, inertial, (found_model, own) in zip(scene.wearers, initial.wearers, found, strict=True):
-        states.append(at_frames(own, before, time))
-        bodied = _planted(_with_body_of(inertial.model, found_model), settings)
-        frames = frames_of(recording.imus, inertial.model.frames.sensors, time)
-        wearers.append(with_contacts(on_frames_with_fixed_calibration(bodied, frames), states[-1], True))
+    solved = zip(coarse.model.wearers, coarse.state.wearers, strict=True)
+    for measured, inertial, (model, state) in zip(frames, initial.wearers, solved, strict=True):
+        states.append(at_frames(state, before, time))
+        embodied = _planted(with_body_of(inertial.model, model), settings)
+        wearers.append(with_contacts(on_frames_with_fixed_calibration(embodied, measured), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
     filming = coarse.state.camera
     camera = replace(camera, prior_heading=filming.heading)
     if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
         camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
-    state = SceneState(tuple(states), _camera_at(coarse, time), coarse.state.detector)
+    scene = SceneState(tuple(states), _camera_at(coarse, time), coarse.state.detector)
     spreads = coarse.measured_spreads()
-    model = _scene_model(tuple(wearers), camera, initial.further, state, associated, spreads, path_known=True)
-    return model, state, spreads
+    problem = _scene_model(tuple(wearers), camera, initial.further, scene, associated, spreads, path_known=True)
+    return FusionSolution(problem, scene, spreads)
 
 
 def _planted(model: WearerProblem, settings: CommonSettings) -> WearerProblem:
@@ -309,22 +306,18 @@ def _views(
 
 
 def fuse_in_rounds(
-    initial: FusionStart, associated: Sequence[AssociatedCamera], settings: CommonSettings, solver: Solver
+    initial: FusionStart, settings: CommonSettings, solver: Solver
 ) -> tuple[FusionSolution, tuple[AssociatedCamera, ...]]:
     """The coarse solution, and the association that it was made from.
-
-    Args:
-        initial: where to start.
-        associated: by the first association, of the cameras that are of use.
-        settings: of all rooms.
-        solver: of the scene.
 
     Raises:
         SolveError: if the problem is not determined.
     """
-    on_progress = solver.progress_of("association")
+    on_progress, associated = solver.progress_of("association"), initial.associated
     solution = fuse(initial, None, associated, settings, solver)
-    for _ in range(settings.fusion.rounds - 1):
+    # Whom no camera shows is not to be found by a guess
+    rounds = settings.fusion.rounds if any(each.shows_somebody for each in associated) else 1
+    for _ in range(rounds - 1):
         associated = associate_cameras_again(
             associated, solution.camera_path, solution.clock, solution.motions, settings, on_progress
         )

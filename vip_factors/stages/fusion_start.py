@@ -42,12 +42,14 @@ class FusionStart:
         camera: the first one's problem.
         state: of all.
         further: cameras of known pose, without views yet.
+        associated: the cameras that are of use, by the first association.
     """
 
     wearers: tuple[InertialSolution, ...]
     camera: CameraProblem
     state: SceneState
-    further: tuple[Viewpoint, ...] = ()
+    further: tuple[Viewpoint, ...]
+    associated: tuple[AssociatedCamera, ...]
 
 
 def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> CameraProblem:
@@ -107,7 +109,7 @@ def start_fusion(
     state = CameraState(CameraPoses(poses.R_world_camera, poses.p_world_camera), heading, problem.prior_R_camera_imu)
     scene = SceneState(tuple(one.state for one in placed), state, DetectorState(problem.prior_offsets.mean))
     further = tuple(_known_viewpoint(each.camera, settings) for each in associated[1:])
-    return FusionStart(tuple(placed), replace(problem, prior_heading=heading), scene, further)
+    return FusionStart(tuple(placed), replace(problem, prior_heading=heading), scene, further, tuple(associated))
 
 
 def _with_found_mounting(camera: Camera, problem: CameraProblem, seen: Sightings) -> CameraProblem:
@@ -202,7 +204,7 @@ def _placed(
         prior_headings=model.prior_headings + turn,
         p_world_start=state.p_world_pelvis[0],
     )
-    return InertialSolution(model, state)
+    return replace(inertial, model=model, state=state)
 
 
 def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets:

@@ -142,6 +142,22 @@ def start_state(model: WearerProblem, calibration: InitialCalibration, R_parent_
     )
 
 
+def track_window(model: WearerProblem, shared: WearerState, headings: Array, solver: Solver) -> WearerState:
+    """The inertial tracker's solution on a window's frames, on standing feet; what all frames share is kept.
+
+    Args:
+        model: of the window.
+        shared: what all frames share.
+        headings: ``(S,)`` radians, to begin with.
+        solver: of the window.
+    """
+    calibration = InitialCalibration(headings, np.full(len(headings), np.inf), shared.R_bone_sensor)
+    R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
+    state = replace(shared, R_parent_child=R, p_world_pelvis=np.zeros((len(R), 3)))
+    state = solver.solve_wearer(frame_by_frame(model), state, "inertial tracker")
+    return placed_on_floor(model, state)
+
+
 def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
     """The state's motion, of frames at ``time`` ``(T,)``, at other instants ``(N,)``; the ends are kept beyond it."""
     R = interpolate_smoothly(time, state.R_parent_child, wanted)  # a kink would be an acceleration

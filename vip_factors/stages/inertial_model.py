@@ -28,12 +28,10 @@ def inertial_model(
     """The whole problem, everything free that the settings free."""
     sites = [recording.placement.site(name) for name in frames.sensors]
     declared = recording.initial_pose != "none"
-    pose = settings.factors.initial_pose.pose(recording.initial_pose) if declared else None
     factors = settings.factors
     if len(sites) <= FEW_SENSORS:
         sparse = replace(factors.acceleration, sigma=factors.acceleration.sparse_sigma)
         factors = replace(factors, acceleration=sparse)
-    held = max(1, round(settings.factors.initial_pose.seconds / frames.step))
     return WearerProblem(
         skeleton=recording.subject.body(),
         prior=load_pose_prior(),
@@ -45,7 +43,7 @@ def inertial_model(
         prior_R_bone_sensor=calibration.R_bone_sensor,
         mounting_sigma=np.array([DECLARED_MOUNTING_SIGMA if declared else site.mounting_sigma for site in sites]),
         settings=factors,
-        initial_pose=InitialPose(pose, min(held, len(frames))) if pose is not None else None,
+        initial_pose=declared_pose(recording, frames, settings),
         free_headings=settings.calibration.estimate_headings,
         free_mountings=settings.calibration.estimate_mountings,
         free_pose_mean=True,
@@ -57,6 +55,15 @@ def inertial_model(
         restarts=np.array(recording.restarts).reshape(-1, 2),
         name=recording.subject.name,
     )
+
+
+def declared_pose(recording: Recording, frames: ImuFrames, settings: CommonSettings) -> InitialPose | None:
+    """The pose that the wearer declared to hold in the first frames, if any."""
+    if recording.initial_pose == "none":
+        return None
+    declared = settings.factors.initial_pose
+    held = max(1, round(declared.seconds / frames.step))
+    return InitialPose(declared.pose(recording.initial_pose), min(held, len(frames)))
 
 
 def _variation(subject: Subject, scale: float) -> BodyVariation | None:

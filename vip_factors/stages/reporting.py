@@ -9,6 +9,7 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.associate.associate import Association
 from vip_factors.body.hinges import HingeEstimate, hinge_estimates
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
+from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.model_errors import FILMED, UNFILMED, ModelErrors
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
@@ -25,71 +26,109 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import DETECTOR
-from vip_factors.sensors.calibration import Calibration, SensorCalibration
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.calibration import Calibration as SensorCalibrations
+from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.frames import ImuFrames
 from vip_factors.settings import CommonSettings, Settings, flatten
 from vip_factors.solve.chain_elimination import last_marginals
-from vip_factors.stages.association import AssociatedCamera
+from vip_factors.stages.calibrate import Calibration
+from vip_factors.stages.calibration_start import start_choice
 from vip_factors.stages.decode import (
     SceneCovariance,
     camera_with_sigmas,
+    decode,
     decode_camera,
     decode_wearers,
     scene_covariance,
     static_covariance,
     with_sigmas,
 )
-from vip_factors.stages.drift import clock_findings
-from vip_factors.stages.findings import in_picture_of, quality_checks
-from vip_factors.stages.fusion import FusionSolution
+from vip_factors.stages.drift import clock_findings, drift_findings, leap_findings
+from vip_factors.stages.findings import film_findings, quality_checks, who_is_who
+from vip_factors.stages.fusion import FusionSolution, fuse_finely
+from vip_factors.stages.inertial import with_calibration_sigmas
+from vip_factors.stages.inertial_model import method_of
 from vip_factors.stages.solver import Solver
+from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.terms.sensor_position import sensor_position_whitening
 
 
-def scene_estimate(
-    scene: Scene,
-    coarse: FusionSolution,
-    fine: FusionSolution,
-    associated: Sequence[AssociatedCamera],
-    settings: Settings,
-    solver: Solver,
-) -> Estimate:
-    """The estimate: motions and camera of the full rate; bodies, and how sure what is shared is, of the coarse one."""
-    assert scene.camera is not None
-    covariance = full_rate_covariance(coarse, fine, solver) if settings.covariance else None
+def calibrated_estimate(calibration: Calibration, settings: Settings) -> Estimate:
+    """The estimate of the frames that calibrate."""
+    return (filmed_estimate if calibration.is_filmed else unfilmed_estimate)(calibration, settings)
+
+
+def filmed_estimate(
+    calibration: Calibration, settings: Settings, frames: Sequence[ImuFrames] | None = None
+) -> Estimate:  # fmt: skip
+    """The estimate of a filmed scene: motions and camera on ``frames`` of the full rate, or on the calibrating ones.
+
+    Bodies, and how sure what is shared is, are of the calibrating frames.
+    """
+    solution, solver = calibration.solution, calibration.solver
+    scene, coarse, associated = solution.scene, solution.fused, solution.associated
+    assert solution.start is not None
+    fine = coarse if frames is None else fuse_finely(solution.start, coarse, associated, frames, settings, solver)
+    covariance = full_rate_covariance(coarse, fine, solver) if settings.covariance and frames is not None else None
     shared = marginals_of_shared(coarse) if covariance is None else covariance.shared
     wearers = tuple(
         replace(
             with_sigmas(estimate, coarse.model, number, shared),
             body=body_estimate(coarse, number, shared),
             sensor_places=sensor_position_estimates(coarse, number, shared),
+            start=start_choice(estimate.sensors, solution.wearers[number].starts),
         )
         for number, estimate in enumerate(decode_wearers(fine.model, fine.state, covariance))
     )
-    first, given = scene.camera, associated[0].association.wearer
-    camera = decode_camera(first.name, fine.model, fine.state, covariance, first.clock)
-    camera = camera_with_sigmas(camera, coarse.model, shared)
+    first, is_first_used = scene.cameras[0], associated[0].camera is scene.camera
+    camera, given = None, np.full(len(first.detections), -1)
+    if is_first_used:  # else nobody was found there, and it is nowhere
+        camera = decode_camera(first.name, fine.model, fine.state, covariance, first.clock)
+        camera, given = camera_with_sigmas(camera, coarse.model, shared), associated[0].association.wearer
     undetermined = [Finding("not determined", words={"also": ", mountings and the camera"})]
-    found = [
+    findings = [
         *who_is_who(scene, associated),
         *undetermined[: shared is None],
         *coarse.findings,
         *quality_checks(scene, associated, fine, wearers),
-        *(clock_findings(first, camera) if associated[0].camera is first else ()),
+        *(clock_findings(first, camera) if camera is not None else ()),
     ]
-    findings = tuple(dict.fromkeys(found))
-    estimate = Estimate(
-        scene.name, "VIP", wearers, camera, given, tuple(solver.reports), findings, flatten(settings),
-        detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
+    findings = [
+        *calibration.about_sensors, *solution.about_floor, *dict.fromkeys(findings), *solution.about_starts()
+    ]  # fmt: skip
+    return Estimate(
+        scene.name, "VIP", wearers, camera, given, tuple(solver.reports), (*film_findings(scene, findings), *findings),
+        flatten(settings), detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
     )  # fmt: skip
-    if associated[0].camera is not first:  # nobody was found there, and it is nowhere
-        return replace(estimate, camera=None, wearer_of_detection=np.full(len(first.detections), -1))
-    return estimate
 
 
-def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[Finding, ...]:
-    """What was odd about who is seen, before each camera."""
-    return tuple(in_picture_of(each.camera, scene, one) for each in associated for one in each.association.findings)
+def unfilmed_estimate(
+    calibration: Calibration, settings: Settings, fine: WearerEstimate | None = None
+) -> Estimate:  # fmt: skip
+    """The estimate of a wearer whom no camera saw: ``fine`` of all frames, or that of the calibrating ones."""
+    solution = calibration.solution
+    (recording,), (shared,) = solution.scene.wearers, solution.wearers
+    model, state = shared.model, shared.state
+    if fine is None:
+        fine = decode(method_of(model, settings), model, state, None, flatten(settings))
+    bones = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis).R_world_bone
+    name, mountings = recording.subject.name, model.prior_R_bone_sensor
+    findings = (
+        *calibration.about_sensors,
+        *leap_findings(name, recording, model.frames, bones, fine.calibration),
+        *solution.about_starts(),
+        *posture_findings(name, recording, fine.motion, fine.calibration, mountings),
+        *drift_findings(name, fine.calibration, recording.restarts),
+    )
+    estimate = replace(
+        fine,
+        findings=findings,
+        start=start_choice(fine.sensors, shared.starts),
+        reports=(*calibration.solver.reports, *fine.reports),
+    )
+    if settings.acceleration:
+        estimate = with_calibration_sigmas(estimate, shared, settings.calibration, calibration.solver.extra)
+    return Estimate.of_one(estimate)
 
 
 def association_cues(names: Sequence[str], association: Association) -> tuple[str, ...]:
@@ -148,7 +187,9 @@ def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Se
     return replace(wearer, calibration=told_calibration(wearer.calibration, errors, settings), covariance=covariance)
 
 
-def told_calibration(calibration: Calibration, errors: ModelErrors, settings: CommonSettings) -> Calibration:
+def told_calibration(
+    calibration: SensorCalibrations, errors: ModelErrors, settings: CommonSettings
+) -> SensorCalibrations:
     """Headings and mountings as they are told: with the models' share of their standard deviations."""
     by_convention = 1.5 * settings.factors.heading_prior.gauge_sigma  # as sure is only the world's own
     sensors = list(calibration.values())

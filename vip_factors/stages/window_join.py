@@ -4,18 +4,26 @@ Two windows overlap. At its ends a window knows less than all frames together do
 that fades. In the middle of an overlap both have settled: there one passes over into the other.
 """
 
-from collections.abc import Iterator
+import itertools
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
+from vip_factors.display import ProgressCallback
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SolveReport, WearerEstimate
-from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, yaw_of
+from vip_factors.estimate_chunks import EstimateChunks
+from vip_factors.findings import Finding, MergedFindings
+from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.sources import SceneSource
+from vip_factors.stages.drift import clock_findings, drift_findings
+from vip_factors.stages.windows import WindowPlan
 
 
 @dataclass(frozen=True)
@@ -125,26 +133,124 @@ def moved(window: SolvedWindow, before: SolvedWindow, has_floor: bool) -> Solved
     )
 
 
-def chunks_of(windows: Iterator[SolvedWindow], head: Estimate) -> Iterator[Estimate]:
-    """The estimate chunk by chunk, of windows in one world that overlap, in the order of time.
+@dataclass
+class SceneSummary:
+    """What windows find of a whole scene, as they go by.
+
+    Attributes:
+        source, plan: of the scene.
+        findings: on it.
+        headings: by window, of each wearer.
+        clocks: by window, seconds of the video in its middle, and how late it is there.
+        labels: by chunk, whom each detection shows.
+    """
+
+    source: SceneSource
+    plan: WindowPlan
+    findings: MergedFindings
+    headings: list[tuple[Headings, ...]] = field(default_factory=list)
+    clocks: list[tuple[float, float]] = field(default_factory=list)
+    labels: list[np.ndarray] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, source: SceneSource, plan: WindowPlan, calibrated: Estimate) -> "SceneSummary":
+        """Before the first window, given the estimate of the calibrating frames."""
+        of_windows = ("heading drift", "video clock off", "video clock drift")  # no frames of them all tell these
+        known = [finding for finding in calibrated.findings if finding.kind not in of_windows]
+        return cls(source, plan, MergedFindings(known))
+
+    def add(self, window: SolvedWindow) -> None:
+        """What one more window found."""
+        assert window.camera is not None
+        start, end = self.plan.time(window.frames)[[0, -1]].tolist()
+        self.findings.add(window.findings, start, end)
+        self.headings.append(window.headings)
+        clock = window.camera.clock
+        middle = ((start + end) / 2 - clock.offset) / (1 + clock.drift)
+        self.clocks.append((middle, clock.late(middle)))
+
+    def completed(self, head: Estimate) -> Estimate:
+        """The head of the estimate, after all windows."""
+        wearers = tuple(
+            replace(wearer, calibration=_calibration(wearer, headings))
+            for wearer, headings in zip(head.wearers, zip(*self.headings, strict=True), strict=True)
+        )
+        plan, last = self.plan, float(self.plan.time(slice(self.plan.frames - 1, self.plan.frames))[0])
+        unseen = (-np.inf, plan.start), (float(np.nextafter(last, np.inf)), np.inf)
+        before, after = (np.full(self.source.detected(*interval), -1) for interval in unseen)
+        camera = _with_clock(head.camera, self.clocks)
+        clock = () if camera is None else clock_findings(self.source.head.cameras[0], camera, (plan.start, last))
+        drifts = [finding for one in wearers for finding in drift_findings(one.motion.name, one.calibration)]
+        return replace(
+            head,
+            wearers=wearers,
+            wearer_of_detection=np.concatenate([before, *self.labels, after]).astype(int),
+            findings=(*self.findings.all(), *drifts, *clock),
+        )
+
+
+def join(
+    windows: Iterator[SolvedWindow], calibrated: Estimate, source: SceneSource, plan: WindowPlan,
+    on_progress: ProgressCallback,
+) -> EstimateChunks:  # fmt: skip
+    """The estimate of windows in one world, in chunks.
 
     Args:
-        windows: two at a time are in memory.
-        head: the estimate without its frames.
+        windows: that overlap, in the order of time; solved as chunks are asked for.
+        calibrated: the estimate of the calibrating frames.
+        source, plan: of the scene.
+        on_progress: called with the name of the stage and the fraction of it done.
     """
-    done, before, with_number = 0, next(windows), -np.inf
-    for window in windows:
-        meeting = overlap_middle(before, window)
-        boundary = float(window.wearers[0].motion.time[meeting.start - window.frames.start])
-        yield _chunk(before.within(slice(done, meeting.start)), with_number, boundary, head)
-        yield _chunk(_between(before.within(meeting), window.within(meeting)), boundary, boundary, head)
-        done, before, with_number = meeting.stop, window, boundary
-    yield _chunk(before.within(slice(done, before.frames.stop)), with_number, np.inf, head)
+    none = [wearer.frames(slice(0, 0)) for wearer in calibrated.wearers]
+    wearers = [replace(one, motion=replace(one.motion, rate=plan.rate, start=plan.start)) for one in none]
+    camera, frames = calibrated.camera, (plan.frames,) * len(wearers)
+    camera = None if camera is None else camera.start
+    head = replace(calibrated, name=source.head.name, wearers=tuple(wearers), camera=camera)
+    poses = plan.frames if any(one.moving for one in source.head.cameras[:1]) else 1
+    if plan.all_calibrate or not source.head.cameras:
+        return EstimateChunks(head, frames, chunks_of(windows, head, plan, on_progress), poses)
+    summary = SceneSummary.of(source, plan, calibrated)
+    head = replace(head, wearer_of_detection=np.zeros(0, int))
+    chunks = chunks_of(windows, head, plan, on_progress, summary)
+    return EstimateChunks(head, frames, chunks, poses, partial(summary.completed, head))
 
 
-def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate) -> Estimate:
+def chunks_of(
+    windows: Iterable[SolvedWindow], head: Estimate, plan: WindowPlan, on_progress: ProgressCallback,
+    summary: SceneSummary | None = None,
+) -> Iterator[Estimate]:  # fmt: skip
+    """The estimate chunk by chunk; two windows at a time are in memory.
+
+    Args:
+        windows, plan, on_progress: as of :func:`join`.
+        head: the estimate without its frames.
+        summary: told what windows find of the whole scene, if they do.
+    """
+    on_progress("windows", 0.0)
+    count, before, done, begin = len(plan.windows()), None, 0, -np.inf
+    for number, window in enumerate(windows):
+        on_progress("windows", (number + 1) / count)
+        window = window.numbered(number)
+        if summary is not None:
+            summary.add(window)
+        if before is not None:
+            meeting = overlap_middle(before, window)
+            boundary = float(window.wearers[0].motion.time[meeting.start - window.frames.start])
+            yield _chunk(before.within(slice(done, meeting.start)), begin, boundary, head, summary)
+            yield _chunk(_between(before.within(meeting), window.within(meeting)), boundary, boundary, head, summary)
+            done, begin = meeting.stop, boundary
+        before = window
+    assert before is not None
+    yield _chunk(before.within(slice(done, before.frames.stop)), begin, np.inf, head, summary)
+
+
+def _chunk(
+    window: SolvedWindow, start: float, end: float, head: Estimate, summary: SceneSummary | None
+) -> Estimate:  # fmt: skip
     """Of all its frames; who is who in the video from one instant to another."""
-    shown, wearers = (window.detected_at >= start) & (window.detected_at < end), []
+    labels, wearers = window.wearer_of_detection[(window.detected_at >= start) & (window.detected_at < end)], []
+    if summary is not None:
+        summary.labels.append(labels)
     for whole, one in zip(head.wearers, window.wearers, strict=True):
         begin, rate = whole.motion.start + window.frames.start / whole.motion.rate, whole.motion.rate
         motion = replace(
@@ -156,7 +262,7 @@ def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate) -> Es
         )
     return replace(
         head, wearers=tuple(wearers), camera=None if head.camera is None else window.camera,
-        wearer_of_detection=window.wearer_of_detection[shown], reports=window.reports,
+        wearer_of_detection=labels, reports=window.reports,
     )  # fmt: skip
 
 
@@ -242,3 +348,27 @@ def _unsureness(before: WearerEstimate, own: WearerEstimate, middle: int, has_fl
         axes = slice(0, 2 if has_floor else 3)
         added[axes, axes] = (before.covariance.root - own.covariance.root)[middle, axes, axes]
     return added
+
+
+def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, float]]) -> CameraEstimate | None:
+    """The camera with a clock through what windows found of it."""
+    least_clocks = 2  # windows through whose clocks there is a line
+    if camera is None or len(clocks) < least_clocks:
+        return camera
+    time, late = np.array(clocks).T
+    drift, offset = np.polyfit(time, late, 1)
+    return replace(camera, time_offset=float(offset), time_drift=float(drift))
+
+
+def _calibration(wearer: WearerEstimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:
+    """Headings over all windows: each has its own until the next one begins."""
+    kept = [own.time < after.time[0] for own, after in itertools.pairwise(headings)]
+    kept.append(np.ones(len(headings[-1].time), bool))
+    time = np.concatenate([own.time[which] for own, which in zip(headings, kept, strict=True)])
+    knots = np.concatenate([own.knots[which] for own, which in zip(headings, kept, strict=True)])
+    calibration = {}
+    for sensor, path in zip(wearer.sensors, knots.T, strict=True):
+        heading = float(wrap_angle(path[0]))
+        moves = {"heading_time": time, "heading_path": heading + path - path[0]} if len(time) > 1 else {}
+        calibration[sensor] = replace(wearer.calibration[sensor], heading=heading, **moves)
+    return calibration

@@ -14,7 +14,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneSource, shared_interval
 from vip_factors.settings import Settings
 
-Each = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
+MapFn = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 """As :func:`map`; it may have the calls made elsewhere, and ahead of when they are asked for."""
 LEAST_FRAMES = 3
 
@@ -26,7 +26,7 @@ class WindowPlan:
     Attributes:
         start, rate: seconds of the first frame, and frames per second.
         frames: how many.
-        factor: every so-manieth frame is a coarse one.
+        factor: every ``factor``-th frame is used for calibration.
         window, overlap: frames; both whole numbers of coarse ones.
         stretches, stretch: how many calibrate, and coarse frames of each.
         all_calibrate: whether all coarse frames do, and each window starts from their solution.
@@ -135,6 +135,24 @@ def is_long(interval: tuple[float, float], settings: Settings) -> bool:
     return settings.windows.use and interval[1] - interval[0] > settings.windows.above_s
 
 
+def plan_windows(source: SceneSource, settings: Settings, whole: bool = False) -> WindowPlan:
+    """The frames of wearers in front of a camera, or of one whom no camera sees, and their windows.
+
+    Args:
+        source: of the scene.
+        settings: of all rooms.
+        whole: whether to take all frames as one window, however many there are.
+
+    Raises:
+        InputError: for a rate that is not positive.
+        RecordingError: if the samples cover less than three frames, or more than a day.
+    """
+    if source.head.cameras:
+        return scene_plan(source, settings, whole or settings.calibration.from_truth)
+    (recording,) = source.wearers
+    return WindowPlan.of(recording.head.name, recording.interval, settings, whole)
+
+
 def scene_plan(source: SceneSource, settings: Settings, whole: bool = False) -> WindowPlan:
     """Frames over the time that all wearers' sensors cover, in step with the video, and their windows.
 
@@ -169,7 +187,7 @@ def _in_step(
         scene: whose first camera's first video frames the frames are to meet.
         interval: to cover.
         frame_rate: Hz, about.
-        coarse_factor: every so-manieth frame is a coarse one: these are to meet video frames, not to lie between them.
+        coarse_factor: every so many frames is a coarse one, which is to meet a video frame, not to lie between two.
 
     Raises:
         RecordingError: for less than four coarse frames, or more than a day.

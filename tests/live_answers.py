@@ -57,7 +57,7 @@ def pose(scene: Scene, index: int, frame: int, covariance: bool) -> LivePose:
 
 def camera_pose(scene: Scene, time: float) -> LiveCameraPose:
     at = scene.truth.camera.at(np.array([time]))
-    return LiveCameraPose(time, at.R_world_camera[0], at.p_world_camera[0], 1e-4 * np.eye(6))
+    return LiveCameraPose(time, at.R_world_camera[0], at.p_world_camera[0], np.diag(np.repeat([1e-4, 9e-4], 3)))
 
 
 def setup_of(scene: Scene) -> Scene:

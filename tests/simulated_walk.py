@@ -18,7 +18,9 @@ def strikes(side: str, seconds: float) -> Array:
     return np.arange(0, seconds / STRIDE_S + 1) * STRIDE_S + PHASE[side] * STRIDE_S
 
 
-def walk(seconds: float = 9.0, turn_at: float | None = None, treadmill: bool = False) -> Motion:
+def walk(
+    seconds: float = 9.0, turn_at: float | None = None, treadmill: bool = False, strike_deg: float = STRIKE_DEG
+) -> Motion:
     """A motion at 100 Hz; half a turn begins at a second of it; on a treadmill the world goes with the belt."""
     time = np.arange(round(seconds * RATE)) / RATE
     skeleton = skeleton_from_stature(1.75)
@@ -28,7 +30,7 @@ def walk(seconds: float = 9.0, turn_at: float | None = None, treadmill: bool = F
     pelvis = np.concatenate([np.cumsum(ways, axis=1), np.full((1, len(time)), 0.92 * _leg(skeleton))]).T
     R = np.tile(_upright(heading)[:, None], (1, JOINT_COUNT, 1, 1))
     for side in PHASE:
-        _pose_leg(R, skeleton, time, pelvis, heading, side)
+        _pose_leg(R, skeleton, time, pelvis, heading, side, strike_deg)
     if treadmill:
         pelvis[:, 0] -= STRIDE_M / STRIDE_S * time
     return Motion(skeleton, local_rotations(R), pelvis, RATE, name="walker")
@@ -51,15 +53,15 @@ def _smooth(u: Array) -> Array:
     return u**3 * (10 - 15 * u + 6 * u**2)
 
 
-def _pitch(cycle: Array) -> Array:
+def _pitch(cycle: Array, strike_deg: float) -> Array:
     """Radians by the share of the cycle from strike."""
     landing = LANDING_S / STRIDE_S
-    angle = STRIKE_DEG * (1 - _smooth(cycle / landing)) + OFF_DEG * np.clip((cycle - FLAT) / (STANCE - FLAT), 0, 1) ** 2
-    swing = OFF_DEG + (STRIKE_DEG - OFF_DEG) * _smooth((cycle - STANCE) / (0.97 - STANCE))
+    angle = strike_deg * (1 - _smooth(cycle / landing)) + OFF_DEG * np.clip((cycle - FLAT) / (STANCE - FLAT), 0, 1) ** 2
+    swing = OFF_DEG + (strike_deg - OFF_DEG) * _smooth((cycle - STANCE) / (0.97 - STANCE))
     return np.deg2rad(np.where(cycle < STANCE, angle, swing))
 
 
-def _pose_leg(R: Array, skeleton, time: Array, pelvis: Array, heading: Array, side: str) -> None:
+def _pose_leg(R: Array, skeleton, time: Array, pelvis: Array, heading: Array, side: str, strike_deg: float) -> None:
     sign = 1.0 if side == "left" else -1.0
     number = np.floor(time / STRIDE_S - PHASE[side])
     cycle = time / STRIDE_S - PHASE[side] - number
@@ -76,7 +78,7 @@ def _pose_leg(R: Array, skeleton, time: Array, pelvis: Array, heading: Array, si
     (now, yaw), (then, yaw_then) = place(middle), place(middle + STRIDE_S)
     share = _smooth((cycle - STANCE) / (1 - STANCE))
     foot_yaw = yaw + share * (yaw_then - yaw)
-    pitch = _pitch(cycle)
+    pitch = _pitch(cycle, strike_deg)
     R_foot = _upright(foot_yaw, pitch)
     heel = skeleton.landmarks[f"{side}_heel"].p_bone_point
     ball = skeleton.p_parent_joint[joint_index(f"{side}_foot")]

@@ -100,3 +100,12 @@ def test_a_full_disk_names_the_file_that_was_wanted(tmp_path: Path) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert caught.value.filename == str(tmp_path / "wanted.txt")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_content_is_on_the_disk_before_the_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced, fsync = list[int](), os.fsync
+    monkeypatch.setattr(os, "fsync", lambda number: synced.append(os.fstat(number).st_ino) or fsync(number))
+    target = tmp_path / "walk.bvh"
+    with atomic_open(target, "w") as file:
+        file.write("whole")
+    assert target.stat().st_ino in synced

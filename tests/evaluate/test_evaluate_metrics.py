@@ -167,3 +167,11 @@ def test_foot_sliding_counts_only_while_the_true_foot_stands() -> None:
     assert metrics.foot_sliding(estimate, truth) == pytest.approx(3.0)
     always = sliding(np.cumsum(np.repeat(step, 20, axis=0), axis=0))
     assert np.isnan(metrics.foot_sliding(estimate, always))
+
+
+def test_chunks_are_aligned_on_their_first_two_frames() -> None:
+    """A first frame alone would show the second one's step of a decimetre where there is none."""
+    still = sliding(np.zeros((20, 3)))
+    path = np.zeros((20, 3))
+    path[0, 0] = 0.1
+    assert metrics.w_mpjpe(sliding(path), still) == pytest.approx(50.0, rel=0.05)

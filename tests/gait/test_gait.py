@@ -13,10 +13,11 @@ import vip_factors as vip
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
-from vip_factors.gait.analysis import Gait, gait_of, gaits_of
+from vip_factors.gait.analysis import Gait, _figures, gait_of, gaits_of
 from vip_factors.gait.events import SIDES, events_of_motion, events_of_sensor
 from vip_factors.gait.files import write_gait
 from vip_factors.gait.strides import travel_of_foot
+from vip_factors.geometry.rotations import rotation_y
 from vip_factors.sensors.calibration import SensorCalibration, SensorSite, preset
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
@@ -250,3 +251,38 @@ def test_wearers_belong_to_recordings(motion: Motion, recording: Recording) -> N
     both = Estimate("two", "SIP", (estimate_of(motion), estimate_of(motion)))
     with pytest.raises(InputError, match="2 wearers"):
         gaits_of(both, vip.Scene("one", (recording,)))
+
+
+def test_strikes_are_where_the_heel_lands() -> None:
+    """By the legs, of this walk, a little before: what the bounds of single strikes leave open."""
+    late = [nearest_ms(events_of_motion(walk(8.0), side).strike, strikes(side, 8.0)[1:-2]).mean() for side in SIDES]
+    assert np.mean(late) == pytest.approx(-35.0, abs=8)
+
+
+def test_feet_that_strike_with_their_toes_first_have_a_negative_angle() -> None:
+    angle = gait_of(estimate_of(walk(8.0, strike_deg=-12.0))).figure("strike_angle")
+    assert angle is not None
+    assert angle.mean == pytest.approx(-12, abs=4)
+
+
+def test_uphill_toes_are_as_high_over_the_ground_as_on_the_level() -> None:
+    level = walk(8.0)
+    R, slope = level.R_parent_child.copy(), rotation_y(-np.deg2rad(4.0))
+    R[:, 0] = slope @ R[:, 0]
+    uphill = replace(level, R_parent_child=R, p_world_pelvis=level.p_world_pelvis @ slope.T)
+    found = [gait_of(estimate_of(one)).figure("clearance") for one in (level, uphill)]
+    assert found[0] is not None
+    assert found[1] is not None
+    assert found[1].mean == pytest.approx(found[0].mean, abs=0.01)
+
+
+def test_a_difference_is_left_less_right(gait: Gait) -> None:
+    longer = [
+        replace(one, values=one.values | {"length": one.values["length"] + 0.1 * (one.side == "left")})
+        for one in gait.counted
+    ]
+    found = [
+        next(one.mean for one in _figures(strides, 0.05) if (one.quantity.name, one.side) == ("length", "difference"))
+        for strides in (gait.counted, longer)
+    ]
+    assert found[1] - found[0] == pytest.approx(0.1)

@@ -59,6 +59,8 @@ def test_there_is_a_line_a_frame_with_joints_by_name() -> None:
                 assert np.abs((off + 180) % 360 - 180).max() < 0.01
         R = matrix_from_quaternion(np.array(line["camera"]["smoothed"]["orientation_wxyz"]), Order.WXYZ)
         np.testing.assert_allclose(R, estimate.smoothed_camera.R_world_camera, atol=5e-5)
+        assert line["camera"]["smoothed"]["sigma_deg"] == pytest.approx(3 * [np.rad2deg(0.01)], abs=0.01)
+        assert line["camera"]["smoothed"]["position_sigma"] == pytest.approx(3 * [0.03])
         assert line["update_ms"] == 5.0
     assert [line["preliminary"] for line in lines] == [one.preliminary for one in given]
 
@@ -111,3 +113,10 @@ def test_the_schema_is_generated() -> None:
     spec.loader.exec_module(generate)
     told = generate.ANSWER_SCHEMA.read_text(encoding="utf-8")
     assert told == generate.answer_schema(), "run python data_schemas/generate.py"
+
+
+def test_a_line_is_there_before_the_next_frame(tmp_path: Path) -> None:
+    scene = live_scene(0.1, 1)
+    with (tmp_path / "lines").open("w") as stream:
+        LiveJsonSink(stream, scene).write(answer(scene, 0))
+        assert (tmp_path / "lines").read_text().endswith("\n")

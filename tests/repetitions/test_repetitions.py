@@ -9,9 +9,11 @@ from exercises import BEGIN, CURL_DEG, CYCLE, JUMP_M, KINDS, KNEE_DEG, exercises
 
 import vip_factors as vip
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.model_errors import shape_factor
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import PoseCovariance, WearerEstimate
+from vip_factors.geometry.rotations import exp, log
 from vip_factors.repetitions.repetitions import Repetition
 from vip_factors.simulate.gestures import gestures
 
@@ -85,3 +87,20 @@ def test_a_height_that_drifts_does_not_count(motion: Motion) -> None:
     drift[:, 2] = 0.02 * motion.time
     drifting = replace(motion, p_world_pelvis=motion.p_world_pelvis + drift)
     assert [one.kind for one in found_in(drifting)] == list(KINDS)
+
+
+def test_sigmas_of_depths_and_jumps(found: Sequence[Repetition], motion: Motion) -> None:
+    """Of knees 3° off each by itself; of soles 1.5 cm off when they leave the floor and when they land."""
+    thigh, shank = (motion.skeleton.bone_length(f"left_{joint}") for joint in ("knee", "ankle"))
+    bends = np.deg2rad(found[0].depth_deg.value + np.array([-0.5, 0.5]))
+    per_degree = abs(np.diff(np.sqrt(thigh**2 + shank**2 + 2 * thigh * shank * np.cos(bends)))[0])
+    assert found[0].depth_m.sigma == pytest.approx(shape_factor("knee") * 3 * per_degree / np.sqrt(2), rel=0.02)
+    for one in (one for one in found if one.kind == "jump"):
+        assert 0.015 / np.sqrt(2) < one.flight_height_m.sigma < 0.02  # the slower they leave, the less sure
+
+
+def test_the_leg_that_bends_more_is_named_by_the_sign(motion: Motion) -> None:
+    R, knee = motion.R_parent_child.copy(), joint_index("left_knee")
+    R[:, knee] = exp(1.1 * log(R[:, knee]))
+    squat = found_in(replace(motion, R_parent_child=R))[0]
+    assert squat.left_less_right_deg.value == pytest.approx(0.1 * KNEE_DEG, abs=1)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import angle_between, exp, log, right_jacobian, rotation_z, transpose, yaw_of
 from vip_factors.io.importers import xsens
-from vip_factors.sensors.imu_stream import ImuStream, with_orientation
+from vip_factors.sensors.imu_stream import AttitudeFilter, ImuStream, with_orientation
 
 N = 6
 TIME = np.arange(N) / 10
@@ -207,3 +207,11 @@ def test_real_sensors_turn_as_their_maker_says(data_folder: Path) -> None:
         error = error_but_for_heading(stream.R_inertial_sensor, found.R_inertial_sensor)
         assert np.median(error) < 2.0
         assert np.max(error) < 5.0
+
+
+def test_an_attitude_turns_as_much_as_the_time_between_samples() -> None:
+    """Of a sensor that turns steadily about the vertical, some of whose samples are lost."""
+    attitude, kept = AttitudeFilter(), [k for k in range(600) if k % 7 not in (3, 4)]
+    found = [attitude.orientation(0.01 * k, np.array([0.0, 0.0, 9.81]), np.array([0.0, 0.0, 1.5])) for k in kept]
+    yaws = np.unwrap([yaw_of(R) for R in found if R is not None])
+    assert yaws[-1] - yaws[40] == pytest.approx(1.5 * 0.01 * (kept[-1] - kept[40]), rel=0.01)

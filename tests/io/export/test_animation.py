@@ -22,6 +22,7 @@ from vip_factors.io.export.files import export
 from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
 from vip_factors.io.motions.skeleton_maps import bone_names
 from vip_factors.io.settings import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis
+from vip_factors.sensors.camera import CameraModel, CameraPath
 
 bvhio = pytest.importorskip("bvhio", reason="its PyGLM has no wheel for every Python")
 
@@ -229,3 +230,19 @@ def test_numbers_that_gltf_cannot_hold_are_refused(number: float) -> None:
     buffer.add(np.zeros((2, 3), np.float32), bounds=True)
     with pytest.raises(InputError, match="holds numbers that glTF cannot"):
         buffer.add(np.array([0.0, number], np.float32), bounds=True)
+
+
+def test_a_lens_of_two_focal_lengths_and_a_camera_that_turns_round(tmp_path: Path) -> None:
+    time = np.arange(90) / 30
+    path = CameraPath(time, rotation_x(3.0 * time), np.zeros((90, 3)))
+    lens = CameraModel(1280, 720, (1000.0, 800.0), (640.0, 360.0))
+    estimate = replace(filmed()[1], camera=replace(filmed()[1].camera, model=lens, path=path))
+    glb = Glb(export(estimate, tmp_path / "turning.glb")[0])
+    perspective = glb.json["cameras"][0]["perspective"]
+    assert np.tan(perspective["yfov"] / 2) == pytest.approx(360 / 800)
+    assert perspective["aspectRatio"] == pytest.approx((640 / 1000) / (360 / 800))
+    node = glb.names.index("phone")
+    animation = glb.json["animations"][0]
+    (turning,) = (c for c in animation["channels"] if c["target"] == {"node": node, "path": "rotation"})
+    q = glb.array(animation["samplers"][turning["sampler"]]["output"])
+    assert np.all(np.sum(q[1:] * q[:-1], axis=1) > 0.99)

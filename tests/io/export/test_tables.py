@@ -162,7 +162,8 @@ def anatomical(**degrees: float) -> Motion:
     skeleton = skeleton_from_stature(1.75)
     R_room_segment = np.broadcast_to(np.eye(3), (1, JOINT_COUNT, 3, 3)).copy()
     for name, angle in degrees.items():
-        R_room_segment[0, joint_index(name)] = Rotation.from_euler("z", angle, degrees=True).as_matrix()
+        segment, _, axis = name.partition("_about_")
+        R_room_segment[0, joint_index(segment)] = Rotation.from_euler(axis or "z", angle, degrees=True).as_matrix()
     R_world_bone = R_WORLD_ISB @ R_room_segment @ np.swapaxes(segment_axes(skeleton), 1, 2)
     return Motion(skeleton, local_rotations(R_world_bone), np.zeros((1, 3)), 1.0)
 
@@ -173,6 +174,8 @@ def anatomical(**degrees: float) -> Motion:
         ({"left_knee": -40.0, "left_ankle": -40.0, "left_foot": -40.0}, "knee_angle_l", 40.0),
         ({"right_elbow": 70.0, "right_wrist": 70.0, "right_hand": 70.0}, "elbow_flex_r", 70.0),
         ({"right_wrist": 30.0, "right_hand": 30.0}, "wrist_flex_r", 30.0),
+        ({"right_wrist_about_x": 20.0, "right_hand_about_x": 20.0}, "wrist_dev_r", 20.0),
+        ({"left_wrist_about_x": -20.0, "left_hand_about_x": -20.0}, "wrist_dev_l", 20.0),
         ({"left_ankle": 15.0, "left_foot": 15.0}, "ankle_angle_l", 15.0),
         ({"left_foot": 20.0}, "mtp_angle_l", -20.0),
     ],

@@ -14,7 +14,7 @@ from websockets.sync.client import connect
 
 from vip_factors.findings import bare
 from vip_factors.io import live_server
-from vip_factors.io.live_server import ENDED, MOST_WAITING, LiveServer, page_policy
+from vip_factors.io.live_server import ENDED, MOST_FINDINGS, MOST_WAITING, LiveServer, page_policy
 from vip_factors.sensors.live import stream_head
 
 SCENE = live_scene(0.5, 1)
@@ -94,6 +94,18 @@ def test_who_reads_nothing_holds_nobody_up_and_goes_on_with_the_newest(server: L
     assert numbers == sorted(numbers)
     assert len(numbers) < frames / 2
     assert [text for line in lines for text in texts(line)] == ["somebody tripped"]
+
+
+def test_who_is_behind_gets_the_last_findings_alone(server: LiveServer) -> None:
+    frames, told = MOST_FINDINGS + 6 * MOST_WAITING, list[str]()
+    with connect(stream_of(server), sock=slow_reader(server), max_queue=1, close_timeout=0.1) as idle:
+        while not server._readers:
+            time.sleep(0.01)
+        for frame in range(frames):
+            server.write(replace(ANSWER, frame=frame, findings=(bare(f"finding {frame}"),)))
+        while f"finding {frames - 1}" not in told:
+            told += texts(idle.recv(20))
+    assert len(told) < MOST_FINDINGS + 3 * MOST_WAITING
 
 
 def test_who_takes_nothing_is_let_go(server: LiveServer, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,9 +6,7 @@
 #include "cameras.hpp"
 #include "elimination.hpp"
 #include "links.hpp"
-#include "people.hpp"
 #include "rotations.hpp"
-#include "samples.hpp"
 #include "slices.hpp"
 #include "terms.hpp"
 
@@ -85,24 +83,6 @@ static void screws(In<4> R_world, In<3> p_world, Out<4> out) {
     }
 }
 
-// Keypoints (F, W, K, 3) of bodies against rays (F, N, K, 2) and weights (F, N, K); the fits (F, W, N, 4).
-static void fit_people(In<4> points, In<4> rays, In<3> weight, In<2> known, In<1> major, In<1> precision, In<4> covariance,
-                       double depth_share, double side, Out<4> fits) {
-    const auto F = static_cast<int64_t>(points.shape(0)), W = static_cast<int64_t>(points.shape(1));
-    const auto K = static_cast<int64_t>(points.shape(2)), N = static_cast<int64_t>(rays.shape(1));
-    expect_shape(points, {F, W, K, 3}), expect_shape(rays, {F, N, K, 2}), expect_shape(weight, {F, N, K});
-    expect_shape(known, {W, K}), expect_shape(major, {K}), expect_shape(precision, {K});
-    expect_shape(covariance, {F, W, 3, 3}), expect_shape(fits, {F, W, N, 4});
-    for (int64_t f = 0; f < F; f++)
-        for (int64_t w = 0; w < W; w++) {
-            const vip::Keypoints keypoints{K, known.data() + w * K, major.data(), precision.data()};
-            for (int64_t n = 0; n < N; n++)
-                vip::fit_person(keypoints, points.data() + (f * W + w) * K * 3, rays.data() + (f * N + n) * K * 2,
-                                weight.data() + (f * N + n) * K, covariance.data() + (f * W + w) * 9, depth_share, side,
-                                fits.data() + ((f * W + w) * N + n) * 4);
-        }
-}
-
 // Points (P, K, 3) and where they were seen (P, K, 2), weights and precisions (P, K); cameras (P, 3, 3) and (P, 3) which are
 // followed, and their costs (P).
 static void follow_cameras(In<3> points, In<3> seen, In<2> weight, In<2> precision, int64_t steps, Out<3> R, Out<2> t, Out<1> cost) {
@@ -129,45 +109,6 @@ static void bend_cost(In<2> about_parent, In<3> parent, In<2> turned_parent, In<
     expect(turned_parent.shape(0) == turned_child.shape(0));
     expect_shape(limits, {3, 3}), expect_shape(whitening, {3, 3}), expect_shape(found, {above.size(), below.size()});
     vip::bend_cost(above, below, static_cast<int64_t>(turned_parent.shape(0)), limits.data(), whitening.data(), found.data());
-}
-
-// Of sums of products (L, 5, 4, 4) the least misfit (L) and its heading (L).
-static void least_over_headings(In<4> products, Out<1> cost, Out<1> heading) {
-    const auto L = static_cast<int64_t>(cost.shape(0));
-    expect_shape(products, {L, 5, 4, 4}), expect_shape(heading, {L});
-    for (size_t l = 0; l < cost.shape(0); l++) cost(l) = vip::least_over_headings(products.data() + 80 * l, &heading(l));
-}
-
-// Of two sensors (T, 3, 4).
-static double joint_share(In<3> above, In<3> below) {
-    expect(above.shape(0) > 0), expect_shape(above, {ANY, 3, 4}), expect_shape(below, {static_cast<int64_t>(above.shape(0)), 3, 4});
-    return vip::joint_share(above.data(), below.data(), static_cast<int64_t>(above.shape(0)));
-}
-
-// Of a sensor (T, 3, 4) and a spline's coefficients (N, 3, 4): seconds, sigma, share.
-static void joint_delay(In<3> above, In<3> below, In<1> place, Indices<1> block, double step, double reach, double seconds,
-                        double heading, Out<1> found) {
-    const auto T = static_cast<int64_t>(above.shape(0));
-    expect(T > 0), expect_shape(above, {T, 3, 4}), expect_shape(place, {T}), expect_shape(block, {T}), expect_shape(below, {ANY, 3, 4});
-    const double far = reach / step, last = static_cast<double>(below.shape(0)) - 5;  // knots are even but for both ends
-    expect_shape(found, {3}), expect(std::abs(seconds) <= reach && std::isfinite(far) && step > 0, "the delay is out of reach");
-    for (int64_t t = 0; t < T; t++) expect(place(t) - far >= 4 && place(t) + far <= last, "an instant beyond the spline");
-    const vip::JointDelay one = vip::joint_delay(above.data(), below.data(), place.data(), block.data(), T, step, reach, seconds, heading);
-    found(0) = one.seconds, found(1) = one.sigma, found(2) = one.share;
-}
-
-// Of each of S sensors its first `count` samples of (S, n), (S, n, 9), (S, n, 3); R (S, 3, 3) and force (S, 3).
-static void measure(In<2> time, In<3> R, In<3> force, Indices<1> count, In<1> period, double at, double step,
-                    double gap_factor, Out<3> found_R, Flags seen, Out<2> found_force, Flags whole) {
-    const auto S = static_cast<int64_t>(time.shape(0)), n = static_cast<int64_t>(time.shape(1));
-    expect_shape(R, {S, n, 9}), expect_shape(force, {S, n, 3}), expect_shape(count, {S}), expect_shape(period, {S});
-    expect_shape(found_R, {S, 3, 3}), expect_shape(found_force, {S, 3}), expect_shape(seen, {S}), expect_shape(whole, {S});
-    expect_within(count, 0, n + 1);
-    for (int64_t s = 0; s < S; s++) {
-        const vip::Samples samples{&time(s, 0), &R(s, 0, 0), &force(s, 0, 0), count(s), period(s)};
-        const vip::Covered covered = vip::measure(samples, at, step, gap_factor, &found_R(s, 0, 0), &found_force(s, 0));
-        seen(s) = covered.orientation, whole(s) = covered.acceleration;
-    }
 }
 
 // Slices (T, n, n) and (T, n).
@@ -549,18 +490,10 @@ NB_MODULE(_kernels, module) {
                out("p_world"), released());
     module.def("points", &points, in("R_world"), in("p_world"), in("bones"), in("offsets"), out("points"), released());
     module.def("screws", &screws, in("R_world"), in("p_world"), out("screws"), released());
-    module.def("measure", &measure, in("time"), in("R"), in("force"), in("count"), in("period"), in("at"), in("step"),
-               in("gap_factor"), out("R_frame"), out("has_orientation"), out("force_frame"), out("has_force"), released());
     module.def("bend_cost", &bend_cost, in("about_parent"), in("parent"), in("turned_parent"), in("about_child"), in("child"),
                in("turned_child"), in("limits"), in("whitening"), out("cost"), released());
-    module.def("least_over_headings", &least_over_headings, in("products"), out("cost"), out("heading"), released());
-    module.def("joint_delay", &joint_delay, in("above"), in("below"), in("place"), in("block"), in("step"), in("reach"),
-               in("seconds"), in("heading"), out("delay"), released());
-    module.def("joint_share", &joint_share, in("above"), in("below"), released());
     module.def("follow_cameras", &follow_cameras, in("points"), in("seen"), in("weight"), in("precision"), in("steps"), out("R"),
                out("t"), out("cost"), released());
-    module.def("fit_people", &fit_people, in("points"), in("rays"), in("weight"), in("known"), in("major"), in("precision"),
-               in("covariance"), in("depth_share"), in("side"), out("fits"), released());
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate, out("information"), out("vector"), in("first"), in("width"));
     module.def("reorder", &reorder, in("information"), in("vector"), in("order"), out("reordered"), out("reordered_vector"));

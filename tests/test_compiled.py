@@ -16,22 +16,10 @@ from vip_factors.assembly.objective import SceneObjective, joined_slices
 from vip_factors.associate import hypothesis
 from vip_factors.body import kinematics
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.keypoints import keypoint_set
 from vip_factors.compiled import kernels
 from vip_factors.geometry import poses, rotations
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.initialise.sensor_faults import (
-    APART,
-    FINE,
-    STEP,
-    JointSignal,
-    joint_delay,
-    joint_share,
-    least_over_headings,
-)
-from vip_factors.initialise.sensor_tree import Link, bend_cost, joint_products
-from vip_factors.live.association_evidence import BodyFitter, People
-from vip_factors.live.sensor_samples import SensorBuffer
+from vip_factors.initialise.sensor_tree import Link, bend_cost
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
@@ -82,20 +70,6 @@ def test_kinematics() -> None:
     np.testing.assert_allclose(fast.points(*on_bones), pure.points(*on_bones, kernels=None), atol=1e-10)
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_measurements_of_sensors(seed: int) -> None:
-    """Sensors of several rates with gaps, one that does not measure force, one with a single sample, one with none."""
-    random, buffer, step = np.random.default_rng(seed), SensorBuffer(6), 1 / 60
-    for sensor, count in enumerate((70, 150, 40, 40, 1, 0)):
-        times = np.sort(random.uniform(0.0, 0.6, count)) if sensor == 3 else np.linspace(0.0, 0.6, count)
-        for time in times[random.uniform(size=count) < 0.9]:
-            force = (np.nan,) * 3 if sensor == 2 and time < 0.3 else tuple(random.standard_normal(3))
-            buffer.insert(sensor, float(time), rotations.exp(random.standard_normal(3)).ravel().tolist(), force)
-    for time in np.arange(-2, 40) * step:
-        for fast, pure in zip(buffer.measure(time, step), buffer.measure(time, step, kernels=None), strict=True):
-            np.testing.assert_allclose(fast, pure, atol=1e-10)
-
-
 def test_cameras_that_are_followed() -> None:
     """Of bodies some of whose keypoints are not seen; steps that lead lower and steps that do not."""
     random, (P, K) = np.random.default_rng(3), (60, 17)
@@ -107,21 +81,6 @@ def test_cameras_that_are_followed() -> None:
         both = zip(problem._descend(*start, steps), problem._descend(*start, steps, kernels=None), strict=True)
         for fast, pure in both:
             np.testing.assert_allclose(fast, pure, atol=1e-10)
-
-
-def test_fits_of_people() -> None:
-    keypoints, random = keypoint_set("blazepose33"), np.random.default_rng(2)
-    F, W, N, K = 3, 2, 4, len(keypoints)
-    fitter = BodyFitter(keypoints, [skeleton_from_stature(one) for one in (1.6, 1.9)], 0.15, 0.1)
-    people = People(random.normal(0.0, 0.2, (F, N, K, 2)), random.uniform(0.0, 1.0, (F, N, K)), np.ones((F, N), bool))
-    people.weight[1, 2] = 0.0
-    fitter.count_keypoints(people)
-    points = random.normal([0.0, 0.0, 3.0], [0.5, 0.5, 2.0], (F, W, K, 3))  # some behind the camera
-    root = random.normal(0.0, 0.1, (F, W, 3, 3))
-    covariance = root @ root.swapaxes(2, 3)
-    fast, pure = fitter.fit(points, people, covariance), fitter.fit(points, people, covariance, kernels=None)
-    for name in ("shape", "fitting", "seen", "position"):
-        np.testing.assert_allclose(getattr(fast, name), getattr(pure, name), rtol=1e-10, atol=1e-10, err_msg=name)
 
 
 def test_costs_of_links() -> None:
@@ -140,35 +99,6 @@ def test_costs_of_links() -> None:
         link = Link(a, b, limits[1], limits[0], limits[2], whitening, 1, None, None)
         fast, pure = bend_cost(link, ends[a], ends[b]), bend_cost(link, ends[a], ends[b], kernels=None)
         np.testing.assert_allclose(fast.ravel(), pure.ravel(), rtol=1e-10)
-
-
-@pytest.mark.parametrize("count", [90, 301])
-def test_misfits_of_joints(count: int) -> None:
-    """One point's acceleration as two sensors tell it, with noise and outliers; and two that have nothing in common."""
-    random, scale = np.random.default_rng(5), np.array([1.0, 20.0, 20.0, 20.0])
-    above, strange = random.standard_normal((2, count, 3, 4)) * 5.0 * scale
-    below = rotations.rotation_z(2.0) @ np.linalg.qr(random.standard_normal((count, 3, 3)))[0] @ above
-    below[..., 0] = above[..., 0] @ rotations.rotation_z(2.0) + 0.3 * random.standard_normal((count, 3))
-    below[::9, :, 0] += 30.0
-    pairs = [(above, below), (above, strange), (above, above)]
-    for pair in pairs:
-        np.testing.assert_allclose(joint_share(*pair), joint_share(*pair, kernels=None), rtol=1e-10, atol=1e-12)
-    products = np.stack([joint_products(*one) for one in pairs])
-    for fast, pure in zip(least_over_headings(products), least_over_headings(products, kernels=None), strict=True):
-        np.testing.assert_allclose(fast, pure, rtol=1e-10, atol=1e-8)
-
-
-def test_delays_of_joints() -> None:
-    """From where the child is right to where the search leaves its reach."""
-    random, count = np.random.default_rng(6), 1500
-    smooth = np.apply_along_axis(np.convolve, 0, random.standard_normal((count, 12)), np.hanning(15), "same")
-    child = JointSignal(7.0 + np.arange(count) * STEP / FINE, smooth.reshape(-1, 3, 4), np.ones(count, bool))
-    time = np.arange(child.time[0] + 0.25, child.time[-1] - 0.25, APART)
-    above = rotations.rotation_z(0.7) @ child.spline(time + 0.03) + 0.3 * random.standard_normal((len(time), 3, 4))
-    begun = [(0.02, 0.6), (0.0, 0.0), (-0.12, 3.0), (0.12, 3.0)]
-    fast = [joint_delay(above, child, time, *one) for one in begun]
-    np.testing.assert_allclose(fast, [joint_delay(above, child, time, *one, kernels=None) for one in begun], rtol=1e-10)
-    assert abs(fast[0][0] - 0.03) < 0.002
 
 
 def test_the_solvers_without_kernels(checkout: Path) -> None:

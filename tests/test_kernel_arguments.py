@@ -73,7 +73,6 @@ def calls() -> dict[str, Call]:
         name: call(normal(T, 3), np.zeros((T, 9)), out=(1,))
         for name in ("exp", "hat", "right_jacobian", "inverse_right_jacobian")
     }
-    spline = np.linspace(5.0, 14.0, T)
     return trio | {
         "log": call(rotation(T).reshape(T, 9), np.zeros((T, 3)), out=(1,)),
         "pose_right_jacobian": call(normal(T, 6), np.zeros((T, 36)), out=(1,)),
@@ -82,28 +81,13 @@ def calls() -> dict[str, Call]:
         ),
         "points": call(rotation(T, J), normal(T, J, 3), np.array([0, 23]), normal(2, 3), np.zeros((T, 2, 3)), out=(4,)),
         "screws": call(rotation(T, J), normal(T, J, 3), np.zeros((T, J + 1, 6, 3)), out=(2,)),
-        "measure": call(
-            np.linspace(0.0, 0.2, T) + np.zeros((S, 1)), rotation(S, T).reshape(S, T, 9), normal(S, T, 3),
-            np.full(S, T), np.full(S, 0.05), 0.1, 0.02, 3.0, np.zeros((S, 3, 3)), np.zeros(S, bool),
-            np.zeros((S, 3)), np.zeros(S, bool), out=(8, 9, 10, 11),
-        ),
         "bend_cost": call(
             normal(K, 4), normal(K, 2, 4), normal(T, 4), normal(K, 4), normal(K, 1, 4), normal(T, 4), normal(3, 3),
             np.eye(3), np.zeros((2 * K, K)), out=(8,),
         ),
-        "least_over_headings": call(normal(K, 5, 4, 4), np.zeros(K), np.zeros(K), out=(1, 2)),
-        "joint_share": call(normal(T, 3, 4), normal(T, 3, 4)),
-        "joint_delay": call(
-            normal(T, 3, 4), normal(40, 3, 4), spline, np.arange(T), 0.01, 0.01, 0.0, 0.3, np.zeros(3), out=(8,),
-            free=((1, "axis 0"), (3, "too large")), signed=(3,),
-        ),
         "follow_cameras": call(
             normal(S, K, 3), normal(S, K, 2), np.ones((S, K)), np.ones((S, K)), 3, rotation(S), normal(S, 3) + 4.0,
             np.zeros(S), out=(5, 6, 7),
-        ),
-        "fit_people": call(
-            normal(T, S, K, 3) + 3.0, normal(T, 4, K, 2), np.ones((T, 4, K)), np.ones((S, K)), np.ones(K), np.ones(K),
-            np.eye(3) + np.zeros((T, S, 1, 1)), 0.15, 0.1, np.zeros((T, S, 4, 4)), out=(9,),
         ),
         "eliminate": call(positive(6), normal(6), 1, 3, out=(0, 1)),
         "reorder": call(positive(6), normal(6), np.array([4, 1, 2]), np.zeros((3, 3)), np.zeros(3), out=(3, 4)),

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from vip_factors.associate.settings import AssociationSettings
 from vip_factors.initialise.sensor_assignment import AssignmentSettings
-from vip_factors.initialise.sensor_faults import AccelerometerSettings, SensorClockSettings
+from vip_factors.initialise.sensor_clocks import AccelerometerSettings, SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges
 from vip_factors.solve.levenberg_marquardt import SolveSettings

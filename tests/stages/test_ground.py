@@ -15,7 +15,7 @@ from vip_factors.problem.state import CameraPoses, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
-from vip_factors.stages.ground import ground_view, seen_feet, standing_confidence
+from vip_factors.stages.floor import ground_view, seen_feet, standing_confidence
 from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings
 from vip_factors.terms.registry import FactorSettings
 

@@ -12,7 +12,7 @@ from vip_factors.sensors.frames import resample_streams
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.stages.drift import leap_findings
+from vip_factors.stages.findings import leap_findings
 
 SHANK = "left_shank"
 

@@ -94,7 +94,7 @@ def test_left_for_right_is_told_by_how_the_body_bends() -> None:
     recording = whole_body()
     assert told_of(recording) == []
     (found,) = told_of(left_for_right(recording))
-    assert found.kind == "sides exchanged"
+    assert found.kind == "sensors exchanged"
     assert all(f"'{name}'" in str(found) for name in recording.placed if name.startswith(("left", "right")))
     _, (right,) = with_sensors_assigned(
         SceneInMemory(Scene("whole body", (left_for_right(recording),))), replace(Settings(), assign=True)
@@ -109,7 +109,7 @@ def test_left_for_right_is_told_by_the_picture_where_nothing_else_tells() -> Non
     sites = tuple(site for site in wearer.placement.sites if site.bone in six)
     few = replace(wearer, placement=replace(wearer.placement, sites=sites), truth=None)
     assert told_of(few, scene.camera) == []
-    assert [one.kind for one in told_of(left_for_right(few), scene.camera)] == ["sides exchanged"]
+    assert [one.kind for one in told_of(left_for_right(few), scene.camera)] == ["sensors exchanged"]
 
 
 def test_another_pose_than_the_declared_one_is_told() -> None:

@@ -2,13 +2,15 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import transpose
-from vip_factors.initialise.sensor_faults import SensorClockSettings, fewest_delays
+from vip_factors.initialise.sensor_clocks import SensorClockSettings, fewest_delays
+from vip_factors.io.convert import read_log
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
@@ -19,7 +21,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.stages.calibrate import Stretches, check_sensors
-from vip_factors.stages.sensor_checks import CorrectedSamples, checked
+from vip_factors.stages.sensor_checks import CorrectedSamples, accelerometer_scale, checked, is_scale_wrong
 from vip_factors.stages.windows import WindowPlan
 
 LEG = ("pelvis", "left_thigh", "left_shank", "left_foot")
@@ -65,7 +67,7 @@ def test_samples_that_are_impossible_are_told_but_not_where_no_accelerometer_is(
     blow[300] = 461.0
     _, findings = checked(with_stream("left_foot", replace(sound, specific_force=blow)), Settings())
     assert [(one.kind, one.subject, one.numbers["samples"]) for one in findings] == [
-        ("impossible acceleration", "left_foot", 1.0)
+        ("accelerometer range", "left_foot", 1.0)
     ]
     _, findings = checked(with_stream("left_foot", replace(sound, specific_force=None)), Settings())
     assert findings == ()
@@ -217,3 +219,22 @@ def test_a_sensor_that_lost_samples_and_moved_up_what_came_after_is_told() -> No
     )
     assert [(one.kind, one.subject) for one in findings] == [("sensor clock jumped", name)]
     assert recording.imus[name].time[-1] == early.time[-1]
+
+
+ORDER = ("torso", "pelvis", "tibia_r", "femur_r", "tibia_l", "femur_l", "toes_r", "toes_l")
+
+
+@pytest.mark.data
+def test_the_two_that_are_wrong_on_the_treadmill(data_folder: Path) -> None:
+    """Walking without a rest; the file's own header says in which order its columns are."""
+    folder = data_folder / "xsens_treadmill_optical"
+    force = np.loadtxt(folder / "OpenSim_Sub02_CSBaseline_Accel.trc", skiprows=6)[:, 2:].reshape(-1, len(ORDER), 3)
+    streams = read_log(folder / "OpenSim_Sub02_CSBaseline_Orientations.sto").imus
+    wrong = {}
+    for number, bone in enumerate(ORDER):
+        stream = next(one for name, one in streams.items() if name.startswith(bone))
+        found = accelerometer_scale(replace(stream, specific_force=force[: len(stream), number]))
+        assert found is not None
+        if is_scale_wrong(*found):
+            wrong[bone] = found[0]
+    assert wrong == pytest.approx({"torso": 1.157, "toes_l": 1.224}, abs=0.005)

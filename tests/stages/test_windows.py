@@ -15,7 +15,7 @@ from vip_factors.errors import InputError, RecordingError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.geometry.rotations import angle_between, exp
-from vip_factors.initialise.sensor_faults import SensorClockSettings
+from vip_factors.initialise.sensor_clocks import SensorClockSettings
 from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.state import WearerState

@@ -276,8 +276,8 @@ def _zoom(scene: Scene, _: Scene) -> Faulty | None:
     return replace(scene, camera=replace(scene.camera, model=model), truth=None), ()
 
 
-UNLIKE_POSE = ("turned since the start", "two calibrations", "impossible site", "turned on the body")
-EXCHANGED = ("sensors exchanged", "sides exchanged")
+UNLIKE_POSE = ("turned since the start", "two calibrations", "impossible site")
+EXCHANGED = ("sensors exchanged",)
 NOT_OF_IT = ("not recognised", "scatter", "no common time", "leap", "not in the video")
 FAULTS = (
     Fault("thighs exchanged", _exchanged("left_hip", "right_hip"), EXCHANGED),

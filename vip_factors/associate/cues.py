@@ -15,13 +15,6 @@ from vip_factors.associate.tracklets import sums_around
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraPath
 
-WINDOW_S = 2.0  # of a tracklet over which torsos are averaged: an arm before the chest or a passer-by lasts less
-ENOUGH_LOOKS = 10  # of the wearer's torso, and of others', to compare anybody with
-UNLIKE = 0.1  # Hellinger distance that light and folds make between two looks at the same clothes
-TRUSTED = 0.6  # of the wearer's sure looks, those most alike: by motion alone a third may be of somebody else
-CHANGED = 0.05  # share of the wearer's looks that are like nothing before: light changes, jackets are opened
-UNSEEN = 0.2  # share of others' looks: somebody may come whom nobody has seen yet
-CELLS = 100  # of the distances' histogram
 SURELY = 3.0  # most that clothes may say, in log-odds: twenty to one
 
 
@@ -33,6 +26,10 @@ def clothes_log_odds(context: Context, colour: Array, wearer: np.ndarray) -> Arr
         colour: ``(N, B)`` shares of the torsos' colours; NaN where not seen.
         wearer: ``(N,)`` who was found by motion, −1 for nobody.
     """
+    unseen = 0.2  # share of others' looks: somebody may come whom nobody has seen yet
+    changed = 0.05  # share of the wearer's looks that are like nothing before: light changes, jackets are opened
+    trusted = 0.6  # of the wearer's sure looks, those most alike: by motion alone a third may be of somebody else
+    enough_looks = 10  # of the wearer's torso, and of others', to compare anybody with
     W, N = len(context.wearers), len(wearer)
     odds = np.zeros((W, N))
     around = _around(context, colour)
@@ -43,18 +40,19 @@ def clothes_log_odds(context: Context, colour: Array, wearer: np.ndarray) -> Arr
         shows[context.frame[wearer == w]] = True
         own = looked & (wearer == w)
         others = looked & (wearer != w) & shows[context.frame]
-        if min(own.sum(), others.sum()) < ENOUGH_LOOKS:
+        if min(own.sum(), others.sum()) < enough_looks:
             continue
         unlike = _unlike(around, np.median(colour[own], axis=0))
-        own &= unlike <= np.quantile(unlike[own], TRUSTED)
-        mine = _density(unlike[known], unlike[own], CHANGED)
-        odds[w, known] = np.clip(np.log(mine / _density(unlike[known], unlike[others], UNSEEN)), -SURELY, SURELY)
+        own &= unlike <= np.quantile(unlike[own], trusted)
+        mine = _density(unlike[known], unlike[own], changed)
+        odds[w, known] = np.clip(np.log(mine / _density(unlike[known], unlike[others], unseen)), -SURELY, SURELY)
     return odds
 
 
 def _around(context: Context, colour: Array) -> Array:
     """Colours ``(N, B)`` averaged over a time of each detection's tracklet; NaN where it was never seen."""
-    half = WINDOW_S / 2 * context.rate
+    window_s = 2.0  # of a tracklet over which torsos are averaged: an arm before the chest or a passer-by lasts less
+    half = window_s / 2 * context.rate
     key = context.track * (len(context.time) + 4 * int(half + 1)) + context.frame
     looked = np.isfinite(colour).all(axis=1)
     total, count = sums_around(key, half, key[looked], colour[looked])
@@ -69,25 +67,20 @@ def _unlike(colour: Array, reference: Array) -> Array:
 
 def _density(at: Array, samples: Array, elsewhere: float) -> Array:
     """How dense ``(n,)`` distances lie, smoothed by what light and folds make; a share of them lies anywhere."""
-    edges = np.linspace(0, 1, CELLS + 1)
+    cells = 100  # of the distances' histogram
+    unlike = 0.1  # Hellinger distance that light and folds make between two looks at the same clothes
+    edges = np.linspace(0, 1, cells + 1)
     middles = (edges[1:] + edges[:-1]) / 2
     share = np.histogram(np.clip(samples, 0, 1), edges)[0] / len(samples)
-    width = UNLIKE * np.sqrt(2 * np.pi)
-    density = np.exp(-0.5 * ((middles[:, None] - middles) / UNLIKE) ** 2) @ share / width
+    width = unlike * np.sqrt(2 * np.pi)
+    density = np.exp(-0.5 * ((middles[:, None] - middles) / unlike) ** 2) @ share / width
     return np.asarray((1 - elsewhere) * np.interp(at, middles, density) + elsewhere)
 
 
-FEWEST_SEEN = 4  # keypoints: eight numbers, none of which a camera takes
-ENOUGH_SURE = 10  # sightings of a wearer, to know how keypoints scatter about the motion
-RAYLEIGH_MEDIAN = 1.1774  # median length of a vector of two normal numbers
-PREDICTED_M = 0.03  # what a fused motion errs by where nobody was seen: its usual joint error
 # Mean of log(1 + z²) over the keypoints, z in sigmas, as of keypoints 2.5 sigmas off each. Of two people's joints in
 # one detection more than two thirds must be in place to reach it.
 FITTING = float(np.log1p(2.5**2))
-LEAD = 1.0  # how much worse the next best must be: e times the squared errors
-DRESSED = -2.0  # log-odds of the clothes at least: one in eight of the wearer's own looks less like them
 NEVER = 100.0  # a cost beyond all others
-NEAREST = 0.3  # m, before the camera
 
 
 def assign_by_position(
@@ -98,12 +91,14 @@ def assign_by_position(
     Wearers are added only in frames that do not show them yet, and only to detections that are nobody's, and that are
     not surely dressed otherwise by the log-odds ``clothes`` ``(W, N)``. ``camera`` is in the world of all motions.
     """
+    dressed = -2.0  # log-odds of the clothes at least: one in eight of the wearer's own looks less like them
+    lead = 1.0  # how much worse the next best must be: e times the squared errors
     cost = np.stack([position_cost(context, camera, w, wearer == w) for w in range(len(context.wearers))])
     w, d = (index.ravel() for index in np.indices(cost.shape))
     if clothes is not None:
-        cost = np.where(clothes < DRESSED, NEVER, cost)
+        cost = np.where(clothes < dressed, NEVER, cost)
     cost = np.where((wearer >= 0) & (wearer != np.arange(len(cost))[:, None]), NEVER, cost).ravel()
-    fits = (cost <= FITTING) & (rival(d, d, cost) >= LEAD) & (rival(context.frame[d], w, cost) >= LEAD)
+    fits = (cost <= FITTING) & (rival(d, d, cost) >= lead) & (rival(context.frame[d], w, cost) >= lead)
     shown = np.zeros((len(context.wearers), len(context.time)), bool)
     shown[wearer[wearer >= 0], context.frame[wearer >= 0]] = True
     added = fits & ~shown[w, context.frame[d]]
@@ -118,16 +113,21 @@ def position_cost(context: Context, camera: CameraPath, wearer: int, sure: np.nd
     Sigmas are the scatter of the detections that are ``sure`` ``(N,)`` the wearer's already, and what a motion errs by;
     with hardly any of these nobody fits.
     """
-    if np.sum(sure) < ENOUGH_SURE:
+    nearest = 0.3  # m, before the camera
+    predicted_m = 0.03  # what a fused motion errs by where nobody was seen: its usual joint error
+    rayleigh_median = 1.1774  # median length of a vector of two normal numbers
+    enough_sure = 10  # sightings of a wearer, to know how keypoints scatter about the motion
+    fewest_seen = 4  # keypoints: eight numbers, none of which a camera takes
+    if np.sum(sure) < enough_sure:
         return np.full(len(sure), NEVER)
     points, frame = context.wearers[wearer].p_world_keypoint, context.frame
     p = (points - camera.p_world_camera[:, None]) @ camera.R_world_camera
-    depth = np.maximum(p[..., 2], NEAREST)
+    depth = np.maximum(p[..., 2], nearest)
     error = np.linalg.norm((p[..., :2] / depth[..., None])[frame] - context.rays, axis=-1) * depth[frame]
     known = np.isfinite(error) & (context.weight > 0)
-    scatter = [np.median(column[one & sure]) if np.any(one & sure) else PREDICTED_M
+    scatter = [np.median(column[one & sure]) if np.any(one & sure) else predicted_m
                for column, one in zip(error.T, known.T, strict=True)]  # fmt: skip
-    z = np.where(known, error, 0.0) / np.hypot(np.array(scatter) / RAYLEIGH_MEDIAN, PREDICTED_M)
+    z = np.where(known, error, 0.0) / np.hypot(np.array(scatter) / rayleigh_median, predicted_m)
     weight = np.where(known, context.weight, 0.0)
     mean = np.sum(weight * np.log1p(z**2), axis=1) / np.maximum(weight.sum(axis=1), 1e-9)
-    return np.where(np.sum(known, axis=1) >= FEWEST_SEEN, mean, NEVER)
+    return np.where(np.sum(known, axis=1) >= fewest_seen, mean, NEVER)

@@ -16,7 +16,6 @@ from vip_factors.geometry.rotations import Array, angle_between, transpose, wrap
 from vip_factors.sensors.camera import CameraPath
 
 MAJOR_JOINTS = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-GIVEN = 0.1  # of how often the most frequent keypoint is found: a rarer one is not among those a detector gives
 
 
 def major_joints(names: Sequence[str]) -> np.ndarray:
@@ -26,7 +25,8 @@ def major_joints(names: Sequence[str]) -> np.ndarray:
 
 def given_keypoints(frequency: Array) -> np.ndarray:
     """Which keypoints ``(K,)`` a detector gives, by how often ``(K,)`` it gives each."""
-    return np.asarray((frequency > 0) & (frequency >= GIVEN * frequency.max(initial=0.0)))
+    given = 0.1  # of how often the most frequent keypoint is found: a rarer one is not among those a detector gives
+    return np.asarray((frequency > 0) & (frequency >= given * frequency.max(initial=0.0)))
 
 
 def counts_for(major: np.ndarray, frequency: Array) -> float:
@@ -47,7 +47,6 @@ LIMB_ENDS = (
 )  # fmt: skip
 FITTING_M = 0.15  # a head's half, and what an inertial tracker errs
 WINDOWS_S = (0.5, 2.0)  # over which a tracklet's evidence is averaged: half a step, and a few
-NO_RIVAL = 1.5  # how much worse an absent rival counts
 
 UNARY = (
     "log_cost", "log_cost_half_second", "log_cost_two_seconds", "limbs", "limbs_half_second", "limbs_two_seconds",
@@ -244,6 +243,7 @@ def _mean_along_track(context: Context, window_s: float, values: Array) -> Array
 
 def rival(group: np.ndarray, other_group: np.ndarray, values: Array) -> Array:
     """How much worse ``(P,)`` the best other hypothesis of the same group is than this one, between ± NO_RIVAL."""
+    no_rival = 1.5  # how much worse an absent rival counts
     key = np.unique(np.stack([group, other_group]), axis=1, return_inverse=True)[1].ravel()
     order = np.lexsort((values, key))
     first = np.flatnonzero(np.diff(key[order], prepend=-1))
@@ -253,7 +253,7 @@ def rival(group: np.ndarray, other_group: np.ndarray, values: Array) -> Array:
     is_best = np.zeros(len(values), bool)
     is_best[order[first]] = True
     other = np.where(is_best, second[key], best[key])
-    return np.clip(other - values, -NO_RIVAL, NO_RIVAL)
+    return np.clip(other - values, -no_rival, no_rival)
 
 
 def inter_features(context: Context, a: np.ndarray, b: np.ndarray) -> Array:

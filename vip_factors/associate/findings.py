@@ -13,7 +13,6 @@ from vip_factors.geometry.rotations import Array, rotation_z, yaw_of
 from vip_factors.sensors.detections import Detections
 
 SAMPLE = 300  # detections looked at for the order of keypoints
-MUCH_BETTER, MUCH_SHARE = 0.6, 0.75  # of the cost: what another order must reach; another view of the body reaches 0.9
 # The same of the given order with its sides exchanged, in a mirrored picture too: of 17 sound scenes none is below 1.13
 # or better in more than 0.42 of the detections; 13 of 17 mirrored pictures are below 0.8, all better in 0.65 or more.
 SIDES_BETTER, SIDES_SHARE = 0.8, 0.7
@@ -68,12 +67,13 @@ def _too_few(context: Context) -> Finding:
 
 def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> Finding:
     few_keypoints = 8  # with fewer, that nobody is found is no sign of anything being wrong
+    given, what = _given(context), ""
     if not np.any(context.hypotheses.wearer == w):
-        return Finding("never whole", motion.name, numbers={"least": FEWEST_KEYPOINTS})
-    given = _given(context)
-    if len(given) < few_keypoints:
-        words = {"given": ", ".join(given)}
-        return Finding("too few to be sure", motion.name, numbers={"keypoints": len(given)}, words=words)
+        what = f"no detection shows {FEWEST_KEYPOINTS} keypoints at once while the sensors measure"
+    elif len(given) < few_keypoints:
+        what = f"the detector gives {len(given)} keypoints ({', '.join(given)})"
+    if what:
+        return Finding("too few to be sure", motion.name, words={"what": what})
     return Finding("not recognised", motion.name)
 
 
@@ -112,6 +112,8 @@ _UPRIGHT_PELVIS = np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
 
 def _order_finding(detections: Detections, context: Context, motions: Sequence[Motion]) -> list[Finding]:
     """Whether another known order of keypoints explains the detections much better."""
+    # Of the cost: what another order must reach; another view of the body reaches 0.9
+    much_better, much_share = 0.6, 0.75
     parts = 6  # in which they are: after two or three of them most orders are out of the question
     given = detections.keypoints
     usable = np.flatnonzero((context.weight > 0).sum(axis=1) >= max(8, 0.6 * len(given)))
@@ -122,7 +124,7 @@ def _order_finding(detections: Detections, context: Context, motions: Sequence[M
     np.fmin.at(least, context.hypotheses.detection, context.hypotheses.cost)
     reference, found = least[sample], list[tuple[float, str]]()
     for name, keypoints, mirrored, across in _orders(given):
-        much, share = (SIDES_BETTER, SIDES_SHARE) if name.startswith(f"{given.name} ") else (MUCH_BETTER, MUCH_SHARE)
+        much, share = (SIDES_BETTER, SIDES_SHARE) if name.startswith(f"{given.name} ") else (much_better, much_share)
         cost = np.full(len(sample), np.nan)
         for part in (slice(first, None, parts) for first in range(parts)):
             cost[part] = _best_costs(detections, context, motions, sample[part], keypoints, mirrored, across)

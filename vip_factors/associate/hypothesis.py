@@ -21,7 +21,6 @@ FEWEST_KEYPOINTS = 6  # six unknowns would need three; below six a wrong person 
 CAUCHY = 2.0  # sigmas at which a keypoint starts to be doubted
 START_STEPS, FINAL_STEPS = 5, 6  # of Gauss–Newton: from every start, then from the best
 NEAREST_DEPTH, FURTHEST_DEPTH = 0.5, 80.0  # m: nobody is whole in the image nearer, or distinguishable further off
-MAX_TURN = 0.5  # rad per step: a longer one leaves where the linearisation holds
 
 
 @dataclass(frozen=True)
@@ -166,6 +165,7 @@ class _Problem:
 
     def _descend(self, R: Array, t: Array, steps: int, kernels: Kernels = kernels) -> tuple[Array, Array, Array]:
         """Cameras some steps of Gauss–Newton on from others, and their costs."""
+        max_turn = 0.5  # rad per step: a longer one leaves where the linearisation holds
         if kernels is not None:
             R, t, cost = R.copy(), t.copy(), np.empty(len(R))
             precision = np.square(self.scale * self.depth[:, None] / CAUCHY) / np.maximum(self.w, 1e-12)
@@ -179,7 +179,7 @@ class _Problem:
             damped = H + np.eye(6) * (damping[:, None] * diagonal + 1e-6)[:, None, :]
             step = -np.linalg.solve(damped, g[..., None])[..., 0]
             turn = np.linalg.norm(step[:, :3], axis=1, keepdims=True)
-            step *= np.minimum(1, MAX_TURN / np.maximum(turn, 1e-12))
+            step *= np.minimum(1, max_turn / np.maximum(turn, 1e-12))
             R_new, t_new = exp(step[:, :3]) @ R, t + step[:, 3:]
             t_new[:, 2] = np.clip(t_new[:, 2], t[:, 2] / 2, t[:, 2] * 2)
             cost_new = self.cost(R_new, t_new)

@@ -58,7 +58,6 @@ SPINE_SHARES = np.diff(_LEVELS) / (1 - TRUNK["pelvis"][0])  # of the trunk's ris
 # Fractions of stature.
 LEGS = 0.489  # thigh and shank, of the prior's mean over men and women
 NECK_DEPTH, HEAD_DEPTH, SHOULDER_DEPTH = -0.010, 0.022, -0.010
-COLLAR_WIDTH, COLLAR_DEPTH, COLLAR_DROP = 0.030, 0.005, 0.006  # the drop: below the shoulder
 BALL_HEIGHT = 0.012
 FOOT_BALL, FOOT_ANKLE = 0.73, 0.25  # along the foot from the heel: metatarsal heads and ankle
 HAND_KNUCKLES = 0.45  # of the hand's length, from the wrist
@@ -69,11 +68,12 @@ def skeleton_of_lengths(lengths: Array, source: str) -> Skeleton:
     """The skeleton of a body's :data:`BODY_LENGTHS`, ``(21,)`` metres; ``source`` is one line saying where they come
     from.
     """
+    collar_width, collar_depth, collar_drop = 0.030, 0.005, 0.006  # the drop: below the shoulder
     of = dict(zip(BODY_LENGTHS, np.asarray(lengths, float).tolist(), strict=True))
     stature = float(STATURE @ lengths)
     ball = BALL_HEIGHT * stature - of["ankle height"]
     foot = np.sqrt(max(of["foot"] ** 2 - ball**2, (0.5 * of["foot"]) ** 2))
-    drop, collar = COLLAR_DROP * stature, COLLAR_WIDTH * stature
+    drop, collar = collar_drop * stature, collar_width * stature
     depths = np.diff([depth * stature for _, depth in TRUNK.values()])
     at = {
         name: (0.0, share * of["trunk"], depth)
@@ -87,7 +87,7 @@ def skeleton_of_lengths(lengths: Array, source: str) -> Skeleton:
             f"{side}_knee": (0.0, -of["thigh"], 0.0),
             f"{side}_ankle": (0.0, -of["shank"], of["ankle depth"]),
             f"{side}_foot": (0.0, ball, float(foot)),
-            f"{side}_collar": (x * collar, of["shoulder height"] - drop, COLLAR_DEPTH * stature),
+            f"{side}_collar": (x * collar, of["shoulder height"] - drop, collar_depth * stature),
             f"{side}_shoulder": (x * (of["shoulder width"] / 2 - collar), drop, of["shoulder depth"]),
             f"{side}_elbow": (x * of["upper arm"], 0.0, 0.0),
             f"{side}_wrist": (x * of["forearm"], of["wrist height"], of["wrist depth"]),

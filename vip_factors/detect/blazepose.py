@@ -130,8 +130,6 @@ def _silent() -> Iterator[None]:
 
 
 DETECTOR_INPUT = 224  # pixels, both ways
-STRIDES = (8, 16, 32, 32, 32)
-PER_CELL = 2  # of each layer
 
 
 def anchor_centres() -> Array:
@@ -139,12 +137,14 @@ def anchor_centres() -> Array:
 
     Layers of the same stride follow one another within a cell.
     """
+    per_cell = 2  # of each layer
+    strides = (8, 16, 32, 32, 32)
     centres = []
-    for stride in dict.fromkeys(STRIDES):
+    for stride in dict.fromkeys(strides):
         cells = -(-DETECTOR_INPUT // stride)
         row, column = np.divmod(np.arange(cells * cells), cells)
         cell = np.column_stack([column + 0.5, row + 0.5]) / cells
-        centres.append(np.repeat(cell, PER_CELL * STRIDES.count(stride), axis=0))
+        centres.append(np.repeat(cell, per_cell * strides.count(stride), axis=0))
     return np.concatenate(centres)
 
 
@@ -238,9 +238,6 @@ def intersection_over_union(row: Array, rows: Array) -> Array:
 
 INPUT = 256  # pixels, both ways
 BODY = 33  # landmarks of the body, before the auxiliary ones
-HIP, TOP = 33, 34  # auxiliary: middle of the hips, and where the circle around the person is met
-WINDOW = 3  # cells of the heat map to each side of a landmark that refine it
-SURE_CELL = 0.5  # of a heat map: less does not move a landmark
 
 
 @dataclass(frozen=True)
@@ -274,6 +271,7 @@ class LandmarkModel:
 
     def look(self, image: np.ndarray, square: Square) -> PersonLandmarks:
         """Landmarks of the person in a square of an image ``(height, width, 3)``, red first, bytes."""
+        hip, top = 33, 34  # auxiliary: middle of the hips, and where the circle around the person is met
         outputs = self._model(square.crop(image, INPUT)[None].astype(np.float32) / 255)
         points = next(one for one in outputs if one.size == 39 * 5).reshape(39, 5).astype(float)
         presence = float(next(one for one in outputs if one.size == 1).ravel()[0])
@@ -281,14 +279,16 @@ class LandmarkModel:
         place = points[:, :2] if heat is None else refined(points[:, :2], heat)
         pixels = square.to_image(place, INPUT)
         shown, present = (_sigmoid(points[:BODY, column]) for column in (3, 4))
-        return PersonLandmarks(pixels[:BODY], shown * present, presence, square, square_of(pixels[HIP], pixels[TOP]))
+        return PersonLandmarks(pixels[:BODY], shown * present, presence, square, square_of(pixels[hip], pixels[top]))
 
 
 def refined(points: Array, heat: np.ndarray) -> Array:
     """Landmarks ``(39, 2)``, in pixels of the crop, moved to the centre of the heat ``(64, 64, 39)`` around them."""
+    sure_cell = 0.5  # of a heat map: less does not move a landmark
+    window = 3  # cells of the heat map to each side of a landmark that refine it
     rows, columns = heat.shape[:2]
     cell = np.floor(points * np.array([columns, rows]) / INPUT).astype(int)
-    offset = np.arange(-WINDOW, WINDOW + 1)
+    offset = np.arange(-window, window + 1)
     x, y = cell[:, 0, None, None] + offset[None, None, :], cell[:, 1, None, None] + offset[None, :, None]
     inside = (x >= 0) & (x < columns) & (y >= 0) & (y < rows)
     which = np.arange(len(points))[:, None, None]
@@ -298,7 +298,7 @@ def refined(points: Array, heat: np.ndarray) -> Array:
     with np.errstate(invalid="ignore", divide="ignore"):
         moved = mean / total[:, None] * INPUT / np.array([columns, rows])
     in_map = np.all((cell >= 0) & (cell < [columns, rows]), axis=1)
-    return np.where((in_map & (hottest >= SURE_CELL) & (total > 0))[:, None], moved, points)
+    return np.where((in_map & (hottest >= sure_cell) & (total > 0))[:, None], moved, points)
 
 
 def _sigmoid(values: Array) -> Array:

@@ -15,9 +15,6 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
-WIDENED = 1.25
-LARGEST_INPUT = 4096  # pixels; top-down models take 256 × 192 to 384 × 288
-ABOVE = 0.12  # of a box's height: keypoints end at the eyes, boxes that models were trained on at the hair
 # Number of keypoints → set that begins so: COCO, Halpe, their whole-body forms.
 OF_COUNT = {17: "coco17", 26: "halpe26", 133: "coco17", 136: "halpe26"}
 
@@ -34,8 +31,9 @@ class Box:
 
 def box_around(points: Array) -> Box:
     """The box of a person whose keypoints ``(N, 2)``, from toes to eyes, are known."""
+    above = 0.12  # of a box's height: keypoints end at the eyes, boxes that models were trained on at the hair
     (left, upper), (right, lower) = points.min(axis=0), points.max(axis=0)
-    return Box(left, upper - ABOVE * (lower - upper), right, lower)
+    return Box(left, upper - above * (lower - upper), right, lower)
 
 
 class OnnxPose:
@@ -52,6 +50,7 @@ class OnnxPose:
     """
 
     def __init__(self, path: Path, threads: int, keypoints: str | None = None) -> None:
+        largest_input = 4096  # pixels; top-down models take 256 × 192 to 384 × 288
         if not path.is_file():
             raise InputError(f"{path}: no such model file (.onnx)")
         try:
@@ -69,10 +68,10 @@ class OnnxPose:
             reason = str(error).partition("\n")[0]
             raise FileFormatError(f"{path}: expected an ONNX model ({reason})") from error
         name, shape = given[0] if given else ("", [])
-        sized = all(isinstance(one, int) and 0 < one <= LARGEST_INPUT for one in shape[2:])
+        sized = all(isinstance(one, int) and 0 < one <= largest_input for one in shape[2:])
         if len(given) != 1 or len(shape) != 4 or shape[1] != 3 or not sized:
             raise FileFormatError(
-                f"{path}: input {shape}: expected one input (1, 3, height, width) of fixed size, {LARGEST_INPUT} at "
+                f"{path}: input {shape}: expected one input (1, 3, height, width) of fixed size, {largest_input} at "
                 "most, as a top-down pose model has"
             )
         self._path, self._name, self._height, self._width = path, name, shape[2], shape[3]
@@ -110,8 +109,9 @@ class OnnxPose:
 
     def _scale(self, box: Box) -> float:
         """Pixels of the image to one of the input."""
+        widened = 1.25
         width, height = (max(one, 1.0) for one in (box.right - box.left, box.lower - box.upper))
-        return WIDENED * max(width / self._width, height / self._height)
+        return widened * max(width / self._width, height / self._height)
 
     def _outputs(self, given: Array) -> list[np.ndarray]:
         """Of a normalised crop ``(height, width, 3)``: rows along x and y, or one of heat maps, without the batch."""

@@ -20,11 +20,6 @@ from vip_factors.detect.blazepose import (
 from vip_factors.detect.model_files import BlazePoseFiles
 from vip_factors.detect.settings import DetectSettings
 
-OVERLAP = 0.5  # of neighbouring squares: whoever is half as high as a square is whole in one of them
-SAME_HIP = 0.15  # distance of the hips' middles, in sides, below which two finds are of one person
-LARGEST = 1.5  # side of a person's square, in sides of a tile: whoever is larger is only partly in it
-LIKE_SIZE = 2.0  # and of which size they may differ
-
 
 def whole(width: int, height: int) -> Square:
     """The upright square around an image."""
@@ -45,17 +40,19 @@ def tiles(width: int, height: int, levels: int) -> list[Square]:
 
 
 def _starts(length: float, side: float) -> np.ndarray:
-    count = 1 + int(np.ceil((length - side) / (side * (1 - OVERLAP)) - 1e-9))
+    overlap = 0.5  # of neighbouring squares: whoever is half as high as a square is whole in one of them
+    count = 1 + int(np.ceil((length - side) / (side * (1 - overlap)) - 1e-9))
     return np.linspace(0, max(length - side, 0), max(count, 1))
 
 
 def search(image: np.ndarray, detector: PersonDetector, parts: list[Square]) -> list[DetectedPerson]:
     """Everybody in an image, once each; those who are surest first. The first part is the whole image."""
+    largest = 1.5  # side of a person's square, in sides of a tile: whoever is larger is only partly in it
     found = [
         one
         for number, part in enumerate(parts)
         for one in detector.find(image, part)
-        if number == 0 or one.square.side < LARGEST * part.side
+        if number == 0 or one.square.side < largest * part.side
     ]
     kept: list[DetectedPerson] = []
     for one in sorted(found, key=lambda person: -person.score):
@@ -66,19 +63,16 @@ def search(image: np.ndarray, detector: PersonDetector, parts: list[Square]) -> 
 
 def same_place(a: Square, b: Square) -> bool:
     """Whether two squares may be of one person."""
+    like_size = 2.0  # and of which size they may differ
+    same_hip = 0.15  # distance of the hips' middles, in sides, below which two finds are of one person
     side = max(a.side, b.side)
-    near = np.linalg.norm(a.centre - b.centre) < SAME_HIP * side
-    return bool(near and side < LIKE_SIZE * min(a.side, b.side))
+    near = np.linalg.norm(a.centre - b.centre) < same_hip * side
+    return bool(near and side < like_size * min(a.side, b.side))
 
 
-SURE = 0.5  # confidence of a landmark that counts when two poses are compared
-ENOUGH = 4  # landmarks that both poses must have for that
 # Mean distance of two poses' landmarks, in sides of their squares, below which they are of one person. A side is 1.25
 # times a person's height and more, so this is a shoulder's width: nobody stands so near another without hiding him.
 SAME_PERSON = 0.1
-LEAST_PRESENCE = 0.5  # of the landmark model, that its square shows a person; MediaPipe's own
-LOST_S = 1.0  # that a person may be out of sight and keep the track's number, if found about where lost
-CHANCES = 2  # searches that may miss a new track before it is nobody's: things that look like people seldom do so twice
 
 
 @dataclass
@@ -124,6 +118,7 @@ class Tracker:
             image: ``(height, width, 3)``, red first, bytes.
             time: seconds, increasing.
         """
+        lost_s = 1.0  # that a person may be out of sight and keep the track's number, if found about where lost
         before, self._tracks = self._tracks, []
         for track in before:
             seen = self._landmarks.look(image, track.seen.following)
@@ -131,7 +126,7 @@ class Tracker:
                 self._tracks.append(replace(track, seen=seen, time=time))
             else:
                 self._lost.append(track)
-        self._lost = [one for one in self._lost if time - one.time <= LOST_S]
+        self._lost = [one for one in self._lost if time - one.time <= lost_s]
         self._drop_doubles()
         due = time - self._searched >= self._settings.search_s
         if due or len(self._tracks) < len(before) or not self._tracks:
@@ -140,7 +135,8 @@ class Tracker:
         return list(self._tracks)
 
     def _is_person(self, seen: PersonLandmarks) -> bool:
-        return seen.presence >= LEAST_PRESENCE and seen.following.side > 0
+        least_presence = 0.5  # of the landmark model, that its square shows a person; MediaPipe's own
+        return seen.presence >= least_presence and seen.following.side > 0
 
     def _search(self, image: np.ndarray, time: float, levels: int) -> None:
         height, width = image.shape[:2]
@@ -159,10 +155,12 @@ class Tracker:
 
     def _confirm(self, squares: list[Square]) -> None:
         """Give up tracks that the detector, which sees another image of them each time, never finds again."""
+        # Searches that may miss a new track before it is nobody's: things that look like people seldom do so twice
+        chances = 2
         for track in self._tracks:
             track.confirmed |= any(same_place(one, track.seen.following) for one in squares)
             track.missed += not track.confirmed
-        wrong = [one for one in self._tracks if one.missed >= CHANCES]
+        wrong = [one for one in self._tracks if one.missed >= chances]
         self.given_up |= {one.number for one in wrong}
         self._tracks = [one for one in self._tracks if one not in wrong]
 
@@ -184,20 +182,20 @@ class Tracker:
         self._tracks = kept
 
     def _same(self, a: PersonLandmarks, b: PersonLandmarks) -> bool:
-        both = (a.confidence > SURE) & (b.confidence > SURE)
-        if both.sum() < ENOUGH:
+        enough = 4  # landmarks that both poses must have for that
+        sure = 0.5  # confidence of a landmark that counts when two poses are compared
+        both = (a.confidence > sure) & (b.confidence > sure)
+        if both.sum() < enough:
             return same_place(a.following, b.following)
         distance = np.linalg.norm(a.pixels[both] - b.pixels[both], axis=1).mean()
         return bool(distance < SAME_PERSON * min(a.following.side, b.following.side))
 
 
-MOST_THREADS = 4  # more gain nothing on models of this size
-
-
 def usual_threads() -> int:
     """As many as there are processors for us, up to four."""
+    most_threads = 4  # more gain nothing on models of this size
     there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return min(MOST_THREADS, there)
+    return min(most_threads, there)
 
 
 def blazepose_tracker(files: BlazePoseFiles, settings: DetectSettings, threads: int) -> Tracker:

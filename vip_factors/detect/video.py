@@ -35,8 +35,6 @@ WIDTHS = ("shoulder", "hip")
 # Of a vote, in squares of the trunk's length; people seen from the front or behind vote with about 0.4, those who turn
 # about within half a second with 0.1 at most.
 CLEAR = 0.12
-TURN_S = 0.25  # in which nobody turns about
-LEAST_S = 0.2  # that a track must last to be written: wrong finds last shorter, and help nobody
 
 
 def confused(keypoints: KeypointSet, pixels: Array, confidence: Array, reach: int) -> np.ndarray:
@@ -158,6 +156,8 @@ def detect_video(
     Raises:
         InputError, FileFormatError: if there is no such video, or no such frame in it.
     """
+    least_s = 0.2  # that a track must last to be written: wrong finds last shorter, and help nobody
+    turn_s = 0.25  # in which nobody turns about
     begin = perf_counter()
     facts = video_facts(path)
     looked = frames_to_look_at(facts, settings)
@@ -171,8 +171,8 @@ def detect_video(
         progress(f"looking for people in {count:,} frames", (index + 1 - looked.start) / count)
     somebody = [[pose for pose in poses if pose.track not in tracker.given_up] for poses in frames]
     rate = facts.rate / looked.step
-    least = min(math.ceil(LEAST_S * rate), len(looked))  # a short video has no longer tracks
-    tidy = _tidied(somebody, keypoints, least, max(1, round(TURN_S * rate)))
+    least = min(math.ceil(least_s * rate), len(looked))  # a short video has no longer tracks
+    tidy = _tidied(somebody, keypoints, least, max(1, round(turn_s * rate)))
     return VideoPoses(facts, keypoints, tidy, looked, seconds=perf_counter() - begin)
 
 
@@ -263,9 +263,6 @@ def _tidied(
     return tidy
 
 
-LARGEST_SIDE = 1280  # pixels of the longer side: sharp enough to judge poses by, and quick to write
-
-
 def write_overlay(
     path: Path,
     poses: VideoPoses,
@@ -277,10 +274,11 @@ def write_overlay(
     Raises:
         InputError: if the file exists, or this OpenCV cannot write such a video.
     """
+    largest_side = 1280  # pixels of the longer side: sharp enough to judge poses by, and quick to write
     import cv2
 
     facts, looked = poses.facts, poses.looked
-    scale, limbs = min(1.0, LARGEST_SIDE / max(facts.width, facts.height)), limb_pairs(poses.keypoints)
+    scale, limbs = min(1.0, largest_side / max(facts.width, facts.height)), limb_pairs(poses.keypoints)
     size = tuple(2 * round(scale * length / 2) for length in (facts.width, facts.height))  # codecs want even numbers
     with atomic_path(path, overwrite) as temporary:
         code = cv2.VideoWriter.fourcc(*"mp4v")

@@ -29,8 +29,6 @@ from vip_factors.sensors.camera import CameraPath
 MEAN_ROUNDS = 10  # of reweighting: a robust mean settles in five
 MEAN_SCALE = np.deg2rad(5.0)  # beyond which a hypothesis counts less: PnP on an inertial skeleton is off by so much
 LEAP_SIGHTINGS, LEAP_WINDOW = 5, 0.6  # on either side; s that they may span
-# A runner crosses 1 m between the middles of five sightings at 30 Hz; PnP's depth is off by some 5 %.
-LEAP_M, LEAP_OF_DEPTH = 0.5, 0.15
 # A pan at 90 degrees a second turns by 15 between them; PnP on a skeleton of careless mountings by 24.
 LEAP_TURN = np.deg2rad(30.0)
 # s on either side, over which most sightings have to have leapt, too: a detector that takes left for right turns PnP
@@ -162,7 +160,9 @@ def leaps(sightings: Sightings) -> Array:
 
 
 def _is_far(before: Array, after: Array) -> np.ndarray:
-    return np.linalg.norm(after - before, axis=-1) > LEAP_M + LEAP_OF_DEPTH * np.abs(before[..., 2])
+    # A runner crosses 1 m between the middles of five sightings at 30 Hz; PnP's depth is off by some 5 %.
+    leap_m, leap_of_depth = 0.5, 0.15
+    return np.linalg.norm(after - before, axis=-1) > leap_m + leap_of_depth * np.abs(before[..., 2])
 
 
 def _moves(p: Array, n: int) -> np.ndarray:
@@ -213,8 +213,6 @@ def filmed_path(camera: CameraPath, sightings: Sightings, p_world_pelvis: Array,
     return p_world_pelvis + interpolate_points(sightings.time, shift, time)
 
 
-ROUNDS = 10  # of reweighting: a robust mean settles in five
-SCALE = np.deg2rad(10.0)  # beyond which a frame counts less: a camera by PnP on an inertial skeleton is off by so much
 HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 0.5))
 
 
@@ -232,12 +230,15 @@ def camera_mounting(R_world_camera: Array, R_inertial_imu: Array) -> tuple[Array
         R_world_camera: ``(n, 3, 3)``, the world's z up.
         R_inertial_imu: ``(n, 3, 3)`` at the same instants.
     """
+    # Beyond which a frame counts less: a camera by PnP on an inertial skeleton is off by so much
+    scale = np.deg2rad(10.0)
+    rounds = 10  # of reweighting: a robust mean settles in five
     weights = np.ones(len(R_world_camera))
     mounting, heading = np.eye(3), 0.0
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         mounting, heading = _weighted(R_world_camera, R_inertial_imu, weights)
         off = angle_between(R_world_camera @ mounting, rotation_z(heading) @ R_inertial_imu)
-        weights = 1 / (1 + (off / SCALE) ** 2)
+        weights = 1 / (1 + (off / scale) ** 2)
     return mounting, heading
 
 

@@ -18,10 +18,8 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 
 OFFSETS_S = 0.35  # either side of the offset that was found for the whole
-GRID_S = 0.008  # between lines, at their ends: a tenth of a peak's width
 FIT_S = 0.05  # over which a peak is a parabola
 LEAST_STRETCHES = 3  # that make a line
-BESIDE_S = 0.06  # from the line, where a stretch has its own peak
 
 
 @dataclass(frozen=True)
@@ -101,9 +99,10 @@ def between(track: ImageTrack, first: float, last: float, seconds: float) -> Ima
 
 def _best_line(offset: Array, gain: Array, time: Array, half: float, most: float) -> tuple[float, float]:
     """Offset in the middle and drift of the line ``o + d t`` along which all curves together are highest."""
+    grid_s = 0.008  # between lines, at their ends: a tenth of a peak's width
     at_middle = offset[np.abs(offset) <= OFFSETS_S]
     best, line = -1.0, (0.0, 0.0)
-    steps = int(np.ceil(most * half / GRID_S))
+    steps = int(np.ceil(most * half / grid_s))
     for drift in np.linspace(-most, most, 2 * steps + 1):
         along = [
             np.interp(at_middle + drift * t, offset, curve, left=0.0, right=0.0)
@@ -120,10 +119,11 @@ def _fitted(
     offset: Array, gain: Array, time: Array, line: tuple[float, float]
 ) -> tuple[float, float, float, int] | None:
     """Offset, drift, its standard deviation, and how many stretches told: each by its peak beside the line."""
+    beside_s = 0.06  # from the line, where a stretch has its own peak
     least_gain = 10.0  # nats of a stretch that counts
     rows = []
     for t, curve in zip(time, gain, strict=True):
-        near = np.flatnonzero(np.abs(offset - (line[0] + line[1] * t)) <= BESIDE_S)
+        near = np.flatnonzero(np.abs(offset - (line[0] + line[1] * t)) <= beside_s)
         if len(near) and curve[near].max() >= least_gain:
             rows.append((t, *peak_vertex(offset, curve, int(near[np.argmax(curve[near])]), FIT_S)))
     if len(rows) < LEAST_STRETCHES:
@@ -140,7 +140,6 @@ def _fitted(
 
 
 MAX_OFFSET_S = 10.0  # what two people pressing buttons, or two clocks set by network, differ by
-SLOW_S = 0.3  # motions are compared once more so smoothed: what is slow tells one step from the next
 PEAK_S = 0.35  # around a peak of the curve: a half step lasts 0.5 s
 LIMB_S = 0.15  # around the common peak, where each limb has its own
 
@@ -211,8 +210,9 @@ class _Comparison:
 
     def curve(self, tracks: Sequence[ImageTrack]) -> CorrelationCurve:
         """Agreement by quick motion, which is exact, plus slow motion, which does not repeat with every step."""
+        slow_s = 0.3  # motions are compared once more so smoothed: what is slow tells one step from the next
         quick, slow = (
-            correlation_curve(self.scene, self.camera, tracks, self.max_offset, width) for width in (QUICK_S, SLOW_S)
+            correlation_curve(self.scene, self.camera, tracks, self.max_offset, width) for width in (QUICK_S, slow_s)
         )
         return replace(quick, gain=quick.gain + slow.gain)
 

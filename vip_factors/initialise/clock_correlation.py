@@ -28,12 +28,8 @@ from vip_factors.initialise.clock_signals import (
 )
 from vip_factors.sensors.scene import Camera, Scene
 
-LEAST_SECONDS = 2.0  # of common time that a limb must show
-COMMON_SECONDS = 0.2  # that two tracks of one person may both be there: a detector may see somebody twice for a moment
-RIDGE = 1e-2  # of the sensor's mean square: a limb that moves in one plane leaves one direction undetermined
 LEAST_SAMPLES = 30  # of common grid time, for a linear map to mean anything
 QUICK_S = 0.07  # wide enough for a detector's jitter, narrow enough for a step of 0.4 s
-MOST_EXPLAINED = 0.98  # a limb that fits better by chance must not outvote the rest
 
 
 @dataclass(frozen=True)
@@ -141,6 +137,8 @@ def _assigned(
     The best pair first, then the best of those left: a track is one wearer, and a wearer is in one place at a time.
     Without that, somebody who walks in step with a wearer would pull the clocks to where their steps agree.
     """
+    # That two tracks of one person may both be there: a detector may see somebody twice for a moment
+    common_seconds = 0.2
     candidates = [(t, w) for t, curves in enumerate(every) for w in sorted({curve.wearer for curve in curves})]
     if not candidates:
         return (), np.zeros(lags)
@@ -149,7 +147,7 @@ def _assigned(
     start = np.array([tracks[t].time[0] for t in track])
     end = np.array([tracks[t].time[-1] for t in track])
     both = np.minimum(end[:, None], end) - np.maximum(start[:, None], start)
-    excluded = (track[:, None] == track) | ((wearer[:, None] == wearer) & (both > COMMON_SECONDS))
+    excluded = (track[:, None] == track) | ((wearer[:, None] == wearer) & (both > common_seconds))
     free, total, chosen = gain > 0, np.zeros(lags), np.zeros(gain.shape, bool)
     for _ in range(len(tracks)):
         value = np.where(free, gain, 0.0)
@@ -166,6 +164,7 @@ def _assigned(
 def _limb_curves(
     scene: Scene, camera: Camera, track: ImageTrack, video: Array, imu: Array, width: float
 ) -> list[LimbCurve]:
+    least_seconds = 2.0  # of common time that a limb must show
     turned = camera_rotation(camera.mount, imu) if camera.moving and camera.mount is not None else None
     seen: dict[tuple[int, int], Signal] = {}
     curves = []
@@ -177,7 +176,7 @@ def _limb_curves(
             if limb not in seen:
                 seen[limb] = limb_in_image(track, limb, video, width)
             image = seen[limb]
-            if image.valid.sum() < LEAST_SECONDS * GRID_HZ:
+            if image.valid.sum() < least_seconds * GRID_HZ:
                 continue
             features = _features(direction, turned, width)
             curves.append(LimbCurve(number, sensor, *_gain(image, features, width)))
@@ -213,6 +212,8 @@ def _gain(image: Signal, features: Sequence[Signal], width: float) -> tuple[Arra
 
     And of how many independent instants ``(L,)`` it is.
     """
+    most_explained = 0.98  # a limb that fits better by chance must not outvote the rest
+    ridge = 1e-2  # of the sensor's mean square: a limb that moves in one plane leaves one direction undetermined
     independent = 0.28 / width / GRID_HZ  # instants in one sample: a width holds 1 over twice the root of pi
     size = scipy.fft.next_fast_len(len(features[0].values), real=True)
     lags = len(features[0].values) - len(image.values) + 1
@@ -233,14 +234,14 @@ def _gain(image: Signal, features: Sequence[Signal], width: float) -> tuple[Arra
     common = scipy.fft.irfft(mask * valid, size)[:lags]
     power = scipy.fft.irfft(square * valid, size)[:lags]
     S = scipy.fft.irfft(mask[:, None, None] * products, size, axis=0)[:lags]
-    S = S + (RIDGE * np.trace(S, axis1=1, axis2=2)[:, None, None] + 1e-12) * np.eye(3)
+    S = S + (ridge * np.trace(S, axis1=1, axis2=2)[:, None, None] + 1e-12) * np.eye(3)
     explained = np.zeros(lags)
     for spectrum in cross:
         s = scipy.fft.irfft(spectrum, size, axis=0)[:lags]
         explained += np.einsum("li,li->l", s, np.linalg.solve(S, s[..., None])[..., 0])
     enough = common > LEAST_SAMPLES
     share = np.where(enough & (power > 0), explained / np.where(power > 0, power, 1.0), 0.0)
-    share = np.clip(share, 0.0, MOST_EXPLAINED)
+    share = np.clip(share, 0.0, most_explained)
     parameters = 3 * len(cross)
     instants = np.where(enough, independent * common, 0.0)
     return np.where(enough, -instants * np.log1p(-share) - parameters, 0.0), instants

@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, angle_between, log, mean_rotation, nearest_rotation, transpose
-from vip_factors.initialise.sensor_faults import JointSignal, joint_misfit
+from vip_factors.initialise.sensor_clocks import JointSignal, joint_misfit
 from vip_factors.initialise.sensor_tree import MOST_LOOKS, SWINGS_PER_SECOND
 from vip_factors.sensors.calibration import Placement
 

@@ -155,13 +155,9 @@ def _index(cost: Array) -> tuple[int, int]:
     return heading, mounting
 
 
-LIMIT_SIGMA = np.deg2rad(10.0)  # how far beyond a joint's limits is as odd as one sigma of the pose prior
-FREEDOM = 4.0  # of a Student t: some frames may be odd, and a pose prior's tails are not Gaussian
 # New looks per second: a pose lasts for two, a limb's swing and the wobble of its strap for one.
 POSES_PER_SECOND, SWINGS_PER_SECOND = 0.5, 1.0
 MOST_LOOKS = 20.0  # what is wrong in the same way in every frame does not count more the longer one looks
-# Frames looked at: more are alike; fewer do where candidates are free, and fewest with several mountings each.
-POSTURES, WANDERING_POSTURES, FEWEST_POSTURES = 40, 20, 12
 # m/s², least misfit of two accelerations that ought to agree: sensor places, soft tissue and the joint's own centre.
 LEAST_MISFIT = 1.5
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # signs of the inverse of a unit quaternion, scalar part first
@@ -175,7 +171,6 @@ FROM_LEFT = np.array(
     ],
     float,
 )
-SLOW, LEAST_SLOW_MISFIT = 2.0, 0.3  # s that whatever lies between two sensors is averaged over; m/s²
 
 
 End = tuple[Array, Array, Array]
@@ -235,6 +230,8 @@ def _quaternions(candidates: Candidates) -> tuple[Array, list[Array]]:
 
 def bend_cost(link: Link, parent: End, child: End, kernels: Kernels = kernels) -> Array:
     """How unlike people's a joint bends, nats a look: ``(N, M)``, of all headings and mountings of parent and child."""
+    freedom = 4.0  # of a Student t: some frames may be odd, and a pose prior's tails are not Gaussian
+    limit_sigma = np.deg2rad(10.0)  # how far beyond a joint's limits is as odd as one sigma of the pose prior
     if kernels is not None:
         found = np.empty(tuple(mountings.shape[0] * mountings.shape[1] for _, mountings, _ in (parent, child)))
         kernels.bend_cost(*parent, *child, np.stack([link.mean, link.lower, link.upper]), link.whitening, found)
@@ -242,9 +239,9 @@ def bend_cost(link: Link, parent: End, child: End, kernels: Kernels = kernels) -
     x = _bends(_bones(*parent), _bones(*child))
     flat = x.reshape(3, -1)
     off = link.whitening @ (flat - link.mean[:, None])
-    beyond = (flat - np.clip(flat, link.lower[:, None], link.upper[:, None])) / LIMIT_SIGMA
+    beyond = (flat - np.clip(flat, link.lower[:, None], link.upper[:, None])) / limit_sigma
     square = (_square(off) + _square(beyond)).reshape(x.shape[1:])
-    return np.asarray(np.mean((FREEDOM + 3) / 2 * np.log(square / FREEDOM + 1.0), axis=0))
+    return np.asarray(np.mean((freedom + 3) / 2 * np.log(square / freedom + 1.0), axis=0))
 
 
 @dataclass(frozen=True)
@@ -299,10 +296,11 @@ def _carried(frames: ImuFrames) -> tuple[Array, np.ndarray]:
 
 
 def _accelerations(link: Link, frames: ImuFrames, carried: Array, known: np.ndarray) -> _Accelerations | None:
+    slow, least_slow_misfit = 2.0, 0.3  # s that whatever lies between two sensors is averaged over; m/s²
     both = [link.parent, link.child]
     rows = np.flatnonzero(known[both].all(axis=0))
     arms = None if link.p_parent is None or link.p_child is None else (link.p_parent, link.p_child)
-    smooth = 1 if arms is not None else max(1, round(SLOW / frames.step))
+    smooth = 1 if arms is not None else max(1, round(slow / frames.step))
     if len(rows) < 2 * smooth + 1:
         return None
     above, below = carried[both][:, rows] if arms is not None else _slow(carried[both][:, rows], smooth)
@@ -310,13 +308,15 @@ def _accelerations(link: Link, frames: ImuFrames, carried: Array, known: np.ndar
     looks = _looks(frames, rows, SWINGS_PER_SECOND)
     if arms is not None:
         return _Accelerations(arms, products, looks, LEAST_MISFIT)
-    return _Accelerations((np.zeros(3),) * 2, products, looks / SLOW, LEAST_SLOW_MISFIT)
+    return _Accelerations((np.zeros(3),) * 2, products, looks / slow, least_slow_misfit)
 
 
 def _postures(candidates: Candidates) -> int:
+    # Frames looked at: more are alike; fewer do where candidates are free, and fewest with several mountings each.
+    postures, wandering_postures, fewest_postures = 40, 20, 12
     if candidates.relative:
-        return FEWEST_POSTURES
-    return POSTURES if candidates.declared else WANDERING_POSTURES
+        return fewest_postures
+    return postures if candidates.declared else wandering_postures
 
 
 def _looks(frames: ImuFrames, rows: np.ndarray, per_second: float) -> float:

@@ -87,7 +87,6 @@ def upright_cost(R_bone_sensor: Array, up_sensor: Array) -> Array:
 
 
 GRID = 24  # headings 15° apart: costs are smooth over that
-TURNS = 8  # about its limb, of a sensor that cannot sit as placed
 TILTED = np.deg2rad(40.0)  # on average over a recording, of trunk, thighs and shanks: too much for walking and standing
 
 
@@ -152,6 +151,7 @@ def placed_candidates(
         The candidates, and the numbers of the sensors that no quarter turn keeps upright. They get the mountings that
         do, nearest to the one as placed and turned about the limb.
     """
+    turns = 8  # about its limb, of a sensor that cannot sit as placed
     outwards = 0.75  # the sensor's z axis stays out of the skin: it is not along the limb
     several, tilted = [], []
     for s, (R, limb, up) in enumerate(zip(R_placed, limbs, up_sensor, strict=True)):
@@ -165,7 +165,7 @@ def placed_candidates(
                 turned = np.concatenate([kept, np.stack([_righted(one, up) for one in turned])])
             else:
                 tilted.append(s)
-                turned = rotation_y(np.arange(TURNS) * 2 * np.pi / TURNS) @ _righted(R, up)
+                turned = rotation_y(np.arange(turns) * 2 * np.pi / turns) @ _righted(R, up)
         several.append(np.tile(turned, (GRID, 1, 1, 1)))
     return Candidates(np.tile(_around(first), (len(R_placed), 1)), tuple(several), relative=True), tuple(tilted)
 

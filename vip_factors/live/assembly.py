@@ -210,9 +210,11 @@ class FrameAssembler:
         self._presence.resume(now)
         if now - past >= self._settings.dead_after:
             numbers = {"seconds": now - past, "begin": past}
-            words = {"then": "tracking starts again" if now - past > self._settings.longest_pause else "going on"}
+            then = "tracking starts again" if now - past > self._settings.longest_pause else "going on"
+            words = {"what": "all sensors were silent", "why": "", "then": then}
             if past - self._lost_at <= REPEAT_S:
-                dropped = Finding("samples dropped", numbers=numbers, words=words)
+                words |= {"what": "no samples", "why": ", as the tracker did not keep up and they were dropped"}
+                dropped = Finding("all silent", numbers=numbers, words=words)
                 self._log.tally("lost", now, lambda _: dropped)  # as long as it does not keep up, now and then
             else:
                 self._log.add(Finding("all silent", numbers=numbers, words=words))
@@ -285,8 +287,9 @@ class FrameAssembler:
         self.counts[kind] += 1
 
         def finding(count: int) -> Finding:
-            words = {"amount": f"{count} {noun}{'s' if count > 1 else ''}", "reason": reason}
-            return Finding(f"samples {kind}", subject=label, words=words)
+            amount = f"{count} {noun}{'s' if count > 1 else ''}"
+            what = "came too late" if kind == "late" else f"skipped: {reason}"
+            return Finding("samples unusable", subject=label, words={"amount": amount, "what": what})
 
         self._log.tally((kind, source), self._clocks.present, finding)
 
@@ -296,10 +299,10 @@ class FrameAssembler:
         if label in self._unknown or len(self._unknown) > most_names:
             return
         self._unknown.add(label)
+        what = "is not in the stream's set-up: ignored; check the name"
         if len(self._unknown) > most_names:
-            self._log.add(Finding("names unknown", numbers={"most": most_names}))
-        else:
-            self._log.add(Finding("name unknown", subject=label))
+            label, what = f"more than {most_names} names", "that nobody declared: the rest is ignored without a word"
+        self._log.add(Finding("name unknown", subject=label, words={"what": what}))
 
     def _remark_on_clock(self, source: int, label: str, admitted: Admitted) -> None:
         if admitted.time is None:

@@ -18,7 +18,6 @@ from vip_factors.associate.tracklets import FURTHEST, LONGEST_GAP_S, RIVAL, keyp
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import Skeleton
-from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraModel
 
@@ -102,7 +101,6 @@ class BodyFitter:
         self.precision = 1 / keypoint_sigma(keypoints) ** 2
         self.major = major_joints(keypoints.keypoints)
         self._share = self.known / np.maximum(self.known.sum(axis=-1, keepdims=True), 1)
-        self._flags = self.known.astype(float), self.major.astype(float)
         self.sightings, self._each = np.zeros(len(self.major)), 1.0  # how often each keypoint was; what one counts for
         self.depth_share, self.side_m = depth_share, side_m
 
@@ -126,7 +124,7 @@ class BodyFitter:
         """Mean ``(..., W, 3)`` of known keypoints ``(..., W, K, 3)``."""
         return np.asarray((self._share[:, None] @ points)[..., 0, :])
 
-    def fit(self, points: Array, people: People, covariance: Array, kernels: Kernels = kernels) -> Fit:
+    def fit(self, points: Array, people: People, covariance: Array) -> Fit:
         """Compare everybody with everybody.
 
         Args:
@@ -135,13 +133,6 @@ class BodyFitter:
             covariance: ``(F, W, 3, 3)`` m², camera axes, of where the wearer is before the camera.
         """
         each = self._each
-        if kernels is not None:
-            found = np.empty((*points.shape[:2], people.there.shape[1], 4))
-            kernels.fit_people(
-                points, people.rays, people.weight, *self._flags, self.precision, covariance, self.depth_share,
-                self.side_m, found,
-            )  # fmt: skip
-            return Fit(found[..., 0], each * found[..., 1], each * found[..., 2], found[..., 3])
         w = people.weight[:, None] * self.known[:, None]  # (F, W, N, K)
         place = self.middle(points)
         local = (points - place[..., None, :])[:, :, None]  # (F, W, 1, K, 3)

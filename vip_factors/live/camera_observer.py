@@ -16,7 +16,7 @@ from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Camera
-from vip_factors.stages.ground import (
+from vip_factors.stages.floor import (
     foot_acceleration_confidence,
     free_accelerations,
     ground_view,
@@ -33,7 +33,7 @@ def standing_feet(
     wearer: WearerProblem, sensors: np.ndarray, feet: tuple[Foot, ...], body: BodyState, frames: Sequence[LagFrame],
     at: int, settings: GroundContactSettings,
 ) -> Array:  # fmt: skip
-    """How surely each foot stands, ``(G,)``, as :func:`~vip_factors.stages.ground.standing_confidence` has it.
+    """How surely each foot stands, ``(G,)``, as :func:`~vip_factors.stages.floor.standing_confidence` has it.
 
     Args:
         wearer: the problem.

@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array, exp, log, transpose
 from vip_factors.sensors.imu_stream import (
     FORCE_LIMIT,
@@ -226,9 +225,7 @@ class SensorBuffer:
             self._period[sensor] = float(np.median(np.diff(recent))) if len(recent) > 1 else 0.0
         return True
 
-    def measure(
-        self, time: float, step: float, kernels: Kernels = kernels
-    ) -> tuple[Array, np.ndarray, Array, np.ndarray]:
+    def measure(self, time: float, step: float) -> tuple[Array, np.ndarray, Array, np.ndarray]:
         """Orientation at an instant, and acceleration about the instant one ``step`` before it.
 
         Returns:
@@ -236,12 +233,6 @@ class SensorBuffer:
             triangular average of half-width ``step`` ``(S, 3)`` in m/s², zero where its window is not whole, and where
             it is, ``(S,)``.
         """
-        if kernels is not None:
-            S = len(self._time)
-            R, seen, force, whole = np.empty((S, 3, 3)), np.empty(S, bool), np.empty((S, 3)), np.empty(S, bool)
-            own = self._time, self._R, self._force, self._count, self._period
-            kernels.measure(*own, time, step, GAP_FACTOR, R, seen, force, whole)
-            return R, seen, force, whole
         sample, span = self._over(time - 2 * step, time)
         before, after = span[:, :-1], span[:, 1:]
         gap = after - before > GAP_FACTOR * self._period[:, None]

@@ -11,8 +11,6 @@ from vip_factors.live.settings import AssemblySettings
 # s of samples in a row from a clock that has jumped, after which it is believed to have started again: a lone bad stamp
 # never lasts, and a sensor switched off and on is back within the second.
 RESTART_S = 0.5
-SHARED_OFFSET = 0.5  # s: a clock that starts again this near to another's new time has started with it
-STRAYS = 1000  # refused in a row without any order: told, even if nobody's time goes on
 
 
 @dataclass
@@ -133,7 +131,8 @@ class StreamClocks:
 
     def _strays(self, refused: _Refused) -> Finding | None:
         """What is to be said, once, of a clock that neither comes back nor goes on from anywhere; mostly nothing."""
-        lasts = self.present - refused.since >= self._settings.dead_after or refused.count >= STRAYS
+        strays = 1000  # refused in a row without any order: told, even if nobody's time goes on
+        lasts = self.present - refused.since >= self._settings.dead_after or refused.count >= strays
         if refused.told or not lasts:
             return None
         refused.told = True
@@ -166,14 +165,12 @@ class StreamClocks:
 
     def _new_offset(self, source: int, time: float, now: float) -> float:
         """So that time goes on from ``now``: clocks that start again together keep their common time."""
+        shared_offset = 0.5  # s: a clock that starts again this near to another's new time has started with it
         candidates = {0.0, *self._offset}
         nearest = min(candidates, key=lambda offset: abs(time + offset - now))
         # After a small step its old offset is near, too.
-        limit = min(SHARED_OFFSET, abs(time + self._offset[source] - now) / 2)
+        limit = min(shared_offset, abs(time + self._offset[source] - now) / 2)
         return nearest if abs(time + nearest - now) <= limit else now - time
-
-
-ENOUGH = 4  # sensors from which on a single one whose clock runs ahead cannot make all others late
 
 
 class SensorPresence:
@@ -224,7 +221,8 @@ class SensorPresence:
         for sensor, reached in enumerate(self._reached):
             if reached == -math.inf:
                 self._away[sensor] = "sends now"
-                self._log.add(Finding("sensor missing", subject=self._labels[sensor]))
+                words = {"what": "has sent nothing yet"}
+                self._log.add(Finding("sensor silent", subject=self._labels[sensor], words=words))
 
     def find_silent(self, present: float) -> None:
         """Find those who have fallen silent, now and then."""
@@ -238,11 +236,10 @@ class SensorPresence:
             self.awaited[sensor] = False
             self._away[sensor] = "is back"
             late = self._arrived[sensor] > max(reached, self._resumed)
-            words = {"what": "has come too late" if late else "has been silent", "why": ""}
+            what = f"{'has come too late' if late else 'has been silent'} for {silent:.1f} s"
             if self._lost_at >= max(reached, self._resumed):
-                why = ", as the tracker did not keep up and some were dropped"
-                words = {"what": "is without samples", "why": why}
-            self._log.add(Finding("sensor silent", "", "", self._labels[sensor], {"seconds": silent}, words))
+                what = f"is without samples for {silent:.1f} s, as the tracker did not keep up and some were dropped"
+            self._log.add(Finding("sensor silent", subject=self._labels[sensor], words={"what": what}))
 
     def complete_until(self) -> float:
         """Frames up to this time (s) wait for nobody: all awaited sensors are there, or patience is at its end.
@@ -250,13 +247,14 @@ class SensorPresence:
         Patience is measured on the newest sample of any sensor; where many send, on the second newest, so that one
         sensor whose clock runs ahead does not make all others late.
         """
+        enough = 4  # sensors from which on a single one whose clock runs ahead cannot make all others late
         awaited = [sensor for sensor, awaited in enumerate(self.awaited) if awaited]
         if not awaited:
             return max(self._reached) - self._settings.patience
         # Of those that are as far, the last one: mostly they arrive in order, and it is looked at instead of all.
         self._slowest = min(reversed(awaited), key=self._reached.__getitem__)
         reached = sorted([self._reached[sensor] for sensor in awaited])
-        pace = reached[-1 if len(reached) < ENOUGH else -2]
+        pace = reached[-1 if len(reached) < enough else -2]
         return max(reached[0] - self._settings.reordering, pace - self._settings.patience)
 
     def waits(self, time: float, present: float) -> bool:

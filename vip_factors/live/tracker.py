@@ -180,7 +180,7 @@ class FixedLagTracker:
 
     def _take(self, measured: FrameMeasurement, begin: float) -> list[LiveEstimate]:
         if measured.restart:
-            self._lose(Finding("stream paused"))
+            self._lose(Finding("tracking lost", words={"what": "the stream has paused"}))
             self._recent.clear()
             self._recalibrator.restart(self._earlier)
         self._recalibrator.remember(measured)
@@ -200,7 +200,8 @@ class FixedLagTracker:
                 tracking = self._tracking = self._started_again(tracking)
             tracking = self._tracking = self._recalibrated(tracking)
         except SolveError as error:
-            self._lose(_failed("tracking lost", measured.time, error))
+            what = f"tracking was lost at {measured.time:.1f} s ({error})"
+            self._lose(Finding("tracking lost", words={"what": what}))
             return []
         answer = self._estimates.of(tracking, begin + self._recalibrator.waited_s - waited)
         oldest = tracking.smoother.numbers[0]
@@ -280,7 +281,8 @@ class FixedLagTracker:
         try:
             start, tracking = self._fresh_tracking(self._earlier)
         except (RecordingError, SolveError) as error:
-            self._estimates.add_findings(_failed("no start", self._recent[-1].time, error))
+            time, reason = self._recent[-1].time, str(error)
+            self._estimates.add_findings(Finding("no start", numbers={"time": time}, words={"reason": reason}))
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
@@ -339,9 +341,6 @@ class FixedLagTracker:
             return tracking
         again.smoother.marginalise_before(newest - self._lag - 1)
         self._estimates.reset()
-        self._estimates.add_findings(Finding("wearer found" if found else "sensor used"))
+        what = "a wearer was found in the video, which" if found else "another sensor"
+        self._estimates.add_findings(Finding("more is used", words={"what": what}))
         return again
-
-
-def _failed(kind: str, time: float, error: Exception) -> Finding:
-    return Finding(kind, numbers={"time": time}, words={"reason": str(error)})

@@ -18,10 +18,6 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 
-ROOT_DEGREE = 5  # of the root path's spline: continuous up to the fourth derivative
-FILTER_ORDER = 2  # run forwards and backwards: fourth order, zero phase
-LEAST_FRAMES = 8  # to hold a quintic and the filter's settling
-
 
 @dataclass(frozen=True)
 class BoneKinematics:
@@ -114,8 +110,10 @@ def dense_motion(motion: Motion, lowpass_hz: float | None = None) -> DenseMotion
     Raises:
         InputError: for a motion of fewer than 8 frames, or with frames that are not finite.
     """
-    if len(motion) < LEAST_FRAMES:
-        raise InputError(f"motion '{motion.name}' has {len(motion)} frames: expected at least {LEAST_FRAMES}")
+    least_frames = 8  # to hold a quintic and the filter's settling
+    root_degree = 5  # of the root path's spline: continuous up to the fourth derivative
+    if len(motion) < least_frames:
+        raise InputError(f"motion '{motion.name}' has {len(motion)} frames: expected at least {least_frames}")
     finite = np.isfinite(motion.R_parent_child).all(axis=(1, 2, 3)) & np.isfinite(motion.p_world_pelvis).all(axis=1)
     if not np.all(finite):
         raise InputError(f"motion '{motion.name}': frame {int(np.argmin(finite))} is not finite: cut the motion there")
@@ -129,7 +127,7 @@ def dense_motion(motion: Motion, lowpass_hz: float | None = None) -> DenseMotion
     time = motion.time
     joints = tuple(RotationSpline(time, Rotation.from_matrix(R[:, joint])) for joint in range(JOINT_COUNT))
     return DenseMotion(
-        motion.skeleton, joints, make_interp_spline(time, root, ROOT_DEGREE), motion.start, time[-1], motion.name
+        motion.skeleton, joints, make_interp_spline(time, root, root_degree), motion.start, time[-1], motion.name
     )
 
 
@@ -143,7 +141,8 @@ def _continuous_quaternions(R: Array) -> Array:
 
 
 def _lowpass(values: Array, rate: float, cutoff: float) -> Array:
-    sos = butter(FILTER_ORDER, cutoff, fs=rate, output="sos")
+    filter_order = 2  # run forwards and backwards: fourth order, zero phase
+    sos = butter(filter_order, cutoff, fs=rate, output="sos")
     padding = min(len(values) - 1, int(np.ceil(3 * rate / cutoff)))
     return np.asarray(sosfiltfilt(sos, values, axis=0, padlen=padding))
 

@@ -89,13 +89,6 @@ def single_people(
 
 
 GROUPS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle", "heel", "toe")}
-FRONT, BACK = 0.5, -0.5  # cosines of the facing angle: 60 degrees to either side are front and back
-OVERLAP = 0.12  # of the nearer one's height in the image: people whose middles are nearer than this overlap
-OVERLAP_DEPTH = 0.6  # and whose heights in the image differ by no more than this factor
-SECOND_SHARE = 0.35  # of the limbs in a mixed detection, that are the other person's
-FALSE_CONFIDENCE, FALSE_KEYPOINTS = 0.3, 0.5  # of detections of nobody: mean confidence, share of keypoints
-FALSE_TIME_S = 0.5  # that they last on average
-LEAST_HEIGHT_PX = 60.0  # of a person to be found; COCO's small people
 
 
 def swapped_sides(
@@ -103,11 +96,12 @@ def swapped_sides(
     random: np.random.Generator,
 ) -> DetectedPeople:  # fmt: skip
     """Left and right arms or legs exchanged for a while, mostly when seen from the side or from behind."""
+    front, back = 0.5, -0.5  # cosines of the facing angle: 60 degrees to either side are front and back
     P, F, _ = people.confidence.shape
     # Measured: 0.5 % of limb keypoints, nearly all knees. PoseFix (Moon et al. 2019) trains with 3 % at arms and 6 % at
     # legs for COCO's pictures. Between the two; by view is ours.
     from_front, from_side, from_back = 0.005, 0.04, 0.02
-    share = np.where(view.facing > FRONT, from_front, np.where(view.facing < BACK, from_back, from_side))
+    share = np.where(view.facing > front, from_front, np.where(view.facing < back, from_back, from_side))
     pixels, confidence = people.pixels.copy(), people.confidence.copy()
     for words in GROUPS.values():
         group = np.array([any(word in name for word in words) for name in keypoints.keypoints])
@@ -128,6 +122,9 @@ def mixed_people(
     Returns:
         The people, and ``(P, F)`` whether somebody has been merged into somebody else and is gone.
     """
+    second_share = 0.35  # of the limbs in a mixed detection, that are the other person's
+    overlap_depth = 0.6  # and whose heights in the image differ by no more than this factor
+    overlap = 0.12  # of the nearer one's height in the image: people whose middles are nearer than this overlap
     # Ours, to see what an estimator makes of it: no real recording of several people was measured.
     merged_share, exchanged_share = 0.15, 0.10  # of the time that two people overlap
     P, F, _ = people.confidence.shape
@@ -137,11 +134,11 @@ def mixed_people(
     middle = _middles(view)
     for a, b in combinations(range(P), 2):
         both = lasting_chance(random, F, step, EVENT_S, 2)
-        theirs = lasting_chance(random, F, step, EVENT_S, int(limb.max()) + 1) < SECOND_SHARE
+        theirs = lasting_chance(random, F, step, EVENT_S, int(limb.max()) + 1) < second_share
         near = np.where(view.depth[a] <= view.depth[b], view.height[a], view.height[b])
         with np.errstate(invalid="ignore"):
-            close = np.linalg.norm(middle[a] - middle[b], axis=1) < OVERLAP * near
-            close &= np.abs(np.log(view.height[a] / view.height[b])) < OVERLAP_DEPTH
+            close = np.linalg.norm(middle[a] - middle[b], axis=1) < overlap * near
+            close &= np.abs(np.log(view.height[a] / view.height[b])) < overlap_depth
         merged = close & (both[:, 0] < settings.mixed * merged_share)
         exchanged = close & (both[:, 1] < settings.mixed * exchanged_share)
         moves = (merged | exchanged)[:, None] & theirs[:, limb]
@@ -161,26 +158,28 @@ def false_people(
     random: np.random.Generator,
 ) -> DetectedPeople:  # fmt: skip
     """Detections of nobody (furniture, shadows, pictures on walls): shapes of real people elsewhere, in part."""
+    false_time_s = 0.5  # that they last on average
+    false_confidence, false_keypoints = 0.3, 0.5  # of detections of nobody: mean confidence, share of keypoints
     F, K = view.height.shape[1], len(keypoints)
     a_frame = 0.03  # detections, ours
-    count = random.poisson(settings.people * a_frame * F * step / FALSE_TIME_S)
+    count = random.poisson(settings.people * a_frame * F * step / false_time_s)
     pixels, confidence = np.full((count, F, K, 2), np.nan), np.zeros((count, F, K))
     whole = np.argwhere(np.all(np.isfinite(view.height)[..., None], axis=2))
     if not len(whole):
         return DetectedPeople(pixels, confidence)
     time = step * np.arange(F)
     for one in range(count):
-        start, lasts = random.uniform(0, F * step), random.exponential(FALSE_TIME_S)
+        start, lasts = random.uniform(0, F * step), random.exponential(false_time_s)
         frames = (time >= start) & (time < start + lasts)
         person, frame = whole[random.integers(len(whole))]
         shape = view.aimed[person, frame] - np.nanmean(view.aimed[person, frame], axis=0)
         size = random.uniform(0.3, 1.0)
         place = random.uniform([0, 0], [model.width, model.height])
         jitter = keypoints.sigmas[:, None] * ROOT_AREA_PER_HEIGHT * view.height[person, frame] * size
-        kept = random.random(K) < FALSE_KEYPOINTS
+        kept = random.random(K) < false_keypoints
         shaking = random.standard_normal((F, K, 2)) * WHITE_ERROR + random.standard_normal((K, 2))
         pixels[one] = np.where(frames[:, None, None] & kept[:, None], place + size * shape + jitter * shaking, np.nan)
-        sure = np.clip(FALSE_CONFIDENCE * random.uniform(0.5, 1.5, (F, K)), 0.05, 1.0)
+        sure = np.clip(false_confidence * random.uniform(0.5, 1.5, (F, K)), 0.05, 1.0)
         confidence[one] = np.where(np.isfinite(pixels[one, ..., 0]), sure, 0.0)
     return DetectedPeople(pixels, confidence)
 
@@ -205,10 +204,6 @@ def _middles(view: View) -> Array:
 
 # Whose keypoints count when a detection is given to a person (thesis 4.4.3: "major body joints", at least seven).
 MAJOR = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-LEAST_CORRECT = 7
-# A keypoint is right within half a head's length (the PCKh@0.5 of Andriluka et al. 2014), 0.13 of stature
-# (Drillis & Contini); it must also be nearer to this person's keypoint than to anybody else's.
-RIGHT_WITHIN = 0.065
 
 
 def detect(
@@ -229,6 +224,7 @@ def detect(
         least seven of the major joints, or −1; and where that person's keypoints really are, ``(N, K, 2)`` pixels,
         NaN out of the image.
     """
+    least_height_px = 60.0  # of a person to be found; COCO's small people
     overlooked_share = 0.01  # of the time that a person is in sight, ours
     names = ("bias", "errors", "sides", "mixed", "people", "false", "order")
     children = np.random.SeedSequence([seed, 0xDE7EC7]).spawn(len(names))
@@ -244,7 +240,7 @@ def detect(
     detected, absent = mixed_people(detected, view, keypoints, step, settings, random["mixed"])
     overlooked = lasting_chance(random["people"], len(camera), step, EVENT_S, len(people)).T
     absent |= overlooked < settings.people * overlooked_share
-    absent |= ~(view.height >= LEAST_HEIGHT_PX)
+    absent |= ~(view.height >= least_height_px)
     detected.confidence[absent] = 0
     detected = detected.joined(false_people(view, model, keypoints, step, settings, random["false"]))
     return _listed(detected, view, camera, model, keypoints, random["order"])
@@ -271,12 +267,16 @@ def _listed(
 
 def owners(detections: Detections, view: View, keypoints: KeypointSet) -> np.ndarray:
     """The person ``(N,)`` who has most major keypoints of each detection, at least seven, or −1."""
+    # A keypoint is right within half a head's length (the PCKh@0.5 of Andriluka et al. 2014), 0.13 of stature
+    # (Drillis & Contini); it must also be nearer to this person's keypoint than to anybody else's.
+    right_within = 0.065
+    least_correct = 7
     major = np.array([name.split("_")[-1] in MAJOR for name in keypoints.keypoints])
     there = view.pixels[:, detections.frame]
     with np.errstate(invalid="ignore"):
         distance = np.nan_to_num(np.linalg.norm(detections.pixels - there, axis=3), nan=np.inf)
-        right = distance <= RIGHT_WITHIN * view.height[:, detections.frame, None]
+        right = distance <= right_within * view.height[:, detections.frame, None]
     right &= (distance <= distance.min(axis=0)) & major
     count = right.sum(axis=2)
     best = count.argmax(axis=0)
-    return np.where(count.max(axis=0) >= LEAST_CORRECT, best, -1)
+    return np.where(count.max(axis=0) >= least_correct, best, -1)

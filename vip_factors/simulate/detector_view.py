@@ -12,8 +12,6 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraModel, CameraPath
 
 NEAREST_M = 0.3  # people nearer to the camera than this, or behind it, are not seen
-BURIED = 0.3  # of its radius: how far behind the axis of a limb a point must be, to be hidden by it
-TALL_M = 1.72  # stature of a skeleton that does not tell its own
 
 # Bodies as capsules: from joint to joint, radius over stature, and the bones whose own keypoints lie on the capsule.
 # Radii are means over the segment's length, rounded from the circumferences of anthropometric surveys (largest, of
@@ -32,7 +30,6 @@ CAPSULES = (
         )
     ),
 )
-HEAD_RADIUS, HEAD_FROM, HEAD_TO = 0.044, 0.02, 0.08  # over stature, above the head's joint
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,8 @@ class Person:
     @property
     def stature(self) -> float:
         """Metres, by the skeleton's landmarks or usual."""
-        return self.skeleton.stature if {"head_top", "left_heel"} <= set(self.skeleton.landmarks) else TALL_M
+        tall_m = 1.72  # stature of a skeleton that does not tell its own
+        return self.skeleton.stature if {"head_top", "left_heel"} <= set(self.skeleton.landmarks) else tall_m
 
 
 @dataclass(frozen=True)
@@ -129,16 +127,17 @@ class _Seen:
 
     def _capsules(self, person: Person, camera: CameraPath, model: CameraModel) -> None:
         """Ends of the capsules in the image ``(F, C, 2 ends, 2)``, their depths and radii in metres and pixels."""
+        head_radius, head_from, head_to = 0.044, 0.02, 0.08  # over stature, above the head's joint
         state, tall, head = person.state, person.stature, joint_index("head")
         ends = [[state.p_world_joint[:, joint_index(end)] for end in capsule[:2]] for capsule in CAPSULES]
-        ends.append([state.point(head, np.array([0, tall * up, 0])) for up in (HEAD_FROM, HEAD_TO)])
+        ends.append([state.point(head, np.array([0, tall * up, 0])) for up in (head_from, head_to)])
         points = np.stack([np.stack(pair, axis=1) for pair in ends], axis=1)
         F, C = points.shape[:2]
         points = camera.to_camera(points.reshape(F, 2 * C, 3)).reshape(F, C, 2, 3)
         usable = self.seen[:, None] & np.all(points[..., 2] > NEAREST_M, axis=2)
         self.capsule_depth = np.where(usable[..., None], points[..., 2], np.nan)
         self.capsule_pixels = np.where(usable[..., None, None], model.project(points), np.nan)
-        self.capsule_radius = tall * np.array([*[capsule[2] for capsule in CAPSULES], HEAD_RADIUS])
+        self.capsule_radius = tall * np.array([*[capsule[2] for capsule in CAPSULES], head_radius])
         self.focal = model.focal[0]
         reach = 0.5 * np.nan_to_num(self.height)[:, None]
         self.low = np.nan_to_num(np.nanmin(_or_zero(self.capsule_pixels), axis=(1, 2)), nan=0.0) - 0.2 * reach
@@ -146,6 +145,7 @@ class _Seen:
 
     def hidden_by(self, other: "_Seen", own: bool) -> np.ndarray:
         """``(F, K)`` whether the other's capsules (not those a keypoint lies on, if one's own) hide the keypoints."""
+        buried = 0.3  # of its radius: how far behind the axis of a limb a point must be, to be hidden by it
         hidden = np.zeros(self.depth.shape, bool)
         near = self.seen & other.seen & np.all((self.low <= other.high) & (other.low <= self.high), axis=1)
         frames = np.flatnonzero(near)
@@ -161,7 +161,7 @@ class _Seen:
             radius = other.capsule_radius[c]
             with np.errstate(invalid="ignore"):
                 inside = np.linalg.norm(from_a - share[..., None] * along, axis=2) < radius * self.focal / depth
-                inside &= self.depth[frames] > depth + BURIED * radius
+                inside &= self.depth[frames] > depth + buried * radius
             if own:
                 inside[:, [_lies_on(landmark, c) for landmark in self.landmarks]] = False
             hidden[frames] |= inside

@@ -14,10 +14,6 @@ from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotati
 from vip_factors.simulate.staging import path_of_standing_feet
 
 STEP_HZ = 0.85  # full gait cycles per second: a relaxed pace is 0.9
-STRIDE = 0.15  # rad that the hip swings to either side: a slow walk of about 0.45 m/s
-TURN_RAD_S = 0.4  # of the walker: a circle of about 1.1 m radius, so that every direction is faced
-WALK_STRIDE, WALK_ROLL = 0.3, 0.35  # rad, of hip and foot: 0.7 m/s
-GESTURE_HZ = 0.23  # of raising the arms sideways
 
 
 def gestures(
@@ -28,12 +24,15 @@ def gestures(
     It starts near the origin, feet on the floor z = 0. A person of 1.75 m, if no skeleton is given. If ``straight``,
     the way is, with longer steps and feet that roll from heel to toes: of a circle gait counts no stride.
     """
+    walk_stride, walk_roll = 0.3, 0.35  # rad, of hip and foot: 0.7 m/s
+    turn_rad_s = 0.4  # of the walker: a circle of about 1.1 m radius, so that every direction is faced
+    stride = 0.15  # rad that the hip swings to either side: a slow walk of about 0.45 m/s
     skeleton = skeleton or skeleton_from_stature(1.75)
     time = np.arange(round(seconds * rate) + 1) / rate
     R = np.broadcast_to(np.eye(3), (len(time), JOINT_COUNT, 3, 3)).copy()
-    _trunk(R, time, 0.0 if straight else TURN_RAD_S)
+    _trunk(R, time, 0.0 if straight else turn_rad_s)
     for side, sign in (("left", 1.0), ("right", -1.0)):
-        _leg(R, time, side, sign, *((WALK_STRIDE, WALK_ROLL) if straight else (STRIDE, 0.0)))
+        _leg(R, time, side, sign, *((walk_stride, walk_roll) if straight else (stride, 0.0)))
         _arm(R, time, side, sign)
     hanging = forward_kinematics(skeleton, R, np.zeros((len(time), 3)))
     path, name = path_of_standing_feet(skeleton, hanging), "walk" if straight else "gestures"
@@ -67,8 +66,9 @@ def _leg(R: Array, time: Array, side: str, sign: float, most: float, rolling: fl
 
 
 def _arm(R: Array, time: Array, side: str, sign: float) -> None:
+    gesture_hz = 0.23  # of raising the arms sideways
     swing = 0.45 * _wave(time, STEP_HZ, np.pi if sign > 0 else 0.0)  # against the leg of the same side
-    raised = (0.5 + 0.5 * _wave(time, GESTURE_HZ, -np.pi / 2 - (0.0 if sign > 0 else 1.3))) ** 2
+    raised = (0.5 + 0.5 * _wave(time, gesture_hz, -np.pi / 2 - (0.0 if sign > 0 else 1.3))) ** 2
     down = 1.35 - 0.95 * raised  # from the T-pose towards hanging
     elbow = 0.45 + 0.25 * _wave(time, STEP_HZ, 0.4) + 0.6 * raised
     R[:, joint_index(f"{side}_collar")] = rotation_z(sign * 0.12 * raised)

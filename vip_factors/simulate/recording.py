@@ -83,7 +83,6 @@ def _sprung(state: BoneKinematics, p_bone_sensor: Array, frequency: float, step:
 
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
-TRUTH_RATE = 60.0  # Hz of the true motion: the frame rate of TotalCapture and of most video
 WHITE_DEG, WHITE_FORCE = 0.3, 0.3  # a sample, degrees and m/s²: rounding and time stamps; noise and unmodelled shaking
 
 
@@ -117,11 +116,12 @@ def record(
     dense: DenseMotion, placement: Placement, settings: SimulateSettings, seed: int, name: str, initial_pose: str
 ) -> Recording:
     """As :func:`simulate_recording`, of a motion that has its splines already."""
+    truth_rate = 60.0  # Hz of the true motion: the frame rate of TotalCapture and of most video
     imus, calibration = {}, {}
     for site in placement.sites:
         imus[site.sensor], calibration[site.sensor] = simulate_sensor(dense, site, settings, seed)
     subject = Subject(stature_m=stature_of(dense.skeleton), skeleton=dense.skeleton)
-    truth = Truth(dense.sample(TRUTH_RATE), calibration)
+    truth = Truth(dense.sample(truth_rate), calibration)
     notes = f"simulated from motion '{dense.name}', seed {seed}"
     return Recording(name, subject, imus, placement, initial_pose, truth, notes)
 

@@ -31,13 +31,9 @@ from vip_factors.simulate.recording import record, simulate_sensor, smooth_proce
 from vip_factors.simulate.settings import SceneSettings
 
 GRID_HZ = 120.0  # of the nodes of the splines
-AIM_HEIGHT_M = 0.95  # of the middle of a standing person
-TRIPOD_HEIGHT_M = 1.4  # of a tripod drawn out
 HAND_HEIGHT_M = 1.45  # of a phone held before the chest or the chin
 FILL = 0.6  # share of the image's height that a person may fill before the camera steps back
-MARGIN_M = 0.5  # beside the outermost pelvis, for arms
 NEAREST_M, FARTHEST_M = 2.5, 7.0  # where one stands to film people indoors; wider action leaves the image
-CLEARANCE_M = 1.5  # from a standing camera to anybody's pelvis
 
 # Sway of a standing person: about 5 mm RMS at the centre of mass in quiet stance (Winter 1995, Gait & Posture 3), and
 # as an inverted pendulum half as much again at the chin; arms that hold a phone double it.
@@ -45,21 +41,12 @@ SWAY_M, SWAY_TIME_S = 0.015, 1.2
 # Tremor of arms that hold something: ours, 1 mm with 5 σ/τ² = 0.13 m/s² RMS each axis, about what a phone in the hand
 # of somebody who stands reads beside its noise.
 HAND_M, HAND_TIME_S = 0.001, 0.2
-# Pointing of a hand-held camera: a slow part (the operator's aim) and a fast one. The fast one's angular rate of
-# 0.25·1.3/0.25 = 1.3 deg/s RMS is a calm hand; hand-held phone videos show 1–5 deg/s.
-AIM_DEG, AIM_TIME_S = 2.0, 1.5
-TREMOR_DEG, TREMOR_TIME_S = 0.25, 0.25
-LAG_S = 0.3  # of the operator's following, three times in a row: about a second behind
 # Walking: bounce of the trunk, 2–4 cm from lowest to highest, twice per stride; sway to the sides once (Inman 1981).
 WALK_STEP_HZ, BOUNCE_M, LATERAL_M, WALK_SPEED = 1.8, 0.015, 0.02, 1.2
-CIRCLE_DEG, CIRCLE_TIME_S = 35.0, 6.0  # how far somebody who follows goes round the people
 # The IMU on the camera's back: its x right, y up, z towards the operator, as a phone's own in landscape.
 R_CAMERA_IMU = np.diag([1.0, -1.0, -1.0])
 P_CAMERA_IMU = np.array([0.03, 0.02, -0.015])  # metres from the lens: somewhere on a phone
 CAMERA_IMU = "camera"
-CAMERA_SEED_STEP = 104_729  # between the seeds of cameras; the first has the scene's
-SEED_STEP = 7919  # between the seeds of wearers; the first has the scene's: a scene of one is the recording of one
-PATH_HZ = 30.0  # at which the camera's operator watches the people
 
 
 @dataclass(frozen=True)
@@ -99,6 +86,7 @@ def simulate_scene(
     Raises:
         InputError: without a wearer, if names repeat, or if the wearers' motions share less than two video frames.
     """
+    seed_step = 7919  # between the seeds of wearers; the first has the scene's: a scene of one is the recording of one
     settings = settings or SceneSettings()
     if all(one.placement is None for one in performers):
         raise InputError(f"scene '{name}' has nobody with sensors: expected at least one performer with a placement")
@@ -111,7 +99,7 @@ def simulate_scene(
         performer, placement = performers[number], performers[number].placement
         assert placement is not None
         own = record(
-            dense[number], placement, settings.imu, seed + SEED_STEP * order, performer.name, performer.initial_pose
+            dense[number], placement, settings.imu, seed + seed_step * order, performer.name, performer.initial_pose
         )
         recordings.append(replace(own, subject=replace(own.subject, name=performer.name)))
     time = _video_times([dense[number] for number in worn], settings, name)
@@ -136,7 +124,8 @@ def _film(
     number: int,
 ) -> tuple[Camera, SceneTruth]:  # fmt: skip
     """What one camera's detector finds; ``wearer`` is the index of the wearer by person, −1 for others and nobody."""
-    state, own_seed = body.bone(0, time), seed + CAMERA_SEED_STEP * number
+    camera_seed_step = 104_729  # between the seeds of cameras; the first has the scene's
+    state, own_seed = body.bone(0, time), seed + camera_seed_step * number
     path = CameraPath(time, state.R_world_bone, state.position)
     keypoints = keypoint_set(settings.keypoints)
     detections, owner, pixels = detect(people, path, settings.model, keypoints, settings.detector, own_seed, seed)
@@ -174,9 +163,10 @@ def _camera_body(
     people: Sequence[DenseMotion], worn: Sequence[int], settings: SceneSettings, seed: int
 ) -> tuple[DenseMotion, float]:
     """The camera's path: it films the wearers, from a place that nobody runs into; and from which side, degrees."""
+    path_hz = 30.0  # at which the camera's operator watches the people
     start = max(people[number].start for number in worn)
     end = min(people[number].end for number in worn)
-    time = np.linspace(start, end, max(8, int(np.ceil((end - start) * PATH_HZ)) + 1))
+    time = np.linspace(start, end, max(8, int(np.ceil((end - start) * path_hz)) + 1))
     pelves = np.stack([one.root(np.clip(time, one.start, one.end)) for one in people])
     there = np.stack([(time >= one.start) & (time <= one.end) for one in people])
     others = np.where(there[..., None], pelves, np.nan)
@@ -215,6 +205,11 @@ def camera_motion(
         random: where sway, tremor and the side to film from come from.
         others: ``(Q, T, 3)`` pelves of people whom a standing camera must not run into, NaN where absent.
     """
+    # Pointing of a hand-held camera: a slow part (the operator's aim) and a fast one. The fast one's angular rate of
+    # 0.25·1.3/0.25 = 1.3 deg/s RMS is a calm hand; hand-held phone videos show 1–5 deg/s.
+    aim_deg, aim_time_s = 2.0, 1.5
+    tremor_deg, tremor_time_s = 0.25, 0.25
+    aim_height_m = 0.95  # of the middle of a standing person
     grid = np.linspace(time[0], time[-1], max(8, int(np.ceil((time[-1] - time[0]) * GRID_HZ)) + 1))
     middle = interpolate_points(time, people.mean(axis=0), grid)
     azimuth = 2 * np.pi * random.random() if settings.azimuth_deg is None else np.deg2rad(settings.azimuth_deg)
@@ -228,10 +223,10 @@ def camera_motion(
     else:
         p = p + _noise(random, grid, SWAY_M, SWAY_TIME_S) * [1, 1, 0.3] + _noise(random, grid, HAND_M, HAND_TIME_S)
         aim = _lagging(middle, grid)
-    aim = np.concatenate([aim[:, :2], np.full((len(grid), 1), AIM_HEIGHT_M)], axis=1)
+    aim = np.concatenate([aim[:, :2], np.full((len(grid), 1), aim_height_m)], axis=1)
     R = looking_at(p, aim)
     if settings.camera != "fixed":
-        shake = _noise(random, grid, AIM_DEG, AIM_TIME_S) + _noise(random, grid, TREMOR_DEG, TREMOR_TIME_S)
+        shake = _noise(random, grid, aim_deg, aim_time_s) + _noise(random, grid, tremor_deg, tremor_time_s)
         R = R @ exp(np.deg2rad(shake))
     return camera_body(grid, R, p)
 
@@ -261,27 +256,30 @@ def _middle_of(people: Array) -> Array:
 
 def _distance(people: Array, azimuth: float, settings: SceneSettings) -> float:
     """From where the camera sees most of the action, or as far back as it can go."""
+    margin_m = 0.5  # beside the outermost pelvis, for arms
     if settings.distance_m is not None:
         return settings.distance_m
     toward = np.array([np.cos(azimuth), np.sin(azimuth)])
     away = (people.reshape(-1, 3) - _middle_of(people))[:, :2]
     across, depth = away @ [-toward[1], toward[0]], away @ toward
     focal = settings.model.focal[0]
-    wide = depth + (np.abs(across) + MARGIN_M) * 2 * focal / settings.width
+    wide = depth + (np.abs(across) + margin_m) * 2 * focal / settings.width
     tall = 1.75 * focal / (FILL * settings.height)
     return float(np.clip(max(np.quantile(wide, 0.95), tall), NEAREST_M, FARTHEST_M))
 
 
 def _stand(people: Array, everybody: Array, azimuth: float, settings: SceneSettings) -> Array:
     """Where ``(3,)`` a standing camera is: at its distance, or as much farther as people need to pass."""
+    clearance_m = 1.5  # from a standing camera to anybody's pelvis
+    tripod_height_m = 1.4  # of a tripod drawn out
     toward = np.array([np.cos(azimuth), np.sin(azimuth)])
     middle = _middle_of(people)[:2]
-    height = TRIPOD_HEIGHT_M if settings.camera == "fixed" else HAND_HEIGHT_M
+    height = tripod_height_m if settings.camera == "fixed" else HAND_HEIGHT_M
     ground = everybody.reshape(-1, 3)[:, :2]
     distance = _distance(people, azimuth, settings)
     while (
         settings.distance_m is None
-        and np.nanmin(np.linalg.norm(ground - middle - distance * toward, axis=1)) < CLEARANCE_M
+        and np.nanmin(np.linalg.norm(ground - middle - distance * toward, axis=1)) < clearance_m
         and distance < 2 * FARTHEST_M
     ):
         distance += 0.25
@@ -292,8 +290,9 @@ def _following(
     middle: Array, azimuth: float, grid: Array, settings: SceneSettings, random: np.random.Generator
 ) -> Array:
     """Path ``(T, 3)`` of somebody who walks along at a distance and round the people now and then."""
+    circle_deg, circle_time_s = 35.0, 6.0  # how far somebody who follows goes round the people
     distance = settings.distance_m or 1.75 * settings.model.focal[0] / (FILL * settings.height)
-    around = azimuth + np.deg2rad(_noise(random, grid, CIRCLE_DEG, CIRCLE_TIME_S)[:, 0])
+    around = azimuth + np.deg2rad(_noise(random, grid, circle_deg, circle_time_s)[:, 0])
     around += azimuth - around[0]
     path = _lagging(middle, grid) + distance * np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
     velocity = np.gradient(path, grid, axis=0)
@@ -309,7 +308,8 @@ def _following(
 
 def _lagging(path: Array, grid: Array) -> Array:
     """The path as somebody follows it: three first-order lags, in equilibrium at the start."""
-    keep = np.exp(-(grid[1] - grid[0]) / LAG_S)
+    lag_s = 0.3  # of the operator's following, three times in a row: about a second behind
+    keep = np.exp(-(grid[1] - grid[0]) / lag_s)
     for _ in range(3):
         state = np.stack([lfiltic([1 - keep], [1, -keep], [first]) for first in path[0]], axis=1)
         path, _ = lfilter([1 - keep], [1, -keep], path, axis=0, zi=state)

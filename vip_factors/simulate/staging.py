@@ -11,7 +11,6 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, wrap_angle, yaw_of
 
 SOLE = ("left_heel", "left_toe_tip", "right_heel", "right_toe_tip")
-SOFTNESS_M = 0.008  # of the smooth minimum: the weight passes between feet without a jolt
 
 
 def floor_height(skeleton: Skeleton, state: BodyState) -> Array:
@@ -42,9 +41,10 @@ def _soles(skeleton: Skeleton, state: BodyState) -> Array:
 
 def _lowest(heights: Array) -> tuple[Array, Array]:
     """Smooth minimum ``(T,)`` of heights ``(T, n)``, and each one's share ``(T, n)`` in it."""
+    softness_m = 0.008  # of the smooth minimum: the weight passes between feet without a jolt
     least = heights.min(axis=1, keepdims=True)
-    shares = np.exp(-(heights - least) / SOFTNESS_M)
-    smooth = least[:, 0] - SOFTNESS_M * np.log(shares.mean(axis=1))
+    shares = np.exp(-(heights - least) / softness_m)
+    smooth = least[:, 0] - softness_m * np.log(shares.mean(axis=1))
     return smooth, shares / shares.sum(axis=1, keepdims=True)
 
 
@@ -95,7 +95,6 @@ def _held_pose(motion: Motion, pose: str, pose_error_deg: float, seed: int) -> t
 BLEND_S = 0.8  # from the end of a clip into its next repetition
 LEAST_S = 1.0  # of a clip to be repeated
 TURN_RAD_S = np.deg2rad(120.0)  # at most, of a blend: people who turn about; four repetitions lead round and back
-WALKS_M = 0.4  # net way of a clip that leads somewhere
 STAGE_M = 1.8  # how far from the stage's middle the middles of paths are: people cross, and hide each other
 APART_M = 0.6  # of two people's pelves who pass each other without touching
 TRIES = 30  # of places, before people come nearer than that
@@ -151,12 +150,13 @@ def _smooth_step(count: int) -> Array:
 
 def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tuple[Array, Array]:
     """The clip once more, from the end's middle on; its net way turned towards home, as far as people turn."""
+    walks_m = 0.4  # net way of a clip that leads somewhere
     count = len(p_end)
     start = motion.p_world_pelvis[:count].mean(axis=0)
     way = motion.p_world_pelvis[-count:].mean(axis=0) - start
     back = home - p_end[-1, :2]
     turn = float(yaw_of(R_end[count // 2, 0] @ transpose(motion.R_parent_child[count // 2, 0])))  # straight on
-    if np.linalg.norm(way[:2]) > WALKS_M and np.linalg.norm(back) > WALKS_M:
+    if np.linalg.norm(way[:2]) > walks_m and np.linalg.norm(back) > walks_m:
         homeward = np.arctan2(back[1], back[0]) - np.arctan2(way[1], way[0])
         most = TURN_RAD_S * count / motion.rate
         turn += float(np.clip(wrap_angle(homeward - turn), -most, most))

@@ -14,7 +14,7 @@ import numpy as np
 from vip_factors.display import ProgressCallback
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
-from vip_factors.initialise.sensor_faults import CLOCK_SECONDS
+from vip_factors.initialise.sensor_clocks import CLOCK_SECONDS
 from vip_factors.problem.scene import ExtraTerms
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.frames import ImuFrames, in_stretches

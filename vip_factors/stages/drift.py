@@ -1,19 +1,15 @@
-"""What drifts or leaps, as it was found and told: headings, mountings, and the video's clock against the sensors'."""
+"""What drifts: headings, and the video's clock against the sensors'."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from vip_factors.estimate import CameraEstimate
 from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import Array, log, rotation_z, transpose
 from vip_factors.problem.state import CameraState, WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.camera import VideoClock
-from vip_factors.sensors.frames import ImuFrames
-from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera
 
 
@@ -32,69 +28,6 @@ def with_found_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
     usual = model.settings.heading_walk.drift_deg
     drift = np.sqrt((usual**2 * usual_minutes + squares) / (usual_minutes + float(minutes.sum())))
     return replace(model, heading_drift_deg=drift)
-
-
-def drift_findings(
-    wearer: str, calibration: Calibration, restarts: Sequence[tuple[float, float]] = ()
-) -> Iterator[Finding]:
-    """The headings that drifted far, but for what they did over pauses from and until some seconds."""
-    told_deg = 10.0  # over a recording: more than mountings and tissue leave open
-    pauses = [start for start, _ in restarts]
-    drifted = {
-        name: float(np.rad2deg(np.diff(one.heading_path)[~np.isin(one.heading_time[:-1], pauses)].sum()))
-        for name, one in calibration.items()
-        if len(one.heading_path)
-    }
-    far = {name: degrees for name, degrees in drifted.items() if abs(degrees) > told_deg}
-    if far:
-        yield Finding("heading drift", wearer, numbers=far)
-
-
-EDGE, LEAST_LEAP_FRAMES = 0.15, 60  # of the frames, before and after
-
-
-def leap_findings(
-    wearer: str, recording: Recording, frames: ImuFrames, bones: Array, calibration: Calibration
-) -> Iterator[Finding]:
-    """The sensor that from some instant on sits otherwise on its bone, or has another heading, if there is one.
-
-    The body gives way to such a sensor, and its neighbours' bones do: the one that leaps furthest is told. A slip is
-    the same in the sensor's axes, a heading in the world's, about the vertical. ``bones`` is ``(T, 24, 3, 3)``
-    ``R_world_bone`` at the frames.
-    """
-    upright = 0.9  # cosine to the vertical of a turn that is the heading's
-    # Degrees by which a sensor's mean turn against its bone differs before and after an instant: up to 5.4 in 13
-    # foreign scenes and 9 walks, but for one that was solved wrongly (61); seven slips and heading jumps of 50° left
-    # 6.4 to 14.
-    leapt_deg = 6.0
-    found = list[tuple[float, str, float, bool]]()
-    for column, (name, one) in enumerate(calibration.items()):
-        known = frames.orientation_valid[:, column]
-        time = frames.time[known]
-        if len(time) < LEAST_LEAP_FRAMES:
-            continue
-        R_world_sensor = rotation_z(one.heading_at(time)) @ frames.R_inertial_sensor[known, column]
-        expected = bones[known, recording.placement.site(name).bone_index] @ one.R_bone_sensor
-        slip, jump = log(transpose(expected) @ R_world_sensor), log(R_world_sensor @ transpose(expected))
-        for vectors, in_world in ((slip, False), (jump, True)):
-            frame, leap = _largest_leap(vectors)
-            size = float(np.linalg.norm(leap))
-            if not in_world or abs(leap[2]) > upright * size:
-                found.append((float(np.rad2deg(size)), name, float(time[frame]), in_world))
-    degrees, name, at, in_world = max(found, default=(0.0, "", 0.0, False))
-    if degrees > leapt_deg:
-        words = {"how": "its heading jumped" if in_world else "it slipped or was turned on its bone"}
-        yield Finding("sensor turned", wearer, subject=name, numbers={"degrees": degrees, "time": at}, words=words)
-
-
-def _largest_leap(vectors: Array) -> tuple[int, Array]:
-    """The frame from which on the mean of vectors ``(T, 3)`` is most surely another one, and by what ``(3,)``."""
-    count = len(vectors)
-    at = np.arange(count)[round(EDGE * count) : count - round(EDGE * count)]
-    before = np.cumsum(vectors, axis=0)[at - 1]
-    leaps = (vectors.sum(axis=0) - before) / (count - at)[:, None] - before / at[:, None]
-    best = int(np.argmax(np.linalg.norm(leaps, axis=1) * np.sqrt(at * (count - at))))
-    return int(at[best]), leaps[best]
 
 
 def middle_of(camera: Camera) -> float:

@@ -1,29 +1,34 @@
-"""What is odd about a scene and its solution, as findings."""
+"""What is odd about a scene and its solution, as findings.
 
-from collections.abc import Iterator, Sequence
+About a wearer: bodies and motions that people hardly ever have, as wrong mountings often make them; sensors that slip
+or drift. About a camera: whom it sees, and whether the picture fits.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
-from vip_factors.body.kinematics import Motion
+from vip_factors.body.kinematics import Motion, forward_kinematics
+from vip_factors.body.pose_prior import joint_vector, load_joint_limits
+from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import RecordingError
-from vip_factors.estimate import WearerEstimate
+from vip_factors.estimate import BodyEstimate, WearerEstimate
 from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.rotations import Array, angle_between, log, rotation_z, transpose
 from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
 from vip_factors.initialise.clock import film_finding
+from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.association import AssociatedCamera
-from vip_factors.stages.drift import drift_findings, leap_findings
-from vip_factors.stages.fusion import FusionSolution
-from vip_factors.stages.wearer_findings import body_findings, posture_findings
+from vip_factors.stages.fusion import TURNED, FusionSolution
 
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
 # with the clocks 0.3 s apart.
 IMPLAUSIBLE_SCATTER = 0.6
-CORNER, OUTSIDE, FEW = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of all keypoints
 # Of the image's sides: detections of 720 lines in an image of 1080 leave its right and lower third empty, and nobody
 # aims a camera so.
 LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
@@ -127,15 +132,16 @@ def _view_findings(
 
 def _image_findings(camera: Camera) -> Iterator[Finding]:
     """Detections that do not seem to belong to the calibrated image."""
+    corner, outside, few = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of all keypoints
     many_keypoints = 500  # from which on a picture of which only a corner is used is no chance
     pixels, model = camera.detections.pixels[camera.detections.seen], camera.model
     if len(pixels) < many_keypoints:
         return
     size = np.array([model.width, model.height])
-    far = np.any((pixels < -OUTSIDE * size) | (pixels > (1 + OUTSIDE) * size), axis=1)
+    far = np.any((pixels < -outside * size) | (pixels > (1 + outside) * size), axis=1)
     low, middle, high = np.quantile(pixels, [0.001, 0.5, 0.999], axis=0)
-    in_corner = np.all(high < CORNER * size) or np.all((high < LARGER_CORNER * size) & (middle < OFF_MIDDLE * size))
-    if far.mean() > FEW or in_corner:
+    in_corner = np.all(high < corner * size) or np.all((high < LARGER_CORNER * size) & (middle < OFF_MIDDLE * size))
+    if far.mean() > few or in_corner:
         sides = {"left": low[0], "right": high[0], "top": low[1], "bottom": high[1]}
         yield Finding("image size", numbers={**sides, "width": model.width, "height": model.height})
 
@@ -166,3 +172,188 @@ def _sightings(each: AssociatedCamera, number: int, solved: Motion) -> Sightings
     own = each.detections.select(each.association.wearer == number)
     found = hypotheses(own, each.camera.model.normalise(own.pixels), [wearer_points(solved, own.keypoints, own.time)])
     return Sightings(own.time[found.frame], found.R_camera_world, found.p_camera_pelvis)
+
+
+MOST, MUCH = 0.5, 0.3  # of the frames, or of the sensors
+
+
+def posture_findings(
+    wearer: str, recording: Recording, motion: Motion, calibration: Calibration, start: Array
+) -> Iterator[Finding]:
+    """All that is odd about how a wearer holds himself, one finding each; ``start`` ``(S, 3, 3)`` mountings of it."""
+    on = {recording.placement.site(name).bone: name for name in calibration}
+    bones = set(on)
+    yield from turned_findings(wearer, recording, start, calibration)
+    yield from knee_findings(wearer, motion, on)
+    yield from lying_findings(wearer, motion)
+    if bones & {"left_knee", "left_ankle"} and bones & {"right_knee", "right_ankle"}:
+        yield from crossed_findings(wearer, motion)
+    yield from limit_findings(wearer, motion, bones)
+
+
+def turned_findings(wearer: str, recording: Recording, start: Array, calibration: Calibration) -> Iterator[Finding]:
+    """Sensors that the motion turns far from the mountings ``(S, 3, 3)`` of the start.
+
+    Where no pose was declared, also half of all sensors or more that are far from where they were placed.
+    """
+    least_sensors = 3  # of which half are odd: of two sensors one is no majority
+    found = np.stack([one.R_bone_sensor for one in calibration.values()])
+    turned = angle_between(start, found)
+    declared = "their straps" if recording.initial_pose == "none" else "the declared pose"
+    if recording.initial_pose == "none" and not np.any(turned > TURNED) and len(found) >= least_sensors:
+        placed = angle_between(np.stack([recording.placement.site(name).R_bone_sensor for name in calibration]), found)
+        turned, declared = np.where(np.mean(placed > TURNED) >= MOST, placed, 0.0), "the placement"
+    far = {name: float(np.rad2deg(by)) for name, by in zip(calibration, turned, strict=True) if by > TURNED}
+    if far:
+        yield Finding("turned since the start", wearer, numbers=far, words={"declared": declared})
+
+
+def lying_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
+    """A chest that is far from upright most of the time."""
+    lying = np.deg2rad(60.0)  # from the vertical, of the chest
+    body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
+    up = body.R_world_bone[:, joint_index("spine3"), 2, 1]
+    share = float(np.mean(up < np.cos(lying)))
+    if share > MOST:
+        yield Finding("lying", wearer, numbers={"percent": 100 * share})
+
+
+def crossed_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
+    """Thighs that are crossed through much of a motion: ankles are by people who stand at ease, dance or sit."""
+    crossed = 0.05  # m, of knees past one another: hips whose zeros are 7° off make as much of thighs side by side
+    body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
+    left, right = (body.p_world_joint[:, joint_index(f"{side}_knee")] for side in ("left", "right"))
+    across = np.einsum("ti,ti->t", left - right, body.R_world_bone[:, 0, :, 0])
+    share = float(np.mean(across < -crossed))
+    if share > MUCH:
+        yield Finding("legs crossed", wearer, numbers={"percent": 100 * share})
+
+
+def limit_findings(wearer: str, motion: Motion, bones: set[str]) -> Iterator[Finding]:
+    """Ankles and elbows that are bent further than they go most of the time, under sensors of the limb below."""
+    at_limit = np.deg2rad(3.0)  # beyond what joints do: those of people who stand and walk stay well within
+    vectors = joint_vector(motion.R_parent_child).reshape(len(motion.R_parent_child), -1, 3)
+    beyond = np.abs(load_joint_limits().violation(joint_vector(motion.R_parent_child))).reshape(vectors.shape)
+    for joint in (f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "elbow")):
+        share = float(np.mean(beyond[:, joint_index(joint) - 1].max(axis=1) > at_limit))
+        if joint in bones and share > MUCH:
+            side, name = joint.split("_")
+            yield Finding(
+                "joint limit", wearer, subject=f"{side} {name}", numbers={"percent": 100 * share},
+                words={"joints": f"{name}s"},
+            )  # fmt: skip
+
+
+UNLIKELY = 3.0  # sigmas of the prior
+# A shank turns on a bent thigh by 25° at most, and back again: on the median by 6° in 38 sound recordings, by 11 to 14°
+# where the heading of thigh or shank jumped or drifted by 50 to 60°.
+KNEE_TURNED_DEG = 9.0
+
+
+def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> Iterator[Finding]:
+    """Of a wearer of whom a stature was told."""
+    least_scale = 0.02  # of a body: less is within what a stature, told by its wearer, is off
+    if not body.names:
+        return
+    scale, sigma = common_scale(body)
+    if abs(scale) > max(UNLIKELY * sigma, least_scale):
+        usual = "an adult's" if stature_m is None else f"one of {stature_m:.2f} m"
+        words = {"larger": "larger" if scale > 0 else "smaller", "usual": usual}
+        yield Finding("body size", wearer, numbers={"percent": abs(100 * scale)}, words=words)
+    else:
+        scale = 0.0
+    expected, sigmas = (1 + scale) * body.prior, np.sqrt(np.diag(body.prior_covariance))
+    unlikely = [
+        f"{name} {1e3 * found:.0f} mm (expected {1e3 * prior:.0f} ± {1e3 * sigma:.0f})"
+        for name, found, prior, sigma in zip(body.names, body.posterior, expected, sigmas, strict=True)
+        if abs(found - prior) > UNLIKELY * sigma
+    ]
+    if unlikely:  # a wrong stature or zoom changes all lengths alike
+        yield Finding("body lengths", wearer, words={"lengths": ", ".join(unlikely)})
+
+
+def knee_findings(wearer: str, motion: Motion, on: Mapping[str, str]) -> Iterator[Finding]:
+    """Knees that bend backwards through much of a motion, or are twisted between sensors; ``on`` names them by bone."""
+    # Knees stretch over by 5° at most; how straight a straight one is leaves as much again, and nobody walks like that.
+    backwards_deg, backwards_share = -10.0, 0.25
+    vectors = np.rad2deg(joint_vector(motion.R_parent_child)).reshape(len(motion.R_parent_child), -1, 3)
+    for side in ("left", "right"):
+        bend, turn, _ = vectors[:, joint_index(f"{side}_knee") - 1].T
+        share = float(np.mean(bend < backwards_deg))
+        if share > backwards_share:
+            yield Finding("knee backwards", wearer, subject=f"{side} knee", numbers={"percent": 100 * share})
+        sensors = [on[bone] for bone in (f"{side}_hip", f"{side}_knee") if bone in on]
+        degrees = float(np.median(np.abs(turn)))
+        if len(sensors) == 2 and degrees > KNEE_TURNED_DEG:
+            words = {"sensors": "' or '".join(sensors)}
+            yield Finding("knee turned", wearer, subject=side, numbers={"degrees": degrees}, words=words)
+
+
+def common_scale(body: BodyEstimate) -> tuple[float, float]:
+    """By which share all lengths are larger than the prior's mean (least squares under the prior), and its sigma."""
+    weighed = np.linalg.solve(body.prior_covariance, body.prior)
+    variance = 1 / float(weighed @ body.prior)
+    return variance * float(weighed @ (body.posterior - body.prior)), float(np.sqrt(variance))
+
+
+def drift_findings(
+    wearer: str, calibration: Calibration, restarts: Sequence[tuple[float, float]] = ()
+) -> Iterator[Finding]:
+    """The headings that drifted far, but for what they did over pauses from and until some seconds."""
+    told_deg = 10.0  # over a recording: more than mountings and tissue leave open
+    pauses = [start for start, _ in restarts]
+    drifted = {
+        name: float(np.rad2deg(np.diff(one.heading_path)[~np.isin(one.heading_time[:-1], pauses)].sum()))
+        for name, one in calibration.items()
+        if len(one.heading_path)
+    }
+    far = {name: degrees for name, degrees in drifted.items() if abs(degrees) > told_deg}
+    if far:
+        yield Finding("heading drift", wearer, numbers=far)
+
+
+EDGE, LEAST_LEAP_FRAMES = 0.15, 60  # of the frames, before and after
+
+
+def leap_findings(
+    wearer: str, recording: Recording, frames: ImuFrames, bones: Array, calibration: Calibration
+) -> Iterator[Finding]:
+    """The sensor that from some instant on sits otherwise on its bone, or has another heading, if there is one.
+
+    The body gives way to such a sensor, and its neighbours' bones do: the one that leaps furthest is told. A slip is
+    the same in the sensor's axes, a heading in the world's, about the vertical. ``bones`` is ``(T, 24, 3, 3)``
+    ``R_world_bone`` at the frames.
+    """
+    upright = 0.9  # cosine to the vertical of a turn that is the heading's
+    # Degrees by which a sensor's mean turn against its bone differs before and after an instant: up to 5.4 in 13
+    # foreign scenes and 9 walks, but for one that was solved wrongly (61); seven slips and heading jumps of 50° left
+    # 6.4 to 14.
+    leapt_deg = 6.0
+    found = list[tuple[float, str, float, bool]]()
+    for column, (name, one) in enumerate(calibration.items()):
+        known = frames.orientation_valid[:, column]
+        time = frames.time[known]
+        if len(time) < LEAST_LEAP_FRAMES:
+            continue
+        R_world_sensor = rotation_z(one.heading_at(time)) @ frames.R_inertial_sensor[known, column]
+        expected = bones[known, recording.placement.site(name).bone_index] @ one.R_bone_sensor
+        slip, jump = log(transpose(expected) @ R_world_sensor), log(R_world_sensor @ transpose(expected))
+        for vectors, in_world in ((slip, False), (jump, True)):
+            frame, leap = _largest_leap(vectors)
+            size = float(np.linalg.norm(leap))
+            if not in_world or abs(leap[2]) > upright * size:
+                found.append((float(np.rad2deg(size)), name, float(time[frame]), in_world))
+    degrees, name, at, in_world = max(found, default=(0.0, "", 0.0, False))
+    if degrees > leapt_deg:
+        words = {"how": "its heading jumped" if in_world else "it slipped or was turned on its bone"}
+        yield Finding("sensor turned", wearer, subject=name, numbers={"degrees": degrees, "time": at}, words=words)
+
+
+def _largest_leap(vectors: Array) -> tuple[int, Array]:
+    """The frame from which on the mean of vectors ``(T, 3)`` is most surely another one, and by what ``(3,)``."""
+    count = len(vectors)
+    at = np.arange(count)[round(EDGE * count) : count - round(EDGE * count)]
+    before = np.cumsum(vectors, axis=0)[at - 1]
+    leaps = (vectors.sum(axis=0) - before) / (count - at)[:, None] - before / at[:, None]
+    best = int(np.argmax(np.linalg.norm(leaps, axis=1) * np.sqrt(at * (count - at))))
+    return int(at[best]), leaps[best]

@@ -21,18 +21,17 @@ from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera, add_left_over_detections, associate_cameras_again
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.drift import found_clock, with_found_drift
-from vip_factors.stages.floor import levelled
+from vip_factors.stages.floor import levelled, seen_standing
 from vip_factors.stages.fusion_start import FusionStart, camera_problem
-from vip_factors.stages.ground import seen_standing
 from vip_factors.stages.inertial import at_frames
 from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
-from vip_factors.stages.wearer_findings import TURNED
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import whitened_reprojections
 
 HELD = np.deg2rad(1.0)  # of a mounting that is kept where the start had it
+TURNED = np.deg2rad(60.0)  # of a sensor on its bone, against the placement or another solution
 
 
 @dataclass(frozen=True)

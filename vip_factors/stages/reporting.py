@@ -43,13 +43,19 @@ from vip_factors.stages.decode import (
     static_covariance,
     with_sigmas,
 )
-from vip_factors.stages.drift import clock_findings, drift_findings, leap_findings
-from vip_factors.stages.findings import film_findings, quality_checks, who_is_who
+from vip_factors.stages.drift import clock_findings
+from vip_factors.stages.findings import (
+    drift_findings,
+    film_findings,
+    leap_findings,
+    posture_findings,
+    quality_checks,
+    who_is_who,
+)
 from vip_factors.stages.fusion import FusionSolution, fuse_finely
 from vip_factors.stages.inertial import with_calibration_sigmas
 from vip_factors.stages.inertial_model import method_of
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.wearer_findings import posture_findings
 from vip_factors.terms.sensor_position import sensor_position_whitening
 
 

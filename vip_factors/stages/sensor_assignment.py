@@ -1,33 +1,50 @@
-"""Sensors that are on one another's segments: told, and exchanged if that is wanted, before anything is estimated."""
+"""Sensors that are on one another's segments: told, and exchanged if that is wanted, before anything is estimated.
 
-from collections.abc import Iterator, Mapping
+Neighbours' accelerations tell most of it. But bodies are symmetric: with all left sensors on the right every joint is
+as smooth as before, and six sensors have no neighbours. Two things tell these. How joints bend, and from where limbs
+are accelerated: the start of headings and mountings is searched for with sides exchanged, or from the other pose, too,
+and what it costs is compared. And the picture: the inertial tracker's limbs, with sides exchanged and as placed, are
+held against the keypoints.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from vip_factors.associate.hypothesis import CAUCHY, WearerPoints, hypotheses, keypoint_sigma, used_confidence
+from vip_factors.body.keypoints import KeypointSet
+from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
+from vip_factors.body.skeleton import POSES
 from vip_factors.findings import Finding
+from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.sensor_assignment import (
     LEAST_NATS,
     SECONDS,
     TURN_FRAMES,
     Exchange,
+    Pair,
     exchanged,
     exchanged_sensors,
     spread_between,
 )
-from vip_factors.initialise.sensor_faults import joint_signal
+from vip_factors.initialise.sensor_clocks import joint_signal
 from vip_factors.initialise.sensor_tree import Link, sensor_tree
 from vip_factors.initialise.start_candidates import BONE_SIGMA
+from vip_factors.initialise.start_search import Start
 from vip_factors.sensors.calibration import Placement, SensorSite, site_name
-from vip_factors.sensors.frames import resample_streams
+from vip_factors.sensors.detections import Detections
+from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource, SceneSource
 from vip_factors.settings import Settings
-from vip_factors.stages.declared_checks import LIKELIER, against_declared
+from vip_factors.stages.calibration_start import brisk_stretch
+from vip_factors.stages.inertial import find_start, inertial_tracker
+from vip_factors.stages.solver import Solver
 
 
 def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[SceneSource, tuple[Finding, ...]]:
@@ -68,11 +85,9 @@ def exchanges_of(recording: Recording, settings: Settings, least: float = LEAST_
     return exchanged_sensors(signals, links, least)
 
 
-STEP, LEAST_RATE = 0.05, 0.5  # s; rad/s: what hardly turns tells nothing
-
-
 def _on_one_bone(recording: Recording) -> Iterator[Finding]:
     """Sensors of thigh and shank that move as if they were on one bone."""
+    step, least_rate = 0.05, 0.5  # s; rad/s: what hardly turns tells nothing
     # RMS by which sensors of thigh and shank turn against each other: 9.7° or more in 58 recordings and scenes; two
     # on one bone have what soft tissue leaves, two to four. Elbows are not looked at: one of those recordings holds
     # one stiff.
@@ -84,13 +99,13 @@ def _on_one_bone(recording: Recording) -> Iterator[Finding]:
         if above is None or below is None:
             continue
         streams = [recording.imus[site.sensor] for site in (above, below)]
-        time = np.arange(max(one.time[0] for one in streams), min(one.time[-1] for one in streams), STEP)
+        time = np.arange(max(one.time[0] for one in streams), min(one.time[-1] for one in streams), step)
         frames = resample_streams(streams, time)
         R = frames.R_inertial_sensor[frames.orientation_valid.all(axis=1)]
         if len(R) < LEAST_SAMPLES + TURN_FRAMES:
             continue
-        spread, rate = spread_between(R[:, 0], R[:, 1], STEP)
-        if spread < least_bend and rate > LEAST_RATE:
+        spread, rate = spread_between(R[:, 0], R[:, 1], step)
+        if spread < least_bend and rate > least_rate:
             pair = f"{_named(above, recording)} and {_named(below, recording)}"
             yield Finding(
                 "two on one bone", recording.subject.name, subject=below.sensor,
@@ -123,11 +138,10 @@ def exchange_finding(
         "done": "the first two are taken for one another" if done else advice,
     }
     words["pair"] += "".join(f", {pair(one)}" for one in exchange.others)
-    words["evidence"] = exchange.evidence or LIKELIER
+    words["evidence"] = exchange.evidence or "bones that share a joint are accelerated alike there"
     numbers = {"nats": exchange.nats}
     subject = recording.placed[exchange.sensors[0]]
-    kind = "sides exchanged" if exchange.evidence else "sensors exchanged"
-    kind = "sensors put right" if done and not exchange.rivals else kind
+    kind = "sensors put right" if done and not exchange.rivals else "sensors exchanged"
     return Finding(kind, recording.subject.name, subject=subject, numbers=numbers, words=words)
 
 
@@ -197,3 +211,209 @@ class ReplacedSource:
     def _placed(self, scene: Scene) -> Scene:
         wearers = zip(scene.wearers, self.placements, strict=True)
         return replace(scene, wearers=tuple(replace(one, placement=placement) for one, placement in wearers))
+
+
+LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder", "elbow", "wrist", "hand")}  # bones
+SHOWN = {"legs": ("knee", "ankle", "heel", "toe"), "arms": ("elbow", "wrist")}  # keypoints that their sensors move
+LIKELIER = "the body bends and moves as people do"  # what speaks for an exchange, beside what is seen
+LEAST_FRAMES = 15  # of the recording, and of the video
+# Median misfit of the limbs' keypoints with sides exchanged, of what it is as placed, and share of the frames in which
+# it is less: of six sound scenes none is below 1.3 or above 0.3, so that exchanged ones are below 0.77 and above 0.7.
+BETTER, SHARE = 0.8, 0.7
+TELLING = np.log(1.3)  # ratio of misfits
+
+
+@dataclass(frozen=True)
+class _Sides:
+    """Left and right sensors that may be exchanged together.
+
+    Attributes:
+        limbs: that they are on, as :data:`SHOWN` names them.
+        pairs: their numbers.
+        recording: with them exchanged.
+        start: the likeliest one of that.
+        gain: nats by which it is likelier than the one as placed.
+    """
+
+    limbs: str
+    pairs: tuple[Pair, ...]
+    recording: Recording
+    start: Start
+    gain: float
+
+
+def against_declared(
+    recording: Recording, camera: Camera | None, settings: Settings
+) -> tuple[Finding | None, Exchange | None]:
+    """Another pose that the recording starts from; and limbs whose left and right sensors are in each other's places.
+
+    Nothing is looked at where a sensor has no orientation.
+
+    Args:
+        recording: from its start on, with a declared pose if there is one.
+        camera: that films the wearer, if one does.
+        settings: of all rooms.
+    """
+    if any(one.R_inertial_sensor is None for one in recording.imus.values()):
+        return None, None
+    pairs, time = dict(_pairs(recording)), _times(recording, settings)
+    if not pairs or len(time) < LEAST_FRAMES:
+        return None, None
+    frames = resample_streams([recording.imus[name] for name in recording.placed], time)
+    looked = frames, brisk_stretch(recording, frames, settings)
+    as_declared = _start(recording, looked, settings)
+    if not np.isfinite(as_declared.cost):
+        return None, None
+    least = LEAST_NATS
+    likeliest = [_likeliest(recording, limbs, own, looked, as_declared, settings) for limbs, own in pairs.items()]
+    together = sum(one.gain for one in likeliest)
+    found = [one for one in likeliest if one.gain >= least] or (likeliest if together >= least else [])
+    nats = sum(one.gain for one in found)
+    if "arms" in pairs and recording.initial_pose in POSES:
+        other = next(pose for pose in POSES if pose != recording.initial_pose)
+        gain = as_declared.cost - _start(replace(recording, initial_pose=other), looked, settings).cost
+        if gain >= max(least, nats):  # arms that hang where they were to be held out, or the other way round
+            words = {"declared": recording.initial_pose, "better": other}
+            return Finding("other pose", recording.subject.name, numbers={"nats": gain}, words=words), None
+    if found:
+        return None, _exchange(found, LIKELIER, nats)
+    doubtful = [one for one in likeliest if one.gain > -least]
+    if camera is None or not doubtful:
+        return None, None
+    return None, _seen_exchange(
+        recording, as_declared, doubtful, _sampled(camera.timed_detections, time), camera, settings
+    )
+
+
+def _likeliest(
+    recording: Recording, limbs: str, pairs: Sequence[Pair], looked: tuple[ImuFrames, ImuFrames], as_placed: Start,
+    settings: Settings,
+) -> _Sides:  # fmt: skip
+    """All pairs of a limb exchanged, or one of them where no accelerations of neighbours tell that."""
+    choices = [tuple(pairs)]
+    if len(pairs) > 1 and all(recording.imus[name].specific_force is None for name in recording.placed):
+        choices += [(pair,) for pair in pairs]
+    found = []
+    for own in choices:
+        other = _with(recording, own)
+        start = _start(other, looked, settings)
+        found.append(_Sides(limbs, own, other, start, as_placed.cost - start.cost))
+    return max(found, key=lambda one: one.gain)
+
+
+def _exchange(found: Sequence[_Sides], evidence: str, nats: float = 0.0) -> Exchange:
+    first, *others = (pair for one in found for pair in one.pairs)
+    return Exchange(first, nats, (), tuple(others), evidence)
+
+
+def _pairs(recording: Recording) -> Iterator[tuple[str, list[Pair]]]:
+    """By limbs, numbers of the sensors of left and right bones."""
+    at = {recording.placement.site(name).bone: number for number, name in enumerate(recording.placed)}
+    for limbs, bones in LIMBS.items():
+        own = [
+            (at[f"left_{bone}"], at[f"right_{bone}"]) for bone in bones if {f"left_{bone}", f"right_{bone}"} <= set(at)
+        ]
+        if len(own) == 1 or (own and recording.initial_pose != "none"):  # without a pose the search takes seconds
+            yield limbs, own
+
+
+def _with(recording: Recording, pairs: Sequence[Pair]) -> Recording:
+    placement = exchanged(recording.placement, recording.placed, [Exchange(pair, 0.0) for pair in pairs])
+    return replace(recording, placement=placement)
+
+
+def _times(recording: Recording, settings: Settings) -> Array:
+    start, end = recording.interval
+    seconds = min(end - start, SECONDS)
+    return start + np.arange(int(seconds * settings.calibration_rate)) / settings.calibration_rate
+
+
+def _start(recording: Recording, looked: tuple[ImuFrames, ImuFrames], settings: Settings) -> Start:
+    """The likeliest start, by all frames and a brisk stretch of them; of infinite cost where none is searched for."""
+    frames, stretch = looked
+    calibration, starts = find_start(recording, frames, settings, lambda done: None, stretch)
+    return Start("", calibration, np.inf) if starts is None else starts.best
+
+
+def _seen_exchange(
+    recording: Recording, as_placed: Start, doubtful: Sequence[_Sides], detections: Detections, camera: Camera,
+    settings: Settings,
+) -> Exchange | None:  # fmt: skip
+    """The limbs that lie much better on the keypoints with their sides exchanged."""
+    if len(detections.time) < LEAST_FRAMES:
+        return None
+    streams = [replace(recording.imus[name], specific_force=None) for name in recording.placed]
+    frames = resample_streams(streams, detections.time)
+    before = _misfits(recording, as_placed, frames, detections, camera, settings)
+    found, ratios = [], []
+    for one in doubtful:
+        now, then = (
+            before[one.limbs],
+            _misfits(one.recording, one.start, frames, detections, camera, settings)[one.limbs],
+        )
+        rows = _best_rows(detections.frame, np.minimum(now, then))  # of several people the one whom either fits best
+        now, then = now[rows], then[rows]
+        telling = np.abs(np.log(then / now)) > TELLING  # who stands still looks the same
+        if telling.sum() < LEAST_FRAMES:
+            continue
+        ratio = float(np.median(then) / np.median(now))
+        if ratio < BETTER and np.mean(then[telling] < now[telling]) > SHARE:
+            found.append(one)
+            ratios.append(100 * ratio)
+    missed = " and ".join(f"{ratio:.0f} %" for ratio in ratios)
+    return _exchange(found, f"they miss the picture by {missed} of what they miss it by as placed") if found else None
+
+
+def _sampled(detections: Detections, time: Array) -> Detections:
+    """The detections of some video frames within the time looked at, and of these frames alone."""
+    sample = 150  # video frames looked at: the inertial tracker is run at these instants alone
+    own = detections.time[detections.frame]
+    frames = np.unique(detections.frame[(own > time[0]) & (own < time[-1])])
+    if len(frames) > sample:
+        frames = frames[np.linspace(0, len(frames) - 1, sample).astype(int)]
+    chosen = detections.select(np.isin(detections.frame, frames))
+    return replace(chosen, time=chosen.time[frames], frame=np.searchsorted(frames, chosen.frame))
+
+
+def _best_rows(frame: np.ndarray, cost: Array) -> np.ndarray:
+    """Of each video frame the row of least cost."""
+    order = np.lexsort((cost, frame))
+    return order[np.r_[True, np.diff(frame[order]) > 0]]
+
+
+def _misfits(
+    recording: Recording, start: Start, frames: ImuFrames, detections: Detections, camera: Camera, settings: Settings
+) -> Mapping[str, Array]:
+    """By limbs, how far ``(N,)`` their keypoints lie off the inertial tracker's, in squared sigmas, robustly.
+
+    ``frames`` are those of the video.
+    """
+    refused = 20.0  # squared sigmas, of a detection that no camera explains
+    settled = 0.03  # relative decrease of the tracker's cost from which on misfits stay what they are, to 2 %
+    solver = Solver(replace(settings.solve, relative_decrease=settled), lambda stage, done: None, name=settings.solver)
+    unposed = replace(recording, initial_pose="none")  # it was held at other instants
+    tracked = inertial_tracker(unposed, frames, settings, solver, start.calibration)
+    skeleton, R = tracked.model.skeleton, tracked.state.R_parent_child
+    body = forward_kinematics(skeleton, R, np.zeros((len(R), 3)))
+    landmarks = [(k, one) for k, one in enumerate(detections.keypoints.on_body(skeleton)) if one is not None]
+    p_world_keypoint = np.full((len(R), len(detections.keypoints), 3), np.nan)
+    p_world_keypoint[:, [k for k, _ in landmarks]] = body.points(
+        np.array([one.bone for _, one in landmarks]), np.stack([one.p_bone_point for _, one in landmarks])
+    )
+    points = WearerPoints(p_world_keypoint, body.p_world_joint[:, 0], R[:, 0], np.ones(len(R), bool))
+    found = hypotheses(detections, camera.model.normalise(detections.pixels), [points])
+    sigma, weight = keypoint_sigma(detections.keypoints), used_confidence(detections)[found.detection]
+    square = np.sum(found.error**2, axis=-1) / sigma**2
+    misfits = {}
+    for limbs, names in SHOWN.items():
+        own = _of(detections.keypoints, names) & np.isfinite(square)
+        off = np.sum(np.where(own, weight * np.log1p(np.where(own, square, 0.0) / CAUCHY**2), 0.0), axis=1)
+        misfit = np.full(len(detections), refused)
+        seen = np.where(own, weight, 0.0).sum(axis=1)
+        misfit[found.detection[seen > 0]] = off[seen > 0] / seen[seen > 0]
+        misfits[limbs] = misfit
+    return misfits
+
+
+def _of(keypoints: KeypointSet, names: Sequence[str]) -> np.ndarray:
+    return np.array([any(name in one for name in names) for one in keypoints.keypoints])

@@ -7,18 +7,12 @@ import numpy as np
 
 from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
-from vip_factors.initialise.sensor_clock_steps import ClockStep, clock_step
-from vip_factors.initialise.sensor_faults import (
-    INVERTED,
+from vip_factors.geometry.rotations import Array, transpose
+from vip_factors.initialise.sensor_clocks import (
     SensorClockSettings,
     SensorDelay,
-    accelerometer_scale,
-    clipped_samples,
-    force_in_wrong_axes,
-    is_scale_wrong,
+    clock_step,
     joint_signal,
-    longest_repeat,
-    range_ends,
     sensor_delays,
 )
 from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
@@ -158,7 +152,10 @@ def sensor_corrections(
                 corrections[name] = replace(corrections.get(name, SensorCorrection()), late=one.seconds)
         findings += _about_clocks(wearer, clocks.placed, delays, settings.sensor_clocks)
         if step is not None:
-            findings.append(_clock_jumped(wearer, clocks.placed[step.sensor], step.seconds))
+            sensor, late = step
+            words = {"late": "late" if late > 0 else "early"}
+            name, numbers = clocks.placed[sensor], {"seconds": abs(late)}
+            findings.append(Finding("sensor clock jumped", wearer, subject=name, numbers=numbers, words=words))
     return corrections, tuple(findings)
 
 
@@ -179,11 +176,11 @@ def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, li
     if correction.ends:
         largest = max(abs(end) for _, end in correction.ends)
         count = np.count_nonzero(clipped_samples(stream, correction.ends))
-        numbers = {"largest": largest, "samples": float(count)}
-        findings.append(Finding("accelerometer range", wearer, subject=stream.name, numbers=numbers))
+        findings.append(
+            _out_of_range(wearer, stream, f"stands at the end of its range ({largest:.0f} m/s²)", float(count))
+        )
     if stream.specific_force is not None and (spikes := np.count_nonzero(~stream.force_measured_mask)):
-        numbers = {"limit": FORCE_LIMIT, "samples": float(spikes)}
-        findings.append(Finding("impossible acceleration", wearer, subject=stream.name, numbers=numbers))
+        findings.append(_out_of_range(wearer, stream, f"gives more than {FORCE_LIMIT:.0f} m/s²", float(spikes)))
     axis = force_in_wrong_axes(stream)
     if axis is not None and axis != INVERTED:
         findings.append(Finding("accelerometer axis", wearer, subject=stream.name, words={"axis": axis}))
@@ -206,18 +203,18 @@ def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, li
     return replace(correction, scale=scale), findings
 
 
-def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay, ...], ClockStep | None]:
+def _out_of_range(wearer: str, stream: ImuStream, what: str, samples: float) -> Finding:
+    numbers = {"samples": samples}
+    return Finding("accelerometer range", wearer, subject=stream.name, numbers=numbers, words={"what": what})
+
+
+def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay, ...], tuple[int, float] | None]:
     names = recording.placed
     if len(names) < 2:
         return (), None
     bones = [recording.placement.site(name).bone_index for name in names]
     links, signals = placed_links(recording, settings), [joint_signal(recording.imus[name]) for name in names]
     return sensor_delays(signals, bones, links), clock_step(signals, links)
-
-
-def _clock_jumped(wearer: str, name: str, late: float) -> Finding:
-    numbers, words = {"seconds": abs(late)}, {"late": "late" if late > 0 else "early"}
-    return Finding("sensor clock jumped", wearer, subject=name, numbers=numbers, words=words)
 
 
 def _about_clocks(
@@ -232,3 +229,106 @@ def _about_clocks(
             continue
         words["done"] = "its times are shifted by as much" if settings.correct else "it is left so"
         yield Finding("sensor clock", wearer, subject=name, numbers=numbers, words=words)
+
+
+def accelerometer_scale(stream: ImuStream) -> tuple[float, float] | None:
+    """What gravity measures, of what it is, and the standard deviation of that.
+
+    From the mean specific force along the vertical: over a long time nobody accelerates.
+
+    Up and down cancel out, so no rest is needed: on a treadmill there may be none. None without orientation.
+    """
+    standard_gravity = 9.81
+    if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
+        return None
+    vertical = np.einsum("nj,nj->n", stream.R_inertial_sensor[:, 2], stream.specific_force)
+    step = np.diff(stream.time)
+    measured = step < 2 / stream.rate  # lost samples say nothing
+    seconds = float(step[measured].sum())
+    if seconds <= 0:
+        return None
+    mean = float(np.sum((step * (vertical[1:] + vertical[:-1]) / 2)[measured]) / seconds)
+    speed_change = 2.0  # m/s by which a sensor's vertical speed may differ between start and end
+    zero_offset = 0.005  # of gravity: zero offsets are as much, and no scale
+    sigma = np.hypot(speed_change / (seconds * standard_gravity), zero_offset)
+    return mean / standard_gravity, float(sigma)
+
+
+def is_scale_wrong(scale: float, sigma: float) -> bool:
+    """Whether a scale is off one: sound ones are by up to 1.5 %, some by 3 % where nobody calibrated."""
+    return abs(scale - 1) > max(0.04, 4.0 * sigma)
+
+
+# Of the mean force to the vertical: what is wrong, and what is right. Fifteen sound recordings have up to 2.8°.
+LEANING, UPRIGHT = np.deg2rad(10.0), np.deg2rad(4.0)
+INVERTED = "inverted"
+
+
+def force_in_wrong_axes(stream: ImuStream) -> str | None:
+    """The axis, ``"x"``, ``"y"`` or ``"z"``, whose specific force has the wrong sign; :data:`INVERTED` where
+    orientations turn the inertial frame into the sensor's.
+
+    The mean force is upright in the inertial frame, over a long time. None where it is, and where none of this makes
+    it so.
+    """
+    if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
+        return None
+    known = stream.force_measured_mask
+    R, force = stream.R_inertial_sensor[known], stream.specific_force[known]
+    if _leaning(R, force) < LEANING:
+        return None
+    found = {
+        axis: _leaning(R, force * np.where(np.arange(3) == number, -1.0, 1.0)) for number, axis in enumerate("xyz")
+    }
+    found[INVERTED] = _leaning(transpose(R), force)
+    best = min(found, key=lambda one: found[one])
+    return best if found[best] < UPRIGHT else None
+
+
+def _leaning(R: Array, force: Array) -> float:
+    """Angle of the mean force to the vertical."""
+    mean = np.einsum("nij,nj->i", R, force)
+    return float(np.arctan2(np.hypot(mean[0], mean[1]), mean[2]))
+
+
+def range_ends(stream: ImuStream) -> tuple[tuple[int, float], ...]:
+    """Axes and values at which an accelerometer's range ends: extremes that repeat themselves, time and again."""
+    least_range = 15.0  # m/s²: accelerometers of bodies measure 2 g at least, and what rests at 1 g is constant too
+    if stream.specific_force is None:
+        return ()
+    largest = float(np.max(np.abs(stream.specific_force)))
+    return tuple(
+        (number, end)
+        for number, axis in enumerate(stream.specific_force.T)
+        for end in sorted({float(axis.max()), float(axis.min())})
+        if abs(end) > least_range and abs(end) > 0.9 * largest and len(_runs(axis, end)) >= 2  # once may be chance
+    )
+
+
+def clipped_samples(stream: ImuStream, ends: Sequence[tuple[int, float]]) -> np.ndarray:
+    """Which samples ``(N,)`` stand at one of the ends of the range for as long as no motion does by itself."""
+    clipped = np.zeros(len(stream), bool)
+    if stream.specific_force is None:
+        return clipped
+    for number, end in ends:
+        for first, last in _runs(stream.specific_force[:, number], end):
+            clipped[first:last] = True
+    return clipped
+
+
+def _runs(axis: Array, end: float) -> list[tuple[int, int]]:
+    """First sample and the one after the last of each run at an end of the range, of two samples or more."""
+    same = 1e-3  # of the range: a clipped axis repeats one number; converting from its own unit rounds the last digit
+    at_end = np.abs(axis - end) < same * abs(end)
+    edges = np.flatnonzero(np.diff(np.r_[0, at_end.astype(int), 0]))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= 2]
+
+
+def longest_repeat(stream: ImuStream) -> float:
+    """Seconds of the longest stretch in which a stream gives the very same values."""
+    measured = [
+        one for one in (stream.R_inertial_sensor, stream.specific_force, stream.angular_rate) if one is not None
+    ]
+    same = np.logical_and.reduce([np.all(np.diff(one.reshape(len(one), -1), axis=0) == 0, axis=1) for one in measured])
+    starts, ends = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int))).reshape(-1, 2).T
+    return float(np.max(stream.time[ends] - stream.time[starts], initial=0.0))

@@ -1,10 +1,14 @@
-"""Sensors whose clocks are off their fellows', and accelerometers of wrong scale or exceeded range.
+"""Sensors whose clocks are off their fellows', throughout or since they jumped.
 
 How late one sensor is against its neighbour: the joint between their bones is accelerated once, not twice. The joint's
 acceleration is told by either sensor: its own, and the turning of its bone times the arm from it to the joint (Seel,
 Raisch & Schauer, Sensors 14, 2014). Where the joint lies from either sensor, how their headings differ and how late one
 is are found together, so nothing of mountings, headings or the body is supposed. Rates of turn would need less, but in
 walking thigh and shank do not turn in step. The fewest delays that explain what neighbours say are taken.
+
+A clock jumps where samples were lost and a log has moved the later ones up: at the end of a recording they are as much
+too early as was lost. All shifts within seconds are tried there, with the heading and arms that suit each best. Strides
+repeat themselves, so a shift has to explain much more than none, of all joints that the sensor has a part in.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,9 +17,9 @@ from functools import cached_property
 
 import numpy as np
 import scipy
+from numpy.lib.stride_tricks import sliding_window_view
 
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array, rotation_z, transpose
 from vip_factors.initialise.sensor_tree import Link, joint_products
 from vip_factors.sensors.frames import resample_streams
@@ -31,7 +35,6 @@ STARTS = np.arange(-0.12, 0.121, 0.02)  # s, delays looked at: the misfit's vall
 REACH = float(STARTS[-1]) + STEP
 HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
 STRONG = 15.0  # m/s², from which on an acceleration counts less at the start
-ROUNDS = 12
 BLOCK = 1.0  # s: misfits within a swing belong together
 LEAST_SHARED = 3.0  # s that two sensors have in common, to be told apart from others
 # Of the joint's mean square acceleration, misfit that is left: knees and ankles leave 0.05–0.4, hips to 0.7; a loose
@@ -126,23 +129,8 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
     above = parent.spline(time)
     starts = [(*_start(above, child.spline(time + seconds)), seconds) for seconds in STARTS]
     _, heading, begin = min(starts)
-    seconds, sigma, misfit = joint_delay(above, child, time, begin, heading)
+    seconds, sigma, misfit = _fitted(above, child.spline, child.spline.derivative(), time, begin, heading)
     return None if misfit > POOR or abs(seconds) > REACH else (seconds, sigma)
-
-
-def joint_delay(
-    above: Array, child: JointSignal, time: Array, seconds: float, heading: float, kernels: Kernels = kernels
-) -> tuple[float, float, float]:
-    """The delay of a child against the parent's values ``(T, 3, 4)``, its sigma, and :func:`joint_share`.
-
-    From a delay and a heading on; ``time`` ``(T,)`` is well within the child's.
-    """
-    if kernels is None:
-        return _refined(above, child.spline, child.spline.derivative(), time, seconds, heading)
-    found, step, blocks = np.empty(3), STEP / FINE, ((time - time[0]) / BLOCK).astype(np.int64)
-    place = (time - child.time[0]) / step
-    kernels.joint_delay(above, child.spline.c, place, blocks, step, REACH, seconds, heading, found)
-    return float(found[0]), float(found[1]), float(found[2])
 
 
 def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | None:
@@ -156,15 +144,8 @@ def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | 
         return None
     above, below = one.at(steps), other.at(steps)
     moving = np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) > MISFIT**2  # rest tells of noise alone
-    return joint_share(above, below), np.count_nonzero(moving) * STEP
-
-
-def joint_share(above: Array, below: Array, kernels: Kernels = kernels) -> float:
-    """The share (in squares) by which two sensors' values ``(T, 3, 4)`` disagree about a joint's acceleration."""
-    if kernels is not None:
-        return float(kernels.joint_share(above, below))
-    still = np.zeros_like(below)
-    return _refined(above, lambda _: below, lambda _: still, np.zeros(len(above)), 0.0, _start(above, below)[1])[2]
+    *_, share = _fitted(above, lambda _: below, None, np.zeros(len(steps)), 0.0, _start(above, below)[1])
+    return share, np.count_nonzero(moving) * STEP
 
 
 def _start(above: Array, below: Array) -> tuple[float, float]:
@@ -175,12 +156,8 @@ def _start(above: Array, below: Array) -> tuple[float, float]:
     return float(cost[0]), float(heading[0])
 
 
-def least_over_headings(products: Array, kernels: Kernels = kernels) -> tuple[Array, Array]:
+def least_over_headings(products: Array) -> tuple[Array, Array]:
     """Least costs ``(L,)`` over headings, and these; of :func:`joint_products` ``(L, 5, 4, 4)``, arms eliminated."""
-    if kernels is not None:
-        found = np.empty(len(products)), np.empty(len(products))
-        kernels.least_over_headings(np.ascontiguousarray(products), *found)
-        return found
     turns = np.stack([np.cos(HEADINGS), np.sin(HEADINGS), np.ones(len(HEADINGS))], axis=1)
     gram = np.zeros((len(products), len(HEADINGS), 8, 8))
     gram[..., :4, :4], gram[..., 4:, 4:] = products[:, None, 0], products[:, None, 1]
@@ -194,37 +171,41 @@ def least_over_headings(products: Array, kernels: Kernels = kernels) -> tuple[Ar
     return cost[np.arange(len(cost)), best], HEADINGS[best]
 
 
-def _refined(
-    above: Array, below: Signal, rate: Signal, time: Array, seconds: float, heading: float
+def _fitted(
+    above: Array, below: Signal, rate: Signal | None, time: Array, seconds: float, heading: float
 ) -> tuple[float, float, float]:
-    """Gauss–Newton over delay, heading and both arms, Cauchy weights: the delay, its sigma, and the misfit's share.
+    """Gauss–Newton over heading, both arms and delay, Cauchy weights: the delay, its sigma, and the misfit's share.
 
-    The sigma is from blocks as independent as swings. Where the ``rate`` of what is ``below`` is nought, none is found.
+    The sigma is from blocks as independent as swings. Without the ``rate`` of what is ``below`` the delay stays.
     """
-    arms = np.zeros(6)
-    for _ in range(ROUNDS):
-        there, moved = below(time + seconds), rate(time + seconds)
-        turned = rotation_z(heading) @ there
+    rounds = 12
+    settled = 1e-6  # radians, metres and seconds
+    arms, has_prior = np.zeros(6), np.r_[0.0, np.ones(6), np.zeros(int(rate is not None))]
+    for _ in range(rounds):
+        turned = rotation_z(heading) @ below(time + seconds)
         by_arms = np.concatenate([above[:, :, 1:], -turned[:, :, 1:]], axis=2)
         misfit = above[:, :, 0] - turned[:, :, 0] + by_arms @ arms
         at = np.concatenate([[1.0], arms[3:]])
-        by_seconds, by_heading = -(rotation_z(heading) @ moved) @ at, -(turned @ at) @ _TURN.T
-        slopes = np.concatenate([by_seconds[..., None], by_heading[..., None], by_arms], axis=2)
+        slopes = [(-(turned @ at) @ _TURN.T)[..., None], by_arms]
+        if rate is not None:
+            slopes.append(-(rotation_z(heading) @ rate(time + seconds) @ at)[..., None])
+        slope = np.concatenate(slopes, axis=2)
         square = np.sum(misfit**2, axis=1)
         scale = max(float(np.median(square)) / 2.37, 0.05)  # 2.37: the median of chi square with three degrees
         weight = 1 / (1 + square / (4 * scale))
-        prior = np.r_[0, 0, np.full(6, scale / ARM_SIGMA**2)]
-        weighted = slopes * weight[:, None, None]
-        hessian = np.tensordot(weighted, slopes, ((0, 1), (0, 1))) + np.diag(prior + 1e-9)
+        prior = scale / ARM_SIGMA**2 * has_prior
+        weighted = slope * weight[:, None, None]
+        unknowns = slope.shape[2]
+        hessian = weighted.reshape(-1, unknowns).T @ slope.reshape(-1, unknowns) + np.diag(prior + 1e-9)
         scores = np.einsum("tik,ti->tk", weighted, misfit)
-        step = -np.linalg.solve(hessian, scores.sum(axis=0) + prior * np.r_[0, 0, arms])
-        seconds += float(np.clip(step[0], -0.03, 0.03))
-        heading, arms = heading + float(step[1]), arms + step[2:]
-        if abs(seconds) > REACH:
+        step = -np.linalg.solve(hessian, scores.sum(axis=0) + prior * np.r_[0.0, arms, np.zeros(unknowns - 7)])
+        heading, arms = heading + float(step[0]), arms + step[1:7]
+        seconds += float(np.clip(step[7:].sum(), -0.03, 0.03))
+        if abs(seconds) > REACH or np.abs(step).max() < settled:
             break
     block = ((time - time[0]) / BLOCK).astype(int)
     sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
-    spread = np.linalg.solve(hessian, sums.T)[0]
+    spread = np.linalg.solve(hessian, sums.T)[-1]
     joint = np.sum((above[:, :, 0] + above[:, :, 1:] @ arms[:3]) ** 2, axis=1)
     return seconds, float(np.linalg.norm(spread)), float(weight @ square / (weight @ joint))
 
@@ -242,6 +223,13 @@ class SensorClockSettings:
 
     check: bool = True  # off: clocks agree, whatever the motion says
     correct: bool = True  # off: delays are told, and left
+
+
+@dataclass(frozen=True)
+class AccelerometerSettings:
+    """What accelerometers are looked over for, and what is done."""
+
+    check: bool = True  # off: they are taken as they are
 
 
 @dataclass(frozen=True)
@@ -339,113 +327,82 @@ def _cost(rows: Array, wanted: Array) -> float:
     return float(np.sum((wanted - rows @ solution) ** 2))
 
 
-SAME = 1e-3  # of the range: a clipped axis repeats one number; converting from its own unit rounds the last digit
+LONGEST_S = 2.5  # that are looked for
 
 
-@dataclass(frozen=True)
-class AccelerometerSettings:
-    """What accelerometers are looked over for, and what is done."""
+def clock_step(signals: Sequence[JointSignal | None], links: Sequence[Link]) -> tuple[int, float] | None:
+    """The sensor whose clock has surely jumped before a recording's end, and by how many seconds it is late there.
 
-    check: bool = True  # off: they are taken as they are
-
-
-def accelerometer_scale(stream: ImuStream) -> tuple[float, float] | None:
-    """What gravity measures, of what it is, and the standard deviation of that.
-
-    From the mean specific force along the vertical: over a long time nobody accelerates.
-
-    Up and down cancel out, so no rest is needed: on a treadmill there may be none. None without orientation.
+    Args:
+        signals: of ``S`` sensors; None of those that tell nothing.
+        links: of the sensor tree; those between sensors with a free limb in between say nothing.
     """
-    standard_gravity = 9.81
-    if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
+    sure = 10.0  # nats by which a shift explains more than none: 43 sound recordings and scenes have 7 at most
+    near_s = 0.15  # smaller shifts are delays
+    end_s = 15.0  # of a recording's end that are looked at, its last third if that is less
+    ranges = [(one.time[0], one.time[-1]) for one in signals if one is not None]
+    start, end = min((one for one, _ in ranges), default=0.0), max((one for _, one in ranges), default=0.0)
+    looked_at = min(end_s, (end - start) / 3)
+    steps = np.arange(*np.ceil((end - LONGEST_S - np.array([looked_at, 0.0])) / STEP).astype(int))
+    gains = np.zeros((len(signals), len(SHIFTS)))
+    for link in links:
+        parent, child = signals[link.parent], signals[link.child]
+        if link.p_parent is None or parent is None or child is None:
+            continue
+        share = shift_shares(parent, child, steps)
+        if share is None:
+            continue
+        gain = looked_at * np.log(share[np.abs(SHIFTS) <= near_s].min() / share)
+        gains[link.child] += gain
+        gains[link.parent] += gain[::-1]
+    sensor, shift = np.unravel_index(int(gains.argmax()), gains.shape)
+    seconds, nats = float(SHIFTS[shift]), float(gains[sensor, shift])
+    if nats < sure or abs(seconds) <= near_s or shift in (0, len(SHIFTS) - 1):
         return None
-    vertical = np.einsum("nj,nj->n", stream.R_inertial_sensor[:, 2], stream.specific_force)
-    step = np.diff(stream.time)
-    measured = step < 2 / stream.rate  # lost samples say nothing
-    seconds = float(step[measured].sum())
-    if seconds <= 0:
-        return None
-    mean = float(np.sum((step * (vertical[1:] + vertical[:-1]) / 2)[measured]) / seconds)
-    speed_change = 2.0  # m/s by which a sensor's vertical speed may differ between start and end
-    zero_offset = 0.005  # of gravity: zero offsets are as much, and no scale
-    sigma = np.hypot(speed_change / (seconds * standard_gravity), zero_offset)
-    return mean / standard_gravity, float(sigma)
+    return int(sensor), seconds
 
 
-def is_scale_wrong(scale: float, sigma: float) -> bool:
-    """Whether a scale is off one: sound ones are by up to 1.5 %, some by 3 % where nobody calibrated."""
-    return abs(scale - 1) > max(0.04, 4.0 * sigma)
+MOST = round(LONGEST_S / STEP)
+SHIFTS = np.arange(-MOST, MOST + 1) * STEP
 
 
-# Of the mean force to the vertical: what is wrong, and what is right. Fifteen sound recordings have up to 2.8°.
-LEANING, UPRIGHT = np.deg2rad(10.0), np.deg2rad(4.0)
-INVERTED = "inverted"
+def shift_shares(parent: JointSignal, child: JointSignal, steps: np.ndarray) -> Array | None:
+    """Of the parent's mean square acceleration the misfit that is left with the child late by each of :data:`SHIFTS`.
 
-
-def force_in_wrong_axes(stream: ImuStream) -> str | None:
-    """The axis, ``"x"``, ``"y"`` or ``"z"``, whose specific force has the wrong sign; :data:`INVERTED` where
-    orientations turn the inertial frame into the sensor's.
-
-    The mean force is upright in the inertial frame, over a long time. None where it is, and where none of this makes
-    it so.
+    None where they share too little at the ``steps`` ``(T,)``.
     """
-    if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
+    least_there = 0.6  # of the instants, with any shift: packets are lost
+    steps = np.intersect1d(steps, common_steps(parent, child))
+    steps = steps[(steps * STEP >= child.time[0] + LONGEST_S) & (steps * STEP <= child.time[-1] - LONGEST_S)]
+    if len(steps) * STEP < LEAST_SHARED:
         return None
-    known = stream.force_measured_mask
-    R, force = stream.R_inertial_sensor[known], stream.specific_force[known]
-    if _leaning(R, force) < LEANING:
+    reach = np.arange(steps[0] - MOST, steps[-1] + MOST + 1)
+    above, below, known = parent.at(steps), child.at(reach), parent.complete(steps * STEP, STEP)
+    there = child.complete(reach * STEP, STEP).astype(float)
+    at_shift = sliding_window_view(there, len(steps))
+    if (at_shift @ known).min() < least_there * len(steps):
         return None
-    found = {
-        axis: _leaning(R, force * np.where(np.arange(3) == number, -1.0, 1.0)) for number, axis in enumerate("xyz")
-    }
-    found[INVERTED] = _leaning(transpose(R), force)
-    best = min(found, key=lambda one: found[one])
-    return best if found[best] < UPRIGHT else None
+    weight = known / (1 + np.sum(above[:, :, 0] ** 2, axis=1) / STRONG**2)
+    products = _shifted_products(above, weight, below, there)
+    floor = MISFIT**2 * (at_shift @ weight)  # what bodies that are not rigid leave says nothing
+    cost, _ = least_over_headings(products)
+    return np.asarray((cost + floor) / (products[:, 0, 0, 0] + floor))
 
 
-def _leaning(R: Array, force: Array) -> float:
-    """Angle of the mean force to the vertical."""
-    mean = np.einsum("nij,nj->i", R, force)
-    return float(np.arctan2(np.hypot(mean[0], mean[1]), mean[2]))
+def _shifted_products(above: Array, weight: Array, below: Array, there: Array) -> Array:
+    """:func:`joint_products` ``(N - T + 1, 5, 4, 4)`` of ``(T, 3, 4)`` and as many of ``(N, 3, 4)``, from each on.
 
+    Products count by their ``weight`` ``(T,)`` and by what is ``there`` ``(N,)``.
+    """
+    size = 1 << (len(below) - 1).bit_length()
 
-def range_ends(stream: ImuStream) -> tuple[tuple[int, float], ...]:
-    """Axes and values at which an accelerometer's range ends: extremes that repeat themselves, time and again."""
-    least_range = 15.0  # m/s²: accelerometers of bodies measure 2 g at least, and what rests at 1 g is constant too
-    if stream.specific_force is None:
-        return ()
-    largest = float(np.max(np.abs(stream.specific_force)))
-    return tuple(
-        (number, end)
-        for number, axis in enumerate(stream.specific_force.T)
-        for end in sorted({float(axis.max()), float(axis.min())})
-        if abs(end) > least_range and abs(end) > 0.9 * largest and len(_runs(axis, end)) >= 2  # once may be chance
-    )
+    def spectrum(values: Array) -> np.ndarray:
+        return np.fft.rfft(values, size, axis=0)
 
-
-def clipped_samples(stream: ImuStream, ends: Sequence[tuple[int, float]]) -> np.ndarray:
-    """Which samples ``(N,)`` stand at one of the ends of the range for as long as no motion does by itself."""
-    clipped = np.zeros(len(stream), bool)
-    if stream.specific_force is None:
-        return clipped
-    for number, end in ends:
-        for first, last in _runs(stream.specific_force[:, number], end):
-            clipped[first:last] = True
-    return clipped
-
-
-def _runs(axis: Array, end: float) -> list[tuple[int, int]]:
-    """First sample and the one after the last of each run at an end of the range, of two samples or more."""
-    at_end = np.abs(axis - end) < SAME * abs(end)
-    edges = np.flatnonzero(np.diff(np.r_[0, at_end.astype(int), 0]))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2) if b - a >= 2]
-
-
-def longest_repeat(stream: ImuStream) -> float:
-    """Seconds of the longest stretch in which a stream gives the very same values."""
-    measured = [
-        one for one in (stream.R_inertial_sensor, stream.specific_force, stream.angular_rate) if one is not None
-    ]
-    same = np.logical_and.reduce([np.all(np.diff(one.reshape(len(one), -1), axis=0) == 0, axis=1) for one in measured])
-    starts, ends = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int))).reshape(-1, 2).T
-    return float(np.max(stream.time[ends] - stream.time[starts], initial=0.0))
+    weighted, left = above * weight[:, None, None], below * there[:, None, None]
+    one, other = spectrum(weighted).conj()[..., None], spectrum(left)[:, :, None]
+    own = spectrum(np.swapaxes(weighted, 1, 2) @ above).conj() * spectrum(there)[:, None, None]
+    others = spectrum(weight).conj()[:, None, None] * spectrum(np.swapaxes(left, 1, 2) @ below)
+    across = one[:, 1] * other[:, 0] - one[:, 0] * other[:, 1]
+    found = [own, others, one[:, 0] * other[:, 0] + one[:, 1] * other[:, 1], across, one[:, 2] * other[:, 2]]
+    return np.fft.irfft(np.stack(found, axis=1), size, axis=0)[: len(below) - len(above) + 1]

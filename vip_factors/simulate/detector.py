@@ -77,8 +77,8 @@ def single_people(
     error += WHITE_ERROR * random.standard_normal((P, F, K, 2))
     error *= settings.error * (1 + error_by_doubt * doubt[..., None])
     pixels = view.aimed + error * unit[..., None]
-    unsure = 1 - usual_confidence - per_point(confidence_spread, slow_time_s, 1)[..., 0]
-    confidence = np.clip((1 - settings.doubt * unsure) * np.exp(-doubt), 1e-3, 1.0)
+    sure = usual_confidence + per_point(confidence_spread, slow_time_s, 1)[..., 0]
+    confidence = np.clip((1 - settings.doubt + settings.doubt * sure) * np.exp(-doubt), 1e-3, 1.0)
 
     share = np.where(view.behind, behind_missed, np.where(view.hidden, hidden_missed, plain_missed))
     chance = lasting_chance(random, F, step, EVENT_S, axes=P * K).reshape(F, P, K).swapaxes(0, 1)

@@ -1,4 +1,4 @@
-// Elimination within one matrix, in place: vip_factors/solve/fixed_lag.py and chain_elimination.py, by SciPy's own BLAS and LAPACK.
+// Elimination within one matrix, in place: vip_factors/solve/fixed_lag.py and band.py, by SciPy's own BLAS and LAPACK.
 //
 // Matrices are stored by rows, of which only the triangle above the diagonal counts: to BLAS, which stores by columns,
 // that is the triangle below the diagonal.
@@ -82,75 +82,100 @@ inline void forward(const Blas& blas, const Conditional& of, double* Y, double* 
     if (rest > 0) blas.dgemm("N", "T", &m, &rest, &w, &MINUS_ONE, Y, &m, of.rows + w, &row, &ONE, B, &m);
 }
 
-// Blocks (frames, rows, columns) from a first frame on, of which the first element stands at `row` and `column` of a matrix.
-struct Piece {
-    const double* data;
-    int64_t step, row_step, column_step, rows, columns, row, column, first, frames;
+// A stretch of frames of w columns, each of which sees all columns of the next and `far` ones of that after it, unless
+// frames are independent, and shared ones. Of a stretch there are rows (frames + 2, w, m), whose columns are those of the
+// frame, of the next two where these are seen, and the shared ones; with itself the upper triangle counts.
+struct Stretch {
+    const double *rows, *gradient, *shared, *shared_gradient;
+    const int64_t* far;
+    int64_t frames, fars;
+    int w, s;
+    bool tied;
+    int64_t ahead() const { return tied ? w + fars : 0; }
+    int64_t rest() const { return ahead() + s; }
+    int64_t width() const { return (tied ? 3 : 1) * w + s; }
 };
 
-// A chain of frames of w columns, each of which sees `ahead` columns of those after it, and n − w − ahead shared ones.
-struct EliminatedChain {
-    int64_t frames;
-    int w, ahead, n;
-    double *rows, *d;  // (T, w, n) R and S; (T, w)
-};
+// What is known of the two frames after, of which the second has far columns only, and of shared ones: as the first frame's
+// own rows (w, n), and for the frames after it, in place.
+inline void move_on(const Stretch& of, double* M, double* v, double* own, double* own_vector) {
+    const int64_t w = of.w, s = of.s, ahead = of.ahead(), rest = of.rest(), n = w + rest;
+    std::fill(own, own + w * n, 0.0);
+    std::fill(own_vector, own_vector + w, 0.0);
+    if (!of.tied) return;
+    for (int64_t r = 0; r < w; r++) {
+        double *to = own + r * n, *from = M + r * rest;
+        std::copy(from + r, from + w, to + r);
+        for (int64_t k = 0; k < of.fars; k++) to[w + of.far[k]] = from[w + k];
+        std::copy(from + ahead, from + rest, to + n - s);
+        std::fill(from + r, from + rest, 0.0);
+        own_vector[r] = v[r], v[r] = 0.0;
+    }
+    for (int64_t k = 0; k < of.fars; k++) {
+        double *to = M + of.far[k] * rest, *from = M + (w + k) * rest;
+        for (int64_t l = k; l < of.fars; l++) to[of.far[l]] = from[w + l];
+        std::copy(from + ahead, from + rest, to + ahead);
+        std::fill(from + w + k, from + rest, 0.0);
+        v[of.far[k]] = v[w + k], v[w + k] = 0.0;
+    }
+}
 
-// M (n − w, n − w) and v (n − w), all zero, hold in the end what all frames say of the shared columns behind `ahead`.
-inline bool eliminate_chain(const Blas& blas, const std::vector<Piece>& pieces, const double* gradient,
-                            const double* damping, double* M, double* v, const EliminatedChain& into) {
-    const int64_t n = into.n, w = into.w, ahead = into.ahead, seen = w + ahead, rest = n - w;
-    const int64_t met = std::min(w, ahead), kept = ahead - met;  // of what is ahead: in the next frame, and behind it
-    int64_t width = seen;  // behind it stand columns that no frame has met so far
+inline void add(const double* from, int64_t count, double* to) {
+    for (int64_t c = 0; c < count; c++) to[c] += from[c];
+}
+
+// M (rest, rest) and v hold what is known before the stretch, and in the end what is behind it. rows (frames, w, n) and d
+// (frames, w) hold R, S and d of each frame. False if a frame is not determined.
+inline bool eliminate_stretch(const Blas& blas, const Stretch& of, const double* damping, double* M, double* v, double* rows, double* d) {
+    const int64_t w = of.w, s = of.s, ahead = of.ahead(), rest = of.rest(), n = w + rest, m = of.width();
     std::vector<double> vector(n);
-    for (int64_t t = 0; t < into.frames; t++) {
-        double* rows = into.rows + t * w * n;
+    for (int64_t t = 0; t < of.frames; t++, rows += w * n, d += w) {
+        move_on(of, M, v, rows, vector.data());
         for (int64_t r = 0; r < w; r++) {
-            double *to = rows + r * n, *from = M + r * rest;
-            std::fill(to + (r < met ? ahead : r), to + (r < met ? seen : n), 0.0);
-            if (r >= met) continue;
-            std::copy(from + r, from + ahead, to + r);
-            std::copy(from + ahead, from + rest, to + seen);
+            const double* from = of.rows + (t * w + r) * m;
+            double* to = rows + r * n;
+            add(from + r, (of.tied ? 2 * w : w) - r, to + r);
+            for (int64_t k = 0; of.tied && k < of.fars; k++) to[2 * w + k] += from[2 * w + of.far[k]];
+            add(from + m - s, s, to + n - s);
+            to[r] += damping[r], vector[r] -= of.gradient[t * w + r];
         }
-        for (int64_t r = 0; r < ahead; r++) {  // the frames move on by one
-            double *to = M + r * rest, *from = M + (met + r) * rest;
-            std::fill(to + std::max(r, kept), to + (r < kept ? ahead : rest), 0.0);
-            if (r >= kept) continue;
-            std::copy(from + met + r, from + ahead, to + r);
-            std::copy(from + ahead, from + rest, to + ahead);
-        }
-        for (const Piece& one : pieces) {
-            if (t < one.first || t >= one.first + one.frames) continue;
-            width = std::max(width, one.column + one.columns);
-            for (int64_t r = 0; r < one.rows; r++) {
-                const double* from = one.data + (t - one.first) * one.step + r * one.row_step;
-                double* to = rows + (one.row + r) * n + one.column;
-                const int64_t first = std::max<int64_t>(0, one.row + r - one.column), columns = one.columns, step = one.column_step;
-                if (step == 1)  // which the compiler makes quick
-                    for (int64_t c = first; c < columns; c++) to[c] += from[c];
-                else
-                    for (int64_t c = first; c < columns; c++) to[c] += from[c * step];
-            }
-        }
-        std::fill(vector.begin(), vector.end(), 0.0);
-        std::copy(v, v + ahead, vector.begin());
-        std::copy(v + ahead, v + rest, vector.begin() + seen);
-        for (int64_t r = 0; r < w; r++) rows[r * (n + 1)] += damping[r], vector[r] -= gradient[t * w + r];
-        if (!eliminate(blas, rows, vector.data(), into.n, static_cast<int>(width), into.w, M, static_cast<int>(rest))) return false;
-        std::copy(vector.begin(), vector.begin() + w, into.d + t * w);
+        std::copy(v, v + rest, vector.begin() + w);
+        if (!eliminate(blas, rows, vector.data(), static_cast<int>(n), static_cast<int>(n), of.w, M, static_cast<int>(rest))) return false;
+        std::copy(vector.begin(), vector.begin() + w, d);
         std::copy(vector.begin() + w, vector.end(), v);
+    }
+    const double* next = of.rows + of.frames * w * m;  // what the stretch's factors say of the two frames behind it
+    for (int64_t r = 0; of.tied && r < w; r++, next += m) {
+        add(next + r, w - r, M + r * rest + r);
+        for (int64_t k = 0; k < of.fars; k++) M[r * rest + w + k] += next[w + of.far[k]];
+        add(next + m - s, s, M + r * rest + ahead);
+        v[r] -= of.gradient[of.frames * w + r];
+    }
+    for (int64_t k = 0; of.tied && k < of.fars; k++) {
+        const double* after = next + of.far[k] * m;
+        double* to = M + (w + k) * rest;
+        for (int64_t l = k; l < of.fars; l++) to[w + l] += after[of.far[l]];
+        add(after + m - s, s, to + ahead);
+        v[w + k] -= of.gradient[(of.frames + 1) * w + of.far[k]];
+    }
+    for (int64_t r = 0; r < s; r++) {
+        add(of.shared + r * s + r, s - r, M + (ahead + r) * rest + ahead + r);
+        v[ahead + r] -= of.shared_gradient[r];
     }
     return true;
 }
 
-// The steps, in the place of d, of the values behind the last frame: of the frames ahead of it, and of shared columns.
-inline void substitute_chain(const Blas& blas, const double* behind, const EliminatedChain& chain) {
-    const int64_t n = chain.n, w = chain.w, ahead = chain.ahead;
-    std::vector<double> later(behind, behind + n - w);
-    for (int64_t t = chain.frames - 1; t >= 0; t--) {
-        double* x = chain.d + t * w;
-        substitute(blas, chain.rows + t * w * n, chain.n, chain.n, chain.w, later.data(), x);
-        std::copy_backward(later.data(), later.data() + std::max<int64_t>(ahead - w, 0), later.data() + ahead);
-        std::copy(x, x + std::min(w, ahead), later.data());
+// The steps (frames, w), in the place of d, of those of the two frames behind the stretch (2, w) and of shared columns.
+inline void substitute_stretch(const Blas& blas, const Stretch& of, double* rows, const double* behind, const double* shared, double* steps) {
+    const int64_t w = of.w, ahead = of.ahead(), n = w + of.rest();
+    std::vector<double> later(of.rest());
+    std::copy(shared, shared + of.s, later.begin() + ahead);
+    for (int64_t t = of.frames - 1; t >= 0; t--) {
+        const double* next = t + 1 < of.frames ? steps + (t + 1) * w : behind + (t + 1 - of.frames) * w;
+        const double* after = t + 2 < of.frames ? steps + (t + 2) * w : behind + (t + 2 - of.frames) * w;
+        if (of.tied) std::copy(next, next + w, later.begin());
+        for (int64_t k = 0; of.tied && k < of.fars; k++) later[w + k] = after[of.far[k]];
+        substitute(blas, rows + t * w * n, static_cast<int>(n), static_cast<int>(n), of.w, later.data(), steps + t * w);
     }
 }
 

@@ -123,39 +123,28 @@ static void in_slices(Target* target, Out<3> hessian, Out<2> gradient) {
     }
 }
 
-// Of frames (T, w, m) and (T, w) what has its rows there: the column of the first in a slice, how many frames after the
-// slice's it is, and where in the rows the slice's columns (n) are, below nought where they never are. The last columns
-// of a slice are shared: (s, s) and (s). From frame `begin` on.
-static void in_chains(Target* target, nb::list chains, Out<2> shared, Out<1> shared_gradient, int64_t columns, int64_t begin, int64_t frames) {
-    const auto n = columns, s = static_cast<int64_t>(shared.shape(0));
-    expect_shape(shared, {s, s}), expect_shape(shared_gradient, {s});
-    expect(s <= n && begin >= 0 && frames >= 0 && n <= 1 << 20);
+// A stretch of frames: rows (frames + 2, w, m), whose columns are a frame's own, those of the next two where frames are
+// tied, and shared ones; (s, s) and (s) of these.
+static void in_stretch(Target* target, Out<3> rows, Out<2> gradient, Out<2> shared, Out<1> shared_gradient) {
+    const auto T = static_cast<int64_t>(rows.shape(0)), w = static_cast<int64_t>(rows.shape(1)), m = static_cast<int64_t>(rows.shape(2));
+    const auto s = static_cast<int64_t>(shared.shape(0)), n = vip::FRAMES * w + s;
+    expect(T >= vip::REACH && (m == n || m == w + s)), expect_shape(gradient, {T, w}), expect_shape(shared, {s, s}), expect_shape(shared_gradient, {s});
     Target built{std::vector<double*>(n), std::vector<double*>(n), std::vector<int64_t>(n, 0), std::vector<int64_t>(n, 0),
-                 std::vector<int>(n, 0), {}, frames, std::vector<int64_t>(n, 0), begin};
-    for (nb::handle item : chains) {
-        const nb::tuple chain = element<nb::tuple>(item);
-        expect(chain.size() == 5, "a chain has rows, gradient, first column, frames ahead and places");
-        const auto rows = element<Out<3>>(chain[0]);
-        const auto gradient = element<Out<2>>(chain[1]);
-        const auto first = element<int64_t>(chain[2]), ahead = element<int64_t>(chain[3]);
-        const auto places = element<Indices<1>>(chain[4]);
-        const auto T = static_cast<int64_t>(rows.shape(0)), w = static_cast<int64_t>(rows.shape(1)), m = static_cast<int64_t>(rows.shape(2));
-        expect_shape(gradient, {T, w}), expect_shape(places, {n}), expect_within(places, INT64_MIN, m);
-        expect(first >= 0 && first + w <= n - s && ahead >= 0 && ahead < vip::FRAMES && begin + frames <= T);
+                 std::vector<int>(n, vip::FRAMES), std::vector<std::vector<int64_t>>(vip::FRAMES + 1, std::vector<int64_t>(n, -1)),
+                 T - vip::REACH, std::vector<int64_t>(n, 0)};
+    for (int64_t i = 0; i < vip::FRAMES; i++) {
         for (int64_t c = 0; c < w; c++) {
-            built.rows[first + c] = rows.data() + ((begin + ahead) * w + c) * m, built.row_step[first + c] = w * m;
-            built.gradients[first + c] = gradient.data() + (begin + ahead) * w + c, built.gradient_step[first + c] = w;
-            built.kind[first + c] = static_cast<int>(built.orders.size()), built.ahead[first + c] = ahead;
+            built.rows[i * w + c] = rows.data() + (i * w + c) * m, built.row_step[i * w + c] = w * m;
+            built.gradients[i * w + c] = gradient.data() + i * w + c, built.gradient_step[i * w + c] = w;
+            built.kind[i * w + c] = static_cast<int>(i), built.ahead[i * w + c] = i;
         }
-        built.orders.emplace_back(places.data(), places.data() + n);
-        built.length = std::min(built.length, T);
+        for (int64_t c = i * w; c < (m == n ? vip::FRAMES : i + 1) * w; c++) built.orders[i][c] = c - i * w;
+        for (int64_t c = 0; c < s; c++) built.orders[i][vip::FRAMES * w + c] = m - s + c;
     }
     for (int64_t c = 0; c < s; c++) {
         built.rows[n - s + c] = shared.data() + c * s, built.gradients[n - s + c] = shared_gradient.data() + c;
-        built.kind[n - s + c] = static_cast<int>(built.orders.size());
+        built.orders[vip::FRAMES][n - s + c] = c;
     }
-    built.orders.emplace_back(n, -1);
-    for (int64_t c = 0; c < s; c++) built.orders.back()[n - s + c] = c;
     new (target) Target(std::move(built));
 }
 
@@ -169,8 +158,7 @@ static void in_body(BodySums* self, const Target& target, int64_t begin, In<4> R
     else expect_shape(R, {T, vip::JOINTS, 3, 3}), expect_shape(p, {T, vip::JOINTS, 3});
     expect(turns.size() == 0 || (turns.shape(0) >= R.shape(0) && has_shape(turns, {ANY, vip::JOINTS, 3, 3})));
     expect(directions.size() == 0 || (has_shape(directions, {vip::JOINTS, 3, ANY}) && directions.shape(2) <= 60));
-    expect(begin >= 0 && begin + target.frames <= T && T <= target.length && frame >= 0);
-    expect(target.begin < 0 || target.begin == begin, "the sums begin at another frame than their target");
+    expect(begin >= 0 && begin + target.frames <= T && frame >= 0);
     const vip::Bones bones{R.data(), p.data(), turns.size() ? turns.data() : nullptr, static_cast<int64_t>(R.shape(0))};
     new (self) BodySums(target, begin, bones, first, frame, parents.data(), columns.data(),
                         directions.size() ? directions.data() : nullptr, static_cast<int>(directions.shape(2)));
@@ -216,7 +204,7 @@ static void add_acceleration(BodySums& sums, Indices<1> bones, In<2> p_bone, In<
                              double step, double sigma, std::string_view loss, double k, double share) {
     const auto n = static_cast<int64_t>(bones.size()), T = sums.bones().frames;
     expect_shape(headings, {ANY, n}), expect_one_or_all(sums, headings), expect_shape(force, {T, n, 3}), expect_shape(valid, {T, n});
-    sums.expect_block(vip::HEADINGS, n), sums.expect_block(vip::LATER_HEADINGS, n, 1), sums.expect_block(vip::PLACES, 3 * n);
+    sums.expect_block(vip::HEADINGS, n), sums.expect_block(vip::PLACES, 3 * n);
     sums.later(vip::Acceleration{moving(sums, bones, p_bone, shift), headings, force, valid, step, sigma, believed(loss, k, share)});
 }
 
@@ -411,38 +399,30 @@ static void substitute_lag(nb::list frames, Indices<1> far, In<1> shared, Out<2>
     }
 }
 
-// Pieces: blocks (t, r, c) of some frames' rows in a matrix, with the first row, column and frame.
-static bool eliminate_chain(nb::list pieces, In<2> gradient, In<1> damping, int ahead, Out<2> information, Out<1> vector,
-                            Out<3> rows, Out<2> d) {
-    const vip::EliminatedChain into{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
-                                    static_cast<int>(rows.shape(2)), rows.data(), d.data()};
-    expect_blas(), expect(ahead >= 0 && into.w <= into.n && ahead <= into.n - into.w);
-    expect_shape(vector, {into.n - into.w}), expect_shape(information, {into.n - into.w, into.n - into.w});
-    expect_shape(damping, {into.w}), expect_shape(gradient, {into.frames, into.w}), expect_shape(d, {into.frames, into.w});
-    std::vector<vip::Piece> found;
-    for (nb::handle item : pieces) {
-        const nb::tuple one = element<nb::tuple>(item);
-        expect(one.size() == 4, "a piece has blocks, row, column and first frame");
-        const auto blocks = element<nb::ndarray<const double, nb::ndim<3>, nb::device::cpu>>(one[0]);
-        found.push_back({blocks.data(), blocks.stride(0), blocks.stride(1), blocks.stride(2), static_cast<int64_t>(blocks.shape(1)),
-                         static_cast<int64_t>(blocks.shape(2)), element<int64_t>(one[1]), element<int64_t>(one[2]),
-                         element<int64_t>(one[3]), static_cast<int64_t>(blocks.shape(0))});
-        const vip::Piece& piece = found.back();
-        expect(piece.first >= 0 && piece.frames <= into.frames && piece.first <= into.frames - piece.frames, "a piece beyond the frames");
-        expect(piece.row >= 0 && piece.rows <= into.w && piece.row <= into.w - piece.rows, "a piece beyond the rows");
-        expect(piece.column >= 0 && piece.columns <= into.n && piece.column <= into.n - piece.columns, "a piece beyond the columns");
-    }
-    nb::gil_scoped_release released;
-    return vip::eliminate_chain(blas, found, gradient.data(), damping.data(), information.data(), vector.data(), into);
+// Rows (T + 2, w, m) of a stretch, shared columns (s, s), and what is kept of its frames (T, w, n).
+static vip::Stretch stretch(Indices<1> far, bool tied, Out<3> kept, int64_t s) {
+    const auto T = static_cast<int64_t>(kept.shape(0)), w = static_cast<int64_t>(kept.shape(1));
+    vip::Stretch found{nullptr, nullptr, nullptr, nullptr, far.data(), T, static_cast<int64_t>(far.size()), static_cast<int>(w), static_cast<int>(s), tied};
+    expect_blas(), expect(ascending(far, w), "columns must ascend"), expect_shape(kept, {T, w, w + found.rest()});
+    return found;
 }
 
-// `steps` (T, w) hold d, and then the steps.
-static void substitute_chain(Out<3> rows, In<1> behind, int ahead, Out<2> steps) {
-    const vip::EliminatedChain chain{static_cast<int64_t>(rows.shape(0)), static_cast<int>(rows.shape(1)), ahead,
-                                     static_cast<int>(rows.shape(2)), rows.data(), steps.data()};
-    expect_blas(), expect(chain.w <= chain.n && ahead >= 0 && ahead <= chain.n - chain.w);
-    expect_shape(steps, {chain.frames, chain.w}), expect_shape(behind, {chain.n - chain.w});
-    vip::substitute_chain(blas, behind.data(), chain);
+static bool eliminate_stretch(In<3> rows, In<2> gradient, In<2> shared, In<1> shared_gradient, Indices<1> far, bool tied,
+                              In<1> damping, Out<2> information, Out<1> vector, Out<3> kept, Out<2> d) {
+    const auto s = static_cast<int64_t>(shared.shape(0));
+    vip::Stretch of = stretch(far, tied, kept, s);
+    expect_shape(rows, {of.frames + vip::REACH, of.w, of.width()}), expect_shape(gradient, {of.frames + vip::REACH, of.w});
+    expect_shape(shared, {s, s}), expect_shape(shared_gradient, {s}), expect_shape(damping, {of.w}), expect_shape(d, {of.frames, of.w});
+    expect_shape(information, {of.rest(), of.rest()}), expect_shape(vector, {of.rest()});
+    of.rows = rows.data(), of.gradient = gradient.data(), of.shared = shared.data(), of.shared_gradient = shared_gradient.data();
+    return vip::eliminate_stretch(blas, of, damping.data(), information.data(), vector.data(), kept.data(), d.data());
+}
+
+// `steps` (T, w) hold d, and then the steps; `behind` (2, w) those of the two frames behind the stretch.
+static void substitute_stretch(Out<3> kept, Indices<1> far, bool tied, In<2> behind, In<1> shared, Out<2> steps) {
+    const vip::Stretch of = stretch(far, tied, kept, static_cast<int64_t>(shared.shape(0)));
+    expect_shape(behind, {vip::REACH, of.w}), expect_shape(steps, {of.frames, of.w});
+    vip::substitute_stretch(blas, of, kept.data(), behind.data(), shared.data(), steps.data());
 }
 
 // Of a slice (N, N) ascending columns as a quadratic in x, in the rows of these. The slice is zero then, as far as it
@@ -499,16 +479,16 @@ NB_MODULE(_kernels, module) {
     module.def("reorder", &reorder, in("information"), in("vector"), in("order"), out("reordered"), out("reordered_vector"));
     module.def("substitute_lag", &substitute_lag, in("frames"), in("far"), in("shared"), out("values"));
     module.def("forward", &forward, out("rows"), out("right"), out("behind"));
-    module.def("eliminate_chain", &eliminate_chain, in("pieces"), in("gradient"), in("damping"), in("ahead"), out("information"),
-               out("vector"), out("rows"), out("d"));
-    module.def("substitute_chain", &substitute_chain, out("rows"), in("behind"), in("ahead"), out("steps"));
+    module.def("eliminate_stretch", &eliminate_stretch, in("rows"), in("gradient"), in("shared"), in("shared_gradient"), in("far"),
+               in("tied"), in("damping"), out("information"), out("vector"), out("kept"), out("d"), released());
+    module.def("substitute_stretch", &substitute_stretch, out("kept"), in("far"), in("tied"), in("behind"), in("shared"), out("steps"), released());
     module.def("slice_in_coordinates", &slice_in_coordinates, out("hessian"), out("gradient"), in("value"), in("columns"),
                out("information"), out("vector"));
     module.def("add_before", &add_before, in("before"), in("before_vector"), in("places"), out("information"), out("vector"));
     nb::class_<Target>(module, "Target")
         .def("__init__", &in_slices, out("hessian"), out("gradient"), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
-        .def("__init__", &in_chains, in("chains"), out("shared"), out("shared_gradient"), in("columns"), in("begin"), in("frames"),
-             nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>());
+        .def("__init__", &in_stretch, out("rows"), out("gradient"), out("shared"), out("shared_gradient"), nb::keep_alive<1, 2>(),
+             nb::keep_alive<1, 3>(), nb::keep_alive<1, 4>(), nb::keep_alive<1, 5>());
     nb::class_<BodySums>(module, "BodySums")
         .def("__init__", &in_body, nb::keep_alive<1, 2>())
         .def("orientation", &add_orientation)

@@ -1,4 +1,4 @@
-// Equations of terms summed into slices, or into a chain's frames: vip_factors/assembly/accumulator.py and
+// Equations of terms summed into slices, or into the frames of a stretch: vip_factors/assembly/accumulator.py and
 // bone_blocks.py, factor by factor.
 //
 // A row of a factor has columns by the twists of one bone, in one to three frames, and columns of the slice. Products
@@ -39,7 +39,7 @@ constexpr int PAIRS = 6;  // of frames i ≤ j of a slice
 inline int pair_of(int i, int j) { return i * FRAMES - i * (i - 1) / 2 + j - i; }
 
 // Where the columns of a slice, those of three frames and of what all frames share, have their rows. In slices each has
-// its own; in a chain a column of the frame after is one of the next slice's frame, and what is shared is there once.
+// its own; in a stretch a column of the frame after is one of the next slice's frame, and what is shared is there once.
 struct Target {
     std::vector<double*> rows, gradients;  // of each column, in the first slice
     std::vector<int64_t> row_step, gradient_step;  // from slice to slice
@@ -47,7 +47,6 @@ struct Target {
     std::vector<std::vector<int64_t>> orders;  // where in a row each column is; below nought where it never is
     int64_t frames;
     std::vector<int64_t> ahead;  // of each column: frames after the slice's own in which its rows lie
-    int64_t begin = -1, length = INT64_MAX;  // of a chain: frame of the first slice, frames of the rows; slices have neither
 
     int64_t width() const { return static_cast<int64_t>(rows.size()); }
     double* row(int64_t t, int64_t column) const { return rows[column] + t * row_step[column]; }
@@ -70,9 +69,8 @@ struct Target {
     }
 };
 
-// Blocks of variables, in the order of vip_factors/assembly/compiled_sums.py; headings as they are a frame later last,
-// which are others where they walk.
-enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, OFFSETS, LATER_HEADINGS, BLOCKS };
+// Blocks of variables, in the order of vip_factors/assembly/compiled_sums.py.
+enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, OFFSETS, BLOCKS };
 
 // Derivatives (m, width) of a factor by columns of the slice from one on. Twists meet all such parts of factors in sums
 // of bones, from column `dense` of these on; or, if `each` is not below nought, apart for each item of a block.
@@ -273,13 +271,13 @@ class BodySums {
     }
     int64_t row_width(int i) const { return target_.rows[column(i, 1)] - target_.rows[column(i, 0)]; }
 
-    // Sum all, and carry it over to the joints. In a chain what two slices know of the same two frames goes there once.
+    // Sum all, and carry it over to the joints. In a stretch what two slices know of the same two frames goes there once.
     void expand() {
-        const bool chain = moves() && target_.rows[column(1, 0)] == target_.row(1, column(0, 0));
+        const bool stretch = moves() && target_.rows[column(1, 0)] == target_.row(1, column(0, 0));
         for (int64_t t = 0; t < target_.frames; t++) {
-            clear(chain && t > 0);
+            clear(stretch && t > 0);
             for (const auto& add : adds_) add(t);
-            const bool waits = chain && t + 1 < target_.frames;
+            const bool waits = stretch && t + 1 < target_.frames;
             for (int i = 0; moves() && i < FRAMES && frame(t) + i < bones_.frames; i++) {
                 for (int j = i; j < FRAMES && frame(t) + j < bones_.frames; j++) {
                     const int pair = pair_of(i, j);

@@ -175,8 +175,7 @@ struct Acceleration {
     Mask valid;
     double step, sigma;
     Believed believed;
-    Block name = points.sums.block(LATER_HEADINGS) == points.sums.block(HEADINGS) ? HEADINGS : LATER_HEADINGS;
-    int heading_slot = points.sums.each(name, 1, points.bones.data(), points.bones.size());
+    int heading_slot = points.sums.each(HEADINGS, 1, points.bones.data(), points.bones.size());
     int place_slot = points.sums.each(PLACES, 3, points.bones.data(), points.bones.size());
 
     void operator()(int64_t t) {
@@ -185,9 +184,9 @@ struct Acceleration {
         for (int64_t s = 0; s < S && f + 2 < sums.bones().frames; s++) {
             if (!valid(f + 1, s)) continue;
             points.see(f, s, 3);
-            const AccelerationError error(points.p, step, at(headings, f + 1)[s], &force(f + 1, s, 0), sigma);
+            const AccelerationError error(points.p, step, at(headings, f)[s], &force(f + 1, s, 0), sigma);
             Rows rows{3, believed.weight(1.0, error.residual, 3), error.residual};
-            rows.add(sums.part_of_each(name, 1, error.by_heading, heading_slot, s));
+            rows.add(sums.part_of_each(HEADINGS, 1, error.by_heading, heading_slot, s));
             if (sums.block(PLACES) >= 0 || sums.lengths()) points.differentiate(f, s, 3, error.c, 0.0);
             rows.add(sums.part_of_each(PLACES, 3, points.by_place, place_slot, s));
             rows.add(sums.part(LENGTHS, sums.lengths(), points.by_lengths));

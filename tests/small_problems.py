@@ -4,8 +4,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from linear import dense
 
-from vip_factors.assembly.objective import SceneObjective, Step
+from vip_factors.assembly.objective import SceneObjective
+from vip_factors.assembly.system import SceneSystem, Steps
 from vip_factors.body.anthropometry import likely_body
 from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, keypoint_set
@@ -23,7 +25,6 @@ from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.solve.chain_system import ChainSystem
 from vip_factors.terms.ground_contact import pixel_rays
 from vip_factors.terms.registry import CameraFactorSettings, FactorSettings, unfilmed_problem
 
@@ -42,11 +43,14 @@ class WearerObjective:
     def cost(self, state: WearerState) -> Mapping[str, float]:
         return self.scene.cost(SceneState.unfilmed([state]))
 
-    def linearise(self, state: WearerState) -> ChainSystem:
+    def linearise(self, state: WearerState) -> SceneSystem:
         return self.scene.linearise(SceneState.unfilmed([state]))
 
-    def retract(self, state: WearerState, delta: Step) -> WearerState:
-        return self.scene.retract(SceneState.unfilmed([state]), delta).wearers[0]
+    def dense(self, state: WearerState) -> tuple[np.ndarray, np.ndarray]:
+        return dense(self.scene, SceneState.unfilmed([state]))
+
+    def retract(self, state: WearerState, steps: Steps) -> WearerState:
+        return self.scene.retract(SceneState.unfilmed([state]), steps).wearers[0]
 
 
 def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerProblem, WearerState]:
@@ -167,28 +171,22 @@ def known_camera(lens: CameraModel, views: list[KeypointView], random: np.random
     return Viewpoint(problem, CameraState(CameraPoses(R_WORLD_CAMERA[None], position)), moved)
 
 
-# Of the five frames: knots on frames, between them, one that only a neighbour's interpolation sees, and beyond the end.
-KNOTS = {
-    "on frames": [0, 2, 4],
-    "between frames": [0, 1.3, 2.6, 4],
-    "closer than frames": [0, 0.2, 0.5, 0.8, 4],
-    "as close as frames": [0, 1, 2, 4],
-    "starting before": [-2, 1.5, 6],
-}
+# Of the five frames, around which headings are the same.
+DRIFTS = {"each frame": [0, 1, 2, 3, 4], "two frames": [0.5, 2.5, 4], "of other lengths": [1, 3.6]}
 
 
-def walking_model(knots: str) -> tuple[WearerProblem, WearerState]:
+def drifting_model(times: str) -> tuple[WearerProblem, WearerState]:
     model, state = small_model()
-    at = model.frames.time[0] + np.array(KNOTS[knots]) * model.frames.step
+    at = model.frames.time[0] + np.array(DRIFTS[times]) * model.frames.step
     settings = replace(model.settings, heading_walk=replace(model.settings.heading_walk, unknown_drift_deg=200.0))
     later = state.headings + 0.3 * np.random.default_rng(8).standard_normal((len(at) - 1, S))
-    return replace(model, heading_knots=at, settings=settings), replace(state, later_headings=later)
+    return replace(model, heading_times=at, settings=settings), replace(state, later_headings=later)
 
 
-def walking_scene(kind: str) -> tuple[SceneProblem, SceneState]:
+def drifting_scene(kind: str) -> tuple[SceneProblem, SceneState]:
     model, state = small_scene(kind)
-    (first, own), (_, other) = walking_model("as close as frames"), walking_model("between frames")
-    wearers = first, replace(model.wearers[1], heading_knots=first.heading_knots, settings=first.settings)
+    (first, own), (second, other) = drifting_model("two frames"), drifting_model("of other lengths")
+    wearers = first, replace(model.wearers[1], heading_times=second.heading_times, settings=first.settings)
     model = replace(model, wearers=wearers)
     later = own.later_headings, other.later_headings
     states = tuple(replace(one, later_headings=two) for one, two in zip(state.wearers, later, strict=True))

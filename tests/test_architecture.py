@@ -30,12 +30,12 @@ ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
 # Within row 0, all may raise the package's errors, and rotations are compiled.
 NEIGHBOURS = {("geometry", "errors"), ("geometry", "compiled"), ("ranges", "errors"), ("atomic", "errors")}
 # Rooms that know the types of one above them, and import nothing of it at run time.
-TYPES_ONLY = {("problem", "terms"), ("problem", "gtsam")}
+TYPES_ONLY = {("problem", "solve"), ("problem", "terms"), ("problem", "gtsam")}
 # Rooms that open files and sockets: the functions, the commands, and the trades that read videos and write pages.
 OPENERS = {"io", "api", "workflow", "cli", "detect", "report", "stages"}
 # Third parties that only some rooms may see.
 FENCED = {
-    "gtsam": {"solve", "factor_graph"},
+    "gtsam": {"factor_graph"},
     "ezc3d": {"io"},
     "mcap": {"io"},
     "mcap_protobuf": {"io"},

@@ -5,11 +5,11 @@ import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from small_problems import KINDS, SILENCES, T, small_scene, walking_scene
+from linear import assert_same, dense
+from small_problems import KINDS, SILENCES, T, small_scene
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.objective import SceneObjective, joined_slices
@@ -104,7 +104,7 @@ def test_costs_of_links() -> None:
 def test_the_solvers_without_kernels(checkout: Path) -> None:
     """What holds chains, lags and slices to GTSAM, in a Python that has no kernels."""
     command = [sys.executable, "-m", "pytest", "-n", "0", "-p", "no:cacheprovider"]
-    chains = ["tests/solve/test_chain.py", "tests/solve/test_fixed_lag.py"]
+    chains = ["tests/solve/test_band.py", "tests/solve/test_fixed_lag.py"]
     slices = "tests/assembly/test_slices.py::test_slices_add_up_to_the_batch[moving]"
     without = {**os.environ, "VIP_FACTORS_PURE": "1"}
     done = subprocess.run(
@@ -124,31 +124,13 @@ def test_slices_where_nothing_was_measured(silent: tuple[int, ...]) -> None:
     assert_same_slices(*small_scene("moving", silent), True)
 
 
-@pytest.mark.parametrize(
-    ("scene", "kind"),
-    [*((small_scene, kind) for kind in KINDS), (walking_scene, "moving"), (walking_scene, "standing")],
-)
-def test_chains(scene: Callable[[str], Any], kind: str) -> None:
+@pytest.mark.parametrize("silent", SILENCES)
+@pytest.mark.parametrize("kind", KINDS)
+def test_bands(kind: str, silent: tuple[int, ...]) -> None:
     """Of a frame with itself, and of what all share, what lies on and above the diagonal counts."""
-    model, state = scene(kind)
-    fast = SceneObjective(model, chunk=3).linearise(state)
-    pure = SceneObjective(model, chunk=3, kernels=None).linearise(state)
-    for one, other in zip(fast.chains, pure.chains, strict=True):
-        counts, expected = one.rows.copy(), other.rows.copy()
-        for rows in (counts, expected):
-            rows[:, *np.tril_indices(len(one.damping), -1)] = 0.0
-        np.testing.assert_allclose(counts, expected, atol=1e-10 * np.abs(expected).max())
-        np.testing.assert_allclose(one.gradient, other.gradient, atol=1e-10 * np.abs(other.gradient).max())
-    np.testing.assert_allclose(
-        np.triu(fast.static), np.triu(pure.static), atol=1e-10 * np.abs(pure.static).max(initial=1.0)
-    )
-    np.testing.assert_allclose(fast.static_gradient, pure.static_gradient, rtol=1e-8, atol=1e-8)
-    walks = [(one.knots, other.knots) for one, other in zip(fast.groups, pure.groups, strict=True) if other.knots]
-    assert len(walks) == (2 if scene is walking_scene else 0)
-    for ours, theirs in walks:
-        for name in ("own", "gradient", "adjacent", "diagonal", "following", "knot_gradient"):
-            expected = getattr(theirs, name)
-            np.testing.assert_allclose(getattr(ours, name), expected, atol=1e-10 * np.abs(expected).max(initial=1.0))
+    model, state = small_scene(kind, silent)
+    fast = dense(SceneObjective(model, chunk=3), state)
+    assert_same(fast, dense(SceneObjective(model, chunk=3, kernels=None), state))
 
 
 def assert_same_slices(model: SceneProblem, state: SceneState, in_coordinates: bool) -> None:

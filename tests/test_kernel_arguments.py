@@ -27,7 +27,7 @@ BLOCK_WIDTHS = {
     "poses": 0, "heading": 1, "camera mounting": 3, "clock": 1, "clock drift": 1, "offsets": 3 * S,
 }  # fmt: skip
 STATIC = sum(BLOCK_WIDTHS.values())
-WIDTHS = [width or 6 for width in BLOCK_WIDTHS.values()] + [S]
+WIDTHS = [width or 6 for width in BLOCK_WIDTHS.values()]
 WIDTH = 3 * FRAME + STATIC
 
 
@@ -96,11 +96,13 @@ def calls() -> dict[str, Call]:
             [(np.triu(normal(2, n)) + 3 * np.eye(2, n), normal(2)) for n in (6, 5, 3)], np.array([1]), normal(1),
             np.zeros((3, 2)), out=(3,),
         ),
-        "eliminate_chain": call(
-            [(np.eye(2, 5) + np.zeros((4, 1, 1)), 0, 0, 0)], normal(4, 2), np.ones(2), 2, np.zeros((3, 3)), np.zeros(3),
-            np.zeros((4, 2, 5)), np.zeros((4, 2)), out=(4, 5, 6, 7), free=((0, "shorter"),),
+        "eliminate_stretch": call(
+            np.eye(2, 7) + np.zeros((6, 1, 1)), normal(6, 2), np.eye(1), normal(1), np.array([1]), True, np.ones(2),
+            np.zeros((4, 4)), np.zeros(4), np.zeros((4, 2, 6)), np.zeros((4, 2)), out=(7, 8, 9, 10),
         ),
-        "substitute_chain": call(np.eye(2, 5) + np.zeros((4, 1, 1)), normal(3), 2, normal(4, 2), out=(0, 3)),
+        "substitute_stretch": call(
+            np.eye(2, 6) + np.zeros((4, 1, 1)), np.array([1]), True, normal(2, 2), normal(1), normal(4, 2), out=(0, 5)
+        ),
         "slice_in_coordinates": call(
             positive(6), normal(6), normal(3), np.array([0, 2, 5]), np.zeros((3, 3)), np.zeros(3), out=(0, 1, 4, 5)
         ),
@@ -111,7 +113,7 @@ def calls() -> dict[str, Call]:
 def body_arguments() -> tuple[Any, ...]:
     """Arguments of ``BodySums`` behind its target."""
     starts = 3 * FRAME + np.cumsum([0, *BLOCK_WIDTHS.values()])
-    columns = np.array([*starts[:-1], starts[0]])
+    columns = np.array(starts[:-1])
     columns[list(BLOCK_WIDTHS).index("poses")] = BODY
     return 0, rotation(T, J), normal(T, J, 3), np.zeros((0, 0, 0, 0)), 0, FRAME, PARENT, columns, normal(J, 3, LENGTHS)
 
@@ -120,15 +122,9 @@ def slice_target() -> tuple[Any, ...]:
     return np.zeros((T, WIDTH, WIDTH)), np.zeros((T, WIDTH))
 
 
-def chain_target() -> tuple[Any, ...]:
-    """One chain of bodies and cameras, each of whose rows has its frame, the two after it, and what is shared."""
-    rows, gradient, chains = np.zeros((T, FRAME, WIDTH)), np.zeros((T, FRAME)), []
-    for ahead in range(3):
-        places = np.full(WIDTH, -1)
-        places[ahead * FRAME : 3 * FRAME] = np.arange((3 - ahead) * FRAME)
-        places[3 * FRAME :] = np.arange(3 * FRAME, WIDTH)
-        chains.append((rows, gradient, ahead * FRAME, ahead, places))
-    return chains, np.zeros((STATIC, STATIC)), np.zeros(STATIC), WIDTH, 0, T
+def stretch_target() -> tuple[Any, ...]:
+    """A stretch of frames of a body and a camera, with two behind it."""
+    return np.zeros((T + 2, FRAME, WIDTH)), np.zeros((T + 2, FRAME)), np.zeros((STATIC, STATIC)), np.zeros(STATIC)
 
 
 def term_calls() -> dict[str, Call]:
@@ -218,7 +214,7 @@ def test_functions_refuse_what_does_not_fit(name: str) -> None:
     assert_refused(function, name, valid)
 
 
-@pytest.mark.parametrize("target", [slice_target, chain_target])
+@pytest.mark.parametrize("target", [slice_target, stretch_target])
 @pytest.mark.parametrize("name", term_calls())
 def test_terms_refuse_what_does_not_fit(name: str, target: Callable[[], tuple[Any, ...]]) -> None:
     sums, valid = kernels.BodySums(kernels.Target(*target()), *body_arguments()), term_calls()[name]
@@ -228,23 +224,11 @@ def test_terms_refuse_what_does_not_fit(name: str, target: Callable[[], tuple[An
 
 
 def test_targets_refuse_what_does_not_fit() -> None:
-    outputs = {slice_target: (0, 1), chain_target: (0, 1, 2)}
-    for target, out in outputs.items():
-        assert_refused(
-            kernels.Target,
-            target.__name__,
-            call(*target(), out=out, free=((0, "axis 2"),) if target is chain_target else ()),
-        )
-    chains, *shared = chain_target()
-    for first, ahead in ((-1, 0), (WIDTH, 0), (0, 3), (0, -1)):
-        with pytest.raises(REFUSED):
-            kernels.Target([(*chains[0][:2], first, ahead, chains[0][4]), *chains[1:]], *shared)
-    for begin, frames in ((1, T), (-1, T), (0, T + 1)):
-        with pytest.raises(REFUSED):
-            kernels.Target(chains, *shared[:3], begin, frames)
+    for target, out in {slice_target: (0, 1), stretch_target: (0, 1, 2, 3)}.items():
+        assert_refused(kernels.Target, target.__name__, call(*target(), out=out))
 
 
-@pytest.mark.parametrize("target", [slice_target, chain_target])
+@pytest.mark.parametrize("target", [slice_target, stretch_target])
 def test_bodies_refuse_what_does_not_fit(target: Callable[[], tuple[Any, ...]]) -> None:
     sums = kernels.Target(*target())
     assert_refused(
@@ -260,7 +244,7 @@ def test_bodies_refuse_what_does_not_fit(target: Callable[[], tuple[Any, ...]]) 
         kernels.BodySums(sums, begin + 1, *arguments)
 
 
-@pytest.mark.parametrize("block", range(len(BLOCK_WIDTHS) + 1))
+@pytest.mark.parametrize("block", range(len(BLOCK_WIDTHS)))
 def test_blocks_beyond_a_slice_are_refused(block: int) -> None:
     begin, *arguments = body_arguments()
     columns = arguments[6].copy()

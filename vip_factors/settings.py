@@ -41,10 +41,9 @@ class CalibrationSettings:
     # Sigmas of foot contacts are so many times as large while mountings are free: a shod foot's are off in the same way
     # at every step, and mountings would bend to make up for it.
     contact_loosening: float = 2.0
-    # s between the knots of headings that drift (a random walk of factors.heading_walk, linear from knot to knot, which
-    # leaves 0.4° per degree of drift between knots 60 s apart); none: constant, as in the papers. Shorter recordings
-    # than half of it have constant headings.
-    heading_knot_s: float | None = 40.0
+    # s from which on a recording is long enough that its headings drift (a random walk of factors.heading_walk); none:
+    # they are constant, as in the papers.
+    heading_drift_from_s: float | None = 20.0
     # Coarse solves: foot contacts that were found with the first headings are found again with better ones.
     passes: NotNegativeInt = 2
     from_truth: bool = False  # start from the recording's true calibration: for experiments

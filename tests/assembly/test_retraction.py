@@ -3,14 +3,14 @@
 import gtsam
 import numpy as np
 import pytest
-from small_problems import small_scene, walking_scene
+from small_problems import drifting_scene, small_scene
 
 from vip_factors.assembly.objective import SceneObjective
+from vip_factors.assembly.system import Steps
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.live.problem import FrameState, moved_frames, without_frames
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve.chain_system import frame_keys, knot_key, static_key
 
 NEAR, FAR = 0.01, np.deg2rad(40.0)  # rad and m of one sigma
 
@@ -23,7 +23,7 @@ def assert_same(one: SceneState, other: SceneState) -> None:
             "headings",
             "R_bone_sensor",
             "pose_mean",
-            "heading_knots",
+            "heading_path",
             "body",
             "sensor_positions",
             "hinges",
@@ -40,12 +40,12 @@ def assert_same(one: SceneState, other: SceneState) -> None:
 
 
 @pytest.mark.parametrize("far", [NEAR, FAR])
-@pytest.mark.parametrize("kind", ["moving", "standing", "walking"])
+@pytest.mark.parametrize("kind", ["moving", "standing", "drifting"])
 def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: float) -> None:
-    problem, state = walking_scene("moving") if kind == "walking" else small_scene(kind)
+    problem, state = drifting_scene("moving") if kind == "drifting" else small_scene(kind)
     whole, random = factor_graph_of(problem, state), np.random.default_rng(1)
     by_variable = {one: far * random.standard_normal(one.width) for one in whole.variables}
-    by_key, delta, objective = gtsam.VectorValues(), gtsam.VectorValues(), SceneObjective(problem)
+    by_key, objective = gtsam.VectorValues(), SceneObjective(problem)
     for one, step in by_variable.items():
         by_key.insert(one.key, step)
 
@@ -57,28 +57,19 @@ def test_a_solution_moves_the_state_as_gtsam_moves_its_values(kind: str, far: fl
         ]
         return np.concatenate([np.zeros(0), *found])
 
-    for number, part in enumerate(objective.layout.chains):
-        kinds = ("joint", "root") if part.owner.kind == "wearer" else ("poses",)
-        for t, key in enumerate(frame_keys(number, problem.frames)):
-            delta.insert(key, of(kinds, frame=t, wearer=part.owner.number))
-    for group, (owner, _) in enumerate(objective.layout.owners):
-        if owner.kind == "wearer":
-            first = of(("headings",), wearer=owner.number, knot=0)
-            rest = of(
-                ("R_bone_sensor", "body", "sensor_positions", "sole", "hinges", "pose_mean"),
-                wearer=owner.number,
-            )
-            for knot in range(1, len(problem.wearers[owner.number].heading_knots)):
-                delta.insert(knot_key(group, knot), of(("headings",), wearer=owner.number, knot=knot))
-            delta.insert(static_key(group), np.concatenate([first, rest]))
-        elif owner.kind == "detector":
-            delta.insert(static_key(group), of(("keypoint_offsets",)))
-        else:
-            standing = () if problem.camera.moving else ("poses",)
-            delta.insert(
-                static_key(group),
-                of((*standing, "heading", "R_camera_imu", "clock", "clock_drift")),
-            )
+    layout = objective.layout
+    frames = np.zeros((problem.frames, layout.frame_width))
+    for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
+        kinds = ("joint", "root") if chain.owner.kind == "wearer" else ("poses",)
+        for t in range(problem.frames):
+            frames[t, columns] = of(kinds, frame=t, wearer=chain.owner.number)
+    blocks = [of((block.name,), wearer=owner.number, step=0) for owner, block, _ in layout.placed if block.free]
+    later = {
+        number: np.array([of(("headings",), wearer=number, step=step) for step in range(1, len(wearer.heading_times))])
+        for number, wearer in enumerate(problem.wearers)
+        if wearer.headings_drift
+    }
+    delta = Steps(frames, np.concatenate(blocks), later)
     moved = whole.state_at(whole.values.retract(by_key))
     assert_same(objective.retract(state, delta), moved)
 

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear import assert_same, dense, dense_of_graph
-from small_problems import KINDS, T, small_scene, walking_scene
+from linear import assert_same, dense, dense_of_graph, shared_names
+from small_problems import KINDS, T, drifting_scene, small_scene
 
 from vip_factors.assembly.objective import SceneObjective
+from vip_factors.compiled import kernels
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve.chain_elimination import chain_marginals, last_marginals, tree_marginals
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 
 
@@ -22,7 +22,7 @@ def test_cost_and_equations_are_those_of_the_graph(kind: str) -> None:
     problem, state = small_scene(kind)
     whole, objective = factor_graph_of(problem, state), SceneObjective(problem)
     assert sum(objective.cost(state).values()) == pytest.approx(whole.graph.error(whole.values), rel=1e-9)
-    assert_same(dense(objective.linearise(state)), dense_of_graph(whole))
+    assert_same(dense(objective, state), dense_of_graph(whole))
 
 
 @pytest.mark.parametrize("kind", ["moving", "standing"])
@@ -30,7 +30,7 @@ def test_the_camera_alone_follows_kept_wearers(kind: str) -> None:
     problem, state = small_scene(kind)
     objective = SceneObjective(problem, wearers_move=False)
     whole = factor_graph_of(problem, state, scene_layout(problem, wearers_move=False))
-    assert_same(dense(objective.linearise(state)), dense_of_graph(whole))
+    assert_same(dense(objective, state), dense_of_graph(whole))
     solved, _ = levenberg_marquardt(objective, state, SolveSettings(max_iterations=3))
     assert solved.wearers == state.wearers
     assert np.abs(solved.camera.poses.p_world_camera - state.camera.poses.p_world_camera).max() > 1e-6
@@ -39,8 +39,8 @@ def test_the_camera_alone_follows_kept_wearers(kind: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_it_does_not_matter_how_many_frames_are_evaluated_together(kind: str) -> None:
     problem, state = small_scene(kind)
-    whole = dense(SceneObjective(problem).linearise(state))
-    assert_same(dense(SceneObjective(problem, chunk=2).linearise(state)), whole)
+    whole = dense(SceneObjective(problem), state)
+    assert_same(dense(SceneObjective(problem, chunk=2), state), whole)
 
 
 @pytest.mark.parametrize("kind", ["moving", "standing"])
@@ -77,28 +77,43 @@ def test_a_step_lowers_the_cost_and_moves_what_is_free(kind: str) -> None:
     assert solved.camera.clock_drift != state.camera.clock_drift
 
 
-@pytest.mark.parametrize("walking", [True, False])
+@pytest.mark.parametrize(("chunk", "pure"), [(1, False), (2, True), (32, False)])
+@pytest.mark.parametrize("drifting", [True, False])
 @pytest.mark.parametrize("kind", KINDS)
-def test_marginals_are_those_of_gtsams_tree(kind: str, walking: bool) -> None:
-    model, state = walking_scene(kind) if walking else small_scene(kind)
-    system = SceneObjective(model).linearise(state)
-    found, expected = chain_marginals(system), tree_marginals(system)
-    assert found.keys() == expected.keys()
-    for key, block in expected.items():
-        np.testing.assert_allclose(found[key], block, rtol=0.0, atol=1e-8 * np.abs(block).max())
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_what_frames_share_has_its_covariance_from_the_last_elimination(kind: str) -> None:
-    model, state = small_scene(kind)
-    objective = SceneObjective(model)
-    H, _ = dense(SceneObjective(model).linearise(state))
-    covariance = np.linalg.inv(H)
-    marginals = last_marginals(objective.linearise(state), objective.static_keys)
-    start = objective.layout.frame_width * T
-    for key in objective.static_keys:
-        stop = start + len(marginals[key])
-        block = covariance[start:stop, start:stop]
-        np.testing.assert_allclose(marginals[key], block, atol=1e-6 * np.abs(block).max())
-        start = stop
-    assert start == len(H)
+def test_steps_and_covariances_are_those_of_dense_algebra(kind: str, drifting: bool, chunk: int, pure: bool) -> None:
+    model, state = drifting_scene(kind) if drifting else small_scene(kind)
+    objective, damping = SceneObjective(model, kernels=None if pure else kernels, chunk=chunk), 0.1
+    H, g = dense(objective, state)
+    layout, names = objective.layout, shared_names(objective)
+    W, end = layout.frame_width, layout.frame_width * T
+    of_frame = np.concatenate([one.step for one in layout.chains])
+    unit = np.tile(of_frame, T) ** -2.0
+    static = [index for index, (_, step) in enumerate(names) if step == 0]
+    of_static = np.zeros(len(names))
+    for index, (column, step) in enumerate(names):  # a step of headings is held by its process noise
+        last = max(other for name, other in names if name == column)
+        of_static[index] = layout.per_column("step")[column] ** -2.0 * (step == last)
+    x = np.linalg.solve(H + damping * np.diag(np.concatenate([unit, of_static])), g)
+    steps = objective.linearise(state).step(damping)
+    near = {"rtol": 1e-8, "atol": 1e-8 * np.abs(x).max()}
+    np.testing.assert_allclose(steps.frames, x[:end].reshape(T, W), **near)
+    np.testing.assert_allclose(steps.static, x[end:][static], **near)
+    later = np.concatenate([np.zeros(0), *(one.ravel() for one in steps.later_headings.values())])
+    np.testing.assert_allclose(later, np.delete(x[end:], static), **near)
+    covariance, told = np.linalg.inv(H), list[float]()
+    marginals = objective.linearise(state).marginals(told.append)
+    for chain, columns in zip(marginals.chains, layout.chain_columns, strict=True):
+        for t, block in enumerate(chain):
+            own = slice(W * t + columns.start, W * t + columns.stop)
+            expected = covariance[own, own]
+            np.testing.assert_allclose(block, expected, atol=1e-6 * np.abs(expected).max())
+    shared = objective.linearise(state).static_covariance()
+    at = end + np.array(static)
+    for *_, columns in layout.placed:
+        expected = covariance[np.ix_(at[columns], at[columns])]
+        for found in (shared, marginals.static):
+            np.testing.assert_allclose(
+                found[columns, columns], expected, atol=1e-6 * np.abs(expected).max(initial=1e-9)
+            )
+    assert told == sorted(told)
+    assert (told[0], told[-1]) == (0.0, 1.0)

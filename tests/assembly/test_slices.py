@@ -23,7 +23,7 @@ def slices_of(model: SceneProblem, state: SceneState, charts: Charts | None = No
 
 
 def batched(model: SceneProblem, state: SceneState) -> tuple[np.ndarray, np.ndarray]:
-    return dense(SceneObjective(model).linearise(state))
+    return dense(SceneObjective(model), state)
 
 
 def summed(slices: Slices, value: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

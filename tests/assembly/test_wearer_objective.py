@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from linear import assert_same, dense, dense_of_graph
+from linear import assert_same, dense_of_graph
 from small_problems import SILENCES, S, T, WearerObjective, small_model
 
 from vip_factors.errors import SolveError
@@ -15,8 +15,7 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import in_stretches
-from vip_factors.solve.chain_elimination import chain_marginals
-from vip_factors.solve.chain_system import REACH, frame_keys
+from vip_factors.solve.slices import REACH
 from vip_factors.terms.registry import unfilmed_problem
 
 
@@ -48,7 +47,7 @@ def test_where_nothing_was_measured_too(silent: Sequence[int]) -> None:
 def assert_the_graph(problem: WearerProblem, state: WearerState) -> None:
     whole, objective = graph_of(problem, state), WearerObjective(problem)
     assert sum(objective.cost(state).values()) == pytest.approx(whole.graph.error(whole.values), rel=1e-9)
-    assert_same(dense(objective.linearise(state)), dense_of_graph(whole))
+    assert_same(objective.dense(state), dense_of_graph(whole))
 
 
 @pytest.mark.parametrize("silent", SILENCES)
@@ -57,15 +56,15 @@ def test_frames_in_which_nothing_was_measured_are_determined(silent: Sequence[in
     held = np.arange(T)[:, None] == 0  # at the start alone: nothing else says how fast the wearer moves
     settings = replace(problem.settings, correlation_s=problem.frames.step)  # each contact is one
     problem = replace(problem, contact_confidence=held.astype(float), settings=settings)
-    covariance = chain_marginals(WearerObjective(problem).linearise(state))
-    sigmas = np.sqrt([np.diag(block) for block in covariance.values()])
+    (covariance,) = WearerObjective(problem).linearise(state).marginals().chains
+    sigmas = np.sqrt([np.diag(block) for block in covariance])
     assert sigmas[:, :3].max() < 1.0  # rad
     assert sigmas[:, 72:].max() < 5.0  # m: a contact off by so much says little of the velocity
     unused = replace(problem.settings.constant_velocity, use=False)
     without = replace(problem, settings=replace(problem.settings, constant_velocity=unused))
     with suppress(SolveError):  # unless rounding errors say something
-        vague = chain_marginals(WearerObjective(without).linearise(state))
-        assert max(np.diag(block).max() for block in vague.values()) > 1e6
+        (vague,) = WearerObjective(without).linearise(state).marginals().chains
+        assert max(np.diag(block).max() for block in vague) > 1e6
 
 
 def test_stretches_with_time_between_them_are_one_problem() -> None:
@@ -86,11 +85,10 @@ def test_stretches_with_time_between_them_are_one_problem() -> None:
         {kind: before[kind] for kind in before.keys() - gauge}
     )
     assert after["gauge prior"] != pytest.approx(before["gauge prior"])
-    following = objective.linearise(state).chains[0].following
-    assert following is not None
-    assert following[0].any()
-    assert not following[2].any()
-    assert not following[1, 1].any()
+    H, _ = objective.dense(state)
+    following = H[: 75 * T, : 75 * T].reshape(T, 75, T, 75).swapaxes(1, 2)
+    assert following[0, 1].any()
+    assert not following[:3, 3:].any()
 
 
 def test_coasting_costs_nothing_where_something_was_measured() -> None:
@@ -100,7 +98,7 @@ def test_coasting_costs_nothing_where_something_was_measured() -> None:
 
 def test_fixed_calibration_leaves_its_columns_out() -> None:
     problem, state = small_model(free=False)
-    H, _ = dense(WearerObjective(problem).linearise(state))
+    H, _ = WearerObjective(problem).dense(state)
     assert H.shape == (75 * T, 75 * T)
 
 
@@ -119,21 +117,20 @@ def test_marginals_of_all_frames() -> None:
     """Against the inverse of the whole information matrix."""
     problem, state = small_model()
     objective = WearerObjective(problem)
-    system = objective.linearise(state)
-    H, _ = dense(system)
+    H, _ = objective.dense(state)
     covariance = np.linalg.inv(H)
-    marginals = chain_marginals(system)
-    for t, key in enumerate(frame_keys(0, T)):
+    (marginals,) = objective.linearise(state).marginals().chains
+    for t in range(T):
         block = covariance[75 * t : 75 * t + 75, 75 * t : 75 * t + 75]
-        np.testing.assert_allclose(marginals[key], block, atol=1e-6 * np.abs(block).max())
+        np.testing.assert_allclose(marginals[t], block, atol=1e-6 * np.abs(block).max())
 
 
 @pytest.mark.parametrize("silent", [(), *SILENCES])
 def test_it_does_not_matter_how_many_frames_are_evaluated_together(silent: Sequence[int]) -> None:
     problem, state = small_model(silent=silent)
-    whole = dense(WearerObjective(problem).linearise(state))
-    for chunk in (REACH, REACH + 1):  # stretches write into the frames behind them; the last frame is once alone
-        assert_same(dense(WearerObjective(problem, chunk=chunk).linearise(state)), whole)
+    whole = WearerObjective(problem).dense(state)
+    for chunk in (1, REACH, REACH + 1):  # factors see the frames behind their stretch; the last frame is once alone
+        assert_same(WearerObjective(problem, chunk=chunk).dense(state), whole)
 
 
 def test_sensors_are_those_of_the_frames() -> None:

@@ -91,7 +91,35 @@ def test_cost_and_equations_are_those_of_the_graph_with_them(kind: str) -> None:
     if not kept:
         assert sum(costs.values()) == pytest.approx(bare.graph.error(bare.values), rel=1e-9)
     assert costs["extra"] > 0
-    assert_same(dense(objective.linearise(state)), dense_of_graph(bare))
+    assert_same(dense(objective, state), dense_of_graph(bare))
+
+
+@pytest.mark.parametrize("kind", ["moving", "standing"])
+def test_factors_over_frames_far_apart_are_those_of_the_graph(kind: str) -> None:
+    problem, state = small_scene(kind)
+
+    def loops(time: Array, first: int) -> gtsam.NonlinearFactorGraph:
+        graph = gtsam.NonlinearFactorGraph()
+        graph.add(gtsam.BetweenFactorPoint3(root_key(0), root_key(T - 1), np.array([0.1, 0.2, 0.0]), THREE))
+        graph.add(gtsam.BetweenFactorRot3(joint_key(0, 3, 1), joint_key(T - 2, 3), gtsam.Rot3(), THREE))
+        return graph
+
+    whole = factor_graph_of(problem, state)
+    objective = SceneObjective(replace(problem, extra=UserTerms(loops)), chunk=2)
+    whole.graph.push_back(loops(problem.wearers[0].frames.time, 0))
+    H, g = dense_of_graph(whole)
+    layout = objective.layout
+    unit = np.tile(np.concatenate([one.step for one in layout.chains]), T) ** -2.0
+    x = np.linalg.solve(H + 0.1 * np.diag(np.concatenate([unit, layout.per_column("step") ** -2.0])), g)
+    steps = objective.linearise(state).step(0.1)
+    np.testing.assert_allclose(np.concatenate([steps.frames.ravel(), steps.static]), x, atol=1e-8 * np.abs(x).max())
+    covariance, marginals = np.linalg.inv(H), objective.linearise(state).marginals()
+    (own, *_), w = marginals.chains, layout.frame_width
+    for t in range(T):
+        expected = covariance[w * t : w * t + 75, w * t : w * t + 75]
+        np.testing.assert_allclose(own[t], expected, atol=1e-6 * np.abs(expected).max())
+    static = covariance[w * T :, w * T :]
+    np.testing.assert_allclose(marginals.static, static, atol=1e-6 * np.abs(static).max())
 
 
 def test_a_range_between_two_pelvises_moves_them() -> None:
@@ -130,7 +158,7 @@ def test_in_slices_they_are_what_they_are_in_the_chain_far_from_zero_coordinates
         empty = Slices(layout.frame_width, layout.static_width, T)
         (slices,) = joined_slices([layout], problem, state, [empty], charts)
         if with_extra:
-            streamed.add_to(slices, state, first, charts)
+            streamed.add_to(slices.blocks(T), state, first, charts)
         w, whole = layout.frame_width, np.zeros(layout.frame_width * T + layout.static_width)
         for t in range(T):
             for ahead in range(min(3, T - t)):

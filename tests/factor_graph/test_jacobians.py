@@ -7,7 +7,7 @@ from typing import Any
 import gtsam
 import numpy as np
 import pytest
-from small_problems import S, small_scene, walking_scene
+from small_problems import S, drifting_scene, small_scene
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
@@ -25,7 +25,7 @@ SPREADS = [0.0, 1e-7, 1e-3, 0.5]
 
 def everything(spread: float) -> tuple[SceneProblem, SceneState]:
     """A scene in which every kind of factor acts, under square losses, at rotations within ``spread`` of identity."""
-    problem, state = walking_scene("moving")
+    problem, state = drifting_scene("moving")
     silent, _ = small_scene("moving", silent=(0,))
     random = np.random.default_rng(3)
     wearers = tuple(

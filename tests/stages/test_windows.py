@@ -230,11 +230,11 @@ def test_stretches_are_without_gaps(recording: Recording) -> None:
 
 
 def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
-    """Windows in which nobody measured keep the wearer where the one before had him; knots lie in any of them."""
+    """Windows in which nobody measured keep the wearer where the one before had him; headings step in any of them."""
     settings = replace(
         in_windows(QUICK, 3.0, 1.0, calibration_stretches=2, calibration_stretch_s=2.0),
         frame_rate=8.0, solve=SolveSettings(max_iterations=2), covariance=True,
-        calibration=replace(QUICK.calibration, passes=1, heading_knot_s=3.0),
+        calibration=replace(QUICK.calibration, passes=1, heading_drift_from_s=3.0),
     )  # fmt: skip
     motion = gestures(14.0)
     recording = simulate_recording(motion, preset("sip6", motion.skeleton))
@@ -247,7 +247,7 @@ def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
     assert estimate.covariance is not None
     assert np.all(np.isfinite(estimate.covariance.root))
     assert estimate.covariance.root[-1, 0, 0] > estimate.covariance.root[8, 0, 0] + 1.0  # m²
-    assert all(len(one.heading_time) == 2 for one in estimate.calibration.values())  # a knot for each stretch
+    assert all(len(one.heading_time) == 2 for one in estimate.calibration.values())  # one for each stretch
 
 
 def _without(stream: ImuStream, start: float, end: float) -> ImuStream:

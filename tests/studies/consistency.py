@@ -1,6 +1,6 @@
 """Is the reported covariance honest (NEES)? On noise as the factors assume it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -9,15 +9,15 @@ from scipy.special import chdtri
 from tests.studies.gaussian_scene import GaussianScene, GaussianSettings, gaussian_scene
 from tests.studies.study import Fixed, Study, Tell, table
 from vip_factors.assembly.objective import SceneObjective
+from vip_factors.assembly.system import Marginals
 from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration import nees
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
-from vip_factors.problem.layout import ROOT, Owner, OwnerId
+from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
 from vip_factors.problem.state import CameraState
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import PRESETS
 from vip_factors.simulate.settings import CameraKind
-from vip_factors.solve.chain_elimination import chain_marginals
 from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
 from vip_factors.stages.decode import static_covariance
 
@@ -104,43 +104,42 @@ def gaussian_nees(scene: GaussianScene) -> dict[str, Array]:
     """NEES over dimension of one scene, each of all headings, all mountings, the camera, all joints of a frame."""
     objective = SceneObjective(scene.model)
     state, _ = levenberg_marquardt(objective, scene.truth, TO_THE_END)
-    marginals = chain_marginals(objective.linearise(state))
+    marginals, layout = objective.linearise(state).marginals(), objective.layout
     own, true, owner = state.wearers[0], scene.truth.wearers[0], OwnerId(Owner.WEARER)
-    headings = static_covariance(objective, owner, "headings", marginals)
-    mountings = static_covariance(objective, owner, "R_bone_sensor", marginals)
-    keys = objective.frame_keys(owner)
+    headings = static_covariance(layout, owner, "headings", marginals.static)
+    mountings = static_covariance(layout, owner, "R_bone_sensor", marginals.static)
+    chain = layout.chain_of(owner)
     assert headings is not None
     assert mountings is not None
-    assert keys is not None
+    assert chain is not None
     heading = wrap_angle(true.headings - own.headings)
     mounting = log(transpose(own.R_bone_sensor) @ true.R_bone_sensor).ravel()
     frames = np.unique(np.linspace(0, len(own.p_world_pelvis) - 1, JOINTS_AT).astype(int))
-    of_frames = np.stack([marginals[keys[t]] for t in frames])
+    of_frames = marginals.chains[chain][frames]
     joints = log(transpose(own.R_parent_child[frames]) @ true.R_parent_child[frames]).reshape(len(frames), -1)
     root = (true.p_world_pelvis - own.p_world_pelvis)[frames]
     return {
         "headings": nees(heading[None], headings[None]),
         "mountings": nees(mounting[None], mountings[None]),
-        "camera": _camera_nees(objective, state.camera, scene.truth.camera, marginals, frames),
+        "camera": _camera_nees(layout, state.camera, scene.truth.camera, marginals, frames),
         "joints": nees(joints, of_frames[:, :ROOT, :ROOT]),
         "root": nees(root, of_frames[:, ROOT:, ROOT:]),
     }
 
 
 def _camera_nees(
-    objective: SceneObjective, camera: CameraState, truth: CameraState, marginals: Mapping[int, Array],
-    frames: np.ndarray,
+    layout: Layout, camera: CameraState, truth: CameraState, marginals: Marginals, frames: np.ndarray,
 ) -> Array:  # fmt: skip
     R = camera.poses.R_world_camera
     turn = log(transpose(R) @ truth.poses.R_world_camera)
     shift = np.einsum("tji,tj->ti", R, truth.poses.p_world_camera - camera.poses.p_world_camera)
     tangent = np.concatenate([turn, shift], axis=1)
-    path = objective.frame_keys(CAMERA)
+    path = layout.chain_of(CAMERA)
     if path is None:
-        standing = static_covariance(objective, CAMERA, "poses", marginals)
+        standing = static_covariance(layout, CAMERA, "poses", marginals.static)
         assert standing is not None
         return nees(tangent, standing[None])
-    return nees(tangent[frames], np.stack([marginals[path[t]] for t in frames]))
+    return nees(tangent[frames], marginals.chains[path][frames])
 
 
 def nees_bounds(dimension: int, runs: int, level: float = 0.95) -> tuple[float, float]:

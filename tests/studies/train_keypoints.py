@@ -28,7 +28,6 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
-from vip_factors.solve.chain_elimination import last_marginals
 from vip_factors.stages.association import (
     associate_cameras,
     associate_cameras_again,
@@ -201,7 +200,7 @@ def _for_training(settings: Settings) -> Settings:
     """Nothing but reprojections, and offsets that may be anywhere."""
     camera = settings.camera
     camera = replace(camera, keypoint_offset=WIDE, ground_contact=replace(camera.ground_contact, use=False))
-    calibration = replace(settings.calibration, estimate_keypoints=True, heading_knot_s=None)
+    calibration = replace(settings.calibration, estimate_keypoints=True, heading_drift_from_s=None)
     return replace(settings, camera=camera, calibration=calibration)
 
 
@@ -281,9 +280,9 @@ def _of_joints(solution: FusionSolution) -> FusionSolution:
 def _decoded(solution: FusionSolution) -> KeypointOffsets:
     objective = SceneObjective(solution.model, wearers_move=False)
     try:
-        marginals = last_marginals(objective.linearise(solution.state), objective.static_keys)
+        shared = objective.linearise(solution.state).static_covariance()
     except SolveError as error:
         raise InputError(f"the offsets are not determined ({error}): expected a longer recording") from error
-    covariance = static_covariance(objective, DETECTOR, "keypoint_offsets", marginals)
+    covariance = static_covariance(objective.layout, DETECTOR, "keypoint_offsets", shared)
     assert covariance is not None
     return KeypointOffsets(solution.state.detector.keypoint_offsets, np.sqrt(np.diag(covariance)).reshape(SHAPE))

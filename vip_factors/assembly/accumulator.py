@@ -1,6 +1,5 @@
 """From the equations of terms to blocks of normal equations: shape by shape, knowing no term by its name."""
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,15 +12,16 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.problem.layout import ROOT, Layout, OwnerId
+from vip_factors.solve.slices import Blocks
 from vip_factors.terms.equations import (
     BoneEquations,
     DenseEquations,
     DifferenceEquations,
     Equations,
     JointEquations,
-    KnotEquations,
     Residuals,
     Term,
+    WalkEquations,
 )
 
 JOINTS = slice(3, ROOT)  # columns of joints 1 … 23 in a body's frame
@@ -31,13 +31,13 @@ _EACH = np.arange(POSE_SIZE).reshape(-1, 3) + JOINTS.start
 class Accumulator(Scatter):
     """Sums equations over a stretch of frames; arguments as of :class:`~vip_factors.assembly.scatter.Scatter`."""
 
-    def __init__(self, layout: Layout, begin: int, count: int, charts: Charts | None = None) -> None:
-        super().__init__(layout, begin, count, charts)
+    def __init__(self, layout: Layout, blocks: Blocks, begin: int, charts: Charts | None = None) -> None:
+        super().__init__(layout, blocks, begin, charts)
         self._bones: dict[int, BoneBlocks] = {}
 
     def add_term(self, term: Term[Any], at: Any) -> None:
-        """Take in a term at a state: of the factors that see a frame of the stretch what they say of it."""
-        for equations in term.within(at, self.stretch):
+        """Take in a term at a state: the factors whose first frame is in the stretch."""
+        for equations in term.of_first_in(at, self.stretch):
             self.add(equations)
 
     def add(self, equations: Equations) -> None:
@@ -51,12 +51,8 @@ class Accumulator(Scatter):
                 add_joints(self, equations)
             case DenseEquations():
                 self._add_blocks(self.placed(equations.blocks(), equations), equations)
-            case KnotEquations():
-                self.add_knots(equations)
-
-    @abstractmethod
-    def add_knots(self, equations: KnotEquations) -> None:
-        """Add factors between knots."""
+            case WalkEquations():
+                pass  # process noise, which comes in where frames are eliminated
 
     def finish(self, bodies: Sequence[BodyState]) -> None:
         """Carry what is known of bones over to the joints that move them; ``bodies`` of the wearers, in all frames."""
@@ -122,12 +118,11 @@ def add_joints(sums: Scatter, eq: JointEquations) -> None:
 
 def _add_separate(sums: Scatter, eq: JointEquations, chain: int, D: Array) -> None:
     """Each joint by itself, or each of its coordinates."""
-    (i, j), shift = sums.slot(0, 0)
-    source, target = sums.rows(shift, eq)
+    source, target = sums.rows(eq)
     weighted = transpose(eq.weight.reshape(*D.shape[:2], -1, 1) * D)[source]
-    into = sums.frame_frame(chain, i, chain, j)[target]
+    into = sums.frame_frame(chain, 0, chain, 0)[target]
     into[:, _EACH[:, :, None], _EACH[:, None, :]] += weighted @ D[source]
-    sums.frame_gradient(chain, i)[target, JOINTS] += _blocks_apply(weighted, eq.residual[source])
+    sums.frame_gradient(chain, 0)[target, JOINTS] += _blocks_apply(weighted, eq.residual[source])
 
 
 def _add_together(sums: Scatter, eq: JointEquations, chain: int, by_joints: list[Array]) -> None:
@@ -135,17 +130,15 @@ def _add_together(sums: Scatter, eq: JointEquations, chain: int, by_joints: list
     assert eq.whitening is not None
     P, force, weight = eq.information, force_of(eq), eq.weight[..., None, None]
     assert P is not None
+    source, target = sums.rows(eq)
     for i, D in enumerate(by_joints):
-        (a, _), shift = sums.slot(i, i)
-        source, target = sums.rows(shift, eq)
         Dt = transpose(D[source])
         half = _blocks_times(weight[source] * Dt, P)  # Dᵀ P
-        sums.frame_frame(chain, a, chain, a)[target, JOINTS, JOINTS] += _blocks_times(Dt, transpose(half))
-        sums.frame_gradient(chain, a)[target, JOINTS] += _blocks_apply(Dt, force[source])
+        sums.frame_frame(chain, i, chain, i)[target, JOINTS, JOINTS] += _blocks_times(Dt, transpose(half))
+        sums.frame_gradient(chain, i)[target, JOINTS] += _blocks_apply(Dt, force[source])
         for j in range(i + 1, len(by_joints)):
-            slot, _ = sums.slot(i, j)  # in the row of the earlier frame, as its own block
             block = transpose(_blocks_times(transpose(by_joints[j][source]), transpose(half)))
-            sums.frame_frame(chain, slot[0], chain, slot[1])[target, JOINTS, JOINTS] += block
+            sums.frame_frame(chain, i, chain, j)[target, JOINTS, JOINTS] += block
         if eq.mean is not None:
             add_mean(sums, eq, chain, i, D, force)
 
@@ -163,10 +156,9 @@ def add_mean(sums: Scatter, eq: JointEquations, chain: int, i: int, D: Array, fo
     if mean is None:
         return
     assert P is not None
-    (a, _), shift = sums.slot(i, i)
-    source, target = sums.rows(shift, eq)
+    source, target = sums.rows(eq)
     weight = eq.weight[..., None, None]
-    sums.frame_static(chain, a, mean.columns)[target, JOINTS] -= _blocks_times(weight[source] * transpose(D[source]), P)
+    sums.frame_static(chain, i, mean.columns)[target, JOINTS] -= _blocks_times(weight[source] * transpose(D[source]), P)
     columns = np.arange(mean.start, mean.stop)[None]
     sums.add_static(columns, columns, weight * P, eq, mirror=False)
     sums.add_static_gradient(columns, -force[:, None], eq)

@@ -26,8 +26,7 @@ class BoneBlocks:
     Attributes:
         information, force: ``(count, 25, 6, 6)`` and ``(count, 25, 6)``.
         coupling: ``(count, 25, 6, c)`` with a block that all factors share, by its columns.
-        each: ``(count, n, 6, c)`` with the items of a block of which each factor has its own, by the bones and the
-            columns; where it walks, by how many frames later the item is.
+        each: ``(count, n, 6, c)`` with the items of a block of which each factor has its own, by the bones and columns.
     """
 
     def __init__(self, count: int) -> None:
@@ -35,24 +34,23 @@ class BoneBlocks:
         self.information: dict[tuple[int, int], Array] = {}
         self.force: dict[int, Array] = {}
         self.coupling: dict[tuple[int, ColumnRange], Array] = {}
-        self.each: dict[tuple[int, tuple[int, ...], ColumnRange, int], Array] = {}
+        self.each: dict[tuple[int, tuple[int, ...], ColumnRange], Array] = {}
 
     # Adding
 
     def add_frame(self, sums: Scatter, eq: BoneEquations, blocks: Array, placed: list[PlacedBlock]) -> None:
         """Add rows ``(t, n, k, …)`` by the twist (or the turn alone), columns: the twist, the parts, the gradient."""
-        (i, j), shift = sums.slot(0, 0)
-        source, target = sums.rows(shift, eq)
+        source, target = sums.rows(eq)
         k = blocks.shape[2]
         own = slice(0, k)
-        self._of(self.information, (i, j), (SUMS, 6, 6))[target, :, own, own] += carried(
+        self._of(self.information, (0, 0), (SUMS, 6, 6))[target, :, own, own] += carried(
             eq.bones, blocks[source, :, :, :k]
         )
-        self._of(self.force, i, (SUMS, 6))[target, :, own] += carried(eq.bones, blocks[source, :, :, -1])
+        self._of(self.force, 0, (SUMS, 6))[target, :, own] += carried(eq.bones, blocks[source, :, :, -1])
         start = k
         for one in placed:
             stop = start + one.jacobian.shape[3]
-            self._add_part(sums, eq.bones, i, one, blocks[source, :, :, start:stop], target, 0)
+            self._add_part(eq.bones, 0, one, blocks[source, :, :, start:stop], target)
             start = stop
 
     def add_differences(self, sums: Scatter, eq: DifferenceEquations, weight: Array, placed: list[PlacedBlock]) -> None:
@@ -61,14 +59,11 @@ class BoneBlocks:
         scales: dict[tuple[int, int], Array] = {}
         forces: dict[int, Array] = {}
         pushed = weight[..., None] * eq.residual
+        source, target = sums.rows(eq)
         for i in range(len(c)):
             for j in range(i, len(c)):
-                slot, shift = sums.slot(i, j)
-                source, target = sums.rows(shift, eq)
-                self._of(scales, slot, (n,))[target] += c[i] * c[j] * weight[source]
-            (a, _), shift = sums.slot(i, i)
-            source, target = sums.rows(shift, eq)
-            self._of(forces, a, (n, 3))[target] += c[i] * pushed[source]
+                self._of(scales, (i, j), (n,))[target] += c[i] * c[j] * weight[source]
+            self._of(forces, i, (n, 3))[target] += c[i] * pushed[source]
         J = twists_at(eq.arms)
         for (i, j), scale in scales.items():
             rows = self._rows(sums, eq, j)
@@ -88,27 +83,21 @@ class BoneBlocks:
     def _add_difference_part(
         self, sums: Scatter, eq: DifferenceEquations, J: Array, weight: Array, one: PlacedBlock
     ) -> None:
-        """What ties the points in each of the frames to a part; a walking one apart by how far it is from the frame."""
-        walks, seen = sums.walks(one.range), weight[..., None, None] * one.jacobian
-        forces: dict[tuple[int, int], Array] = {}
+        """What ties the points in each of the frames to a part."""
+        seen = weight[..., None, None] * one.jacobian
+        source, target = sums.rows(eq)
+        forces: dict[int, Array] = {}
         for i, c in enumerate(eq.coefficients):
-            (a, _), shift = sums.slot(i, i)
-            source, target = sums.rows(shift, eq)
-            later = one.ahead - i if walks else 0
-            self._of(forces, (a, later), seen.shape[1:])[target] += c * seen[source]
-        for (i, later), force in forces.items():
+            self._of(forces, i, seen.shape[1:])[target] += c * seen[source]
+        for i, force in forces.items():
             rows = self._rows(sums, eq, i)
             block = self._frames(sums, eq, J, i, rows).swapaxes(2, 3) @ force[rows]
-            self._add_part(sums, eq.bones, i, one, block, rows, later)
+            self._add_part(eq.bones, i, one, block, rows)
 
-    def _add_part(
-        self, sums: Scatter, bones: tuple[int, ...], i: int, one: PlacedBlock, block: Array, target: slice,
-        later: int,
-    ) -> None:  # fmt: skip
+    def _add_part(self, bones: tuple[int, ...], i: int, one: PlacedBlock, block: Array, target: slice) -> None:
         k, c = block.shape[2:]
         if one.block.each:
-            shape = (len(bones), 6, c)
-            self._of(self.each, (i, bones, one.range, later), shape)[target, :, :k] += block
+            self._of(self.each, (i, bones, one.range), (len(bones), 6, c))[target, :, :k] += block
         else:
             self._of(self.coupling, (i, one.range), (SUMS, 6, c))[target, :, :k] += carried(bones, block)
 
@@ -158,9 +147,9 @@ class BoneBlocks:
                 sums.frame_static(chain, i, columns.columns)[:n] += by_joints
             else:
                 sums.frame_frame(chain, i, columns.chain, i)[:n, :, columns.columns] += by_joints
-        for (i, bones, columns, later), each in self.each.items():
+        for (i, bones, columns), each in self.each.items():
             now, blocks = there(i, each, i)
-            sums.add_each(chain, i, columns, later, coupling_of_each(now, bones, blocks))
+            sums.frame_static(chain, i, columns.columns)[: len(now)] += coupling_of_each(now, bones, blocks)
 
 
 # Whether the joint of a row is one that moves the joint of a column, or is it; the root's translation moves all.

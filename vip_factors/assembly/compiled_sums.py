@@ -4,16 +4,14 @@ A twin takes what the term's equations are made of, and no array of residuals or
 goes the way of NumPy, into the same sums.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from vip_factors.assembly.accumulator import Accumulator
-from vip_factors.assembly.chain import ChainAccumulator
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.slices import SliceAccumulator
 from vip_factors.body.hinges import TILTS
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import PARENTS
@@ -22,31 +20,29 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout, Owner, OwnerId
 from vip_factors.problem.variables import ROWS
 from vip_factors.problem.wearer import BodyPoints
-from vip_factors.solve.chain_system import REACH, ChainSystem
-from vip_factors.solve.slices import Slices
+from vip_factors.solve.slices import REACH, Blocks
 from vip_factors.terms.equations import Evaluation, Term
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.terms.hinge import hinges_of_rows
 from vip_factors.terms.robust import RobustLoss
 
 CAMERA = -1  # beside the numbers of wearers
-HEADINGS = 0  # among the rows of variables
 _PARENTS = np.array(PARENTS)
 _NONE = np.zeros((0, 0, 0))
 _NEVER = np.zeros((0, 0, 0, 0))
 _NO_FRAME = np.zeros(0, bool)
 
 
-class _Compiled(Accumulator):
-    """Sums a stretch of frames into ``target``, where compiled code finds the places of a slice's columns."""
+class CompiledAccumulator(Accumulator):
+    """Sums by compiled code what has a twin there; arguments as of the base."""
 
-    def into(self, target: Any) -> None:
-        """Begin."""
-        self._target = target
+    def __init__(self, layout: Layout, blocks: Blocks, begin: int, charts: Charts | None = None) -> None:
+        super().__init__(layout, blocks, begin, charts)
+        self._target = blocks.target
         self._bodies = dict[int, Any]()  # by wearer; and the camera
 
     def add_term(self, term: Term[Any], at: Any) -> None:
-        """Take in a term: of the factors whose first frame is in the stretch all that they say."""
+        """See the base."""
         twin = TWINS.get(term.kind)
         if twin is None:
             super().add_term(term, at)
@@ -57,7 +53,7 @@ class _Compiled(Accumulator):
 
     def finish(self, bodies: Sequence[BodyState]) -> None:
         """See the base."""
-        Accumulator.finish(self, bodies)  # what lies below the diagonal does not count
+        super().finish(bodies)
         for sums in self._bodies.values():
             sums.expand()
 
@@ -86,26 +82,14 @@ class _Compiled(Accumulator):
 
     def first_columns(self, wearer: int) -> np.ndarray:
         """First columns of all blocks in a slice, as one wearer sees them; below nought of one that does not move."""
-        columns, layout = np.full(len(ROWS) + 1, -1), self.layout
+        columns, layout = np.full(len(ROWS), -1), self.layout
         for number, (name, kind) in enumerate(_names()):
             found = layout.columns_of(OwnerId(kind, wearer) if kind is Owner.WEARER else OwnerId(kind), name)
             if found is not None:
-                start = self.static_start if found.chain == STATIC else layout.chain_columns[found.chain].start
+                static = (REACH + 1) * layout.frame_width
+                start = static if found.chain == STATIC else layout.chain_columns[found.chain].start
                 columns[number] = start + found.start
-        columns[-1] = columns[HEADINGS]
-        if columns[HEADINGS] >= 0 and wearer in self.heading_columns:
-            columns[[HEADINGS, -1]] = self.heading_columns[wearer]
         return columns
-
-    @property
-    def static_start(self) -> int:
-        """The first column of a slice that all frames share."""
-        return (REACH + 1) * self.layout.frame_width
-
-    @property
-    def heading_columns(self) -> Mapping[int, tuple[int, int]]:
-        """Of each wearer whose headings walk the first columns of these in a slice, at its first frame and the next."""
-        return {}
 
     def chart(self, owner: OwnerId, block: str) -> Array:
         """Of a static block's items, or of a camera's poses; nothing where steps are coordinates."""
@@ -121,83 +105,6 @@ def _names() -> tuple[tuple[str, Owner], ...]:
     return tuple((row.name, row.owner) for row in ROWS.values())
 
 
-class CompiledSliceAccumulator(_Compiled, SliceAccumulator):
-    """Sums all frames of a stretch into slices; arguments as there."""
-
-    def __init__(self, layout: Layout, slices: Slices, frames: int, charts: Charts | None) -> None:
-        super().__init__(layout, slices, frames, charts)
-        self.into(kernels.Target(self._hessian, self._gradient))
-
-
-class CompiledChainAccumulator(_Compiled, ChainAccumulator):
-    """Sums a stretch of frames into chains; arguments and attributes as there.
-
-    It takes the factors whose first frame is in the stretch: it writes into the frames behind it, too. Headings that
-    walk have columns of their own in a slice, before what is shared: at its first frame, and at the next.
-    """
-
-    def __init__(self, layout: Layout, system: ChainSystem, begin: int, count: int) -> None:
-        super().__init__(layout, system, begin, count)
-        self._knots = [(one.knots, one.columns.start) for one in system.groups if one.knots is not None]
-        self._chains = [
-            (one.rows, one.gradient, ahead * layout.frame_width + layout.chain_columns[p].start, ahead, places)
-            for p, one in enumerate(system.chains)
-            for ahead, places in enumerate(self._places(p))
-        ]
-        for (knots, group), columns in zip(self._knots, self.heading_columns.values(), strict=True):
-            s, places = knots.own.shape[2], np.full(self._width, -1)
-            places[self.static_start + group : self.static_start + group + s] = np.arange(s)
-            for ahead, start in enumerate(columns):
-                of_frame = places.copy()
-                of_frame[start : start + knots.columns] = np.arange(knots.columns)
-                self._chains.append((knots.own, knots.gradient, start, ahead, of_frame))
-        self.into(kernels.Target(self._chains, self.static, self.static_gradient, self._width, begin, count))
-
-    @property
-    def static_start(self) -> int:
-        """See the base."""
-        return super().static_start + sum(2 * knots.columns for knots, _ in self._knots)
-
-    @property
-    def _width(self) -> int:
-        return self.static_start + self.layout.static_width
-
-    @property
-    def heading_columns(self) -> Mapping[int, tuple[int, int]]:
-        """See the base."""
-        found, start = dict[int, tuple[int, int]](), super().static_start
-        for knots, _ in self._knots:
-            found[self.layout.chains[knots.chain].owner.number] = start, start + knots.columns
-            start += 2 * knots.columns
-        return found
-
-    def _places(self, chain: int) -> np.ndarray:
-        """Where in a chain's rows the columns of a slice are, ``(3, n)`` for each of its frames; −1 if nowhere."""
-        system, layout = self._system, self.layout
-        own, one, W = layout.chain_columns[chain], system.chains[chain], layout.frame_width
-        places, w = np.full((REACH + 1, self._width), -1), own.stop - own.start
-        for i in range(REACH + 1):
-            for j in range(i, REACH + 1 if one.tied else i + 1):
-                places[i, j * W + own.start : j * W + own.stop] = (j - i) * w + np.arange(w)
-        start = (REACH + 1 if one.tied else 1) * w
-        for q, blocks in ((q, blocks) for (p, q), blocks in system.between.items() if p == chain):
-            for i in range(REACH + 1):
-                at = i * W + layout.chain_columns[q].start
-                places[i, at : at + blocks.shape[2]] = np.arange(start, start + blocks.shape[2])
-            start += blocks.shape[2]
-        for g, blocks in ((g, blocks) for (p, g), blocks in system.coupling.items() if p == chain):
-            at, group = self.static_start + system.groups[g].columns.start, system.groups[g]
-            places[:, at : at + blocks.shape[2]] = np.arange(start, start + blocks.shape[2])
-            if group.knots is not None and group.knots.chain == chain:
-                S, behind = group.knots.columns, one.rows.shape[2] - 2 * group.knots.columns
-                now, later = self.heading_columns[layout.chains[chain].owner.number]
-                places[0, now : now + S] = places[1, later : later + S] = np.arange(start, start + S)
-                places[0, later : later + S] = np.arange(behind, behind + S)  # of the frame after
-                places[2, later : later + S] = np.arange(behind + S, behind + 2 * S)  # of the one before
-            start += blocks.shape[2]
-        return places
-
-
 # Twins: of a term what it is made of, for the sums of the body that it sees.
 
 
@@ -206,7 +113,7 @@ def _believed(loss: RobustLoss, at: Evaluation) -> tuple[str, float, float]:
 
 
 def _headings(at: WearerEvaluation) -> Array:
-    """``(T or 1, S)``, at the frames where they walk."""
+    """``(T or 1, S)``, of the frames where they drift."""
     return np.atleast_2d(at.headings(slice(None)))
 
 
@@ -222,7 +129,7 @@ def _numbers(bones: tuple[int, ...]) -> np.ndarray:
     return np.array(bones)
 
 
-def _orientation(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+def _orientation(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
     problem, settings = at.problem, at.problem.settings.orientation
     sums.orientation(
         _numbers(problem.sensor_points.bones), at.state.R_bone_sensor, _headings(at), problem.frames.R_inertial_sensor,
@@ -231,7 +138,7 @@ def _orientation(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
     )  # fmt: skip
 
 
-def _acceleration(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+def _acceleration(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
     problem, settings = at.problem, at.problem.settings.acceleration
     if problem.use_acceleration:
         points, frames = problem.sensor_points, problem.frames
@@ -250,30 +157,30 @@ def _contact(sums: Any, at: WearerEvaluation, settings: Any, follows: np.ndarray
     )  # fmt: skip
 
 
-def _floor_contact(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+def _floor_contact(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
     if at.problem.has_floor and at.problem.contacts:
         _contact(sums, at, at.problem.settings.floor_contact, _NO_FRAME)
 
 
-def _foot_contact(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+def _foot_contact(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
     if at.problem.use_acceleration and at.problem.contacts and at.frames > 1:
         _contact(sums, at, at.problem.settings.foot_contact, at.problem.frames.follows)
 
 
-def _pose_prior(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+def _pose_prior(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
     scale = at.problem.settings.pose_prior.scale
     prior = at.problem.prior
     sums.pose_prior(at.state.R_parent_child, prior.information, at.state.pose_mean, at.frame_share * scale**2)
 
 
-def _smoothness(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+def _smoothness(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
     problem, settings = at.problem, at.problem.settings.smoothness
     if problem.use_acceleration and settings.use and at.frames > 1:
         scale, R = settings.time / problem.frames.step, at.state.R_parent_child
         sums.smoothness(R, problem.prior.information, problem.frames.follows, at.frame_share * scale**2)
 
 
-def _joint_limit(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+def _joint_limit(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
     limits, settings = at.problem.limits, at.problem.settings.joint_limit
     sums.joint_limit(
         at.state.R_parent_child, limits.lower, limits.upper, np.deg2rad(settings.sigma_deg), settings.per_axis,
@@ -281,7 +188,7 @@ def _joint_limit(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
     )  # fmt: skip
 
 
-def _hinge(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
+def _hinge(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
     settings = at.problem.settings.hinge
     if settings.use:
         sums.hinge(
@@ -290,7 +197,7 @@ def _hinge(sums: Any, at: WearerEvaluation, scatter: _Compiled) -> None:
         )  # fmt: skip
 
 
-def _reprojection(sums: Any, at: ViewEvaluation, scatter: _Compiled) -> None:
+def _reprojection(sums: Any, at: ViewEvaluation, scatter: CompiledAccumulator) -> None:
     view, poses, lens = at.view, at.state.poses, at.camera.model
     if not view.points or not view.seen.any():
         return
@@ -304,11 +211,11 @@ def _reprojection(sums: Any, at: ViewEvaluation, scatter: _Compiled) -> None:
     )  # fmt: skip
 
 
-def _poses(at: CameraEvaluation, scatter: _Compiled) -> tuple[Array, Array, Array]:
+def _poses(at: CameraEvaluation, scatter: CompiledAccumulator) -> tuple[Array, Array, Array]:
     return at.state.poses.R_world_camera, at.state.poses.p_world_camera, scatter.chart(at.owner, "poses")
 
 
-def _camera_orientation(sums: Any, at: CameraEvaluation, scatter: _Compiled) -> None:
+def _camera_orientation(sums: Any, at: CameraEvaluation, scatter: CompiledAccumulator) -> None:
     imu = at.problem.imu
     if imu is not None:
         settings = at.problem.settings.orientation
@@ -319,7 +226,7 @@ def _camera_orientation(sums: Any, at: CameraEvaluation, scatter: _Compiled) -> 
         )  # fmt: skip
 
 
-def _camera_acceleration(sums: Any, at: CameraEvaluation, scatter: _Compiled) -> None:
+def _camera_acceleration(sums: Any, at: CameraEvaluation, scatter: CompiledAccumulator) -> None:
     imu = at.problem.imu
     if imu is not None and at.is_path:
         settings = at.problem.settings.acceleration
@@ -329,13 +236,13 @@ def _camera_acceleration(sums: Any, at: CameraEvaluation, scatter: _Compiled) ->
         )  # fmt: skip
 
 
-def _camera_velocity(sums: Any, at: CameraEvaluation, scatter: _Compiled) -> None:
+def _camera_velocity(sums: Any, at: CameraEvaluation, scatter: CompiledAccumulator) -> None:
     if at.is_path:
         settings = at.problem.settings.velocity
         sums.camera_velocity(*_poses(at, scatter), at.step, settings.sigmas, *_believed(settings.loss, at))
 
 
-TWINS: dict[str, Callable[[Any, Any, _Compiled], None]] = {
+TWINS: dict[str, Callable[[Any, Any, CompiledAccumulator], None]] = {
     "orientation": _orientation,
     "acceleration": _acceleration,
     "pose prior": _pose_prior,

@@ -1,6 +1,6 @@
 """A user's own GTSAM factors among ours: linearised by GTSAM, and added to what the fast solvers eliminate."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -14,9 +14,7 @@ from vip_factors.problem.layout import STATIC, Layout
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import ROWS
-from vip_factors.solve.chain_system import frame_keys, knot_key, static_key
-from vip_factors.solve.elimination import coupling_factor
-from vip_factors.solve.slices import REACH, Slices
+from vip_factors.solve.slices import REACH, Blocks
 
 ExtraFactors = Callable[[Array, int], gtsam.NonlinearFactorGraph]
 """Makes a user's factors: of the times ``(n,)`` in seconds of frames that are new, and the number of the first of them.
@@ -84,7 +82,7 @@ def _checked(key: int, state: SceneState, first: int) -> Variable:
 
 
 class UserTerms:
-    """A user's factors on a whole recording, for the chain's solver."""
+    """A user's factors on a whole recording."""
 
     def __init__(self, make: ExtraFactors) -> None:
         self._make = make
@@ -103,65 +101,81 @@ class UserTerms:
         variables = {int(key): _checked(int(key), state, 0) for key in list(graph.keyVector())}
         return float(graph.error(values_of(state, variables.values())))
 
-    def linearised(
-        self, problem: SceneProblem, layout: Layout, state: SceneState
-    ) -> Iterator[tuple[int, gtsam.GaussianFactor]]:
+    def linearised(self, problem: SceneProblem, layout: Layout, state: SceneState) -> "LinearFactors":
         """See :class:`~vip_factors.problem.scene.ExtraTerms`."""
-        graph, places = self.factors(problem), _ChainPlaces(layout, problem.frames)
+        graph, found = self.factors(problem), LinearFactors(layout)
         for index in range(graph.size()):
             linear = LinearFactor.at(graph.at(index), state)
             if linear is not None:
-                for factor in places.spread(linear):
-                    yield linear.frames[0], factor
+                found.append(linear, _first_frame(linear.variables, problem))
+        return found
 
 
-class _ChainPlaces:
-    """Where variables are in the vectors of a chain."""
+class LinearFactors:
+    """A user's linearised factors: those over frames near one another, and rows of those that tie frames further apart.
 
-    def __init__(self, layout: Layout, frames: int) -> None:
-        self._layout, self._keys = layout, [frame_keys(number, frames) for number in range(len(layout.chains))]
+    Attributes:
+        multipliers: how many rows.
+    """
 
-    def spread(self, linear: LinearFactor) -> Iterator[gtsam.GaussianFactor]:
-        """A factor on variables as factors on the vectors that hold them; what is kept is left out."""
-        rows: dict[int, list[np.ndarray]] = {}
-        columns: dict[int, list[np.ndarray]] = {}
-        widths: dict[int, int] = {}
-        for one, rows_of_one in linear.blocks():
-            found = self._column(one)
-            if found is not None:
-                key, start, width = found
-                rows.setdefault(key, []).append(np.arange(rows_of_one.start, rows_of_one.stop))
-                columns.setdefault(key, []).append(np.arange(start, start + one.width))
-                widths[key] = width
-        keys = list(rows)
-        for number, key in enumerate(keys):
-            own, into = np.concatenate(rows[key]), np.concatenate(columns[key])
-            H, g = np.zeros((widths[key], widths[key])), np.zeros(widths[key])
-            H[np.ix_(into, into)], g[into] = linear.information[np.ix_(own, own)], linear.information_vector[own]
-            yield gtsam.HessianFactor(key, H, g, 0.0)
-            for other in keys[number + 1 :]:
-                theirs, there = np.concatenate(rows[other]), np.concatenate(columns[other])
-                block = np.zeros((widths[key], widths[other]))
-                block[np.ix_(into, there)] = linear.information[np.ix_(own, theirs)]
-                yield coupling_factor(key, other, block)
+    def __init__(self, layout: Layout) -> None:
+        self._layout, self._near = layout, list[tuple[int, LinearFactor]]()
+        self._rows = list[tuple[dict[int, Array], Array, Array]]()  # A by frame and by shared columns, b
+        self.multipliers = 0
 
-    def _column(self, one: Variable) -> tuple[int, int, int] | None:
-        """The vector's key, the first column in it, and its width."""
-        owner = one.owner
-        if one.knot:
-            group = next((g for g, (other, _) in enumerate(self._layout.owners) if other == owner), None)
-            block = self._layout.block(owner, HEADINGS)
-            return None if group is None or block is None else (knot_key(group, one.knot), one.item, block.width)
-        columns = variable_columns(self._layout, one)
-        if columns is None:
-            return None
-        chain, start = columns
-        if chain != STATIC:
-            return self._keys[chain][one.frame], start, self._layout.chains[chain].width
-        for group, (_, own) in enumerate(self._layout.owners):
-            if own.start <= start < own.stop:
-                return static_key(group), start - own.start, own.stop - own.start
-        return None
+    def append(self, linear: LinearFactor, first: int) -> None:
+        """A factor whose first frame is ``first``."""
+        frames = [one.frame for one in linear.variables if one.is_of_a_frame or one.is_of_the_camera_path]
+        if max(frames, default=first) - first <= REACH:
+            self._near.append((first, linear))
+            return
+        squares, vectors = np.linalg.eigh(linear.information)
+        kept = squares > 1e-12 * squares[-1]
+        A, layout = np.sqrt(squares[kept])[:, None] * vectors[:, kept].T, self._layout
+        by_frame, by_shared = dict[int, Array](), np.zeros((len(A), layout.static_width))
+        for one, own in linear.blocks():
+            found = variable_columns(layout, one)
+            if found is not None and found[0] == STATIC:
+                by_shared[:, found[1] : found[1] + one.width] = A[:, own]
+            elif found is not None:
+                start = layout.chain_columns[found[0]].start + found[1]
+                row = by_frame.setdefault(one.frame, np.zeros((len(A), layout.frame_width)))
+                row[:, start : start + one.width] = A[:, own]
+        b = vectors[:, kept].T @ linear.information_vector / np.sqrt(squares[kept])
+        self._rows.append((by_frame, by_shared, b))
+        self.multipliers += len(A)
+
+    def add_to(self, blocks: Blocks, begin: int) -> None:
+        """See :class:`~vip_factors.problem.scene.LinearTerms`."""
+        stretch, shared = range(begin, begin + len(blocks.frames)), self._layout.static_width
+        start = shared
+        for first, linear in self._near:
+            if first in stretch:
+                add_factor(blocks, self._layout, linear, first - begin, begin)
+        for by_frame, by_shared, b in self._rows:
+            columns = slice(start, start + len(b))
+            for frame, row in by_frame.items():
+                if frame in stretch:
+                    blocks.coupling[frame - begin, 0, :, columns] += row.T
+            if begin == 0:
+                blocks.static[0, :shared, columns] += by_shared.T
+                blocks.static[0, columns, columns] -= np.eye(len(b))
+                blocks.static_gradient[0, columns] -= b
+            start += len(b)
+
+
+def _first_frame(variables: Sequence[Variable], problem: SceneProblem) -> int:
+    """The frame that a factor is summed with: the first one that it sees, or the first with a heading that it sees."""
+    frames = [one.frame for one in variables if one.is_of_a_frame or one.is_of_the_camera_path]
+    first = min(frames, default=0)
+    for one in variables:
+        if one.block == HEADINGS and problem.wearers[one.wearer].headings_drift:
+            numbers = problem.wearers[one.wearer].heading_numbers()
+            if not frames:
+                first = int(np.searchsorted(numbers, one.step))
+            if numbers[first] != one.step:
+                raise InputError("an extra factor sees a heading that is not that of its first frame")
+    return first
 
 
 def variable_columns(layout: Layout, one: Variable) -> tuple[int, int] | None:
@@ -207,38 +221,46 @@ class StreamedTerms:
         for old in [one for one in self._factors if one < number]:
             del self._factors[old]
 
-    def add_to(self, slices: Slices, state: SceneState, first: int, charts: Charts) -> None:
-        """Add the factors of a stretch of frames, whose first has the number ``first``, to their slices."""
-        for number in range(first, first + state.wearers[0].frames):
+    def add_to(self, blocks: Blocks, state: SceneState, first: int, charts: Charts) -> None:
+        """Add the factors of a stretch of frames, whose first has the number ``first``."""
+        for number in range(first, first + len(blocks.frames)):
             for factor in self._factors.get(number, ()):
                 linear = LinearFactor.at(factor, state, first)
                 if linear is not None:
-                    self._add(slices, linear, number - first, first, charts)
+                    add_factor(blocks, self._layout, linear, number - first, first, charts)
 
-    def _add(self, slices: Slices, linear: LinearFactor, t: int, first: int, charts: Charts) -> None:
-        rows, columns, turns = list[np.ndarray](), list[np.ndarray](), np.eye(len(linear.information_vector))
-        for one, own in linear.blocks():
-            found = variable_columns(self._layout, one)
-            if found is None:
-                continue
-            chain, start = found
-            ahead = one.frame - first - t
-            base = (
-                (REACH + 1) * slices.frame
-                if chain == STATIC
-                else (ahead * slices.frame + self._layout.chain_columns[chain].start)
-            )
-            rows.append(np.arange(own.start, own.stop))
-            columns.append(base + start + np.arange(one.width))
-            if one.block == JOINT:
-                turns[own, own] = charts.turns[one.wearer][t + ahead, one.item]
-            elif one.block != ROOT:
-                chart = charts.of_item(one.owner, one.block, one.item, t + ahead)
-                turns[own, own] = np.eye(one.width) if chart is None else chart
-        if not rows:
-            return
-        J, into = turns[:, np.concatenate(rows)], np.concatenate(columns)
-        place = np.minimum(into // slices.frame, REACH + 1)  # slices keep what is on and above the diagonal of blocks
-        kept = place[:, None] <= place
-        slices.hessian[t][np.ix_(into, into)] += kept * (J.T @ linear.information @ J)
-        slices.gradient[t][into] -= J.T @ linear.information_vector
+
+def add_factor(
+    blocks: Blocks, layout: Layout, linear: LinearFactor, t: int, begin: int, charts: Charts | None = None
+) -> None:
+    """Add a factor whose first frame is the ``t``-th of those from ``begin`` on, of which ``charts`` are."""
+    placed = list[tuple[int | None, slice, Array]]()  # its i-th frame or none, columns there, J
+    for one, own in linear.blocks():
+        found = variable_columns(layout, one)
+        if found is None:
+            continue
+        chain, start = found
+        turn = np.eye(len(linear.information_vector))[:, own]
+        frame, place = t, None
+        if chain != STATIC:
+            frame = one.frame - begin
+            place, start = frame - t, start + layout.chain_columns[chain].start
+        if charts is not None:
+            chart = charts.turns[one.wearer][frame, one.item] if one.block == JOINT else None
+            if one.block not in (JOINT, ROOT):
+                chart = charts.of_item(one.owner, one.block, one.item, frame)
+            turn = turn if chart is None else turn @ chart
+        placed.append((place, slice(start, start + one.width), turn))
+    shared = min(t, len(blocks.static) - 1)
+    for i, rows, J in placed:
+        vector = J.T @ linear.information_vector
+        (blocks.static_gradient[shared] if i is None else blocks.gradient[t, i])[rows] -= vector
+        for j, columns, K in placed:
+            block = J.T @ linear.information @ K
+            if i is None and j is None:
+                blocks.static[shared, rows, columns] += block
+            elif i is not None and j is None:
+                blocks.coupling[t, i, rows, columns] += block
+            elif i is not None and j is not None and i <= j:
+                start = j * layout.frame_width
+                blocks.frames[t, i, rows, start + columns.start : start + columns.stop] += block

@@ -71,8 +71,8 @@ def factor_graph_of(problem: SceneProblem, state: SceneState, layout: Layout | N
     the problem frees, if absent.
     """
     layout = layout or scene_layout(problem)
-    knots = {number: max(len(one.heading_knots), 1) for number, one in enumerate(problem.wearers)}
-    variables = tuple(variables_of(layout, problem.frames, knots))
+    steps = {number: max(len(one.heading_times) - 1, 0) for number, one in enumerate(problem.wearers)}
+    variables = tuple(variables_of(layout, problem.frames, steps))
     factors, graph = tuple(term_factors(problem, state, layout)), gtsam.NonlinearFactorGraph()
     for one in factors:
         graph.push_back(one.factor)

@@ -4,7 +4,7 @@
 |---|---|---|---|
 | ``r`` | ``Rot3`` | frame, joint | R_parent_child; of joint 0 R_world_pelvis |
 | ``t`` | ``Point3`` | frame | p_world_pelvis |
-| ``h`` | ``double`` | knot, sensor | heading γ, R_world_inertial = Rz(γ); a constant one has the first knot alone |
+| ``h`` | ``double`` | step, sensor | heading γ, R_world_inertial = Rz(γ); a constant one has step 0 alone |
 | ``b`` | ``Rot3`` | sensor | mounting R_bone_sensor |
 | ``p`` | ``Point3`` | sensor | from where a sensor was said to sit to where it does, in bone axes |
 | ``m`` | ``Vector`` of 69 | | the recording's mean joint vector |
@@ -27,7 +27,7 @@ from vip_factors.problem.variables import ROWS
 # A symbol's index packs frame and joint; 32 joints to a frame leave room for 2³⁹ frames of a wearer.
 JOINT_SLOTS = 32
 WEARER = 1 << 44
-KNOT = 1 << 8  # sensors to a wearer; leaves room for a knot a frame
+STEP = 1 << 8  # sensors to a wearer; leaves room for a step a frame
 
 
 def joint_key(frame: int, joint: int, wearer: int = 0) -> int:
@@ -45,9 +45,9 @@ def camera_key(frame: int) -> int:
     return int(gtsam.symbol("c", frame))
 
 
-def variable_key(block: str, item: int = 0, wearer: int = 0, knot: int = 0) -> int:
+def variable_key(block: str, item: int = 0, wearer: int = 0, step: int = 0) -> int:
     """Key of what all frames share, by its row of :data:`~vip_factors.problem.variables.ROWS` (``headings``,
-    ``R_bone_sensor``, ``body``, ``clock`` …); ``item`` is the sensor or keypoint, ``knot`` that of a heading that
-    walks.
+    ``R_bone_sensor``, ``body``, ``clock`` …); ``item`` is the sensor or keypoint, ``step`` counts those of a
+    heading that drifts.
     """
-    return int(gtsam.symbol(ROWS[block].letter, wearer * WEARER + knot * KNOT + item))
+    return int(gtsam.symbol(ROWS[block].letter, wearer * WEARER + step * STEP + item))

@@ -16,15 +16,14 @@ from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.terms.equations import (
-    AT_THE_FIRST_KNOT,
     BoneEquations,
     DenseEquations,
     DifferenceEquations,
     Equations,
     JacobianBlock,
     JointEquations,
-    KnotEquations,
     Term,
+    WalkEquations,
 )
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
@@ -101,7 +100,7 @@ def _of_term(
     equations = window.equations(here)
     if equations is None:
         return
-    rows = 1 if not isinstance(equations, KnotEquations) else len(equations.residual)
+    rows = 1 if not isinstance(equations, WalkEquations) else len(equations.residual)
     confidence = np.broadcast_to(equations.confidence, equations.residual.shape[:2])
     for row in range(rows):
         for n in np.flatnonzero(confidence[row] > 0).tolist():
@@ -161,10 +160,10 @@ class _Window:
                 return self._by_joints(eq, row, n)
             case DenseEquations():
                 return self._by_blocks(eq.blocks(), row, n)
-            case KnotEquations():
+            case WalkEquations():
                 wearer, root = eq.owner.number, eq.root[row, n].reshape(1, 1)
                 signs = ((row, -root), (row + 1, root))
-                return [(Variable(HEADINGS, wearer, 0, n, knot), block) for knot, block in signs]
+                return [(Variable(HEADINGS, wearer, 0, n, step), block) for step, block in signs]
 
     def _by_bone(
         self, eq: BoneEquations | DifferenceEquations, at: Evaluation, by_twist: Array, bone: int | None, ahead: int
@@ -210,31 +209,25 @@ class _Window:
 
     def _by_block(self, one: JacobianBlock, jacobian: Array, n: int) -> Blocks:
         number = one.owner.number if one.owner.kind is Owner.WEARER else 0
-        frame = self.begin + self.first.start + max(one.ahead, 0)
+        frame = self.begin + self.first.start + one.ahead
         if one.block in JOINT_NAMES:
             return [(Variable(JOINT, number, frame, joint_index(one.block)), jacobian)]
         if one.block == ROOT:
             return [(Variable(ROOT, number, frame), jacobian)]
         if one.block == POSES:
             return [(Variable(POSES, frame=frame if self.problem.camera.moving else 0), jacobian)]
-        items = [n] if one.each else range(jacobian.shape[1] // Variable(one.block).width)
-        blocks: Blocks = []
-        for place, item in enumerate(items):
-            width = Variable(one.block).width
-            own = jacobian[:, place * width : (place + 1) * width]
-            for knot, weight in self._knots(one):
-                blocks.append((Variable(one.block, number, 0, item, knot), weight * own))
-        return blocks
+        width, step = Variable(one.block).width, self._heading_step(one)
+        items = [n] if one.each else range(jacobian.shape[1] // width)
+        return [
+            (Variable(one.block, number, 0, item, step), jacobian[:, place * width : (place + 1) * width])
+            for place, item in enumerate(items)
+        ]
 
-    def _knots(self, one: JacobianBlock) -> list[tuple[int, float]]:
-        """The knots that a block is seen through, and what each counts."""
-        if one.block != HEADINGS or one.ahead == AT_THE_FIRST_KNOT:
-            return [(0, 1.0)]
-        t = self.first.start + one.ahead
-        weights = self.problem.wearers[one.owner.number].knot_weights(slice(t, t + 1))
-        if weights is None:
-            return [(0, 1.0)]
-        return [(int(knot), float(weights[0, knot])) for knot in np.flatnonzero(weights[0])]
+    def _heading_step(self, one: JacobianBlock) -> int:
+        """Which of the headings a block is, where they drift: that of the factor's first frame."""
+        if one.block != HEADINGS:
+            return 0
+        return int(self.problem.wearers[one.owner.number].heading_numbers(self.first)[0])
 
 
 def noise_model(loss: RobustLoss, rows: int) -> gtsam.noiseModel.Base:

@@ -29,14 +29,14 @@ class Variable:
         wearer: whose; 0 of the camera's.
         frame: it belongs to; 0 of what all frames share.
         item: joint, sensor or keypoint.
-        knot: of a heading that walks.
+        step: of a heading that drifts: how many steps are before it.
     """
 
     block: str
     wearer: int = 0
     frame: int = 0
     item: int = 0
-    knot: int = 0
+    step: int = 0
 
     @property
     def kind(self) -> str:
@@ -53,7 +53,7 @@ class Variable:
                 return keys.root_key(self.frame, self.wearer)
             case "poses":
                 return keys.camera_key(self.frame)
-        return keys.variable_key(self.block, self.item, self.wearer, self.knot)
+        return keys.variable_key(self.block, self.item, self.wearer, self.step)
 
     @property
     def manifold(self) -> Manifold:
@@ -97,9 +97,9 @@ def frames_of(variables: Iterable[Variable]) -> range:
     return range(min(seen), max(seen) + 1) if seen else range(1)
 
 
-def variables_of(layout: Layout, frames: int, knots: dict[int, int] | None = None) -> Iterator[Variable]:
-    """All variables of a layout that move, in so many frames, then what frames share; ``knots`` of each wearer whose
-    headings walk.
+def variables_of(layout: Layout, frames: int, heading_steps: dict[int, int] | None = None) -> Iterator[Variable]:
+    """All variables of a layout that move, in so many frames, then what frames share; ``heading_steps`` of each wearer
+    whose headings drift.
     """
     for t in range(frames):
         for chain in layout.chains:
@@ -112,9 +112,10 @@ def variables_of(layout: Layout, frames: int, knots: dict[int, int] | None = Non
     for owner, block, _ in layout.placed:
         if block.free:
             items = 1 if ROWS[block.name].one_vector else block.items
-            for knot in range((knots or {}).get(owner.number, 1) if block.name == HEADINGS else 1):
+            steps = (heading_steps or {}).get(owner.number, 0) if block.name == HEADINGS else 0
+            for step in range(steps + 1):
                 for item in range(items):
-                    yield Variable(block.name, owner.number, 0, item, knot)
+                    yield Variable(block.name, owner.number, 0, item, step)
 
 
 def variable_of(key: int) -> Variable | None:
@@ -132,8 +133,8 @@ def variable_of(key: int) -> Variable | None:
     if row.name == POSES:
         return Variable(POSES, frame=index)
     if row.name == HEADINGS:
-        knot, sensor = divmod(rest, keys.KNOT)
-        return Variable(HEADINGS, wearer, 0, sensor, knot)
+        step, sensor = divmod(rest, keys.STEP)
+        return Variable(HEADINGS, wearer, 0, sensor, step)
     if row.of_sensors:
         return Variable(row.name, wearer, 0, rest)
     return Variable(row.name, wearer, 0, rest) if rest < (1 if row.one_vector else row.count(None)) else None
@@ -172,7 +173,7 @@ def _array(state: SceneState, one: Variable, first: int) -> tuple[Any, tuple[int
         t = one.frame - first
         return getattr(own, ARRAYS[one.block]), (t, one.item) if one.block == JOINT else (t,)
     if one.block == HEADINGS:
-        return own.heading_knots, (one.knot, one.item)
+        return own.heading_path, (one.step, one.item)
     array = getattr(own, one.block)
     single = one.is_one_vector or np.ndim(array) == (2 if one.manifold is Manifold.ROTATION else 0)
     return array, () if single else (one.item,)
@@ -191,7 +192,7 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
             t = one.frame - first if len(old) > 1 else 0
             poses.R_world_camera[t], poses.p_world_camera[t] = pose.rotation().matrix(), pose.translation()
             continue
-        name = "heading_knots" if one.block == HEADINGS else ARRAYS.get(one.block, one.block)
+        name = "heading_path" if one.block == HEADINGS else ARRAYS.get(one.block, one.block)
         array, place = _array(state, one, first)
         value = _read(values, one)
         if place:
@@ -202,9 +203,9 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
             own[name] = value
     changed = {}
     for owner, arrays in written.items():
-        knots = arrays.pop("heading_knots", None)
-        if knots is not None:
-            arrays |= {"headings": knots[0], "later_headings": knots[1:]}
+        path = arrays.pop("heading_path", None)
+        if path is not None:
+            arrays |= {"headings": path[0], "later_headings": path[1:]}
         changed[owner] = replace(state.of(owner), **arrays)
     return state.replaced(changed)
 

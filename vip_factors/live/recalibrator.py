@@ -45,7 +45,6 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
-from vip_factors.solve.chain_elimination import last_covariance
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.scene_solution import SceneSolution
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
@@ -118,7 +117,7 @@ def information_of(solution: FusionSolution, layout: Layout, inflation: float) -
         SolveError: if the scene does not determine them.
     """
     objective = SceneObjective(solution.model)
-    covariance = last_covariance(objective.linearise(solution.state), objective.static_keys)
+    covariance = objective.linearise(solution.state).static_covariance()
     own, theirs = list[int](), list[int]()
     for owner, block, columns in layout.placed:
         found = objective.layout.columns(owner, block.name)

@@ -61,7 +61,7 @@ class RecalibrationSettings:
     # wearer's takes a quarter of what it lasted or less. A replay waits, and gives the same answers on any machine.
     delay_s: NotNegative = 2.0
     # Constant headings: the tracker goes on from the last of them, and follows them by itself.
-    calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(heading_knot_s=None))
+    calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(heading_drift_from_s=None))
 
 
 @dataclass(frozen=True)

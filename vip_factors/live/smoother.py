@@ -8,13 +8,12 @@ import numpy as np
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.objective import joined_slices
-from vip_factors.body.kinematics import MOVES
-from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.assembly.system import far_columns
 from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, moved_frames, stacked
 from vip_factors.live.settings import LiveSettings, RelinearisationSettings
-from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
+from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.solve.joined_lag import Columns, JoinedChains, JoinedSolution, marginal
@@ -65,7 +64,7 @@ class LagSmoother:
         self._usual_walk = layout.per_column("process_noise") * np.sqrt(settings.walk.every_s)
         parts = _parts(layout, extra is not None)
         self._layouts = [layout.of_owners(owners) for owners in parts]
-        far = [None if extra is not None else _far(own, problem) for own in self._layouts]
+        far = [None if extra is not None else far_columns(own, problem.wearers) for own in self._layouts]
         self._columns = [
             Columns(layout.frame_columns(owners), layout.static_columns(owners), own)
             for owners, own in zip(parts, far, strict=True)
@@ -156,7 +155,7 @@ class LagSmoother:
         charts = Charts.at(self._layout, coordinates, self._coordinates)
         slices = self._slices = joined_slices(self._layouts, model, state, self._slices, charts)
         if self._extra is not None:
-            self._extra.add_to(slices[0], state, start, charts)
+            self._extra.add_to(slices[0].blocks(len(kept)), state, start, charts)
         self._hold(coordinates, sum(one.frame.number < self._beginning + self._continued for one in kept))
         if self._information is not None and start == self._beginning:
             self._add_information(self._information)
@@ -265,16 +264,6 @@ def _parts(layout: Layout, together: bool) -> list[set[OwnerId]]:
     if together or len(wearers) < 2:
         return [owners]
     return [*({one} | owners.difference(wearers) for one in wearers), owners.difference(wearers)]
-
-
-def _far(layout: Layout, problem: LagProblem) -> np.ndarray:
-    """Columns of a frame that the frame two before sees, by accelerations: where a sensor is, and where a camera."""
-    seen = np.ones(layout.frame_width, bool)
-    for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
-        if chain.owner.kind is Owner.WEARER:
-            bones = [sensor.bone for sensor in problem.wearers[chain.owner.number].sensors]
-            seen[columns][:ROOT] = np.repeat(MOVES[:JOINT_COUNT, bones].any(axis=1), 3)
-    return np.flatnonzero(seen)
 
 
 def _limits(layout: Layout, settings: RelinearisationSettings) -> Array:

@@ -1,6 +1,6 @@
 """Everything that defines the cost of a filmed scene: the wearers' own problems, the camera's, and what it saw."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -17,8 +17,7 @@ from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 
 if TYPE_CHECKING:  # the types alone: terms are above problems, and read their settings from them
-    import gtsam
-
+    from vip_factors.solve.slices import Blocks
     from vip_factors.terms.registry import CameraFactorSettings
 
 
@@ -245,6 +244,19 @@ class Viewpoint:
     views: tuple[KeypointView, ...]
 
 
+class LinearTerms(Protocol):
+    """Normal equations of a user's own terms."""
+
+    @property
+    def multipliers(self) -> int:
+        """Number of columns, behind those of what all frames share, of rows that tie frames further apart."""
+        ...
+
+    def add_to(self, blocks: "Blocks", begin: int) -> None:
+        """Add the factors whose first frame is in the stretch of ``blocks``, from the frame ``begin`` on."""
+        ...
+
+
 class ExtraTerms(Protocol):
     """Terms of a user's own, on the variables of a scene."""
 
@@ -252,10 +264,8 @@ class ExtraTerms(Protocol):
         """Half the sum of their squared whitened residuals, losses applied."""
         ...
 
-    def linearised(
-        self, problem: "SceneProblem", layout: Layout, state: "SceneState"
-    ) -> Iterable["tuple[int, gtsam.GaussianFactor]"]:
-        """Their linear factors, on the vectors of the chain, each with the first frame that it sees."""
+    def linearised(self, problem: "SceneProblem", layout: Layout, state: "SceneState") -> "LinearTerms":
+        """Their normal equations at a state."""
         ...
 
 

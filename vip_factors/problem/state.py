@@ -50,10 +50,10 @@ class WearerState:
     Attributes:
         R_parent_child: ``(T, 24, 3, 3)`` joint rotations.
         p_world_pelvis: ``(T, 3)`` metres.
-        headings: ``(S,)`` radians; at the first knot, where they walk.
+        headings: ``(S,)`` radians; at first, where they drift.
         R_bone_sensor: ``(S, 3, 3)`` mountings.
         pose_mean: ``(69,)`` the recording's mean joint vector, radians.
-        later_headings: ``(K − 1, S)`` radians, at the further knots; none where headings are constant.
+        later_headings: ``(K − 1, S)`` radians, at later times; none where headings are constant.
         body: ``(B,)`` metres, changes of the skeleton's lengths.
         sensor_positions: ``(S, 3)`` metres, from where the sensors were said to sit to where they do, in bone axes.
         hinges: ``(H,)`` radians, tilts of the axes of elbows and knees, and offsets.
@@ -76,12 +76,12 @@ class WearerState:
             object.__setattr__(self, "sensor_positions", np.zeros((len(self.headings), 3)))
 
     @property
-    def heading_knots(self) -> Array:
-        """Headings at all knots ``(K, S)``."""
+    def heading_path(self) -> Array:
+        """Headings ``(K, S)``: at first, and at later times."""
         return np.vstack([self.headings, self.later_headings.reshape(-1, len(self.headings))])
 
-    def with_knots(self, count: int) -> "WearerState":
-        """The same headings, now at ``count`` knots: all as the first."""
+    def with_headings(self, count: int) -> "WearerState":
+        """The same headings, now at ``count`` times: all as the first."""
         return replace(self, later_headings=np.tile(self.headings, (max(count - 1, 0), 1)))
 
     @property
@@ -101,10 +101,6 @@ class WearerState:
             R_parent_child=self.R_parent_child @ exp(joints),
             p_world_pelvis=self.p_world_pelvis + steps[:, ROOT:],
         )
-
-    def with_walk(self, steps: Array) -> "WearerState":
-        """Later headings moved by steps ``(K − 1, S)``."""
-        return replace(self, later_headings=self.later_headings + steps)
 
     def turned(self, angle: float, shift: Array | None = None) -> "WearerState":
         """The same motion in a world turned about the vertical by an angle in radians, then shifted ``(3,)``."""

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,16 +55,6 @@ def sole_shift(thickness: float) -> Array:
     return np.array([0.0, -thickness, 0.0])
 
 
-def knot_weights(knots: Array, time: Array) -> Array:
-    """What each knot of a walk counts at each instant, ``(T, K)``: linear between neighbours, constant beyond the ends.
-
-    Args:
-        knots: ``(K,)`` ascending seconds.
-        time: ``(T,)`` seconds.
-    """
-    return np.stack([np.interp(time, knots, unit) for unit in np.eye(len(knots))], axis=1)
-
-
 @dataclass(frozen=True)
 class InitialPose:
     """A declared pose over the first ``frames``; the root's heading is free.
@@ -90,7 +81,7 @@ class WearerProblem:
         skeleton, prior, limits: the body.
         frames: the measurements.
         sensors: ``S`` points where the sensors sit, in the order of ``frames.sensors``.
-        prior_headings, heading_sigma: ``(S,)`` radians; of the first knot, where headings walk.
+        prior_headings, heading_sigma: ``(S,)`` radians; at first, where headings drift.
         prior_R_bone_sensor: ``(S, 3, 3)``.
         mounting_sigma: ``(S,)`` radians.
         settings: of the terms.
@@ -101,9 +92,9 @@ class WearerProblem:
         use_acceleration: False leaves acceleration, contact and gauge factors out: frames decouple (IT, SOP).
         free_headings, free_mountings, free_pose_mean: whether those variables move.
         gauge_sensor: whose heading defines the world's.
-        is_gauge: whether this wearer's first root position and gauge heading define the world. Where headings walk, the
-            gauge sensor's is pinned at the first knot only: what it drifts shows against a camera that stands, and
-            without one it stays as the walk's prior has it.
+        is_gauge: whether this wearer's first root position and gauge heading define the world. Where headings drift,
+            the gauge sensor's is pinned at first only: what it drifts shows against a camera that stands, and without
+            one it stays as the walk's prior has it.
         is_beginning: False for a stretch of something longer, whose beginning holds the priors on what all frames
             share and on the first root position.
         variation: how the skeleton may change, and how likely; None of a body that is known.
@@ -112,9 +103,10 @@ class WearerProblem:
         hinge_prior: what is likely of those.
         free_places: whether the sensors' places on their bones are variables.
         free_sole: whether the sole's thickness is a variable.
-        heading_knots: ``(K,)`` seconds at which headings are variables, linear in between; one or none: constant.
-        heading_drift_deg: ``(S,)`` degrees per √minute by which headings walk; empty before anything shows it.
-        restarts: ``(P, 2)`` seconds of pauses over which they may walk anywhere; knots stand at both ends of each.
+        heading_times: ``(K,)`` seconds around which headings are the same: frames have those of the nearest, and they
+            step half-way between; one or none: constant.
+        heading_drift_deg: ``(S,)`` degrees per √minute by which headings drift; empty before anything shows it.
+        restarts: ``(P, 2)`` seconds of pauses over which they may step by more: there are headings before and behind.
     """
 
     skeleton: Skeleton
@@ -138,7 +130,7 @@ class WearerProblem:
     gauge_sensor: int = 0
     is_gauge: bool = True
     is_beginning: bool = True
-    heading_knots: Array = field(default_factory=lambda: np.zeros(0))
+    heading_times: Array = field(default_factory=lambda: np.zeros(0))
     heading_drift_deg: Array = field(default_factory=lambda: np.zeros(0))
     restarts: Array = field(default_factory=lambda: np.zeros((0, 2)))
     variation: BodyVariation | None = None
@@ -218,15 +210,17 @@ class WearerProblem:
         return self.use_acceleration and self.settings.floor_contact.use
 
     @property
-    def headings_walk(self) -> bool:
+    def headings_drift(self) -> bool:
         """Whether headings change with time."""
-        return len(self.heading_knots) > 1
+        return len(self.heading_times) > 1
+
+    def heading_numbers(self, frames: slice = slice(None)) -> np.ndarray:
+        """Which of the ``K`` headings frames have, ``(t,)``: the nearest one."""
+        between = (self.heading_times[1:] + self.heading_times[:-1]) / 2
+        return np.searchsorted(between, self.frames.time[frames], side="right")
 
     @property
-    def walks_on(self) -> np.ndarray:
-        """``(K − 1,)`` whether headings walk on to the next knot as they do, and do not begin anew there."""
-        return ~np.isin(self.heading_knots[:-1], self.restarts[:, 0])
-
-    def knot_weights(self, frames: slice = slice(None)) -> Array | None:
-        """What each knot counts in a stretch of frames ``(t, K)``; None where headings are constant."""
-        return knot_weights(self.heading_knots, self.frames.time[frames]) if self.headings_walk else None
+    def drifts_on(self) -> np.ndarray:
+        """``(K − 1,)`` whether headings drift on to the next ones, and do not begin anew behind a pause."""
+        middles = self.restarts.mean(axis=1)
+        return np.array([not np.any((a < middles) & (middles < b)) for a, b in pairwise(self.heading_times)], bool)

@@ -1,31 +1,27 @@
 """The one Levenberg–Marquardt loop: linearise, damp, eliminate, retract. It knows nothing of bodies.
 
 GTSAM's own optimisers hand every Python callback a fresh copy of all values; this loop does not, and it takes any
-objective that can linearise itself into a ``gtsam.GaussianFactorGraph``.
+objective that can linearise itself.
 """
 
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.errors import SolveError
 from vip_factors.estimate import Iteration, SolveReport
-from vip_factors.geometry.rotations import Array
-
-if TYPE_CHECKING:
-    from vip_factors.solve.elimination import LinearSystem
 
 State = TypeVar("State")
 
 
-class Step(Protocol):
-    """A solution of the linear system: vectors by key."""
+class LinearSystem(Protocol):
+    """A linearisation."""
 
-    def at(self, key: int) -> Array:
-        """One of them."""
+    def step(self, damping: float) -> Any:
+        """The minimum of the quadratic with so many units on the diagonal; :class:`SolveError` if there is none."""
         ...
 
 
@@ -36,11 +32,11 @@ class Objective(Protocol[State]):
         """Half the sum of squares (robust losses applied), by factor kind."""
         ...
 
-    def linearise(self, state: State) -> "LinearSystem":
+    def linearise(self, state: State) -> LinearSystem:
         """The normal equations at a state."""
         ...
 
-    def retract(self, state: State, delta: Step) -> State:
+    def retract(self, state: State, step: Any) -> State:
         """The state moved by a step."""
         ...
 
@@ -135,17 +131,10 @@ def _share(initial: float, iterations: Sequence[Iteration], settings: SolveSetti
     return float(max(np.log(decreases[0] / decreases[-1]) / np.log(decreases[0] / least), by_number))
 
 
-def _step(system: "LinearSystem", damping: float) -> Step | None:
+def _step(system: LinearSystem, damping: float) -> Any:
     """The minimum of the damped linear problem, or None where it is not determined."""
-    # Late: GTSAM and SciPy take a second to import, and settings need neither.
-    from vip_factors.solve.chain_elimination import ChainElimination, is_dense
-    from vip_factors.solve.chain_system import ChainSystem
-    from vip_factors.solve.elimination import eliminate
-
     try:
-        if isinstance(system, ChainSystem) and is_dense(system):
-            return ChainElimination(system, damping).step()
-        return eliminate(system.stretches(damping)).optimize()
+        return system.step(damping)
     except SolveError:
         return None
 

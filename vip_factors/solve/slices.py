@@ -3,6 +3,9 @@
 A slice is a quadratic in its frame, the two after it, and what all frames share.
 """
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from scipy.linalg import cython_blas, cython_lapack
 from scipy.linalg.blas import dsymv, dsyrk, dtrsm
@@ -11,7 +14,8 @@ from scipy.linalg.lapack import dpotrf
 from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.chain_system import REACH
+
+REACH = 2  # frames that a factor sees after its first one
 
 if kernels is not None:
     kernels.use_blas({**cython_lapack.__pyx_capi__, **cython_blas.__pyx_capi__})
@@ -38,6 +42,26 @@ def eliminated(own: Array, others: Array, rest: Array) -> tuple[Array, Array]:
     return R, S_transposed
 
 
+@dataclass(frozen=True)
+class Blocks:
+    """Where the blocks of factors go, by a factor's first frame, in views of what they are summed in.
+
+    Attributes:
+        frames: ``(T, 3, w, 3w)`` of three frames with one another; those on and above the diagonal are used.
+        coupling: ``(T, 3, w, s)`` of them with what all frames share.
+        gradient: ``(T, 3, w)`` of them.
+        static, static_gradient: ``(T, s, s)`` and ``(T, s)``; or a single one, of all frames.
+        target: of compiled sums.
+    """
+
+    frames: Array
+    coupling: Array
+    gradient: Array
+    static: Array
+    static_gradient: Array
+    target: Any
+
+
 class Slices:
     """The slices of a stretch.
 
@@ -62,6 +86,15 @@ class Slices:
     def width(self) -> int:
         """Number of all columns."""
         return (REACH + 1) * self.frame + self.static
+
+    def blocks(self, frames: int) -> Blocks:
+        """Where the blocks of the factors of so many frames go."""
+        H, g, w = self.hessian[:frames], self.gradient[:frames], self.frame
+        end = (REACH + 1) * w
+        rows = H[:, :end].reshape(frames, REACH + 1, w, self.width)
+        target = None if kernels is None else kernels.Target(H, g)
+        of_frames = g[:, :end].reshape(frames, REACH + 1, w)
+        return Blocks(rows[..., :end], rows[..., end:], of_frames, H[:, end:, end:], g[:, end:], target)
 
     def emptied(self, frames: int) -> "Slices":
         """Of so many frames, all zero; in the same memory, if it is enough: new pages cost more than zeros."""

@@ -145,8 +145,6 @@ def _calibrate_unfilmed(
     together, frames = stretches.together, stretches.frames()
     evenly = replace(frames, time=frames.time[0] + frames.step * np.arange(len(frames)))
     start, starts = find_start(together, evenly, settings, solver.progress_of("start"))
-    if not plan.all_calibrate:
-        settings = _with_knots_in_stretches(plan, settings)
     wearer = inertial_tracker(together, frames, settings, solver, start)
     if settings.acceleration:
         wearer = calibrated(wearer, settings, solver, solver.extra)
@@ -157,15 +155,6 @@ def _calibrate_unfilmed(
     wearer = InertialSolution(replace(wearer.model, name=recording.head.name), wearer.state, starts)
     solution = SceneSolution.unfilmed(Scene(together.name, (together,)), [wearer])
     return Calibration(solution, (corrections,), about_sensors, solver)
-
-
-def _with_knots_in_stretches(plan: WindowPlan, settings: Settings) -> Settings:
-    """Settings whose headings have no more knots than there are stretches to see them in."""
-    every, stretches = settings.calibration.heading_knot_s, settings.windows.calibration_stretches
-    if every is None:
-        return settings
-    apart = plan.frames / plan.rate / max(stretches - 1, 1)
-    return replace(settings, calibration=replace(settings.calibration, heading_knot_s=max(every, apart)))
 
 
 def _calibrate_filmed(

@@ -1,6 +1,6 @@
 """From the solved state to an estimate."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,14 +10,13 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import CameraEstimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import Array, wrap_angle
-from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
+from vip_factors.problem.layout import FRAME, ROOT, Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
-from vip_factors.problem.variables import CAMERA
+from vip_factors.problem.variables import CAMERA, scene_layout
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import CameraPath, VideoClock
-from vip_factors.solve.chain_elimination import chain_marginals
 from vip_factors.stages.solver import Solver
 from vip_factors.terms import acceleration, orientation
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
@@ -39,11 +38,11 @@ def decode(
 def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> SensorCalibration:
     heading, R_bone_sensor = float(wrap_angle(state.headings[sensor])), state.R_bone_sensor[sensor]
     bone = JOINT_NAMES[model.sensors[sensor].bone]
-    if not model.headings_walk:
+    if not model.headings_drift:
         return SensorCalibration(heading, R_bone_sensor, bone=bone)
-    path = state.heading_knots[:, sensor]
+    path = state.heading_path[:, sensor]
     return SensorCalibration(
-        heading, R_bone_sensor, heading_time=model.heading_knots, heading_path=heading + path - path[0], bone=bone
+        heading, R_bone_sensor, heading_time=model.heading_times, heading_path=heading + path - path[0], bone=bone
     )
 
 
@@ -67,9 +66,8 @@ def residuals(model: WearerProblem, state: WearerState) -> dict[str, Array]:
     return kinds
 
 
-def pose_covariance(keys: Sequence[int], marginals: Mapping[int, Array]) -> PoseCovariance:
-    """The covariance of joints and root, out of the marginals of a wearer's frames."""
-    covariance = np.stack([marginals[key] for key in keys])
+def pose_covariance(covariance: Array) -> PoseCovariance:
+    """The covariance of joints and root, of ``(T, 75, 75)`` of a wearer's frames."""
     joints = np.stack([covariance[:, c : c + 3, c : c + 3] for c in range(0, ROOT, 3)], axis=1)
     return PoseCovariance(joints, covariance[:, ROOT:FRAME, ROOT:FRAME])
 
@@ -77,11 +75,11 @@ def pose_covariance(keys: Sequence[int], marginals: Mapping[int, Array]) -> Pose
 @dataclass(frozen=True)
 class SceneCovariance:
     """How sure poses are: of each wearer, and ``(T, 6, 6)`` of the camera's pose (None if that is kept); and what all
-    frames share, by key."""
+    frames share ``(s, s)``."""
 
     wearers: tuple[PoseCovariance, ...]
     camera: Array | None
-    shared: Mapping[int, Array]
+    shared: Array
 
     def at(self, frames: np.ndarray) -> "SceneCovariance":
         """The covariance at some frames, by index ``(n,)``; a camera that stands still has one for all."""
@@ -98,28 +96,24 @@ def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> 
         SolveError: if a variable is not determined.
     """
     objective, wearers = SceneObjective(model), list[PoseCovariance]()
-    marginals = chain_marginals(objective.linearise(state), solver.progress_of("standard deviations"))
+    layout, progress = objective.layout, solver.progress_of("standard deviations")
+    marginals = objective.linearise(state).marginals(progress)
     for number in range(len(model.wearers)):
-        keys = objective.frame_keys(OwnerId(Owner.WEARER, number))
-        assert keys is not None
-        wearers.append(pose_covariance(keys, marginals))
-    camera, path = None, objective.frame_keys(CAMERA)
+        chain = layout.chain_of(OwnerId(Owner.WEARER, number))
+        assert chain is not None
+        wearers.append(pose_covariance(marginals.chains[chain]))
+    camera, path = None, layout.chain_of(CAMERA)
     if path is not None:
-        camera = np.stack([marginals[key] for key in path])
-    elif (still := static_covariance(objective, CAMERA, "poses", marginals)) is not None:
+        camera = marginals.chains[path]
+    elif (still := static_covariance(layout, CAMERA, "poses", marginals.static)) is not None:
         camera = still[None]
-    return SceneCovariance(tuple(wearers), camera, {key: marginals[key] for key in objective.static_keys})
+    return SceneCovariance(tuple(wearers), camera, marginals.static)
 
 
-def static_covariance(
-    objective: SceneObjective, owner: OwnerId, block: str, marginals: Mapping[int, Array]
-) -> Array | None:
-    """The covariance of a static block ``(c, c)``; None where it is no variable."""
-    own, columns = objective.static_columns(owner), objective.layout.columns(owner, block)
-    if own is None or not len(columns) or own[0] not in marginals:
-        return None
-    place = columns - own[1].start
-    return marginals[own[0]][np.ix_(place, place)]
+def static_covariance(layout: Layout, owner: OwnerId, block: str, covariance: Array) -> Array | None:
+    """The covariance of a static block ``(c, c)``, of that of all ``(s, s)``; None where it is no variable."""
+    columns = layout.columns(owner, block)
+    return covariance[np.ix_(columns, columns)] if len(columns) else None
 
 
 def decode_wearers(
@@ -165,13 +159,11 @@ def reprojection_rms(model: SceneProblem, state: SceneState) -> Array:
     return np.stack(columns, axis=1)
 
 
-def with_sigmas(
-    estimate: WearerEstimate, model: SceneProblem, number: int, marginals: Mapping[int, Array] | None
-) -> WearerEstimate:
+def with_sigmas(estimate: WearerEstimate, model: SceneProblem, number: int, shared: Array | None) -> WearerEstimate:
     """The estimate with standard deviations of its calibration, where those are variables of ``model``."""
-    objective, owner = SceneObjective(model), OwnerId(Owner.WEARER, number)
-    headings = _sigmas(objective, owner, "headings", marginals)
-    mountings = _sigmas(objective, owner, "R_bone_sensor", marginals)
+    layout, owner = scene_layout(model), OwnerId(Owner.WEARER, number)
+    headings = _sigmas(layout, owner, "headings", shared)
+    mountings = _sigmas(layout, owner, "R_bone_sensor", shared)
     calibration: dict[str, SensorCalibration] = {}
     for s, sensor in enumerate(model.wearers[number].frames.sensors):
         one = estimate.calibration[sensor]
@@ -183,23 +175,19 @@ def with_sigmas(
     return replace(estimate, calibration=calibration)
 
 
-def _sigmas(
-    objective: SceneObjective, owner: OwnerId, block: str, marginals: Mapping[int, Array] | None
-) -> Array | None:
-    covariance = None if marginals is None else static_covariance(objective, owner, block, marginals)
+def _sigmas(layout: Layout, owner: OwnerId, block: str, shared: Array | None) -> Array | None:
+    covariance = None if shared is None else static_covariance(layout, owner, block, shared)
     return None if covariance is None else np.sqrt(np.diag(covariance))
 
 
-def camera_with_sigmas(
-    estimate: CameraEstimate, model: SceneProblem, marginals: Mapping[int, Array] | None
-) -> CameraEstimate:
+def camera_with_sigmas(estimate: CameraEstimate, model: SceneProblem, shared: Array | None) -> CameraEstimate:
     """The camera's estimate with standard deviations of its clock and its IMU's calibration."""
-    objective = SceneObjective(model)
-    clock = [_sigmas(objective, CAMERA, block, marginals) for block in ("clock", "clock_drift")]
+    layout = scene_layout(model)
+    clock = [_sigmas(layout, CAMERA, block, shared) for block in ("clock", "clock_drift")]
     if clock[0] is not None and clock[1] is not None:
         estimate = replace(estimate, clock_sigma=(float(clock[0][0]), float(clock[1][0])))
-    heading = _sigmas(objective, CAMERA, "heading", marginals)
-    mounting = _sigmas(objective, CAMERA, "R_camera_imu", marginals)
+    heading = _sigmas(layout, CAMERA, "heading", shared)
+    mounting = _sigmas(layout, CAMERA, "R_camera_imu", shared)
     if heading is None or mounting is None or estimate.calibration is None:
         return estimate
     calibration = replace(estimate.calibration, heading_sigma=float(heading[0]), mounting_sigma=mounting)

@@ -17,16 +17,22 @@ def with_found_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
     """The model that expects of each heading to drift as it was found to: a few minutes tell a calm sensor from a bad.
 
     Of a random walk the mean square of its steps by their minutes is the variance per minute; the usual one is added
-    for a minute's worth, so that few knots do not make it nought.
+    for a minute's worth, so that few steps do not make it nought. Steps of some time are looked at: the smoother shares
+    a drift out among shorter ones.
     """
     usual_minutes = 1.0  # the usual drift counts as much as this long a look at the sensor's own
-    if not model.headings_walk:
+    least_s = 40.0
+    if not model.headings_drift:
         return model
-    on = model.walks_on
-    minutes = np.diff(model.heading_knots)[on] / 60
-    squares = np.sum(np.rad2deg(np.diff(state.heading_knots, axis=0)[on]) ** 2, axis=0)
+    minutes, squares = 0.0, np.zeros(len(state.headings))
+    pieces = np.split(np.arange(len(model.heading_times)), np.flatnonzero(~model.drifts_on) + 1)
+    for time, path in ((model.heading_times[one], state.heading_path[one]) for one in pieces):
+        ends = np.linspace(time[0], time[-1], max(round(float(time[-1] - time[0]) / least_s), 1) + 1)
+        at_ends = np.array([np.interp(ends, time, column) for column in path.T])
+        minutes += float(time[-1] - time[0]) / 60
+        squares += np.sum(np.rad2deg(np.diff(at_ends)) ** 2, axis=1)
     usual = model.settings.heading_walk.drift_deg
-    drift = np.sqrt((usual**2 * usual_minutes + squares) / (usual_minutes + float(minutes.sum())))
+    drift = np.sqrt((usual**2 * usual_minutes + squares) / (usual_minutes + minutes))
     return replace(model, heading_drift_deg=drift)
 
 

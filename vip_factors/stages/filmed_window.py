@@ -29,7 +29,7 @@ from vip_factors.stages.floor import with_declared_floor
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, with_body_of
 from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames, track_window
-from vip_factors.stages.inertial_model import declared_pose, with_fixed_calibration, with_heading_knots
+from vip_factors.stages.inertial_model import declared_pose, with_fixed_calibration, with_heading_times
 from vip_factors.stages.reporting import full_rate_covariance
 from vip_factors.stages.scene_solution import SceneSolution, solve_from
 from vip_factors.stages.sensor_checks import Corrections, corrected_elsewhere
@@ -78,11 +78,11 @@ class WearerStart:
         if self.p_world_pelvis is not None:
             shift = self.p_world_pelvis - state.p_world_pelvis[0]
             state = replace(state, p_world_pelvis=state.p_world_pelvis + shift)
-        model = with_heading_knots(model, settings.calibration)
-        if not model.headings_walk:
+        model = with_heading_times(model, settings.calibration)
+        if not model.headings_drift:
             model = replace(model, heading_drift_deg=np.zeros(0))
         model = replace(model, prior_headings=self.headings.at(float(time[0])))
-        return InertialSolution(model, state.with_knots(len(model.heading_knots)))
+        return InertialSolution(model, state.with_headings(len(model.heading_times)))
 
 
 @dataclass(frozen=True)
@@ -323,7 +323,7 @@ class KnownScene:
                 heading_sigma=np.zeros(len(sites)),
                 prior_R_bone_sensor=own.R_bone_sensor,
                 mounting_sigma=np.array(sigmas),
-                heading_knots=np.zeros(0),
+                heading_times=np.zeros(0),
                 heading_drift_deg=solved.heading_drift_deg,
                 settings=factors,
                 variation=None,

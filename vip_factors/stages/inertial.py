@@ -22,7 +22,6 @@ from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CalibrationSettings, CommonSettings
-from vip_factors.solve.chain_elimination import last_marginals
 from vip_factors.stages.calibration_start import search_start
 from vip_factors.stages.decode import with_sigmas
 from vip_factors.stages.drift import with_found_drift
@@ -32,7 +31,7 @@ from vip_factors.stages.inertial_model import (
     inertial_model,
     placed_on_floor,
     with_contacts,
-    with_heading_knots,
+    with_heading_times,
     with_inflated_contact_sigma,
 )
 from vip_factors.stages.solver import Solver
@@ -75,8 +74,8 @@ def inertial_tracker(
     state = solver.solve_wearer(frame_by_frame(model), start, "inertial tracker")
     if model.initial_pose is not None:  # so far beyond its limits a joint says that its zero is elsewhere, once
         model = replace(model, limits=model.limits.reaching(joint_vector(state.R_parent_child), CONTRADICTION))
-    model = with_heading_knots(model, settings.calibration)
-    return InertialSolution(model, placed_on_floor(model, state).with_knots(len(model.heading_knots)), starts)
+    model = with_heading_times(model, settings.calibration)
+    return InertialSolution(model, placed_on_floor(model, state).with_headings(len(model.heading_times)), starts)
 
 
 def inertial_trackers(
@@ -180,10 +179,10 @@ def with_calibration_sigmas(
     """
     model = with_contacts(with_inflated_contact_sigma(solution.model, settings), solution.state)
     objective = SceneObjective(unfilmed_problem([model], extra))
-    if not objective.static_keys:
+    if not objective.layout.static_width:
         return estimate
     try:
-        marginals = last_marginals(objective.linearise(SceneState.unfilmed([solution.state])), objective.static_keys)
+        covariance = objective.linearise(SceneState.unfilmed([solution.state])).static_covariance()
     except SolveError:
         return replace(estimate, findings=(*estimate.findings, UNDETERMINED))
-    return with_sigmas(estimate, objective.problem, 0, marginals)
+    return with_sigmas(estimate, objective.problem, 0, covariance)

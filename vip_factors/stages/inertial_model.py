@@ -9,7 +9,6 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import contact_points
-from vip_factors.errors import InputError
 from vip_factors.initialise.calibration import InitialCalibration, contact_confidence, standing_path
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
@@ -19,6 +18,7 @@ from vip_factors.settings import CalibrationSettings, CommonSettings
 
 # rad, of mountings that were read off a declared pose: what the pose says of them, it says by itself, and not twice.
 DECLARED_MOUNTING_SIGMA = np.pi / 3
+HEADING_STEP_S = 10.0  # that a heading is constant for where it drifts: with shorter steps it follows tissue, too
 FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and the papers' IT is called SOP
 
 
@@ -91,25 +91,26 @@ def with_fixed_calibration(model: WearerProblem) -> WearerProblem:
     return replace(model, **fixed)
 
 
-def with_heading_knots(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
-    """The model with knots for its headings, evenly spaced over its frames; as it is, if they are to be constant.
+def with_heading_times(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
+    """The model whose headings step every ten seconds of its frames; as it is, if they are to be constant.
 
-    Where they begin anew after pauses, each stretch between these has its own, one at either end.
-
-    Raises:
-        InputError: for knots that are too close.
+    There are headings before and behind every pause and every time between stretches.
     """
-    least_knot = 1.0  # s: faster than that a heading does not drift, and the wearer moves
-    every, time = calibration.heading_knot_s, model.frames.time
-    if every is None or not model.free_headings:
+    least, frames = calibration.heading_drift_from_s, model.frames
+    if (
+        least is None
+        or not model.free_headings
+        or (frames.time[-1] - frames.time[0] < least and not len(model.restarts))
+    ):
         return model
-    if not every >= least_knot:
-        raise InputError(f"calibration.heading_knot_s is {every:g}: expected {least_knot:g} s or more, or none")
-    ends = np.concatenate([time[:1], model.restarts.ravel(), time[-1:]]).reshape(-1, 2)
-    least = min(len(model.restarts), 1)
-    pieces = [max(round(float(end - start) / every), least) for start, end in ends]
-    knots = [np.linspace(start, end, count + 1) for (start, end), count in zip(ends, pieces, strict=True)]
-    return replace(model, heading_knots=np.concatenate(knots)) if any(pieces) else model
+    behind = np.searchsorted(frames.time, model.restarts[:, 1])
+    begins = np.unique(np.concatenate([frames.beginnings, behind[behind < len(frames)]]))
+    step_s = min(HEADING_STEP_S, float(frames.time[-1] - frames.time[0]) / 4)
+    every, times = max(1, round(step_s / frames.step)), list[float]()
+    for stretch in np.split(np.arange(len(frames)), begins[1:]):
+        parts = np.array_split(stretch, max(1, round(len(stretch) / every)))
+        times += [float(frames.time[part[[0, -1]]].mean()) for part in parts]
+    return replace(model, heading_times=np.array(times)) if len(times) > 1 else model
 
 
 def with_inflated_contact_sigma(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:

@@ -1,6 +1,6 @@
 """The last stage: the estimate of a scene, with how sure it is and what is odd about it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,12 +25,11 @@ from vip_factors.estimate import (
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
-from vip_factors.problem.variables import DETECTOR
+from vip_factors.problem.variables import DETECTOR, scene_layout
 from vip_factors.sensors.calibration import Calibration as SensorCalibrations
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.settings import CommonSettings, Settings, flatten
-from vip_factors.solve.chain_elimination import last_marginals
 from vip_factors.stages.calibrate import Calibration
 from vip_factors.stages.calibration_start import start_choice
 from vip_factors.stages.decode import (
@@ -76,7 +75,7 @@ def filmed_estimate(
     assert solution.start is not None
     fine = coarse if frames is None else fuse_finely(solution.start, coarse, associated, frames, settings, solver)
     covariance = full_rate_covariance(coarse, fine, solver) if settings.covariance and frames is not None else None
-    shared = marginals_of_shared(coarse) if covariance is None else covariance.shared
+    shared = covariance_of_shared(coarse) if covariance is None else covariance.shared
     wearers = tuple(
         replace(
             with_sigmas(estimate, coarse.model, number, shared),
@@ -225,30 +224,30 @@ def at_nearest(covariance: SceneCovariance, coarse: FusionSolution, time: Array)
     return covariance.at(np.searchsorted((coarse_time[1:] + coarse_time[:-1]) / 2, time))
 
 
-def marginals_of_shared(solution: FusionSolution) -> Mapping[int, Array] | None:
-    """How sure what all frames share is, by key; None if the data do not determine it."""
+def covariance_of_shared(solution: FusionSolution) -> Array | None:
+    """How sure what all frames share is, ``(s, s)``; None if the data do not determine it."""
     objective = SceneObjective(solution.model)
-    if not objective.static_keys:
-        return {}
+    if not objective.layout.static_width:
+        return np.zeros((0, 0))
     try:
-        return last_marginals(objective.linearise(solution.state), objective.static_keys)
+        return objective.linearise(solution.state).static_covariance()
     except SolveError:
         return None
 
 
-def body_estimate(solution: FusionSolution, number: int, marginals: Mapping[int, Array] | None) -> BodyEstimate | None:
+def body_estimate(solution: FusionSolution, number: int, shared: Array | None) -> BodyEstimate | None:
     """One wearer's body; None if nothing of it was a variable.
 
     Args:
         solution: whose bodies were found and are the problem's.
         number: of the wearer.
-        marginals: of what all frames share, by key; None if the data do not determine it.
+        shared: covariance of what all frames share; None if the data do not determine it.
     """
     model, hinges = solution.model.wearers[number], solution.state.wearers[number].hinges
-    objective, owner = SceneObjective(solution.model), OwnerId(Owner.WEARER, number)
+    layout, owner = scene_layout(solution.model), OwnerId(Owner.WEARER, number)
 
     def covariance(block: str, size: int) -> Array:
-        known = None if marginals is None else static_covariance(objective, owner, block, marginals)
+        known = None if shared is None else static_covariance(layout, owner, block, shared)
         return np.full((size, size), np.nan) if known is None else known
 
     found, before = tuple[HingeEstimate, ...](), tuple[HingeEstimate, ...]()
@@ -271,20 +270,20 @@ def body_estimate(solution: FusionSolution, number: int, marginals: Mapping[int,
 
 
 def sensor_position_estimates(
-    solution: FusionSolution, number: int, marginals: Mapping[int, Array] | None
+    solution: FusionSolution, number: int, shared: Array | None
 ) -> tuple[SensorPlaceEstimate, ...]:
     """Of one wearer's sensors; none if they were no variables.
 
     Args:
         solution: whose bodies were found and are the problem's.
         number: of the wearer.
-        marginals: of what all frames share, by key; None if the data do not determine it.
+        shared: covariance of what all frames share; None if the data do not determine it.
     """
     model = solution.model.wearers[number]
     if not model.free_places:
         return ()
     points, found = model.sensor_points, solution.state.wearers[number].sensor_positions
-    sigmas = _sigmas(solution, OwnerId(Owner.WEARER, number), "sensor_positions", found.shape, marginals)
+    sigmas = _sigmas(solution, OwnerId(Owner.WEARER, number), "sensor_positions", found.shape, shared)
     whitening = np.linalg.inv(sensor_position_whitening(model))
     prior_sigmas = np.sqrt(np.einsum("sij,sij->si", whitening, whitening))
     return tuple(
@@ -295,19 +294,22 @@ def sensor_position_estimates(
     )
 
 
-def detector_estimate(solution: FusionSolution, marginals: Mapping[int, Array] | None) -> DetectorEstimate | None:
-    """The detector's keypoint offsets; None if they were no variables. ``marginals`` are of what all share."""
+def detector_estimate(solution: FusionSolution, shared: Array | None) -> DetectorEstimate | None:
+    """The detector's keypoint offsets; None if they were no variables.
+
+    ``shared`` is the covariance of what all frames share; None if the data do not determine it.
+    """
     if not solution.model.free_keypoints:
         return None
     found = solution.state.detector.keypoint_offsets
     prior = solution.model.camera.prior_offsets
-    sigma = _sigmas(solution, DETECTOR, "keypoint_offsets", found.shape, marginals)
+    sigma = _sigmas(solution, DETECTOR, "keypoint_offsets", found.shape, shared)
     return DetectorEstimate(OFFSET_KEYPOINTS, prior.mean, found, prior.sigma, sigma)
 
 
 def _sigmas(
-    solution: FusionSolution, owner: OwnerId, block: str, shape: tuple[int, ...], marginals: Mapping[int, Array] | None
+    solution: FusionSolution, owner: OwnerId, block: str, shape: tuple[int, ...], shared: Array | None
 ) -> Array:
     """Standard deviations of a static block in its shape; NaN if not known."""
-    known = None if marginals is None else static_covariance(SceneObjective(solution.model), owner, block, marginals)
+    known = None if shared is None else static_covariance(scene_layout(solution.model), owner, block, shared)
     return np.full(shape, np.nan) if known is None else np.sqrt(np.diag(known)).reshape(shape)

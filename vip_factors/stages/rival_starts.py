@@ -73,7 +73,7 @@ def _solved_from(
     model = replace(model, prior_headings=start.headings, prior_R_bone_sensor=start.R_bone_sensor)
     begins = replace(
         found, R_parent_child=tracked.state.R_parent_child, headings=start.headings, R_bone_sensor=start.R_bone_sensor
-    ).with_knots(len(model.heading_knots))
+    ).with_headings(len(model.heading_times))
     wearers, states = list(problem.wearers), list(state.wearers)
     wearers[number], states[number] = model, begins
     problem, state = replace(problem, wearers=tuple(wearers)), replace(state, wearers=tuple(states))

@@ -29,7 +29,7 @@ from vip_factors.stages.reporting import at_nearest, filmed_estimate, unfilmed_e
 from vip_factors.stages.scene_solution import SceneSolution
 from vip_factors.stages.sensor_checks import CorrectedSamples
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.window_join import SolvedWindow, moved
+from vip_factors.stages.window_join import Headings, SolvedWindow, moved
 from vip_factors.stages.windows import MapFn, WindowPlan
 
 # m, of a window that is tracked afresh: where it begins the one before it tells, once it is moved there, and its height
@@ -149,8 +149,7 @@ def _tracked_afresh(
     coarse_decrease = 0.1
     (shared,) = solution.wearers
     model = replace(shared.model, frames=frames, initial_pose=shared.model.initial_pose if is_first else None)
-    middle = model.knot_weights(slice(len(frames) // 2, len(frames) // 2 + 1))
-    headings = shared.state.headings if middle is None else middle[0] @ shared.state.heading_knots
+    headings = Headings.of(model, shared.state).at(float(frames.time[len(frames) // 2]))
     state = track_window(model, shared.state, headings, solver)
     if settings.acceleration:
         rough = replace(solver, settings=replace(solver.settings, relative_decrease=coarse_decrease))

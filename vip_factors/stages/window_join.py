@@ -32,22 +32,22 @@ class Headings:
     """Of a wearer's sensors, over some time.
 
     Attributes:
-        time: ``(K,)`` seconds of the knots; linear in between, and beyond them as at the nearest.
-        knots: ``(K, S)`` radians, not wrapped.
+        time: ``(K,)`` seconds; linear in between, and beyond them as at the nearest.
+        path: ``(K, S)`` radians, not wrapped.
     """
 
     time: Array
-    knots: Array
+    path: Array
 
     @classmethod
     def of(cls, model: WearerProblem, state: WearerState) -> "Headings":
-        """Those of a solution; constant ones have a knot in the middle of its frames."""
-        time = model.heading_knots if model.headings_walk else np.atleast_1d(np.mean(model.frames.time[[0, -1]]))
-        return cls(time, state.heading_knots[: len(time)])
+        """Those of a solution; constant ones are those of the middle of its frames."""
+        time = model.heading_times if model.headings_drift else np.atleast_1d(np.mean(model.frames.time[[0, -1]]))
+        return cls(time, state.heading_path[: len(time)])
 
     def at(self, time: float) -> Array:
         """``(S,)`` at an instant, seconds."""
-        return np.array([np.interp(time, self.time, column) for column in self.knots.T])
+        return np.array([np.interp(time, self.time, column) for column in self.path.T])
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def moved(window: SolvedWindow, before: SolvedWindow, has_floor: bool) -> Solved
             for one, (first, second) in zip(window.wearers, wearers, strict=True)
         ),
         camera=None if camera is None else _turned_camera(camera, yaw, shift),
-        headings=tuple(replace(one, knots=one.knots + yaw) for one in window.headings),
+        headings=tuple(replace(one, path=one.path + yaw) for one in window.headings),
     )
 
 
@@ -366,9 +366,9 @@ def _calibration(wearer: WearerEstimate, headings: Sequence[Headings]) -> dict[s
     kept = [own.time < after.time[0] for own, after in itertools.pairwise(headings)]
     kept.append(np.ones(len(headings[-1].time), bool))
     time = np.concatenate([own.time[which] for own, which in zip(headings, kept, strict=True)])
-    knots = np.concatenate([own.knots[which] for own, which in zip(headings, kept, strict=True)])
+    paths = np.concatenate([own.path[which] for own, which in zip(headings, kept, strict=True)])
     calibration = {}
-    for sensor, path in zip(wearer.sensors, knots.T, strict=True):
+    for sensor, path in zip(wearer.sensors, paths.T, strict=True):
         heading = float(wrap_angle(path[0]))
         moves = {"heading_time": time, "heading_path": heading + path - path[0]} if len(time) > 1 else {}
         calibration[sensor] = replace(wearer.calibration[sensor], heading=heading, **moves)

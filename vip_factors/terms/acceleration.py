@@ -55,20 +55,20 @@ def _turned(heading: float | Array, specific_force_inertial: Array) -> Array:
 
 
 def equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquations]:
-    """One factor for each sensor, on where it sits in three frames and on its heading in the middle one."""
+    """One factor for each sensor, on where it sits in three frames and on its heading in the first one."""
     problem = at.problem
     if not problem.use_acceleration:
         return
     settings = problem.settings.acceleration
     body, step = at.body.at(slice(first.start, first.stop + 2)), problem.frames.step
     p, centre = at.sensor_points.on(body), slice(first.start + 1, first.stop + 1)
-    headings, force = at.headings(centre), problem.frames.specific_force_inertial[centre]
+    headings, force = at.headings(first), problem.frames.specific_force_inertial[centre]
     residual = acceleration_residual(p[:-2], p[1:-1], p[2:], step, headings, force) / settings.sigma
     c = SECOND_DIFFERENCE / (step**2 * settings.sigma)
 
     def blocks() -> tuple[JacobianBlock, ...]:
         by_heading = acceleration_by_heading(headings, force) / settings.sigma
-        heading = JacobianBlock(at.owner, "headings", by_heading[..., None], each=True, ahead=1)
+        heading = JacobianBlock(at.owner, "headings", by_heading[..., None], each=True)
         return heading, *differenced(at.sensor_blocks(body), c)
 
     yield DifferenceEquations(

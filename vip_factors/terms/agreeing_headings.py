@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vip_factors.geometry.rotations import wrap_angle
-from vip_factors.terms.equations import AT_THE_FIRST_KNOT, DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import Loss, RobustLoss
 
@@ -34,7 +34,7 @@ def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
         mean = np.arctan2(np.sin(headings).sum(), np.cos(headings).sum())
         share = np.cos(headings - mean)
         by_all = (np.eye(len(headings)) - share / share.sum()) / sigma
-        block = JacobianBlock(at.owner, "headings", by_all[None, :, None], ahead=AT_THE_FIRST_KNOT)
+        block = JacobianBlock(at.owner, "headings", by_all[None, :, None])
         yield from prior_equations(block, wrap_angle(headings - mean)[:, None] / sigma, settings.loss)
 
 

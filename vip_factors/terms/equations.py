@@ -15,8 +15,6 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import OwnerId
 from vip_factors.terms.robust import SQUARE, Loss, RobustLoss
 
-AT_THE_FIRST_KNOT = -1
-
 
 @dataclass(frozen=True)
 class Residuals:
@@ -60,8 +58,7 @@ class JacobianBlock:
         owner, block: whose, and which: a name that the :class:`~vip_factors.problem.layout.Layout` knows.
         jacobian: ``(t, n, m, c)``, whitened.
         each: whether every factor has its own item of the block, in order; else all have the whole block.
-        ahead: of a block that changes with time: how many frames after its first one the factor sees it; or
-            ``AT_THE_FIRST_KNOT``, of one that walks, where it does not see it at the instant of a frame.
+        ahead: of a block that each frame has of its own: how many frames after its first one the factor sees it.
     """
 
     owner: OwnerId
@@ -150,10 +147,10 @@ class DenseEquations(Residuals):
 
 
 @dataclass(frozen=True)
-class KnotEquations(Residuals):
-    """Factors between the values of a block at neighbouring knots: ``n`` of one row, from each knot to the next.
+class WalkEquations(Residuals):
+    """Factors between values of a block that steps from time to time: ``n`` of one row, of each step.
 
-    ``residual`` is ``(K − 1, n, 1)``, its frames are knots; ``root`` ``(K − 1, n)`` is one over the sigmas.
+    ``residual`` is ``(K, n, 1)``, its frames are steps; ``root`` ``(K, n)`` is one over the sigmas.
     """
 
     owner: OwnerId
@@ -161,7 +158,7 @@ class KnotEquations(Residuals):
     root: Array
 
 
-Equations = BoneEquations | DifferenceEquations | JointEquations | DenseEquations | KnotEquations
+Equations = BoneEquations | DifferenceEquations | JointEquations | DenseEquations | WalkEquations
 
 
 def prior_equations(
@@ -233,10 +230,6 @@ class Term(Generic[At]):
                 object.__setattr__(one, "confidence", one.confidence * share)
                 object.__setattr__(one, "loss", one.loss.tempered(share))
             yield one
-
-    def within(self, at: At, frames: slice) -> Iterator[Equations]:
-        """The equations of the factors that see any frame of a stretch."""
-        yield from self.of_first_in(at, slice(max(frames.start - self.reach, 0), frames.stop))
 
     def of_first_in(self, at: At, frames: slice) -> Iterator[Equations]:
         """The equations of the factors whose first frame lies in a stretch."""

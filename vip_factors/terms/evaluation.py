@@ -137,9 +137,10 @@ class WearerEvaluation:
         return p_world - self.state.p_world_pelvis[first.start : first.start + len(p_world), None]
 
     def headings(self, frames: slice) -> Array:
-        """Of all sensors ``(S,)``, or ``(t, S)`` at the instants of frames where headings walk."""
-        weights = self.problem.knot_weights(frames)
-        return self.state.headings if weights is None else weights @ self.state.heading_knots
+        """Of all sensors ``(S,)``, or ``(t, S)`` in frames where headings drift."""
+        if not self.problem.headings_drift:
+            return self.state.headings
+        return self.state.heading_path[self.problem.heading_numbers(frames)]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.terms.equations import AT_THE_FIRST_KNOT, DenseEquations, JacobianBlock, Term, prior_equations
+from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import CameraEvaluation, WearerEvaluation
 from vip_factors.terms.heading_walk import walk_sigma
 
@@ -36,8 +36,8 @@ def heading_sigmas(problem: WearerProblem) -> Array:
     """
     settings = problem.settings.heading_prior
     sigmas = np.maximum(problem.heading_sigma, np.deg2rad(settings.least_sigma_deg))
-    if problem.headings_walk:
-        whole = walk_sigma(problem, problem.heading_knots[-1] - problem.heading_knots[0])
+    if problem.headings_drift:
+        whole = walk_sigma(problem, problem.heading_times[-1] - problem.heading_times[0])
         sigmas = np.hypot(sigmas, np.sqrt(2 / 3) * whole)
     if problem.is_gauge:
         sigmas[problem.gauge_sensor] = settings.gauge_sigma
@@ -45,12 +45,12 @@ def heading_sigmas(problem: WearerProblem) -> Array:
 
 
 def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
-    """One factor for each sensor: on its heading at the first knot, where it walks."""
+    """One factor for each sensor: on its first heading, where it drifts."""
     if at.problem.free_headings:
         sigmas = heading_sigmas(at.problem)
         residual = wrap_angle(at.state.headings - at.problem.prior_headings) / sigmas
         jacobian = (1 / sigmas)[None, :, None, None]
-        block = JacobianBlock(at.owner, "headings", jacobian, each=True, ahead=AT_THE_FIRST_KNOT)
+        block = JacobianBlock(at.owner, "headings", jacobian, each=True)
         yield from prior_equations(block, residual[:, None])
 
 

@@ -1,7 +1,7 @@
 """Heading walk: a filter without a magnetometer forgets its north, slowly and with no memory of where it was.
 
-The residual is by how much a heading walked from one knot to the next, radians; its derivatives are −1 and 1. It is not
-wrapped: between its knots the heading is interpolated, so it is continuous.
+The residual is by how much a heading steps, radians; its derivatives are −1 and 1. The random walk goes in steps some
+seconds apart, each of the variance that gathers in these.
 """
 
 from collections.abc import Iterator
@@ -11,7 +11,7 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.terms.equations import KnotEquations, Term
+from vip_factors.terms.equations import Term, WalkEquations
 from vip_factors.terms.evaluation import WearerEvaluation
 from vip_factors.terms.robust import SQUARE
 
@@ -41,15 +41,19 @@ def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
     return settings.sigma(seconds, problem.heading_drift_deg if len(problem.heading_drift_deg) else unknown)
 
 
-def equations(at: WearerEvaluation) -> Iterator[KnotEquations]:
-    """One factor for each sensor, from each knot to the next."""
-    problem, knots = at.problem, at.state.heading_knots
-    if problem.free_headings and problem.headings_walk:
-        settings = problem.settings.heading_walk
-        walked = walk_sigma(problem, np.diff(problem.heading_knots)[:, None])
-        root = 1 / np.where(problem.walks_on[:, None], walked, np.deg2rad(settings.restart_deg))
-        residual = root * np.diff(knots, axis=0)
-        yield KnotEquations(0, residual[..., None], 1.0, SQUARE, at.owner, "headings", root)
+def step_sigmas(problem: WearerProblem) -> Array:
+    """``(K − 1, S)`` radians by which headings may change at each step."""
+    settings = problem.settings.heading_walk
+    drift = walk_sigma(problem, np.diff(problem.heading_times)[:, None])
+    return np.where(problem.drifts_on[:, None], drift, np.deg2rad(settings.restart_deg))
+
+
+def equations(at: WearerEvaluation) -> Iterator[WalkEquations]:
+    """One factor for each sensor, of each step."""
+    if at.problem.free_headings and at.problem.headings_drift:
+        root = 1 / step_sigmas(at.problem)
+        residual = root * np.diff(at.state.heading_path, axis=0)
+        yield WalkEquations(0, residual[..., None], 1.0, SQUARE, at.owner, "headings", root)
 
 
 HEADING_WALK = Term.prior("heading walk", equations)

@@ -27,7 +27,7 @@ from vip_factors.settings import Settings, flatten
 from vip_factors.stages.calibrate import calibrate
 from vip_factors.stages.fusion import fusion_problem
 from vip_factors.stages.fusion_start import FusionStart
-from vip_factors.stages.inertial import inertial_trackers
+from vip_factors.stages.inertial import FoundStart, inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.reporting import calibrated_estimate, with_model_errors
 from vip_factors.stages.restarts import in_own_frames, with_restarts
@@ -36,7 +36,7 @@ from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solve_windows import solve_at_once, solve_windows
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import join
-from vip_factors.stages.windows import MapFn, plan_windows, scene_plan
+from vip_factors.stages.windows import MapFn, coarse_times, plan_windows, scene_plan
 from vip_factors.terms.registry import unfilmed_problem
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
@@ -87,8 +87,8 @@ def smooth_chunks(
     extra = None if extra_factors is None else UserTerms(extra_factors)
     with _one_blas_thread():
         source, pauses, about_pauses = with_restarts(source, settings)
-        source, findings = with_sensors_assigned(source, settings)
-        estimate = _smooth_all(source, findings, settings, progress or silent, extra, map_fn)
+        source, findings, starts = with_sensors_assigned(source, settings, coarse_times(source, settings))
+        estimate = _smooth_all(source, findings, starts, settings, progress or silent, extra, map_fn)
 
     def reported(part: Estimate) -> Estimate:
         part = replace(part, findings=(*about_pauses, *part.findings))
@@ -100,12 +100,12 @@ def smooth_chunks(
 
 
 def _smooth_all(
-    source: SceneSource, findings: tuple[Finding, ...], settings: Settings, on_progress: ProgressCallback,
-    extra: UserTerms | None, map_fn: MapFn,
+    source: SceneSource, findings: tuple[Finding, ...], starts: Sequence[FoundStart | None], settings: Settings,
+    on_progress: ProgressCallback, extra: UserTerms | None, map_fn: MapFn,
 ) -> EstimateChunks:  # fmt: skip
     """All wearers before the cameras, or each by itself where these show nobody; with ``findings`` before others."""
     if source.head.camera is not None and settings.fusion.use_camera:
-        filmed = _smooth_scene(source, settings, on_progress, extra, map_fn)
+        filmed = _smooth_scene(source, starts, settings, on_progress, extra, map_fn)
         if isinstance(filmed, EstimateChunks):
             return filmed.changed(lambda part: replace(part, findings=(*findings, *part.findings)))
         findings = (*findings, *filmed, Finding("not in the video"))
@@ -114,9 +114,9 @@ def _smooth_all(
             "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
         )
     parts = []
-    for recording in source.wearers:
+    for recording, start in zip_longest(source.wearers, starts):
         alone = UnfilmedSource(Scene(recording.head.name, (recording.head,)), (recording,))
-        part = _smooth_scene(alone, settings, on_progress, extra, map_fn)
+        part = _smooth_scene(alone, (start,), settings, on_progress, extra, map_fn)
         assert isinstance(part, EstimateChunks)
         parts.append(part)
     if len(parts) > 1:  # several are told apart by who they are; one has the recording's name
@@ -125,11 +125,16 @@ def _smooth_all(
 
 
 def _smooth_scene(
-    source: SceneSource, settings: Settings, on_progress: ProgressCallback, extra: UserTerms | None, map_fn: MapFn
+    source: SceneSource,
+    starts: Sequence[FoundStart | None],
+    settings: Settings,
+    on_progress: ProgressCallback,
+    extra: UserTerms | None,
+    map_fn: MapFn,
 ) -> EstimateChunks | tuple[Finding, ...]:
     """Wearers before cameras, or one whom no camera sees; findings, if the cameras show nobody whom they know."""
     plan = plan_windows(source, settings, whole=extra is not None)
-    calibration = calibrate(source, plan, settings, on_progress, extra)
+    calibration = calibrate(source, plan, settings, on_progress, extra, starts)
     if isinstance(calibration, tuple):
         return calibration
     if plan.is_one_window:
@@ -146,9 +151,7 @@ def _named(name: str, estimate: Estimate) -> Estimate:
         replace(finding, wearer=name) if finding.wearer == wearer.motion.name else finding
         for finding in wearer.findings
     )
-    return replace(
-        estimate, wearers=(replace(wearer, motion=replace(wearer.motion, name=name), findings=findings),)
-    )  # fmt: skip
+    return replace(estimate, wearers=(replace(wearer, motion=replace(wearer.motion, name=name), findings=findings),))
 
 
 def _together(

@@ -79,7 +79,7 @@ def solve_stretch(
         scene = replace(scene, wearers=tuple(earlier.embodied(one) for one in scene.wearers))
     each = [
         (one, coarser(stretch.frames(one.subject.name, one.placed), settings.coarse_factor)) for one in scene.wearers
-    ]  # fmt: skip
+    ]
     is_calibrated = False
     if earlier is not None:
         wearers = tuple(_inertial_after(*one, settings, solver, earlier) for one in each)

@@ -26,7 +26,14 @@ from vip_factors.settings import Settings
 from vip_factors.stages.findings import film_findings
 from vip_factors.stages.floor import with_declared_floor
 from vip_factors.stages.fusion import with_level_floor
-from vip_factors.stages.inertial import InertialSolution, calibrated, find_start, inertial_tracker, inertial_trackers
+from vip_factors.stages.inertial import (
+    FoundStart,
+    InertialSolution,
+    calibrated,
+    find_start,
+    inertial_tracker,
+    inertial_trackers,
+)
 from vip_factors.stages.inertial_model import with_contacts, with_inflated_contact_sigma
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.scene_solution import SceneSolution, solve_from, start_before_cameras
@@ -60,7 +67,7 @@ class Calibration:
 
 def calibrate(
     source: SceneSource, plan: WindowPlan, settings: Settings, on_progress: ProgressCallback,
-    extra: ExtraTerms | None = None,
+    extra: ExtraTerms | None = None, found: Sequence[FoundStart | None] = (),
 ) -> Calibration | tuple[Finding, ...]:  # fmt: skip
     """What all frames share, of wearers in front of a camera or of one whom no camera sees.
 
@@ -70,6 +77,7 @@ def calibrate(
         settings: of all rooms.
         on_progress: called with the name of the stage and the fraction of it done.
         extra: terms of a user's own; with them all frames are one window.
+        found: each wearer's start, where it was looked for in the same samples.
 
     Returns:
         The calibration; or findings on what the cameras saw, if no wearer is recognised in any stretch.
@@ -80,9 +88,9 @@ def calibrate(
     """
     solver = Solver(settings.solve, on_progress, name=settings.solver, extra=extra)
     if not source.head.cameras:
-        return _calibrate_unfilmed(source.wearers[0], plan, settings, solver)
+        return _calibrate_unfilmed(source.wearers[0], plan, settings, solver, *found)
     fusion = replace(settings.solve, relative_decrease=settings.fusion.relative_decrease)
-    return _calibrate_filmed(source, plan, settings, replace(solver, settings=fusion))
+    return _calibrate_filmed(source, plan, settings, replace(solver, settings=fusion), found)
 
 
 @dataclass(frozen=True)
@@ -135,8 +143,8 @@ def check_sensors(
 
 
 def _calibrate_unfilmed(
-    recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver
-) -> Calibration:  # fmt: skip
+    recording: RecordingSource, plan: WindowPlan, settings: Settings, solver: Solver, found: FoundStart | None = None
+) -> Calibration:
     """By the sensors alone, from all stretches together."""
     stretches = Stretches.of(recording, plan)
     corrections, about_sensors = check_sensors(stretches, recording, plan, settings)
@@ -144,7 +152,11 @@ def _calibrate_unfilmed(
         stretches = Stretches.of(CorrectedSamples(recording, corrections), plan)
     together, frames = stretches.together, stretches.frames()
     evenly = replace(frames, time=frames.time[0] + frames.step * np.arange(len(frames)))
-    start, starts = find_start(together, evenly, settings, solver.progress_of("start"))
+    start, starts = (
+        (found.calibration, found.starts)
+        if found is not None and found.is_on(evenly.time) and not corrections
+        else find_start(together, evenly, settings, solver.progress_of("start"))
+    )
     wearer = inertial_tracker(together, frames, settings, solver, start)
     if settings.acceleration:
         wearer = calibrated(wearer, settings, solver, solver.extra)
@@ -158,7 +170,7 @@ def _calibrate_unfilmed(
 
 
 def _calibrate_filmed(
-    source: SceneSource, plan: WindowPlan, settings: Settings, solver: Solver
+    source: SceneSource, plan: WindowPlan, settings: Settings, solver: Solver, found: Sequence[FoundStart | None]
 ) -> Calibration | tuple[Finding, ...]:
     """By sensors and cameras, from the first stretch that shows all wearers, or from that which shows most."""
     looks = 3  # at stretches that are spread over a scene, where the first does not show every wearer
@@ -166,7 +178,7 @@ def _calibrate_filmed(
     coarse = len(plan.all_coarse_time)
     for begin in sorted({round(one) for one in np.linspace(0, max(coarse - plan.stretch, 0), looks)}):
         stretch = slice(begin, min(begin + plan.stretch, coarse))
-        calibration = _calibrate_on(source, plan, stretch, settings, replace(solver, reports=[]))
+        calibration = _calibrate_on(source, plan, stretch, settings, replace(solver, reports=[]), found)
         if not isinstance(calibration, Calibration):
             findings = findings or calibration
             continue
@@ -179,7 +191,12 @@ def _calibrate_filmed(
 
 
 def _calibrate_on(
-    source: SceneSource, plan: WindowPlan, stretch: slice, settings: Settings, solver: Solver
+    source: SceneSource,
+    plan: WindowPlan,
+    stretch: slice,
+    settings: Settings,
+    solver: Solver,
+    found: Sequence[FoundStart | None],
 ) -> Calibration | tuple[Finding, ...]:
     """One stretch of coarse frames; or why nobody was recognised in it."""
     time = plan.coarse_time(stretch)
@@ -188,7 +205,8 @@ def _calibrate_on(
     if stretch.start:
         scene = replace(scene, wearers=tuple(replace(one, initial_pose="none") for one in scene.wearers))
     scene, corrections, about_sensors = checked_scene(scene, settings)
-    trackers = inertial_trackers(scene, time, settings, solver)
+    same = [None if changed else start for start, changed in zip(found, corrections, strict=False)]
+    trackers = inertial_trackers(scene, time, settings, solver, same)
     start = start_before_cameras(scene, trackers, settings, solver)
     if isinstance(start, tuple):
         return *film_findings(scene, start), *start

@@ -16,7 +16,7 @@ from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.camera import CameraPath, VideoClock
-from vip_factors.sensors.frames import ImuFrames
+from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.scene import Camera
 from vip_factors.sensors.sources import SceneSource, frames_of
 from vip_factors.settings import Settings
@@ -26,7 +26,7 @@ from vip_factors.stages.decode import decode_camera, decode_wearers
 from vip_factors.stages.drift import found_clock
 from vip_factors.stages.findings import quality_checks, who_is_who
 from vip_factors.stages.floor import with_declared_floor
-from vip_factors.stages.fusion import FusionSolution, fuse_finely, with_body_of
+from vip_factors.stages.fusion import FusionSolution, with_body_of
 from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames, track_window
 from vip_factors.stages.inertial_model import declared_pose, with_fixed_calibration, with_heading_times
@@ -57,9 +57,7 @@ class WearerStart:
     p_world_pelvis: Array | None = None
     known_until: float = -np.inf
 
-    def track(
-        self, model: WearerProblem, shared: WearerState, settings: Settings, solver: Solver
-    ) -> InertialSolution:  # fmt: skip
+    def track(self, model: WearerProblem, shared: WearerState, settings: Settings, solver: Solver) -> InertialSolution:
         """The wearer on a window's coarse frames by the sensors alone; stands still if none measured anything.
 
         Args:
@@ -210,8 +208,7 @@ class FilmedWindow:
             SolveError: if its problem is not determined.
         """
         coarse, associated, first = self.solution.fused, self.solution.associated, self.cameras[0]
-        assert self.solution.start is not None
-        fine = fuse_finely(self.solution.start, coarse, associated, self.frames, self.settings, self.solver)
+        fine = self.solution.at_full_rate(self.frames, self.settings, self.solver)
         covariance = None
         if self.settings.covariance:  # with mountings as sure as they were found
             free = tuple(replace(model, free_mountings=True) for model in coarse.model.wearers)
@@ -330,16 +327,14 @@ class KnownScene:
                 free_body=False,
                 is_gauge=True,
             )
-            wearers.append(InertialSolution(known, replace(own, pose_mean=known.prior.mean)))
+            wearers.append(InertialSolution(known, own))
             starts.append(WearerStart(Headings.of(solved, own)))
         first, *_ = solution.associated
         path = solution.fused.camera_path if first.camera is scene.camera else None
         clock = found_clock(state.camera, model.camera.clock_middle, scene.cameras[0].clock)
         offsets = KeypointOffsets(state.detector.keypoint_offsets, model.camera.prior_offsets.sigma)
         start = WindowStart(tuple(starts), path, 0.0, clock)
-        return cls(
-            tuple(wearers), calibration.corrections, start, state.camera.R_camera_imu, offsets, settings
-        )  # fmt: skip
+        return cls(tuple(wearers), calibration.corrections, start, state.camera.R_camera_imu, offsets, settings)
 
     def solve(
         self, source: SceneSource, start: WindowStart, plan: WindowPlan, span: slice, solver: Solver
@@ -357,7 +352,7 @@ class KnownScene:
                 recording = replace(recording, initial_pose="none")
             recordings.append(recording)
             frames.append(frames_of(recording.imus, wearer.model.frames.sensors, time))
-            coarse = frames_of(recording.imus, wearer.model.frames.sensors, time[:: plan.factor])
+            coarse = coarser(frames[-1], plan.factor)
             model = replace(wearer.model, frames=coarse, initial_pose=declared_pose(recording, coarse, settings))
             trackers.append(begin.track(model, wearer.state, settings, solver))
         scene = replace(
@@ -372,7 +367,7 @@ class KnownScene:
         solution = solve_from(start.placed(associated, trackers, settings), scene, settings, solver)
         return FilmedWindow(
             span, tuple(frames), solution, given.cameras, start.clock, settings, solver, tuple(findings)
-        )  # fmt: skip
+        )
 
     def _first_camera(self, camera: Camera, clock: VideoClock) -> Camera:
         """The first camera of a window with what is known of it: if it stands still, its pose too."""

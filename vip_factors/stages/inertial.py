@@ -1,7 +1,8 @@
 """The stages that need nothing but IMUs: the first headings and mountings, the inertial tracker, the calibration."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import zip_longest
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -52,6 +53,25 @@ class InertialSolution:
     starts: Starts | None = None
 
 
+@dataclass(frozen=True)
+class FoundStart:
+    """Headings and mountings to begin with, as they were found.
+
+    Attributes:
+        time: ``(T,)`` seconds of the frames that they were found on.
+        calibration: these.
+        starts: how they were found.
+    """
+
+    time: Array
+    calibration: InitialCalibration
+    starts: Starts
+
+    def is_on(self, time: Array) -> bool:
+        """Whether it was found on frames at ``time`` ``(T,)``."""
+        return len(time) == len(self.time) and bool(np.allclose(time, self.time, rtol=0.0, atol=1e-6))
+
+
 def inertial_tracker(
     recording: Recording,
     frames: ImuFrames,
@@ -79,9 +99,9 @@ def inertial_tracker(
 
 
 def inertial_trackers(
-    scene: Scene, time: Array, settings: CommonSettings, solver: Solver
+    scene: Scene, time: Array, settings: CommonSettings, solver: Solver, found: Sequence[FoundStart | None] = ()
 ) -> tuple[InertialSolution, ...]:
-    """Each wearer of a scene at the instants ``time`` ``(T,)``, alone.
+    """Each wearer of a scene at the instants ``time`` ``(T,)``, alone; from starts that were ``found`` on these.
 
     Raises:
         RecordingError: for a wearer without samples of placed sensors.
@@ -89,12 +109,15 @@ def inertial_trackers(
     for wearer in scene.wearers:
         if not wearer.placed:
             raise nothing_placed(wearer.name, wearer.imus)
-    return tuple(
-        inertial_tracker(
-            wearer, resample_streams([wearer.imus[name] for name in wearer.placed], time), settings, solver
-        )
-        for wearer in scene.wearers
-    )
+    trackers = []
+    for wearer, start in zip_longest(scene.wearers, found):
+        frames = resample_streams([wearer.imus[name] for name in wearer.placed], time)
+        if start is not None and start.is_on(time):
+            tracker = inertial_tracker(wearer, frames, settings, solver, start.calibration)
+            trackers.append(replace(tracker, starts=start.starts))
+        else:
+            trackers.append(inertial_tracker(wearer, frames, settings, solver))
+    return tuple(trackers)
 
 
 def calibrated(

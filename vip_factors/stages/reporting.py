@@ -51,7 +51,7 @@ from vip_factors.stages.findings import (
     quality_checks,
     who_is_who,
 )
-from vip_factors.stages.fusion import FusionSolution, fuse_finely
+from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.inertial import with_calibration_sigmas
 from vip_factors.stages.inertial_model import method_of
 from vip_factors.stages.solver import Solver
@@ -65,15 +65,14 @@ def calibrated_estimate(calibration: Calibration, settings: Settings) -> Estimat
 
 def filmed_estimate(
     calibration: Calibration, settings: Settings, frames: Sequence[ImuFrames] | None = None
-) -> Estimate:  # fmt: skip
+) -> Estimate:
     """The estimate of a filmed scene: motions and camera on ``frames`` of the full rate, or on the calibrating ones.
 
     Bodies, and how sure what is shared is, are of the calibrating frames.
     """
     solution, solver = calibration.solution, calibration.solver
     scene, coarse, associated = solution.scene, solution.fused, solution.associated
-    assert solution.start is not None
-    fine = coarse if frames is None else fuse_finely(solution.start, coarse, associated, frames, settings, solver)
+    fine = coarse if frames is None else solution.at_full_rate(frames, settings, solver)
     covariance = full_rate_covariance(coarse, fine, solver) if settings.covariance and frames is not None else None
     shared = covariance_of_shared(coarse) if covariance is None else covariance.shared
     wearers = tuple(
@@ -98,18 +97,14 @@ def filmed_estimate(
         *quality_checks(scene, associated, fine, wearers),
         *(clock_findings(first, camera) if camera is not None else ()),
     ]
-    findings = [
-        *calibration.about_sensors, *solution.about_floor, *dict.fromkeys(findings), *solution.about_starts()
-    ]  # fmt: skip
+    findings = [*calibration.about_sensors, *solution.about_floor, *dict.fromkeys(findings), *solution.about_starts()]
     return Estimate(
         scene.name, "VIP", wearers, camera, given, tuple(solver.reports), (*film_findings(scene, findings), *findings),
         flatten(settings), detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
     )  # fmt: skip
 
 
-def unfilmed_estimate(
-    calibration: Calibration, settings: Settings, fine: WearerEstimate | None = None
-) -> Estimate:  # fmt: skip
+def unfilmed_estimate(calibration: Calibration, settings: Settings, fine: WearerEstimate | None = None) -> Estimate:
     """The estimate of a wearer whom no camera saw: ``fine`` of all frames, or that of the calibrating ones."""
     solution = calibration.solution
     (recording,), (shared,) = solution.scene.wearers, solution.wearers

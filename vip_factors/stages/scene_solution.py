@@ -14,7 +14,7 @@ from vip_factors.stages.association import AssociatedCamera, associate_cameras, 
 from vip_factors.stages.calibration_start import start_findings
 from vip_factors.stages.findings import who_is_who
 from vip_factors.stages.floor import on_floor
-from vip_factors.stages.fusion import FusionSolution, fuse_in_rounds, fusion_problem_on_frames
+from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds, fusion_problem_on_frames
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames
 from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
@@ -93,6 +93,15 @@ class SceneSolution:
             states.append(at_frames(state, coarse.frames.time, measured.time))
             models.append(with_contacts(on_frames_with_fixed_calibration(coarse, measured), states[-1]))
         return FusionSolution(unfilmed_problem(models), SceneState.unfilmed(states), ())
+
+    def at_full_rate(self, frames: Sequence[ImuFrames], settings: CommonSettings, solver: Solver) -> FusionSolution:
+        """A filmed scene solved on other ``frames`` of each wearer, with all that they share kept.
+
+        Raises:
+            SolveError: if the problem is not determined.
+        """
+        assert self.start is not None
+        return fuse_finely(self.start, self.fused, self.associated, frames, settings, solver)
 
     def about_starts(self) -> Iterator[Finding]:
         """Starts that the data does not settle."""

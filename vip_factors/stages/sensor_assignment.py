@@ -10,6 +10,7 @@ held against the keypoints.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import zip_longest
 
 import numpy as np
 
@@ -43,16 +44,28 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource, SceneSource
 from vip_factors.settings import Settings
 from vip_factors.stages.calibration_start import brisk_stretch
-from vip_factors.stages.inertial import find_start, inertial_tracker
+from vip_factors.stages.inertial import FoundStart, find_start, inertial_tracker
 from vip_factors.stages.solver import Solver
 
 
-def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[SceneSource, tuple[Finding, ...]]:
-    """The source with its sensors in each other's places where that is wanted, and what was found."""
+def with_sensors_assigned(
+    source: SceneSource, settings: Settings, times: Sequence[Array] = ()
+) -> tuple[SceneSource, tuple[Finding, ...], tuple[FoundStart | None, ...]]:
+    """The source with its sensors in each other's places where that is wanted.
+
+    Args:
+        source: of a scene.
+        settings: of all rooms.
+        times: ``(T,)`` seconds of each wearer's coarse frames; of short recordings starts are looked for there.
+
+    Returns:
+        The source, findings, and each wearer's start as the sensors are now, where it was looked for.
+    """
     if not settings.assignment.check:
-        return source, ()
+        return source, (), ()
+    starts = list[FoundStart | None]()
     placements, findings, exchanges = list[Placement](), list[Finding](), 0
-    for one in source.wearers:
+    for one, time in zip_longest(source.wearers, times):
         start, end = one.interval
         until = min(end, start + SECONDS)
         spare = (end - until) / 2
@@ -62,7 +75,9 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
         beginning = replace(head, imus=dict(one.between(start, until))) if spare else head
         filmed = settings.fusion.use_camera and source.head.camera is not None
         camera = source.between(start, until).camera if filmed else None
-        pose, sides = against_declared(replace(beginning, placement=placement), camera, settings)
+        beginning = replace(beginning, placement=placement)
+        pose, sides, begun = against_declared(beginning, camera, settings, None if spare else time)
+        starts.append(None if sides is not None or (found and not settings.assign) else begun)
         if pose is not None:
             findings.append(pose)
         if sides is not None:
@@ -73,7 +88,7 @@ def with_sensors_assigned(source: SceneSource, settings: Settings) -> tuple[Scen
         exchanges += len(found)
     if exchanges and settings.assign:
         source = ReplacedSource(source, tuple(placements))
-    return source, tuple(findings)
+    return source, tuple(findings), tuple(starts)
 
 
 def exchanges_of(recording: Recording, settings: Settings, least: float = LEAST_NATS) -> tuple[Exchange, ...]:
@@ -243,8 +258,8 @@ class _Sides:
 
 
 def against_declared(
-    recording: Recording, camera: Camera | None, settings: Settings
-) -> tuple[Finding | None, Exchange | None]:
+    recording: Recording, camera: Camera | None, settings: Settings, time: Array | None = None
+) -> tuple[Finding | None, Exchange | None, FoundStart | None]:
     """Another pose that the recording starts from; and limbs whose left and right sensors are in each other's places.
 
     Nothing is looked at where a sensor has no orientation.
@@ -253,17 +268,22 @@ def against_declared(
         recording: from its start on, with a declared pose if there is one.
         camera: that films the wearer, if one does.
         settings: of all rooms.
+        time: ``(T,)`` seconds of the frames that are looked at.
+
+    Returns:
+        The other pose, the exchange, and the start with neither, where it was looked for.
     """
     if any(one.R_inertial_sensor is None for one in recording.imus.values()):
-        return None, None
-    pairs, time = dict(_pairs(recording)), _times(recording, settings)
+        return None, None, None
+    pairs, time = dict(_pairs(recording)), _times(recording, settings) if time is None else time
     if not pairs or len(time) < LEAST_FRAMES:
-        return None, None
+        return None, None, None
     frames = resample_streams([recording.imus[name] for name in recording.placed], time)
     looked = frames, brisk_stretch(recording, frames, settings)
-    as_declared = _start(recording, looked, settings)
-    if not np.isfinite(as_declared.cost):
-        return None, None
+    calibration, starts = find_start(recording, frames, settings, lambda done: None, looked[1])
+    if starts is None:
+        return None, None, None
+    begun, as_declared = FoundStart(time, calibration, starts), starts.best
     least = LEAST_NATS
     likeliest = [_likeliest(recording, limbs, own, looked, as_declared, settings) for limbs, own in pairs.items()]
     together = sum(one.gain for one in likeliest)
@@ -274,15 +294,14 @@ def against_declared(
         gain = as_declared.cost - _start(replace(recording, initial_pose=other), looked, settings).cost
         if gain >= max(least, nats):  # arms that hang where they were to be held out, or the other way round
             words = {"declared": recording.initial_pose, "better": other}
-            return Finding("other pose", recording.subject.name, numbers={"nats": gain}, words=words), None
+            return Finding("other pose", recording.subject.name, numbers={"nats": gain}, words=words), None, begun
     if found:
-        return None, _exchange(found, LIKELIER, nats)
+        return None, _exchange(found, LIKELIER, nats), begun
     doubtful = [one for one in likeliest if one.gain > -least]
     if camera is None or not doubtful:
-        return None, None
-    return None, _seen_exchange(
-        recording, as_declared, doubtful, _sampled(camera.timed_detections, time), camera, settings
-    )
+        return None, None, begun
+    detections = _sampled(camera.timed_detections, time)
+    return None, _seen_exchange(recording, as_declared, doubtful, detections, camera, settings), begun
 
 
 def _likeliest(

@@ -22,7 +22,6 @@ from vip_factors.settings import Settings, flatten
 from vip_factors.stages.calibrate import Calibration
 from vip_factors.stages.decode import SceneCovariance, decode, decode_camera, decode_wearers, scene_covariance
 from vip_factors.stages.filmed_window import FilmedWindow, filmed_windows
-from vip_factors.stages.fusion import fuse_finely
 from vip_factors.stages.inertial import InertialSolution, track_window
 from vip_factors.stages.inertial_model import frame_by_frame, method_of, with_contacts, with_fixed_calibration
 from vip_factors.stages.reporting import at_nearest, filmed_estimate, unfilmed_estimate
@@ -192,8 +191,7 @@ def _solve_finely(
     window: tuple[slice, tuple[ImuFrames, ...]],
 ) -> SolvedWindow:  # fmt: skip
     (span, frames), solver = window, replace(solver, reports=[])
-    assert solution.start is not None
-    fine = fuse_finely(solution.start, solution.fused, solution.associated, frames, settings, solver)
+    fine = solution.at_full_rate(frames, settings, solver)
     nearest = None if covariance is None else at_nearest(covariance, solution.fused, frames[0].time)
     first = solution.scene.cameras[0]
     camera = decode_camera(first.name, fine.model, fine.state, nearest, first.clock)

@@ -245,9 +245,7 @@ def chunks_of(
     yield _chunk(before.within(slice(done, before.frames.stop)), begin, np.inf, head, summary)
 
 
-def _chunk(
-    window: SolvedWindow, start: float, end: float, head: Estimate, summary: SceneSummary | None
-) -> Estimate:  # fmt: skip
+def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate, summary: SceneSummary | None) -> Estimate:
     """Of all its frames; who is who in the video from one instant to another."""
     labels, wearers = window.wearer_of_detection[(window.detected_at >= start) & (window.detected_at < end)], []
     if summary is not None:

@@ -153,6 +153,22 @@ def plan_windows(source: SceneSource, settings: Settings, whole: bool = False) -
     return WindowPlan.of(recording.head.name, recording.interval, settings, whole)
 
 
+def coarse_times(source: SceneSource, settings: Settings) -> list[Array]:
+    """Seconds ``(T,)`` of each wearer's coarse frames in a short scene, if they are solved as it stands; else none.
+
+    Raises:
+        InputError, RecordingError: as :func:`plan_windows`.
+    """
+    if any(is_long(wearer.interval, settings) for wearer in source.wearers):
+        return []
+    if source.head.cameras and settings.fusion.use_camera:
+        return [scene_plan(source, settings, whole=True).all_coarse_time] * len(source.wearers)
+    return [
+        WindowPlan.of(wearer.head.name, wearer.interval, settings, whole=True).all_coarse_time
+        for wearer in source.wearers
+    ]
+
+
 def scene_plan(source: SceneSource, settings: Settings, whole: bool = False) -> WindowPlan:
     """Frames over the time that all wearers' sensors cover, in step with the video, and their windows.
 

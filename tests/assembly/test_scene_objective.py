@@ -77,6 +77,30 @@ def test_a_step_lowers_the_cost_and_moves_what_is_free(kind: str) -> None:
     assert solved.camera.clock_drift != state.camera.clock_drift
 
 
+@pytest.mark.parametrize("pure", [False, True])
+@pytest.mark.parametrize("drifting", [False, True])
+def test_steps_of_several_wearers_before_a_moving_camera_are_those_of_dense_algebra(drifting: bool, pure: bool) -> None:
+    model, state = small_scene("moving")
+    several, states = (*model.wearers, model.wearers[1]), (*state.wearers, state.wearers[1])
+    if drifting:  # between its frames: those before and behind are eliminated in stretches of their own
+        times = model.wearers[0].frames.time[[0, -1]]
+        several = (replace(several[0], heading_times=times), *several[1:])
+        states = (states[0].with_headings(2), *states[1:])
+    model = replace(model, wearers=several, views=(*model.views, model.views[1]))
+    state = replace(state, wearers=states)
+    objective = SceneObjective(model, kernels=None if pure else kernels)
+    damping = 0.1
+    steps = objective.linearise(state).step(damping)
+    H, g = dense(objective, state)
+    names, layout = shared_names(objective), objective.layout
+    unit = np.tile(np.concatenate([one.step for one in layout.chains]), T) ** -2.0
+    damped = [layout.per_column("step")[column] ** -2.0 * ((column, step + 1) not in names) for column, step in names]
+    x = np.linalg.solve(H + damping * np.diag(np.concatenate([unit, damped])), g)
+    end, first = layout.frame_width * T, [index for index, (_, step) in enumerate(names) if step == 0]
+    np.testing.assert_allclose(steps.frames.ravel(), x[:end], atol=1e-8 * np.abs(x).max())
+    np.testing.assert_allclose(steps.static, x[end:][first], atol=1e-8 * np.abs(x).max())
+
+
 @pytest.mark.parametrize(("chunk", "pure"), [(1, False), (2, True), (32, False)])
 @pytest.mark.parametrize("drifting", [True, False])
 @pytest.mark.parametrize("kind", KINDS)

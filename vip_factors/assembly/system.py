@@ -24,11 +24,13 @@ from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.solve.apart import Chain, EliminationApart
 from vip_factors.solve.band import Band, BandElimination, Multipliers, Shape, inverse_of_square
 from vip_factors.solve.slices import Blocks
 from vip_factors.terms.heading_walk import step_sigmas
 
 THREADS = min(4, os.cpu_count() or 1)  # that sum ahead of the elimination: more share the interpreter
+SEVERAL = 3  # wearers before a moving camera that are quicker eliminated apart
 UNKNOWN = 1e8  # rad² or m²: what is not determined has such a variance, where rounding leaves it one
 
 
@@ -168,16 +170,28 @@ class SceneSystem:
             for _, done in summed:
                 yield done.result()
 
-    def _eliminated(self, damping: float) -> tuple[list[tuple[BandElimination, Multipliers]], Array, Array]:
+    def _elimination(self, part: Part, damping: Array, apart: bool) -> BandElimination:
+        """Of one part; several wearers before a moving camera apart, if that is allowed."""
+        layout, owners = part.layout, [one.owner for one in part.layout.chains]
+        wearers = [owner for owner in owners if owner.kind is Owner.WEARER]
+        met = layout.frame_columns([owner for owner in owners if owner.kind is not Owner.WEARER])
+        if not apart or len(wearers) < SEVERAL or not len(met) or self._problem.extra is not None:
+            part.memory = BandElimination(part.shape, damping, part.memory, self._kernels)
+            return part.memory
+        others = {owner for owner, _ in layout.blocks if owner.kind is not Owner.WEARER}
+        chains = [Chain(layout.frame_columns([one]), layout.static_columns({one} | others)) for one in wearers]
+        return EliminationApart(part.shape, damping, chains, met, self._kernels)
+
+    def _eliminated(
+        self, damping: float, apart: bool = False
+    ) -> tuple[list[tuple[BandElimination, Multipliers]], Array, Array]:
         """Frames eliminated, and what all say of what they share: the triangular factor, and the vector."""
         layout = self._layout
         H, v = np.diag(damping * layout.per_column("step") ** -2.0), np.zeros(layout.static_width)
         steps = np.concatenate([np.zeros(0), *(one.step for one in layout.chains)])
         found = list[tuple[BandElimination, Multipliers]]()
         for part in self._parts:
-            elimination = part.memory = BandElimination(
-                part.shape, damping * steps[part.frame] ** -2.0, part.memory, self._kernels
-            )
+            elimination = self._elimination(part, damping * steps[part.frame] ** -2.0, apart)
             for stretch, band in zip(part.stretches, self.bands(part), strict=True):
                 elimination.eliminate(band)
                 if stretch.stop < self._problem.frames:
@@ -209,7 +223,7 @@ class SceneSystem:
         Raises:
             SolveError: if a variable is not determined.
         """
-        eliminations, R, v = self._eliminated(damping)
+        eliminations, R, v = self._eliminated(damping, apart=True)
         shared = dtrsv(R, dtrsv(R, v, trans=1)) if len(v) else v
         frames, static, later = np.zeros((self._problem.frames, self._layout.frame_width)), shared.copy(), {}
         for part, (elimination, multipliers) in zip(self._parts, eliminations, strict=True):

@@ -205,21 +205,26 @@ class BandElimination:
         up to each step of it, and last."""
         shape, behind, borders, parts = self.shape, np.zeros((REACH, self.shape.frame)), [border], list[Array]()
         for number in range(len(self._kept) - 1, -1, -1):
-            kept, d = self._kept[number]
             step = self._steps.get(number)
             if step is not None:
                 ahead = np.concatenate([behind[0], behind[1, shape.far]])[: shape.ahead]
                 border = borders[-1].copy()
                 border[step.columns] = dtrsv(step.R, step.d - step.S @ np.concatenate([ahead, borders[-1]]))
                 borders.append(border)
-            steps = d.copy()
-            if self._kernels is not None:
-                self._kernels.substitute_stretch(kept, shape.far, shape.tied, behind, border, steps)
-            else:
-                self._substitute_purely(kept, behind, border, steps)
+            steps = self.substituted(number, behind, border)
             parts.append(steps)
             behind = np.concatenate([steps[:REACH], behind])[:REACH]
         return np.concatenate([np.zeros((0, shape.frame)), *parts[::-1]]), np.array(borders[::-1])
+
+    def substituted(self, number: int, behind: Array, border: Array) -> Array:
+        """Steps ``(T, w)`` of a stretch, of those ``(2, w)`` of the frames behind it and of the border then."""
+        (kept, d), shape = self._kept[number], self.shape
+        steps = d.copy()
+        if self._kernels is not None:
+            self._kernels.substitute_stretch(kept, shape.far, shape.tied, np.ascontiguousarray(behind), border, steps)
+        else:
+            self._substitute_purely(kept, behind, border, steps)
+        return steps
 
     def _substitute_purely(self, kept: Array, behind: Array, border: Array, steps: Array) -> None:
         w, later = self.shape.frame, behind

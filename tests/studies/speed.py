@@ -83,7 +83,7 @@ class LoadTime:
         load: what there was of everything.
         recording_seconds: how long the recording lasts.
         seconds, cpu_seconds: of the pipeline.
-        elimination: of it seconds in which linear systems were eliminated: no solution of these problems needs less.
+        elimination: of it seconds in which linear systems were summed and eliminated.
         stages: seconds of each stage, in order, with the number of iterations of those that are solves.
         before, peak: resident memory in bytes: with the recording in memory, and of everything.
         stream: what updates of the same scene as a stream took; None if it was not fed.

@@ -75,29 +75,15 @@ Model = Callable[[np.ndarray], list[np.ndarray]]
 
 
 def check_interpreter() -> None:
-    """Make sure of the library before models are fetched for it.
-
-    Raises:
-        InputError: if it is not installed.
-    """
+    """Make sure that the library is installed, before models are fetched for it."""
     if find_spec("ai_edge_litert") is None:
         raise InputError("BlazePose needs ai-edge-litert, which is not installed: pip install 'vip-factors[detect]'")
 
 
 class LiteModel:
-    """A ``.tflite`` file, run on the CPU.
-
-    Args:
-        path: of the file.
-        threads: of the CPU.
-
-    Raises:
-        InputError: if the library is not installed.
-        FileFormatError: if the file is no such model.
-    """
+    """A ``.tflite`` file, run on some threads of the CPU; a :class:`FileFormatError` if the file is no such model."""
 
     def __init__(self, path: Path, threads: int) -> None:
-        check_interpreter()
         from ai_edge_litert.interpreter import Interpreter
 
         try:
@@ -107,13 +93,13 @@ class LiteModel:
         except (ValueError, RuntimeError) as error:
             raise FileFormatError(f"{path}: expected a TensorFlow Lite model ({error})") from error
         self._input = self._interpreter.get_input_details()[0]["index"]
-        self._outputs = [one["index"] for one in self._interpreter.get_output_details()]
+        self._outputs = [output["index"] for output in self._interpreter.get_output_details()]
 
     def __call__(self, given: np.ndarray) -> list[np.ndarray]:
         """Outputs for ``(1, height, width, 3)`` floats."""
         self._interpreter.set_tensor(self._input, given.astype(np.float32, copy=False))
         self._interpreter.invoke()
-        return [self._interpreter.get_tensor(one) for one in self._outputs]
+        return [self._interpreter.get_tensor(output) for output in self._outputs]
 
 
 @contextmanager
@@ -148,15 +134,6 @@ def anchor_centres() -> Array:
     return np.concatenate(centres)
 
 
-# MediaPipe's own: how sure the detector is of whom the landmark model looks at, and the intersection over union of two
-# boxes of one person.
-LEAST_SCORE, BOX_OVERLAP = 0.5, 0.3
-HIP_COLUMNS, TOP_COLUMNS = (
-    slice(4, 6),
-    slice(6, 8),
-)  # of a row: after the box come four points, these two of the whole body
-
-
 @dataclass(frozen=True)
 class DetectedPerson:
     """A person's square, in pixels of the image, and how sure the detector is, in (0, 1)."""
@@ -177,15 +154,16 @@ class PersonDetector:
 
     def find(self, image: np.ndarray, region: Square) -> list[DetectedPerson]:
         """People in an upright square part of an image ``(height, width, 3)``, red first, bytes; best first."""
+        least_score = 0.5  # MediaPipe's own, for the landmark model to look at somebody
         given = _shrunk(image, region).astype(np.float32) / 127.5 - 1
         raw, logit = self._model(given[None])
         rows, score = decoded(raw, logit, self._anchors)
-        sure = score >= LEAST_SCORE
-        found = []
-        for row, best in merged(rows[sure], score[sure]):
-            hip, top = (region.to_image(row[one], 1) for one in (HIP_COLUMNS, TOP_COLUMNS))
-            found.append(DetectedPerson(square_of(hip, top), best))
-        return [one for one in found if one.square.side > 0]
+        sure = score >= least_score
+        people = []
+        for row, best in merged(rows[sure], score[sure]):  # after the box come four points, two of the whole body
+            square = square_of(region.to_image(row[4:6], 1), region.to_image(row[6:8], 1))
+            people += [DetectedPerson(square, best)] if square.side > 0 else []
+        return people
 
 
 def _shrunk(image: np.ndarray, region: Square) -> np.ndarray:
@@ -216,10 +194,11 @@ def decoded(raw: np.ndarray, logit: np.ndarray, anchors: Array) -> tuple[Array, 
 
 def merged(rows: Array, score: Array) -> list[tuple[Array, float]]:
     """Weighted suppression of what is found twice: overlapping rows become their mean, weighed by score; best first."""
+    box_overlap = 0.3  # MediaPipe's own: intersection over union of two boxes of one person
     left = np.argsort(-score, kind="stable")
     found = []
     while len(left):
-        same = intersection_over_union(rows[left[0]], rows[left]) > BOX_OVERLAP
+        same = intersection_over_union(rows[left[0]], rows[left]) > box_overlap
         same[0] = True  # of a box without an area, too
         members = left[same]
         found.append((np.average(rows[members], axis=0, weights=score[members]), float(score[left[0]])))

@@ -21,14 +21,9 @@ from vip_factors.detect.model_files import BlazePoseFiles
 from vip_factors.detect.settings import DetectSettings
 
 
-def whole(width: int, height: int) -> Square:
-    """The upright square around an image."""
-    return Square(width / 2, height / 2, max(width, height))
-
-
 def tiles(width: int, height: int, levels: int) -> list[Square]:
     """Upright squares that cover an image: all of it, then as wide as its shorter side, then half as wide …"""
-    found = [whole(width, height)]
+    found = [Square(width / 2, height / 2, max(width, height))]
     shorter = min(width, height)
     for level in range(levels):
         side = shorter / 2**level
@@ -95,13 +90,7 @@ class Track:
 
 
 class Tracker:
-    """Follows everybody through a video.
-
-    Args:
-        detector: finds people.
-        landmarks: finds their landmarks.
-        settings: how often and where it searches.
-    """
+    """Follows everybody through a video."""
 
     def __init__(self, detector: PersonDetector, landmarks: LandmarkModel, settings: DetectSettings) -> None:
         self._detector, self._landmarks, self._settings = detector, landmarks, settings
@@ -199,11 +188,6 @@ def usual_threads() -> int:
 
 
 def blazepose_tracker(files: BlazePoseFiles, settings: DetectSettings, threads: int) -> Tracker:
-    """A tracker that finds and follows people with BlazePose.
-
-    Raises:
-        InputError: if the library that runs the models is not installed.
-        FileFormatError: if a file is no model.
-    """
+    """A tracker that finds and follows people with BlazePose."""
     detector = PersonDetector(LiteModel(files.detector, threads))
     return Tracker(detector, LandmarkModel(LiteModel(files.landmarks, threads)), settings)

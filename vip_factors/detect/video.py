@@ -83,11 +83,7 @@ DEFAULT = DetectSettings()
 
 
 def frames_to_look_at(facts: VideoFacts, settings: DetectSettings) -> range:
-    """Indices of the frames from ``start_s`` to ``end_s`` (None: the video's ends), each ``every``-th.
-
-    Raises:
-        InputError: if there are none.
-    """
+    """Indices of the frames from ``start_s`` to ``end_s`` (None: the video's ends), each ``every``-th."""
     start_s, end_s = settings.start_s, settings.end_s
     low = 0 if start_s is None else int(np.searchsorted(facts.time, start_s))
     high = len(facts) if end_s is None else int(np.searchsorted(facts.time, end_s, side="right"))
@@ -152,9 +148,6 @@ def detect_video(
         settings: which frames to look at.
         model: that finds the keypoints of the people followed.
         progress: called with the fraction of frames that are done.
-
-    Raises:
-        InputError, FileFormatError: if there is no such video, or no such frame in it.
     """
     least_s = 0.2  # that a track must last to be written: wrong finds last shorter, and help nobody
     turn_s = 0.25  # in which nobody turns about
@@ -218,11 +211,7 @@ def detect_people(
 
 
 def write_poses(path: Path, poses: VideoPoses, overwrite: bool = False) -> None:
-    """Write them into a file (.json) as MMPose does, with the keypoints' names and the frames' times.
-
-    Raises:
-        InputError: if the file exists.
-    """
+    """Write them into a file (.json) as MMPose does, with the keypoints' names and the frames' times."""
     facts = poses.facts
     about = {
         "detector": poses.detector,

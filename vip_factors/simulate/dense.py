@@ -72,12 +72,11 @@ class DenseMotion:
                 f"{time.min():g} to {time.max():g} s"
             )
         time = np.clip(time, self.start, self.end)
-        chain = ancestors(bone)
         position, velocity, acceleration = (self.root.derivative(k)(time) if k else self.root(time) for k in range(3))
         R, rate, angular = self._joint(0, time)
         rate, angular = _turn(R, rate), _turn(R, angular)
         state = BoneKinematics(R, rate, angular, position, velocity, acceleration)
-        for joint in chain[1:]:
+        for joint in ancestors(bone)[1:]:
             joint_point = state.point(self.skeleton.p_parent_joint[joint])
             R_parent_child, w, alpha = self._joint(joint, time)
             R = state.R_world_bone @ R_parent_child

@@ -36,12 +36,6 @@ class DetectedPeople:
     pixels: Array
     confidence: Array
 
-    def joined(self, others: "DetectedPeople") -> "DetectedPeople":
-        """These people and others, in one."""
-        return DetectedPeople(
-            np.concatenate([self.pixels, others.pixels]), np.concatenate([self.confidence, others.confidence])
-        )
-
 
 def single_people(
     view: View, keypoints: KeypointSet, step: float, settings: DetectorSettings, random: np.random.Generator
@@ -202,10 +196,6 @@ def _middles(view: View) -> Array:
         return np.asarray(total / finite.sum(axis=2)[..., None])
 
 
-# Whose keypoints count when a detection is given to a person (thesis 4.4.3: "major body joints", at least seven).
-MAJOR = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-
-
 def detect(
     people: Sequence[Person], camera: CameraPath, model: CameraModel, keypoints: KeypointSet,
     settings: DetectorSettings, seed: int, bias_seed: int | None = None,
@@ -226,6 +216,7 @@ def detect(
     """
     least_height_px = 60.0  # of a person to be found; COCO's small people
     overlooked_share = 0.01  # of the time that a person is in sight, ours
+    least_keypoints = 4  # fewer do not make a person; OpenPose asks for 3 or 4
     names = ("bias", "errors", "sides", "mixed", "people", "false", "order")
     children = np.random.SeedSequence([seed, 0xDE7EC7]).spawn(len(names))
     if bias_seed is not None:
@@ -242,23 +233,16 @@ def detect(
     absent |= overlooked < settings.people * overlooked_share
     absent |= ~(view.height >= least_height_px)
     detected.confidence[absent] = 0
-    detected = detected.joined(false_people(view, model, keypoints, step, settings, random["false"]))
-    return _listed(detected, view, camera, model, keypoints, random["order"])
-
-
-def _listed(
-    people: DetectedPeople, view: View, camera: CameraPath, model: CameraModel, keypoints: KeypointSet,
-    random: np.random.Generator,
-) -> tuple[Detections, np.ndarray, Array]:  # fmt: skip
-    """The detections of all frames in one list, and whose they are."""
-    confidence = np.where(model.inside(people.pixels), people.confidence, 0.0)
+    false = false_people(view, model, keypoints, step, settings, random["false"])
+    pixels = np.concatenate([detected.pixels, false.pixels])
+    confidence = np.concatenate([detected.confidence, false.confidence])
+    confidence = np.where(model.inside(pixels), confidence, 0.0)
     confidence[confidence < LEAST_CONFIDENCE] = 0
-    least_keypoints = 4  # fewer do not make a person; OpenPose asks for 3 or 4
     person, frame = np.nonzero(np.sum(confidence > 0, axis=2) >= least_keypoints)
-    order = np.lexsort((random.random(len(frame)), frame))
+    order = np.lexsort((random["order"].random(len(frame)), frame))
     person, frame = person[order], frame[order]
     confidence = confidence[person, frame]
-    pixels = np.where(confidence[..., None] > 0, people.pixels[person, frame], np.nan)
+    pixels = np.where(confidence[..., None] > 0, pixels[person, frame], np.nan)
     detections = Detections(keypoints, camera.time, frame, pixels, confidence)
     owner = owners(detections, view, keypoints)
     truth = np.where((owner >= 0)[:, None, None], view.pixels[owner, frame], np.nan)
@@ -271,7 +255,8 @@ def owners(detections: Detections, view: View, keypoints: KeypointSet) -> np.nda
     # (Drillis & Contini); it must also be nearer to this person's keypoint than to anybody else's.
     right_within = 0.065
     least_correct = 7
-    major = np.array([name.split("_")[-1] in MAJOR for name in keypoints.keypoints])
+    joints = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # major ones (thesis 4.4.3)
+    major = np.array([name.split("_")[-1] in joints for name in keypoints.keypoints])
     there = view.pixels[:, detections.frame]
     with np.errstate(invalid="ignore"):
         distance = np.nan_to_num(np.linalg.norm(detections.pixels - there, axis=3), nan=np.inf)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import permutations
 
 import numpy as np
 
@@ -76,10 +77,8 @@ def look(people: Sequence[Person], camera: CameraPath, model: CameraModel, keypo
     seen = [_Seen(person, camera, model, keypoints, offsets) for person, offsets in zip(people, bias, strict=True)]
     hidden = np.stack([one.hidden_by(one, own=True) for one in seen])
     behind = np.zeros_like(hidden)
-    for far in range(len(seen)):
-        for near in range(len(seen)):
-            if near != far:
-                behind[far] |= seen[far].hidden_by(seen[near], own=False)
+    for far, near in permutations(range(len(seen)), 2):
+        behind[far] |= seen[far].hidden_by(seen[near], own=False)
     return View(
         np.stack([one.pixels for one in seen]),
         np.stack([one.aimed for one in seen]),
@@ -111,9 +110,7 @@ class _Seen:
         to_camera = camera.p_world_camera - person.state.p_world_joint[:, joint_index("spine3")]
         self.facing = np.sum(chest * to_camera, axis=1) / np.linalg.norm(to_camera, axis=1)
 
-    def _project(
-        self, person: Person, camera: CameraPath, model: CameraModel, bias: Array
-    ) -> tuple[Array, Array]:  # fmt: skip
+    def _project(self, person: Person, camera: CameraPath, model: CameraModel, bias: Array) -> tuple[Array, Array]:
         """Pixels ``(F, K, 2)`` and depths ``(F, K)``, NaN where there is no such point before the camera."""
         F = len(camera)
         points = np.full((F, len(self.landmarks), 3), np.nan)

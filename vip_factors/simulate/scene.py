@@ -103,7 +103,10 @@ def simulate_scene(
         )
         recordings.append(replace(own, subject=replace(own.subject, name=performer.name)))
     time = _video_times([dense[number] for number in worn], settings, name)
-    people = [_person(one, time) for one in dense]
+    people = []
+    for motion in dense:  # before and after their motion people are not there
+        present = (time >= motion.start - 1e-9) & (time <= motion.end + 1e-9)
+        people.append(Person(motion.skeleton, motion.state(np.clip(time, motion.start, motion.end)), present))
     wearer = np.array([worn.index(number) if number in worn else -1 for number in (*range(len(performers)), -1)])
 
     films, azimuth = [], None
@@ -177,19 +180,13 @@ def _camera_body(
     return body, float(np.rad2deg(np.arctan2(away[1], away[0])))
 
 
-def _person(dense: DenseMotion, time: Array) -> Person:
-    """Somebody at the video's instants; before and after their motion they are not there."""
-    present = (time >= dense.start - 1e-9) & (time <= dense.end + 1e-9)
-    return Person(dense.skeleton, dense.state(np.clip(time, dense.start, dense.end)), present)
-
-
 def camera_mount(body: DenseMotion, settings: SceneSettings, seed: int) -> tuple[CameraMount, SensorCalibration]:
     """The IMU on the camera and its true calibration: nothing wobbles on it, all else is as on people."""
-    mounting_error_deg = settings.camera_mounting_error_deg
-    imu = replace(settings.imu, mounting_error_deg=mounting_error_deg, position_error_m=0.0, skin=0.0, wobble=0.0)
+    error_deg = settings.camera_mounting_error_deg
+    imu = replace(settings.imu, mounting_error_deg=error_deg, position_error_m=0.0, skin=0.0, wobble=0.0)
     site = SensorSite(CAMERA_IMU, "pelvis", P_CAMERA_IMU, R_CAMERA_IMU)  # bone 0 is the camera itself
     stream, calibration = simulate_sensor(body, site, imu, seed)
-    sigma = max(CAMERA_MOUNTING_SIGMA, np.deg2rad(settings.camera_mounting_error_deg))
+    sigma = max(CAMERA_MOUNTING_SIGMA, np.deg2rad(error_deg))
     return CameraMount(stream, R_CAMERA_IMU, P_CAMERA_IMU, float(sigma)), calibration
 
 
@@ -228,15 +225,9 @@ def camera_motion(
     if settings.camera != "fixed":
         shake = _noise(random, grid, aim_deg, aim_time_s) + _noise(random, grid, tremor_deg, tremor_time_s)
         R = R @ exp(np.deg2rad(shake))
-    return camera_body(grid, R, p)
-
-
-def camera_body(time: Array, R_world_camera: Array, p_world_camera: Array) -> DenseMotion:
-    """Splines through camera poses, as a body whose bone 0 is the camera."""
-    turns = RotationSpline(time, Rotation.from_matrix(R_world_camera))
-    path = make_interp_spline(time, p_world_camera, 5)
+    turns, path = RotationSpline(grid, Rotation.from_matrix(R)), make_interp_spline(grid, p, 5)
     body = Skeleton(np.zeros((JOINT_COUNT, 3)), source="camera")
-    return DenseMotion(body, (turns,), path, float(time[0]), float(time[-1]), "camera")
+    return DenseMotion(body, (turns,), path, float(grid[0]), float(grid[-1]), "camera")
 
 
 def looking_at(p_world_camera: Array, p_world_aim: Array) -> Array:

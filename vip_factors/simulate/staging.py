@@ -70,9 +70,8 @@ def with_initial_pose(
     turn = log(transpose(R_held) @ R[:blended])
     R[:blended] = R_held @ exp(weight[:, None, None] * turn)
     p[:blended] = p_held + weight[:, None] * (p[:blended] - p_held)
-    own = motion.frames(slice(0, blended))
-    held_pose, follows = (R_held[None], p_held[None]), (own.R_parent_child, own.p_world_pelvis)
-    p[:blended, 2] += _blended_lift(motion, R[:blended], p[:blended], held_pose, follows, weight)
+    held_pose, motion_poses = (R_held[None], p_held[None]), (motion.R_parent_child, motion.p_world_pelvis)
+    p[:blended, 2] += _blended_lift(motion, R[:blended], p[:blended], held_pose, motion_poses, weight)
     R = np.concatenate([np.repeat(R_held[None], held, axis=0), R])
     p = np.concatenate([np.repeat(p_held[None], held, axis=0), p])
     return replace(motion, R_parent_child=R, p_world_pelvis=p)
@@ -195,9 +194,8 @@ def staged(
     random = np.random.default_rng([seed, 0x57A6E])
     there = list(others)
     for motion in motions:
-        tries = TRIES if there else 1
         best, room = None, -1.0
-        for _ in range(tries):
+        for _ in range(TRIES if there else 1):
             angle, yaw = random.uniform(-np.pi, np.pi, 2)
             radius = reach_m * np.sqrt(random.random()) if there else 0.0
             candidate = placed(motion, yaw, (radius * np.cos(angle), radius * np.sin(angle)))

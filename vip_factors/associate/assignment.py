@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import Bounds, LinearConstraint, milp
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import coo_array
 
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
@@ -60,11 +60,7 @@ class AssignmentProblem:
 
 
 def solve(problem: AssignmentProblem) -> np.ndarray:
-    """The best choice ``(H,)``.
-
-    Raises:
-        SolveError: if HiGHS finds no solution (choosing nothing always is one).
-    """
+    """The best choice ``(H,)``."""
     hopeful, chosen = _settled(problem)
     rows = np.flatnonzero(hopeful & ~chosen)
     if len(rows):
@@ -83,8 +79,8 @@ def solve_in_windows(
     chosen = np.zeros(len(problem.cost), bool)
     if len(chosen) == 0:
         return chosen
-    last = int(problem.frame.max())
-    start = int(problem.frame.min())
+    first, last = int(problem.frame.min()), int(problem.frame.max())
+    start = first
     while start <= last:
         end = start + window
         if last < end + overlap // 2:
@@ -97,7 +93,7 @@ def solve_in_windows(
         chosen[rows[kept]] = best[kept]
         start = keep_until
         if progress is not None:
-            progress(min(1.0, (start - int(problem.frame.min())) / max(last + 1 - int(problem.frame.min()), 1)))
+            progress(min(1.0, (start - first) / (last + 1 - first)))
     return chosen
 
 
@@ -261,8 +257,6 @@ class _Rows:
         self.count += added
 
     def constraint(self) -> LinearConstraint:
-        if not self.parts:
-            return LinearConstraint(csr_array((1, self.columns)), -np.inf, 1.0)
         row, column, value = (np.concatenate(part) for part in zip(*self.parts, strict=True))
         A = coo_array((value, (row, column)), shape=(self.count, self.columns)).tocsr()
         return LinearConstraint(A, -np.inf, np.concatenate(self.bounds))

@@ -2,13 +2,13 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
 from vip_factors.associate.assignment import AssignmentProblem, solve_in_windows
 from vip_factors.associate.cues import assign_by_position, clothes_log_odds
 from vip_factors.associate.features import (
-    INTRA,
     Context,
     inter_features,
     intra_features,
@@ -245,7 +245,7 @@ def choose(
     progress: Callable[[float], None] | None = None,
 ) -> np.ndarray:
     """The best choice ``(H,)``, window by window."""
-    window, overlap = (max(1, round(one * context.rate)) for one in (settings.window_s, settings.overlap_s))
+    window, overlap = (max(1, round(seconds * context.rate)) for seconds in (settings.window_s, settings.overlap_s))
     return solve_in_windows(problem, max(window, overlap + 1), overlap, progress)
 
 
@@ -282,19 +282,17 @@ def intra_edges(context: Context, rows: np.ndarray, odds: Array) -> list[tuple[n
     which = np.zeros(len(context.hypotheses), bool)
     which[rows] = True
     good = np.where(which, 1 / (1 + np.exp(-np.clip(odds, -50, 50))), 0.0)
-    found = []
-    for i in range(len(context.wearers)):
-        for j in range(i + 1, len(context.wearers)):
-            a, b = pairs_of_frame(context, i, j, which)
-            if context.camera is not None:
-                features = meta_features(context, a, b)
-            elif len(a):
-                features = intra_features(context, a, b, vote_turn(context, good, i, j))
-            else:
-                features = np.zeros((0, len(INTRA)))
-            if len(a):
-                found.append((a, b, features))
-    return found
+    edges = []
+    for i, j in combinations(range(len(context.wearers)), 2):
+        a, b = pairs_of_frame(context, i, j, which)
+        if not len(a):
+            continue
+        if context.camera is not None:
+            features = meta_features(context, a, b)
+        else:
+            features = intra_features(context, a, b, vote_turn(context, good, i, j))
+        edges.append((a, b, features))
+    return edges
 
 
 def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array) -> Association:

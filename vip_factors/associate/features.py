@@ -15,12 +15,11 @@ from vip_factors.associate.tracklets import keypoint_distance, person_size, sums
 from vip_factors.geometry.rotations import Array, angle_between, transpose, wrap_angle, yaw_of
 from vip_factors.sensors.camera import CameraPath
 
-MAJOR_JOINTS = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
-
 
 def major_joints(names: Sequence[str]) -> np.ndarray:
     """Which keypoints ``(K,)`` are major joints."""
-    return np.array([name.split("_")[-1] in MAJOR_JOINTS for name in names], dtype=bool)
+    joints = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+    return np.array([name.split("_")[-1] in joints for name in names], dtype=bool)
 
 
 def given_keypoints(frequency: Array) -> np.ndarray:
@@ -261,26 +260,16 @@ def inter_features(context: Context, a: np.ndarray, b: np.ndarray) -> Array:
     h = context.hypotheses
     depth = (h.p_camera_pelvis[a, 2] + h.p_camera_pelvis[b, 2]) / 2
     u, v = h.detection[a], h.detection[b]
-    size = person_size(context.rays, context.weight)
-    plain = np.stack(
-        [
-            np.log(np.linalg.norm(h.p_camera_pelvis[a] - h.p_camera_pelvis[b], axis=1) / np.maximum(depth, 1) + 0.02),
-            np.log(angle_between(h.R_camera_pelvis[a], h.R_camera_pelvis[b]) + 0.05),
-            np.log(angle_between(h.R_camera_world[a], h.R_camera_world[b]) + 0.05),
-            np.log(
-                np.minimum(
-                    keypoint_distance(
-                        context.rays[u], context.rays[v], context.weight[u], context.weight[v],
-                        np.maximum(size[u], size[v]),
-                    ),
-                    4.0,
-                )
-                + 0.02
-            ),
-            (context.track[u] == context.track[v]).astype(float),
-        ],
-        axis=1,
-    )  # fmt: skip
+    rays, weight, size = context.rays, context.weight, person_size(context.rays, context.weight)
+    image = keypoint_distance(rays[u], rays[v], weight[u], weight[v], np.maximum(size[u], size[v]))
+    columns = [
+        np.log(np.linalg.norm(h.p_camera_pelvis[a] - h.p_camera_pelvis[b], axis=1) / np.maximum(depth, 1) + 0.02),
+        np.log(angle_between(h.R_camera_pelvis[a], h.R_camera_pelvis[b]) + 0.05),
+        np.log(angle_between(h.R_camera_world[a], h.R_camera_world[b]) + 0.05),
+        np.log(np.minimum(image, 4.0) + 0.02),
+        (context.track[u] == context.track[v]).astype(float),
+    ]
+    plain = np.stack(columns, axis=1)
     time = np.log(np.abs(context.time[h.frame[a]] - context.time[h.frame[b]]) * 30)[:, None]
     return np.concatenate([plain, plain * time, time], axis=1)
 

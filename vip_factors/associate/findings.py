@@ -1,6 +1,7 @@
 """What is odd about who is seen."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -81,14 +82,13 @@ def _alike(context: Context, motions: Sequence[Motion]) -> list[Finding]:
     """Pairs of wearers who move alike, seen from wherever."""
     alike_share = 0.7  # of the frames
     alike_m = 0.08  # mean distance between two wearers' keypoints below which nobody could tell them apart
-    found = []
-    for i in range(len(motions)):
-        for j in range(i + 1, len(motions)):
-            gap = _distance_up_to_heading(context, i, j)
-            if len(gap) and np.mean(gap < alike_m) > alike_share:
-                numbers = {"cm": 100 * float(np.median(gap))}
-                found.append(Finding("alike", motions[i].name, subject=motions[j].name, numbers=numbers))
-    return found
+    findings = []
+    for i, j in combinations(range(len(motions)), 2):
+        gap = _distance_up_to_heading(context, i, j)
+        if len(gap) and np.mean(gap < alike_m) > alike_share:
+            numbers = {"cm": 100 * float(np.median(gap))}
+            findings.append(Finding("alike", motions[i].name, subject=motions[j].name, numbers=numbers))
+    return findings
 
 
 def _distance_up_to_heading(context: Context, i: int, j: int) -> Array:

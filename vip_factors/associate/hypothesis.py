@@ -205,11 +205,6 @@ class _Problem:
 
 
 LEAST_CONFIDENCE = 0.1  # detectors write guesses below this
-DETECTOR = (
-    0.5  # of an OKS sigma is what a detector errs by; the sigmas are those of annotators on all sorts of pictures
-)
-# Metres that an inertial tracker's keypoints lie off, mounted by eye (10–15°): orientation errors add up along limbs.
-_POSE_SIGMA = {"wrist": 0.12, "ankle": 0.12, "heel": 0.13, "toe": 0.14, "elbow": 0.08, "knee": 0.08}
 
 
 @dataclass(frozen=True)
@@ -261,13 +256,13 @@ class Hypotheses:
 
 def keypoint_sigma(keypoints: KeypointSet) -> Array:
     """How far ``(K,)`` a wearer's keypoints lie off what a detector points at, in metres."""
-    trunk_sigma = 0.05
+    # Metres that an inertial tracker's keypoints lie off, mounted by eye (10–15°): errors add up along limbs.
+    limbs = {"wrist": 0.12, "ankle": 0.12, "heel": 0.13, "toe": 0.14, "elbow": 0.08, "knee": 0.08}
+    trunk = 0.05
+    detector = 0.5  # of an OKS sigma is what a detector errs by: the sigmas are of annotators on all sorts of pictures
     person_size = 0.77  # m: square root of the area that a person covers, for the OKS sigmas
-    pose = [
-        next((sigma for part, sigma in _POSE_SIGMA.items() if part in name), trunk_sigma)
-        for name in keypoints.keypoints
-    ]
-    return np.hypot(DETECTOR * person_size * keypoints.sigmas, pose)
+    pose = [next((sigma for part, sigma in limbs.items() if part in name), trunk) for name in keypoints.keypoints]
+    return np.hypot(detector * person_size * keypoints.sigmas, pose)
 
 
 def wearer_points(motion: Motion, keypoints: KeypointSet, time: Array) -> WearerPoints:
@@ -289,15 +284,12 @@ def used_confidence(detections: Detections) -> Array:
     return np.where(usable, np.minimum(detections.confidence, 1.0), 0.0)
 
 
-def hypotheses(
-    detections: Detections, rays: Array, wearers: Sequence[WearerPoints], keypoints: KeypointSet | None = None
-) -> Hypotheses:
+def hypotheses(detections: Detections, rays: Array, wearers: Sequence[WearerPoints]) -> Hypotheses:
     """The hypothesis camera of every wearer and detection for which one can be found.
 
-    ``rays`` ``(N, K, 2)`` are the detections' undistorted coordinates at depth one; ``keypoints`` have the sigmas to
-    use if not the detections' own.
+    ``rays`` ``(N, K, 2)`` are the detections' undistorted coordinates at depth one.
     """
-    weight, sigma = used_confidence(detections), keypoint_sigma(keypoints or detections.keypoints)
+    weight, sigma = used_confidence(detections), keypoint_sigma(detections.keypoints)
     parts = []
     for w, wearer in enumerate(wearers):
         index = np.flatnonzero(wearer.covered[detections.frame])
@@ -305,15 +297,9 @@ def hypotheses(
         local = wearer.p_world_keypoint[frame] - wearer.p_world_pelvis[frame][:, None]
         known = np.all(np.isfinite(local), axis=-1)
         fit = fit_cameras(local, rays[index], np.where(known, weight[index], 0.0), sigma)
-        parts.append(_of_wearer(w, wearer, index, frame, fit))
+        R, t = fit.R_camera_world, fit.p_camera_origin
+        p_world_camera = wearer.p_world_pelvis[frame] - (transpose(R) @ t[..., None])[..., 0]
+        R_camera_pelvis, number = R @ wearer.R_world_pelvis[frame], np.full(len(index), w)
+        every = Hypotheses(number, index, frame, R, p_world_camera, t, R_camera_pelvis, fit.error, fit.cost)
+        parts.append(every.select(fit.accepted))
     return Hypotheses(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
-
-
-def _of_wearer(w: int, wearer: WearerPoints, detection: np.ndarray, frame: np.ndarray, fit: CameraFit) -> Hypotheses:
-    R, t = fit.R_camera_world, fit.p_camera_origin
-    p_world_camera = wearer.p_world_pelvis[frame] - (transpose(R) @ t[..., None])[..., 0]
-    every = Hypotheses(
-        np.full(len(detection), w), detection, frame, R, p_world_camera, t, R @ wearer.R_world_pelvis[frame],
-        fit.error, fit.cost,
-    )  # fmt: skip
-    return every.select(fit.accepted)

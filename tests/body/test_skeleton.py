@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.mannequin import Side, mannequin
+from vip_factors.body.mannequin import Side, mannequin, side_of
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, ancestors, joint_index
 from vip_factors.errors import InputError
 
@@ -77,8 +77,8 @@ def test_segments_reach_every_joint_and_mirror() -> None:
     ends = {(s.bone, tuple(np.round(s.p_bone_end, 6))) for s in segments}
     for joint in range(1, JOINT_COUNT):
         assert (PARENTS[joint], tuple(np.round(skeleton.p_parent_joint[joint], 6))) in ends
-    left = [s for s in segments if s.side is Side.LEFT]
-    right = [s for s in segments if s.side is Side.RIGHT]
+    left = [s for s in segments if side_of(s.bone) is Side.LEFT]
+    right = [s for s in segments if side_of(s.bone) is Side.RIGHT]
     assert len(left) == len(right) > 5
     for one, other in zip(left, right, strict=True):
         np.testing.assert_allclose(one.p_bone_end * [-1, 1, 1], other.p_bone_end, atol=1e-12)
@@ -86,7 +86,7 @@ def test_segments_reach_every_joint_and_mirror() -> None:
 
 def test_the_crown_is_as_high_as_the_person() -> None:
     skeleton = skeleton_from_stature(1.8)
-    head = next(s for s in mannequin(skeleton) if s.region == "head" and s.p_bone_start.any())
+    head = next(s for s in mannequin(skeleton) if s.bone == joint_index("head") and s.p_bone_start.any())
     top = skeleton.p_pelvis_joint[head.bone, 1] + head.p_bone_end[1] + head.radius_end
     heel = skeleton.landmarks["left_heel"]
     sole = skeleton.p_pelvis_joint[heel.bone, 1] + heel.p_bone_point[1]

@@ -74,7 +74,6 @@ def test_a_verdict_and_settings_are_those_of_one_recording(run, folder: Path, tm
         ("smooth a.mcap --out s3://bucket/estimates", True),
         ("stream a.mcap --jobs 2", True),
         ("stream ws://127.0.0.1:0", False),
-        ("info *.mcap", False),
     ],
 )
 def test_one_recording_is_not_many(words: str, is_multi_file: bool) -> None:

@@ -6,7 +6,6 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from vip_factors.errors import InputError
 from vip_factors.geometry import rotations as so3
 from vip_factors.geometry.rotations import continuous, sequence_of_rotation
 
@@ -171,12 +170,6 @@ def test_angles_are_those_of_scipy(axes: str) -> None:
 def test_where_two_axes_fall_together_the_rotation_still_comes_back(axes: str, quarters: int) -> None:
     R = rotation_of_sequence(np.array([0.3, quarters * np.pi / 2, 0.4]), axes)
     assert np.allclose(rotation_of_sequence(sequence_of_rotation(R, axes), axes), R, atol=1e-9)
-
-
-@pytest.mark.parametrize("axes", ["zz", "zzx", "abc", "zxyz"])
-def test_other_axes_are_refused(axes: str) -> None:
-    with pytest.raises(InputError, match="axes"):
-        sequence_of_rotation(np.eye(3), axes)
 
 
 def test_continuous_angles_are_the_same_rotations_without_jumps() -> None:

@@ -47,12 +47,11 @@ def test_sites_scale_with_the_wearer() -> None:
     np.testing.assert_allclose(tall / 2.0, small / 1.5, atol=0.004)  # legs of the tall are a little longer
 
 
-def test_sensor_names_replace_site_names() -> None:
-    placement = preset("sip6", BODY, {"pelvis": "00B4"})
-    assert placement.site("00B4").bone == "pelvis"
-    assert placement.site("head").sensor == "head"
-    with pytest.raises(InputError, match="sensor 'pelvis' has no place on the body: placed are head, 00B4"):
-        placement.site("pelvis")
+def test_a_sensor_without_a_place_is_told() -> None:
+    placement = preset("sip6", BODY)
+    assert placement.site("left_shank").bone == "left_knee"
+    with pytest.raises(InputError, match="sensor '00B4' has no place on the body: placed are head, pelvis"):
+        placement.site("00B4")
 
 
 def test_unknown_names_are_refused_with_the_known_ones() -> None:

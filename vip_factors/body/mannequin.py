@@ -37,14 +37,6 @@ def side_of(bone: int) -> Side:
     return Side(first) if first in ("left", "right") and joint != "collar" else Side.MIDDLE
 
 
-def region_of(bone: int) -> str:
-    """The larger piece of the body that a bone belongs to: ``head``, ``trunk``, ``left_arm``, ``right_leg`` …"""
-    first, _, joint = JOINT_NAMES[bone].partition("_")
-    if side_of(bone) is Side.MIDDLE:
-        return "head" if first in ("neck", "head") else "trunk"
-    return f"{first}_{'arm' if joint in ('shoulder', 'elbow', 'wrist', 'hand') else 'leg'}"
-
-
 @dataclass(frozen=True)
 class Segment:
     """A rounded, tapered piece of the body, fixed to one bone: centres ``(3,)`` of its two round ends in the bone's
@@ -56,16 +48,6 @@ class Segment:
     p_bone_end: Array
     radius_start: float
     radius_end: float
-
-    @property
-    def side(self) -> Side:
-        """Side of the wearer that it is on."""
-        return side_of(self.bone)
-
-    @property
-    def region(self) -> str:
-        """The larger piece of the body that it belongs to."""
-        return region_of(self.bone)
 
 
 Point = tuple[float, float, float, float]

@@ -9,18 +9,14 @@ from vip_factors.errors import FileFormatError, InputError
 
 if TYPE_CHECKING:
     from vip_factors.body.kinematics import Motion
-    from vip_factors.estimate import Estimate, WearerEstimate
+    from vip_factors.estimate import Estimate
     from vip_factors.sensors.recording import Recording
     from vip_factors.sensors.scene import Scene
 
 
 @dataclass(frozen=True)
 class Opened:
-    """What some files hold together: a recording is a scene of one wearer without a camera.
-
-    Attributes:
-        motion: of a motion file.
-    """
+    """What some files hold together: a recording is a scene of one wearer without a camera."""
 
     scene: "Scene | None" = None
     estimate: "Estimate | None" = None
@@ -37,11 +33,6 @@ class Opened:
         """Whether several wearers or a camera are among it."""
         filmed = self.scene is not None and self.recording is None
         return filmed or (self.estimate is not None and not self.estimate.is_plain)
-
-    @property
-    def wearer_estimate(self) -> "WearerEstimate | None":
-        """Of the only wearer; None without one."""
-        return None if self.estimate is None else self.estimate.only_wearer
 
 
 def open_all(paths: Sequence[Path]) -> Opened:

@@ -38,16 +38,25 @@ class InfoOptions(WritingOptions):
 
 def main(options: InfoOptions) -> None:
     """Run the command."""
-    if options.sites and options.file is None:
-        _print_sites(options)
-        return
-    if options.file is None or options.sites:
-        raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
-    if options.picture is not None:
-        raise InputError("--picture draws the sites: give --sites instead of a file")
     from vip_factors.cli.terminal import print_tables
 
-    print_tables(file_tables(options.file, options.verbose))
+    if (options.file is None) != options.sites:
+        raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
+    if options.file is not None:
+        if options.picture is not None:
+            raise InputError("--picture draws the sites: give --sites instead of a file")
+        print_tables(file_tables(options.file, options.verbose))
+        return
+    from vip_factors.describe.recordings import site_table
+
+    if options.picture is not None:
+        from vip_factors.viz.body_view import sites_picture
+
+        with atomic_open(options.picture, overwrite=options.overwrite) as file:
+            file.write(sites_picture())
+    print_tables([site_table()])
+    if options.picture is not None:
+        say(options.picture)
 
 
 def file_tables(path: Path, verbose: bool = False) -> Iterator["Table"]:
@@ -78,17 +87,3 @@ def file_tables(path: Path, verbose: bool = False) -> Iterator["Table"]:
         yield from estimate_tables(opened.estimate, verbose)
     if opened.motion is not None:
         yield motion_facts(opened.motion, f"motion '{opened.motion.name}'")
-
-
-def _print_sites(options: InfoOptions) -> None:
-    from vip_factors.cli.terminal import print_tables
-    from vip_factors.describe.recordings import site_table
-
-    if options.picture is not None:
-        from vip_factors.viz.body_view import sites_picture
-
-        with atomic_open(options.picture, overwrite=options.overwrite) as file:
-            file.write(sites_picture())
-    print_tables([site_table()])
-    if options.picture is not None:
-        say(options.picture)

@@ -106,11 +106,7 @@ def _dispatched(words: Sequence[str]) -> int:
 
 
 def _run_without_command(words: Sequence[str]) -> NoReturn:
-    """Print help, a script that completes words in a shell, or what is wrong about words that name no command.
-
-    Raises:
-        SystemExit: always.
-    """
+    """Print help, a script that completes words in a shell, or what is wrong about words that name no command."""
     from tyro.extras import SubcommandApp
 
     from vip_factors.cli.options import options_of
@@ -118,13 +114,9 @@ def _run_without_command(words: Sequence[str]) -> NoReturn:
     completes = bool(words) and words[0] in ("--tyro-print-completion", "--tyro-write-completion")
     commands = SubcommandApp()
     for name, line in COMMANDS.items():
-        commands.command(name=name, help=line)(options_of(name) if completes else _nothing)
+        commands.command(name=name, help=line)(options_of(name) if completes else lambda: None)
     commands.cli(prog=PROGRAM, description=DESCRIPTION, args=words)
     raise SystemExit(0)
-
-
-def _nothing() -> None:
-    """Stand for a command whose options nobody asked for."""
 
 
 class _Notes:

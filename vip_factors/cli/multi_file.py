@@ -68,8 +68,6 @@ class Row:
 
 def is_multi_file(command: str, words: Sequence[str]) -> bool:
     """Whether a command is asked to work on many recordings, or on such that are elsewhere."""
-    if command not in ENDINGS:
-        return False
     options = {word.partition("=")[0] for word in words}
     if "--summary" in options or (command != "smooth" and options & {"--jobs", "--cluster"}):
         return True
@@ -99,7 +97,12 @@ def main(command: str, prog: str, words: Sequence[str]) -> int:
             futures: dict[Future[Row], Task] = {submit(work, task): task for task in tasks}
             for future in as_completed(futures):
                 task = futures[future]
-                row = rows[task.output] = _row_of(future, task)
+                try:
+                    row = future.result()
+                except Exception as error:  # of the cluster: a worker that is lost again and again, say
+                    message = f"{type(error).__name__}: {error}"
+                    row = Row(str(task.source), str(task.output), exit_code=1, error=message)
+                rows[task.output] = row
                 if row.error:
                     note(f"note: {row.input}: {row.error}")
                 progress(f"{len(rows)} of {len(tasks)} recordings", len(rows) / len(tasks))
@@ -137,13 +140,6 @@ def write_summary(rows: Iterable[Row], path: Path) -> None:
         for row in rows:
             cells = asdict(row) | {"findings": "; ".join(row.findings), "seconds": f"{row.seconds:.1f}"}
             table.writerow({name: table_cell(str(cell)) for name, cell in cells.items()})
-
-
-def _row_of(future: "Future[Row]", task: Task) -> Row:
-    try:
-        return future.result()
-    except Exception as error:  # of the cluster: a worker that is lost again and again, say
-        return Row(str(task.source), str(task.output), exit_code=1, error=f"{type(error).__name__}: {error}")
 
 
 def work(task: Task, is_stopped: Callable[[], bool] = lambda: False) -> Row:

@@ -222,9 +222,6 @@ class SettingsOptions:
 def check_outputs(options: Any) -> None:
     """Refuse outputs that are an input, that are named twice, or whose suffix tells of another content.
 
-    Args:
-        options: a dataclass of options, with dataclasses in it; outputs are marked by :class:`Output`.
-
     Raises:
         InputError: for the first of them.
     """

@@ -228,22 +228,18 @@ def _conclude(
     findings: Sequence[str],
     interrupts: "Interrupts",
 ) -> None:
-    """The summary; beside lines of JSON on stderr, where it is no part of them.
-
-    Raises:
-        VipFactorsError: if a file that was wanted is not there.
-        SystemExit: after a signal.
-    """
+    """The summary; beside lines of JSON on stderr, where it is no part of them."""
     from vip_factors.cli.stream_session import summary
 
     for sentence in findings:
         note(f"note: {sentence}")
+    tell = note if options.json else say
     if session.update_s:
-        say(summary(session.update_s, settings.frame_rate), is_remark=options.json)
-        say(f"verdict: {verdict(session.findings.values())}", is_remark=options.json)
+        tell(summary(session.update_s, settings.frame_rate))
+        tell(f"verdict: {verdict(session.findings.values())}")
         for path in (options.out, options.rerun_save):
             if path is not None and path.is_file():
-                say(path, is_remark=options.json)
+                tell(path)
     elif not interrupts.asked:
         raise InputError(
             f"{options.source} ended before there was anything to answer: expected at least "

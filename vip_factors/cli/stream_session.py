@@ -31,10 +31,6 @@ class Sink(Protocol):
         """Take in the answer to one frame."""
 
 
-def nothing() -> None:
-    """Do nothing."""
-
-
 class Interrupts:
     """Ctrl-C or SIGTERM end a stream between two samples, not within an update or half a line. A context manager.
 
@@ -48,7 +44,7 @@ class Interrupts:
 
     def __init__(self) -> None:
         self.asked = False
-        self.on_asked: Callable[[], None] = nothing
+        self.on_asked: Callable[[], None] = lambda: None
         self.exit_code = 128 + signal.SIGINT
         self._waiting = False
 

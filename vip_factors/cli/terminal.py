@@ -89,19 +89,15 @@ def waiting(what: str) -> Iterator[None]:
         yield
 
 
-def say(result: object, is_remark: bool = False) -> None:
-    """Print a result, of one line or several, on standard output; a remark on stderr."""
-    text = "\n".join(map(printable, str(result).split("\n")))
-    if is_remark:
-        print(text, file=sys.stderr, flush=True)
-        return
+def say(result: object) -> None:
+    """Print a result, of one line or several, on standard output."""
     with naming_file(STANDARD_OUTPUT):
-        print(text, flush=True)
+        print("\n".join(map(printable, str(result).split("\n"))), flush=True)
 
 
-def note(text: str) -> None:
+def note(remark: object) -> None:
     """A remark that is not a result, on stderr."""
-    print(printable(text), file=sys.stderr)
+    print(printable(str(remark)), file=sys.stderr)
 
 
 def print_tables(tables: Iterable["Table"]) -> None:
@@ -141,12 +137,9 @@ def terminal_text(tables: Iterable["Table"], width: int = UNBROKEN) -> str:
 
 class StatusLine:
     """One line that changes in place, with remarks scrolling above it; where stderr is no terminal, it is printed anew
-    every :data:`STREAM_LINE_S` seconds.
+    every :data:`STREAM_LINE_S` seconds. If not ``wanted``, for remarks only.
 
     A context manager; the line is gone at its end.
-
-    Args:
-        wanted: False for remarks only.
     """
 
     def __init__(self, wanted: bool = True) -> None:

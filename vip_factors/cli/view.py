@@ -2,18 +2,15 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import tyro
 
-from vip_factors.cli.files import Opened, open_all
+from vip_factors.cli.files import open_all
 from vip_factors.cli.options import RERUN_FILE, Output, WritingOptions
 from vip_factors.cli.terminal import say
 from vip_factors.errors import InputError
 from vip_factors.viz.viewer import check_display
-
-if TYPE_CHECKING:
-    from vip_factors.viz.drawn_scene import DrawnScene
 
 INSTEAD_OF_A_WINDOW = "--save FILE.rrd or --picture"
 
@@ -44,27 +41,21 @@ def main(options: ViewOptions) -> None:
         check_display(INSTEAD_OF_A_WINDOW)
     if opened.is_scene and opened.motion is not None:
         raise InputError(f"a motion ('{opened.motion.name}') beside a scene: expected the scene's own file for truth")
-    if options.picture is not None:
-        from vip_factors.viz.picture import filmstrip
-
-        filmstrip(_drawn(opened), options.picture, overwrite=options.overwrite)
-        say(options.picture)
-    if options.save is not None:
-        _show(opened, options.save, options)
-        say(options.save)
-    if in_a_window:
-        _show(opened, None, options)
-
-
-def _drawn(opened: Opened) -> "DrawnScene":
     from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
 
     if opened.is_scene:
-        return drawn_scene(opened.scene, opened.estimate)
-    return drawn_wearer(opened.recording, opened.wearer_estimate, opened.motion)
+        drawn = drawn_scene(opened.scene, opened.estimate)
+    else:
+        estimate = None if opened.estimate is None else opened.estimate.only_wearer
+        drawn = drawn_wearer(opened.recording, estimate, opened.motion)
+    if options.picture is not None:
+        from vip_factors.viz.picture import filmstrip
 
+        filmstrip(drawn, options.picture, overwrite=options.overwrite)
+        say(options.picture)
+    if options.save is not None or in_a_window:
+        from vip_factors.viz.rerun_view import show
 
-def _show(opened: Opened, save: Path | None, options: ViewOptions) -> None:
-    from vip_factors.viz.rerun_view import show
-
-    show(_drawn(opened), save, options.overwrite)
+        show(drawn, options.save, options.overwrite)
+    if options.save is not None:
+        say(options.save)

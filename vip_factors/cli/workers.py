@@ -88,11 +88,8 @@ def workers(jobs: int, address: str | None) -> Iterator[Callable[..., Any]]:
 
 @contextmanager
 def windows_elsewhere(jobs: int, address: str | None) -> Iterator["MapFn"]:
-    """What calls a function on each of many things, as :func:`map`, in other processes, some of them ahead.
-
-    Args:
-        jobs: processes; with one, it is done in this one.
-        address: of a Dask cluster, if it is to be done there.
+    """What calls a function on each of many things, as :func:`map`, some ahead: in ``jobs`` processes (one: in this
+    one), or on the Dask cluster at ``address``.
 
     Raises:
         InputError: as :func:`cluster`.

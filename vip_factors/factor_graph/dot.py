@@ -28,12 +28,8 @@ Node = tuple[str, int | None]
 def dot(graph: FactorGraph, title: str, first: int | None = None) -> str:
     """Three frames of a graph as DOT text: ellipses are kinds of variables, boxes kinds of factors, with their counts.
 
-    GTSAM writes the graph; colours, frames and the order of the columns are put around it.
-
-    Args:
-        graph: of one wearer or several, whose variables of a kind share a node.
-        title: above the picture.
-        first: index of the first frame; None for the middle of the recording.
+    GTSAM writes the graph; colours, frames and the order of the columns are put around it. Variables of a kind share a
+    node, those of several wearers too. The frames begin with ``first``; if None, in the recording's middle.
 
     Raises:
         InputError: if the graph has no such frame.

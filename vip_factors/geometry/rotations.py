@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vip_factors.compiled import compiled
-from vip_factors.errors import InputError
 
 Array = NDArray[np.float64]
 
@@ -198,11 +197,8 @@ def sequence_of_rotation(R: Array, axes: str) -> Array:
 
     The middle angle lies in [−π/2, π/2] of three different axes, and in [0, π] where the first axis comes again; the
     outer ones in (−π, π]. At the ends of the middle one's range they cannot be told apart: the last is then zero.
-
-    Raises:
-        InputError: for other axes than three of x, y, z of which neighbours differ.
     """
-    first, middle, last = _checked(axes)
+    first, middle, last = axes
     R = np.asarray(R, dtype=float)
     i, j = "xyz".index(first), "xyz".index(middle)
     k = 3 - i - j
@@ -234,9 +230,3 @@ def continuous(angles: Array) -> Array:
     changes = np.zeros((*one.shape[:-1], 1), dtype=int)  # from one triple to the other: back is as far
     changes[1:] = across < same
     return np.unwrap(np.where(np.cumsum(changes, axis=0) % 2 == 1, other, one), axis=0)
-
-
-def _checked(axes: str) -> tuple[str, ...]:
-    if len(axes) != 3 or set(axes) - set("xyz") or axes[0] == axes[1] or axes[1] == axes[2]:
-        raise InputError(f"axes '{axes}': expected three of x, y, z, no two neighbours the same, such as 'zxy'")
-    return tuple(axes)

@@ -336,12 +336,7 @@ def frame_number(name: int | str, where: str) -> int:
 
 
 def _which_keypoints(people: DetectedPeople, rows: Array, given: str | None) -> KeypointSet:
-    """The keypoint set of people ``(N, J, 3)``: the one given, else by their number and by how they look.
-
-    Raises:
-        InputError: for an unknown name.
-        FileFormatError: if no set fits.
-    """
+    """The keypoint set of people ``(N, J, 3)``: the one given, else by their number and by how they look."""
     path, count = people.path, rows.shape[1]
     of_count = [name for name, keypoints in KEYPOINT_SETS.items() if len(keypoints) == count]
     whole_body = WHOLE_BODY.get(count)
@@ -430,15 +425,9 @@ def write_mmpose(
     about: Mapping[str, Any],
     overwrite: bool = False,
 ) -> None:
-    """Write the poses of all frames of a video, frames without people included, whole or not at all.
+    """Write the poses of all ``F`` frames of a video, frames without people included, whole or not at all.
 
-    Args:
-        path: of the file, usually ``.json``.
-        keypoints: of the poses.
-        frames: everybody in each of the video's ``F`` frames.
-        time: ``(F,)`` seconds of the frames after the first.
-        about: for people: the video, the model …
-        overwrite: whether an existing file may be replaced.
+    ``time`` is ``(F,)`` seconds of the frames after the first; ``about`` tells people of the video, the model …
 
     Raises:
         InputError: if the file exists, or its folder is missing or read-only.

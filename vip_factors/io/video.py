@@ -274,11 +274,7 @@ BINS = (np.array([180, 256, 256]) / (HUES, SATURATIONS, VALUES)).astype(float)  
 
 
 def with_torso_colours(detections: Detections, video: Video) -> Detections:
-    """The detections with the colours of torsos, in about five frames a second; NaN in the others.
-
-    Args:
-        detections: of the video's frames, pixels as in the video.
-        video: a file.
+    """The detections of a video with the colours of torsos, in about five frames a second; NaN in the others.
 
     Raises:
         InputError, FileFormatError: if the video cannot be read.
@@ -299,11 +295,8 @@ def with_torso_colours(detections: Detections, video: Video) -> Detections:
 
 
 def torso_colour(image: np.ndarray, corners: Array) -> Array | None:
-    """Shares ``(COLOURS,)`` of the colours within four corners ``(4, 2)``; None if hardly any lies in the image.
-
-    Args:
-        image: ``(height, width, 3)``, red first, bytes.
-        corners: pixels, in order around the torso.
+    """Shares ``(COLOURS,)`` of the colours within four corners ``(4, 2)`` around the torso, pixels of an image
+    ``(height, width, 3)``, red first; None if hardly any lies in it.
     """
     corners = corners.mean(axis=0) + INNER * (corners - corners.mean(axis=0))
     length = float(np.linalg.norm(corners[:2].mean(axis=0) - corners[2:].mean(axis=0)))

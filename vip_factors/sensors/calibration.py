@@ -236,14 +236,12 @@ def site_name(site: SensorSite, skeleton: Skeleton) -> str | None:
     return nearest if nearest is not None and apart[nearest] < at_the_site_m else None
 
 
-def preset(name: str, skeleton: Skeleton, sensors: Mapping[str, str] | None = None) -> Placement:
-    """One of the :data:`PRESETS`, fitted to a skeleton; ``sensors`` maps sites to sensor names where they differ.
+def preset(name: str, skeleton: Skeleton) -> Placement:
+    """One of the :data:`PRESETS`, fitted to a skeleton; sensors are called by their sites.
 
     Raises:
         InputError: for an unknown preset.
     """
     if name not in PRESETS:
         raise InputError(f"unknown placement '{name}': expected one of {', '.join(PRESETS)}")
-    names = sensors or {}
-    sites = tuple(sensor_site(site, skeleton, names.get(site)) for site in PRESETS[name])
-    return Placement(sites, name)
+    return Placement(tuple(sensor_site(site, skeleton) for site in PRESETS[name]), name)

@@ -53,12 +53,7 @@ def _matches_export(path: Path) -> bool:
 
 
 def _read_export(path: Path) -> ImportedLog:
-    """The sensors of one export; a folder must hold one.
-
-    Raises:
-        FileFormatError: for several exports, or tables that are malformed.
-        InputError: for a quantity that lacks one of the sensors.
-    """
+    """The sensors of one export; a folder must hold one."""
     exports = {prefix: files for prefix, files in _exports(path).items() if len(files) > 1}
     if len(exports) != 1:
         names = ", ".join(exports) or "none"
@@ -118,9 +113,6 @@ def _read_quaternions(path: Path) -> ImportedLog:
 
     OpenSense's raw tables keep the sensors' own inertial frame, z up; a table that had
     ``sensor_to_opensim_rotations`` applied has y up instead. Orientation alone cannot tell which: z up is taken.
-
-    Raises:
-        FileFormatError: for other files, malformed cells, or a table without rows.
     """
     path = only_file(path, _quaternion_tables(path), "one .sto table of quaternions")
     table = read_text_table(path)
@@ -173,11 +165,7 @@ def _is_export(path: Path) -> bool:
 
 
 def _read_apdm(path: Path) -> ImportedLog:
-    """Read a recording; a folder must hold one such file.
-
-    Raises:
-        FileFormatError: for other files, without samples, or with cells that are not numbers.
-    """
+    """Read a recording; a folder must hold one such file."""
     files = [file for file in candidates(path, (".csv",)) if _is_export(file)]
     path, comma = only_file(path, files, "one APDM csv file with all sensors"), SEPARATORS["comma"]
     kept = [(i + 1, line) for i, line in enumerate(checked_lines(path, read_text(path))) if line.strip(", ")]

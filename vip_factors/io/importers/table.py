@@ -55,10 +55,7 @@ R_UP = {
 def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = None) -> ImportedLog:
     """The sensors that a column map names in the tables at ``path``: a file, a folder, or how their names begin.
 
-    Args:
-        path: of the log.
-        columns: what the columns mean.
-        tables: by path, those that have been read already.
+    ``tables`` are those that have been read already, by path.
 
     Raises:
         FileFormatError: for tables that are malformed, or whose numbers cannot be what the map says.
@@ -326,9 +323,7 @@ def _check_tilt(where: str, entry: SensorColumns, quaternion: Array, R: Array, f
 def best_reading(quaternion: Array, force: Array) -> tuple[tuple[str, str, str], float]:
     """Order, sense and upward axis under which specific force points up most steadily, and by how many degrees not.
 
-    Args:
-        quaternion: ``(N, 4)``; rows with NaN do not count.
-        force: ``(N, 3)`` specific force in the sensor, in any unit.
+    Of quaternions ``(N, 4)`` and specific forces ``(N, 3)``, in any unit; rows with NaN do not count.
     """
     known = np.all(np.isfinite(quaternion), axis=1) & np.all(np.isfinite(force), axis=1)
     direction = force[known] / np.linalg.norm(force[known], axis=1, keepdims=True).clip(1e-9)

@@ -111,20 +111,12 @@ def _matches(is_ours: Callable[[Path], bool], path: Path) -> bool:
 
 
 def _read_mtw(path: Path) -> ImportedLog:
-    """Read a recording: a file, a folder of one recording's files, or their common start (``folder/Walk-1-000``).
-
-    Raises:
-        FileFormatError: for files that are not such exports, that disagree on the rate, or hold nothing usable.
-    """
+    """Read a recording: a file, a folder of one recording's files, or their common start (``folder/Walk-1-000``)."""
     return _import_tables(path, MTW.name, sensor_files(path, SUFFIXES, _is_mtw, _mtw_name), 1.0)
 
 
 def _read_dot(path: Path) -> ImportedLog:
-    """Read a recording: a file, a folder with one file per sensor, or their common start.
-
-    Raises:
-        FileFormatError: for files that are not such exports, or hold nothing usable.
-    """
+    """Read a recording: a file, a folder with one file per sensor, or their common start."""
     files = sensor_files(path, SUFFIXES, _is_dot, _dot_name)
     log = _import_tables(path, DOT.name, files, float(np.deg2rad(1.0)))
     starts = [start for file in files.values() if (start := _start_ns(peek(file)))]
@@ -297,11 +289,7 @@ def _clock_times(
 
 
 def _channels(table: TextTable, rate_unit: float, notes: list[str]) -> tuple[Array | None, Array | None, Array | None]:
-    """Specific force, orientation and angular rate in our units and frames; rows with NaN were lost.
-
-    Raises:
-        FileFormatError: if there is neither orientation nor acceleration, or the orientation is not one.
-    """
+    """Specific force, orientation and angular rate in our units and frames; rows with NaN were lost."""
     R, name = _orientation(table, notes), table.path.name
     acceleration = table.group(ACCELERATION)
     free = next((group for names in FREE_ACCELERATION if (group := table.group(names)) is not None), None)

@@ -93,12 +93,6 @@ class PosePrior:
         """The inverse ``(69, 69)`` of the covariance, ``Lᵀ L``."""
         return self.whitening.T @ self.whitening
 
-    @property
-    def sigma(self) -> Array:
-        """Standard deviation ``(69,)`` of each coordinate, in radians."""
-        inverse = np.linalg.inv(self.whitening)
-        return np.sqrt(np.sum(inverse * inverse, axis=1))
-
 
 def joint_vector(R_parent_child: Array) -> Array:
     """Stacked rotation vectors ``(..., 69)`` in radians of joints 1 … 23, from rotations ``(..., 24, 3, 3)``."""

@@ -191,21 +191,13 @@ class HeldPose:
 
 
 def nominal_pose(pose: str) -> HeldPose:
-    """One of the poses to the letter, as the papers take it: every joint held as well as another, by eye.
-
-    Raises:
-        InputError: for another name.
-    """
+    """One of the poses to the letter, as the papers take it: every joint held as well as another, by eye."""
     nominal_sigma_deg = 6.0  # a pose held by eye turns bones by 10–15°, through several joints
     return HeldPose(calibration_pose(pose), np.full((JOINT_COUNT, 3), np.radians(nominal_sigma_deg)))
 
 
 def held_pose(pose: str) -> HeldPose:
-    """One of the poses, upright and facing the world's x axis.
-
-    Raises:
-        InputError: for another name.
-    """
+    """One of the poses as people hold it, upright and facing the world's x axis."""
     R, sigma = calibration_pose(pose), np.ones((JOINT_COUNT, 3))
     for name, spread in _TRUNK.items():
         sigma[joint_index(name)] = np.radians(spread)

@@ -57,11 +57,7 @@ def open_all(paths: Sequence[Path]) -> Opened:
 
 
 def open_one(path: Path) -> Opened:
-    """Open one file, by its suffix and content.
-
-    Raises:
-        InputError, FileFormatError, OSError: if it cannot be read.
-    """
+    """Open one file, by its suffix and content."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected a file")
     if path.suffix.lower() == ".mcap":

@@ -60,11 +60,7 @@ def main(options: InfoOptions) -> None:
 
 
 def file_tables(path: Path, verbose: bool = False) -> Iterator["Table"]:
-    """Facts about a recording, an estimate or a motion.
-
-    Raises:
-        InputError, FileFormatError, OSError: if it cannot be read.
-    """
+    """Facts about a recording, an estimate or a motion."""
     from vip_factors.cli.files import open_one
     from vip_factors.describe.estimates import estimate_tables
     from vip_factors.describe.recordings import motion_facts, recording_tables, scene_tables

@@ -75,10 +75,7 @@ def is_multi_file(command: str, words: Sequence[str]) -> bool:
 
 
 def main(command: str, prog: str, words: Sequence[str]) -> int:
-    """Run a command over many recordings; what fails is told, and the rest goes on.
-
-    Returns:
-        The worst exit code.
+    """Run a command over many recordings, and return the worst exit code; what fails is told, and the rest goes on.
 
     Raises:
         InputError: for options that do not fit, or where there is nothing to work on.
@@ -224,11 +221,7 @@ def location(text: str) -> Path:
 
 @contextmanager
 def reaching(path: object) -> Iterator[None]:
-    """Turn what the library behind a URL raises into one sentence.
-
-    Raises:
-        InputError: naming the path.
-    """
+    """Turn what the library behind a URL raises into one sentence, an :class:`InputError`."""
     try:
         yield
     except (VipFactorsError, OSError):
@@ -239,10 +232,7 @@ def reaching(path: object) -> Iterator[None]:
 
 
 def recordings(words: Sequence[str]) -> Iterator[tuple[Path, Path]]:
-    """Recordings that folders, globs and names stand for.
-
-    Yields:
-        The file, and the folder below which its output keeps its place.
+    """Recordings that folders, globs and names stand for, each with the folder below which its output keeps its place.
 
     Raises:
         InputError: if a location cannot be reached.

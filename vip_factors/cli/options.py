@@ -87,7 +87,10 @@ def parse(options: type[Options], prog: str, words: Sequence[str]) -> Options:
     try:
         with naming_file(STANDARD_OUTPUT):  # where help is written
             filled = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
-        _check_ranges(filled)
+        for name, hint in get_type_hints(options, include_extras=True).items():
+            if UNPREFIXED in getattr(hint, "__metadata__", ()):  # its fields are named as their options are
+                check_ranges(getattr(filled, name), zero=True)
+        check_ranges(filled, zero=True)
     except RangeError as error:
         raise InputError(f"--{error.name.replace('_', '-')} {error.reason}") from error
     check_outputs(filled)
@@ -136,14 +139,6 @@ def _overlaid(path: Path, defaults: Tree, content: Mapping[str, object], where: 
         else:
             changes[key] = convert(path, place, value, types[key])
     return cast(Tree, replace(cast(Any, defaults), **changes))
-
-
-def _check_ranges(options: Any) -> None:
-    """Refuse numbers out of range; the fields of unprefixed dataclasses are named as their options are."""
-    for name, hint in get_type_hints(type(options), include_extras=True).items():
-        if UNPREFIXED in getattr(hint, "__metadata__", ()):
-            check_ranges(getattr(options, name), zero=True)
-    check_ranges(options, zero=True)
 
 
 def beside(path: Path, ending: str) -> Path:

@@ -11,7 +11,7 @@ import tyro
 
 from vip_factors.cli.convert import ConvertOptions, camera_options, import_options
 from vip_factors.cli.detect import DetectOptions
-from vip_factors.cli.options import FailOn, Flag, Options, Output, fail_on, parse
+from vip_factors.cli.options import FailOn, Flag, Output, fail_on, parse
 from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
@@ -152,13 +152,15 @@ def run_options(options: RunOptions) -> "Run":
     folder = options.out or usual_folder(options)
     filmed = _filmed_words(options, folder)
     placements: Sequence[str | None] = options.placement or [None] * len(options.log)
+    words = [*_words(options.convert_options), *filmed]
     converted = [
-        _parsed(
-            ConvertOptions, "convert", [str(log), str(folder / "recording.mcap"), *_given("--placement", placement)],
-            [*_words(options.convert_options), *filmed],
+        parse(
+            ConvertOptions,
+            "vip-factors convert",
+            [str(log), str(folder / "recording.mcap"), *_given("--placement", placement), *words],
         )
         for log, placement in zip(options.log, placements, strict=True)
-    ]  # fmt: skip
+    ]
     return Run(
         logs=tuple((log, import_options(parsed)) for log, parsed in zip(options.log, converted, strict=True)),
         out=folder,
@@ -186,18 +188,14 @@ def _filmed_words(options: RunOptions, folder: Path) -> list[str]:
 def _detector(options: RunOptions) -> DetectSettings | None:
     if options.video is None or options.detections is not None:
         return None
-    return _parsed(DetectOptions, "detect", [str(options.video)], _words(options.detect_options)).settings
+    return parse(DetectOptions, "vip-factors detect", [str(options.video), *_words(options.detect_options)]).settings
 
 
 def _smooth_options(options: RunOptions) -> "SmoothOptions":
     from vip_factors.cli.smooth import SmoothOptions
 
-    assign = ["--assign"] * options.assign
-    return _parsed(SmoothOptions, "smooth", ["recording.mcap"], [*assign, *_words(options.smooth_options)])
-
-
-def _parsed(kind: type[Options], command: str, files: Sequence[str], words: Sequence[str]) -> Options:
-    return parse(kind, f"vip-factors {command}", [*files, *words])
+    words = ["recording.mcap", *["--assign"] * options.assign, *_words(options.smooth_options)]
+    return parse(SmoothOptions, "vip-factors smooth", words)
 
 
 def _given(option: str, value: object) -> list[str]:

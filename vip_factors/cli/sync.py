@@ -77,16 +77,11 @@ def offset_text(offset: ClockOffset, before: float = 0.0) -> str:
 
 
 def draw_offset(offset: ClockOffset, path: Path, overwrite: bool = False) -> None:
-    """A picture of the agreement over all offsets, the best marked.
-
-    Raises:
-        InputError: if the file exists or is not named ``.png``.
-    """
+    """A picture of the agreement over all offsets, the best marked."""
     from vip_factors.viz.charts import Curve, curve_chart
 
-    title = f"video {offset.seconds:+.3f} s" + (
-        f" ± {1e3 * offset.sigma:.0f} ms" if offset.determined else ": not clear"
-    )
+    sigma = f" ± {1e3 * offset.sigma:.0f} ms" if offset.determined else ": not clear"
+    title = f"video {offset.seconds:+.3f} s{sigma}"
     above = "agreement of limbs in the image and sensors on them (log-likelihood)"
     curve = Curve("", offset.curve.offset, offset.curve.gain)
     curve_chart(path, title, curve, (above, "seconds to add to the video's times"), offset.seconds, overwrite)

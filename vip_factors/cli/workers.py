@@ -66,9 +66,6 @@ def workers(jobs: int, address: str | None) -> Iterator[Callable[..., Any]]:
 
     Calls run in ``jobs`` threads, which wait for processes, or on the Dask cluster at ``address``. What is not done at
     the end is given up: threads are told so by the function's second argument, a cluster ends what it has begun.
-
-    Raises:
-        InputError: as :func:`cluster`.
     """
     if address is not None:
         with cluster(address) as client:
@@ -90,9 +87,6 @@ def workers(jobs: int, address: str | None) -> Iterator[Callable[..., Any]]:
 def windows_elsewhere(jobs: int, address: str | None) -> Iterator["MapFn"]:
     """What calls a function on each of many things, as :func:`map`, some ahead: in ``jobs`` processes (one: in this
     one), or on the Dask cluster at ``address``.
-
-    Raises:
-        InputError: as :func:`cluster`.
     """
     if address is not None:
         with cluster(address) as client:

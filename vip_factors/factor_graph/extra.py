@@ -8,7 +8,7 @@ import numpy as np
 
 from vip_factors.assembly.charts import Charts
 from vip_factors.errors import InputError
-from vip_factors.factor_graph.variables import HEADINGS, JOINT, ROOT, Variable, frames_of, values_of, variable_of
+from vip_factors.factor_graph.variables import HEADINGS, JOINT, ROOT, Variable, values_of, variable_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout
 from vip_factors.problem.scene import SceneProblem
@@ -32,11 +32,6 @@ class LinearFactor:
     variables: tuple[Variable, ...]
     information: Array
     information_vector: Array
-
-    @property
-    def frames(self) -> range:
-        """Frames that it sees; of none, the first."""
-        return frames_of(self.variables)
 
     @classmethod
     def at(cls, factor: gtsam.NonlinearFactor, state: SceneState, first: int = 0) -> "LinearFactor | None":

@@ -10,7 +10,7 @@ import numpy as np
 from vip_factors.body.kinematics import twists_at
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors, joint_index
 from vip_factors.errors import SolveError
-from vip_factors.factor_graph.variables import HEADINGS, JOINT, POSES, ROOT, Variable, frames_of, state_of
+from vip_factors.factor_graph.variables import HEADINGS, JOINT, POSES, ROOT, Variable, state_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
@@ -43,28 +43,25 @@ class TermFactor:
 
     @property
     def frames(self) -> range:
-        """The frames whose variables it sees; of none, the first."""
-        return frames_of(self.variables)
+        """The frames that it sees: those of bodies, or else those of the camera; of none, the first."""
+        numbers = [variable.frame for variable in self.variables if variable.is_of_a_frame]
+        numbers = numbers or [variable.frame for variable in self.variables if variable.is_of_the_camera_path]
+        return range(min(numbers), max(numbers) + 1) if numbers else range(1)
 
 
 def term_factors(problem: SceneProblem, state: SceneState, layout: Layout) -> Iterator[TermFactor]:
     """All factors of a problem, by their first frame; ``state`` says which exist, and holds what does not move."""
     for t in range(problem.frames):
-        yield from factors_from(problem, state, layout, t)
-
-
-def factors_from(problem: SceneProblem, state: SceneState, layout: Layout, t: int) -> Iterator[TermFactor]:
-    """The factors whose first frame is ``t``."""
-    for wearer in range(len(problem.wearers)):
-        if layout.chain_of(OwnerId(Owner.WEARER, wearer)) is not None:
-            for term in WEARER_TERMS:
-                yield from _of_term(term, partial(_wearer, number=wearer), problem, state, layout, t)
-        for camera in range(1 + len(problem.further)):
-            for seen in VIEW_TERMS:
-                see = partial(_view, number=wearer, camera=camera)
-                yield from _of_term(seen, see, problem, state, layout, t)
-    for alone in CAMERA_TERMS:
-        yield from _of_term(alone, _camera, problem, state, layout, t)
+        for wearer in range(len(problem.wearers)):
+            if layout.chain_of(OwnerId(Owner.WEARER, wearer)) is not None:
+                for term in WEARER_TERMS:
+                    yield from _of_term(term, partial(_wearer, number=wearer), problem, state, layout, t)
+            for camera in range(1 + len(problem.further)):
+                for view_term in VIEW_TERMS:
+                    view = partial(_view, number=wearer, camera=camera)
+                    yield from _of_term(view_term, view, problem, state, layout, t)
+        for camera_term in CAMERA_TERMS:
+            yield from _of_term(camera_term, _camera, problem, state, layout, t)
 
 
 def _wearer(problem: SceneProblem, state: SceneState, number: int) -> WearerEvaluation:
@@ -216,18 +213,14 @@ class _Window:
             return [(Variable(ROOT, number, frame), jacobian)]
         if one.block == POSES:
             return [(Variable(POSES, frame=frame if self.problem.camera.moving else 0), jacobian)]
-        width, step = Variable(one.block).width, self._heading_step(one)
+        width, step = Variable(one.block).width, 0
+        if one.block == HEADINGS:  # where they drift, that of the factor's first frame
+            step = int(self.problem.wearers[one.owner.number].heading_numbers(self.first)[0])
         items = [n] if one.each else range(jacobian.shape[1] // width)
         return [
             (Variable(one.block, number, 0, item, step), jacobian[:, place * width : (place + 1) * width])
             for place, item in enumerate(items)
         ]
-
-    def _heading_step(self, one: JacobianBlock) -> int:
-        """Which of the headings a block is, where they drift: that of the factor's first frame."""
-        if one.block != HEADINGS:
-            return 0
-        return int(self.problem.wearers[one.owner.number].heading_numbers(self.first)[0])
 
 
 def noise_model(loss: RobustLoss, rows: int) -> gtsam.noiseModel.Base:
@@ -248,13 +241,9 @@ of the keys; or to the residual alone."""
 def custom_factor(
     name: str, noise: gtsam.noiseModel.Base, keys: Sequence[int], dimensions: Sequence[int], evaluate: Evaluate
 ) -> gtsam.CustomFactor:
-    """A GTSAM factor from a plain function.
+    """A GTSAM factor from a plain function, which must not hold on to the graph: it would never be freed.
 
-    Args:
-        name: of the factor kind, for messages.
-        noise: its noise model; its dimension is the residual's.
-        keys, dimensions: of its variables, and of their tangents.
-        evaluate: residual, and Jacobians if asked for; must not hold on to the graph (it would never be freed).
+    ``name`` is the factor's kind, for messages; ``dimensions`` are those of the variables' tangents.
 
     Raises:
         SolveError: from inside GTSAM, if ``evaluate`` returns wrong shapes or numbers that are not finite.

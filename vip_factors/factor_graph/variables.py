@@ -89,14 +89,6 @@ class Variable:
         return OwnerId(kind, self.wearer)
 
 
-def frames_of(variables: Iterable[Variable]) -> range:
-    """The frames that variables belong to: those of bodies, or else those of the camera; of none, the first."""
-    variables = list(variables)
-    seen = [one.frame for one in variables if one.is_of_a_frame]
-    seen = seen or [one.frame for one in variables if one.is_of_the_camera_path]
-    return range(min(seen), max(seen) + 1) if seen else range(1)
-
-
 def variables_of(layout: Layout, frames: int, heading_steps: dict[int, int] | None = None) -> Iterator[Variable]:
     """All variables of a layout that move, in so many frames, then what frames share; ``heading_steps`` of each wearer
     whose headings drift.

@@ -198,12 +198,11 @@ def sequence_of_rotation(R: Array, axes: str) -> Array:
     The middle angle lies in [−π/2, π/2] of three different axes, and in [0, π] where the first axis comes again; the
     outer ones in (−π, π]. At the ends of the middle one's range they cannot be told apart: the last is then zero.
     """
-    first, middle, last = axes
     R = np.asarray(R, dtype=float)
-    i, j = "xyz".index(first), "xyz".index(middle)
+    i, j = "xyz".index(axes[0]), "xyz".index(axes[1])
     k = 3 - i - j
     sign = 1.0 if (j - i) % 3 == 1 else -1.0
-    if last == first:  # R = R_i(a) R_j(b) R_i(c): its row i and column i hold sin b times a sine or a cosine
+    if axes[2] == axes[0]:  # R = R_i(a) R_j(b) R_i(c): its row i and column i hold sin b times a sine or a cosine
         sine = np.hypot(R[..., i, j], R[..., i, k])
         b = np.arctan2(sine, R[..., i, i])
         a = np.arctan2(R[..., j, i], -sign * R[..., k, i])

@@ -79,12 +79,7 @@ def video_facts(path: str | Path) -> VideoFacts:
 
 
 def video_size(path: str | Path) -> tuple[int, int]:
-    """Width and height of a video's frames as they are shown, from its header.
-
-    Raises:
-        InputError: if there is no such file.
-        FileFormatError: if it is no video.
-    """
+    """Width and height of a video's frames as they are shown, from its header; raises as :func:`opened_video`."""
     with opened_video(Path(path)) as capture:
         return _size(capture)
 

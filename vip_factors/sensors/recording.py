@@ -50,11 +50,7 @@ class Subject:
         return self.skeleton if self.skeleton is not None else self._likely().skeleton
 
     def variation(self) -> BodyVariation | None:
-        """What is open about :meth:`body`; None of a skeleton that was given and is known.
-
-        Raises:
-            InputError: for an implausible stature, mass, segment or sex.
-        """
+        """What is open about :meth:`body`; None of a skeleton that was given and is known."""
         if self.length_prior is not None:
             return self.length_prior.variation(self.body())
         return None if self.skeleton is not None else self._likely().variation
@@ -65,11 +61,7 @@ class Subject:
 
     @property
     def body_note(self) -> str:
-        """A sentence on what is doubtful about the body, such as a stature that is unknown or a child's; or nothing.
-
-        Raises:
-            InputError: for an implausible stature, mass, segment or sex.
-        """
+        """A sentence on what is doubtful about the body, such as a stature that is unknown or a child's; or nothing."""
         return "" if self.skeleton is not None else self._likely().note
 
     def _likely(self) -> LikelyBody:

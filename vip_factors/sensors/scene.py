@@ -126,11 +126,6 @@ class SceneTruth:
     further: tuple["SceneTruth", ...] = ()
     time_drift: float = 0.0
 
-    @property
-    def clock(self) -> VideoClock:
-        """What lies between the video's clock and the IMUs'."""
-        return VideoClock(self.time_offset, self.time_drift)
-
 
 @dataclass(frozen=True, repr=False)
 class Scene(Summarised):

@@ -150,12 +150,11 @@ PEEKED_LINES = 12  # that hold the header of either layout
 EPOCH_MICROSECONDS = 1e12  # a time above this is microseconds since 1970 (1e12 µs is January 1970), not seconds
 
 
-def _matches_apdm(path: Path) -> bool:
-    """Whether the file is an APDM csv, by its first lines."""
-    return any(_is_export(file) for file in candidates(path, (".csv",)))
+def _apdm_files(path: Path) -> list[Path]:
+    return [file for file in candidates(path, (".csv",)) if _is_apdm(file)]
 
 
-def _is_export(path: Path) -> bool:
+def _is_apdm(path: Path) -> bool:
     lines = peek(path).splitlines()[:4]
     if not lines:
         return False
@@ -166,8 +165,7 @@ def _is_export(path: Path) -> bool:
 
 def _read_apdm(path: Path) -> ImportedLog:
     """Read a recording; a folder must hold one such file."""
-    files = [file for file in candidates(path, (".csv",)) if _is_export(file)]
-    path, comma = only_file(path, files, "one APDM csv file with all sensors"), SEPARATORS["comma"]
+    path, comma = only_file(path, _apdm_files(path), "one APDM csv file with all sensors"), SEPARATORS["comma"]
     kept = [(i + 1, line) for i, line in enumerate(checked_lines(path, read_text(path))) if line.strip(", ")]
     head = [[cell.strip() for cell in split(line, comma)] for _, line in kept[:PEEKED_LINES]]
     names, first, units = (_format7 if head[0][0].startswith("Format=") else _slash_names)(head, path)
@@ -237,5 +235,5 @@ def _slash_names(head: list[list[str]], path: Path) -> Header:
 
 
 EXPORT = LogFormat("opensim_export", _matches_export, _read_export)
-APDM = LogFormat("apdm", _matches_apdm, _read_apdm)
+APDM = LogFormat("apdm", lambda path: bool(_apdm_files(path)), _read_apdm)
 OPENSENSE = LogFormat("opensense_sto", lambda path: bool(_quaternion_tables(path)), _read_quaternions)

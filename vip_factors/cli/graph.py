@@ -38,9 +38,9 @@ def main(options: GraphOptions) -> None:
 
     picture = options.target(options.picture, options.recording, ".graph.svg")
     scene = read_scene(options.recording)
-    from vip_factors.describe.table import Table
     from vip_factors.factor_graph.dot import dot, svg
     from vip_factors.pipeline import factor_graph
+    from vip_factors.tables import Table
 
     with progress_bar() as progress:
         graph = factor_graph(scene, options.settings, progress)

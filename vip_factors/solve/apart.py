@@ -136,9 +136,9 @@ class EliminationApart(BandElimination):
         rows[0][:, border : border + k] = band.rows[0][np.ix_(own, 2 * w + own)].T
         rows[0][:, border + k : border + 2 * k] = band.rows[1][np.ix_(own, w + own)].T
         rows[1][:, border + k : border + 2 * k] = band.rows[1][np.ix_(own, 2 * w + own)].T
-        found = BandElimination(of_chain.shape, self._damping[own], kernels=self._kernels)
-        found.eliminate(of_chain)
-        return found
+        elimination = BandElimination(of_chain.shape, self._damping[own], kernels=self._kernels)
+        elimination.eliminate(of_chain)
+        return elimination
 
     def substituted(self, number: int, behind: Array, border: Array) -> Array:
         """See the base."""

@@ -69,9 +69,9 @@ class Band:
 
     def first(self, frames: int) -> "Band":
         """A band of so many frames, in the same memory."""
-        found = copy(self)
-        found.rows, found.gradient = self.rows[: frames + REACH], self.gradient[: frames + REACH]
-        return found
+        band = copy(self)
+        band.rows, band.gradient = self.rows[: frames + REACH], self.gradient[: frames + REACH]
+        return band
 
     def empty(self) -> None:
         """Make all zero."""
@@ -87,8 +87,8 @@ class Band:
             self.rows, (*triples, w, (REACH + 1) * w), (frame, frame - w * item, row, item)
         )  # the columns of a later frame's row begin with its own
         coupling, gradient = (
-            as_strided(one, (*triples, *one.shape[1:]), (one.strides[0], *one.strides))
-            for one in (self.rows[:, :, self.rows.shape[2] - self.shape.static :], self.gradient)
+            as_strided(block, (*triples, *block.shape[1:]), (block.strides[0], *block.strides))
+            for block in (self.rows[:, :, self.rows.shape[2] - self.shape.static :], self.gradient)
         )
         parts = self.rows, self.gradient, self.static, self.static_gradient
         target = None if self._kernels is None else self._kernels.Target(*parts)

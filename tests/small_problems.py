@@ -15,6 +15,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import held_pose, joint_index
+from vip_factors.factor_settings import CameraFactorSettings, FactorSettings
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.scene import CameraProblem, Foot, GroundView, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState
@@ -26,7 +27,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.terms.ground_contact import pixel_rays
-from vip_factors.terms.registry import CameraFactorSettings, FactorSettings, unfilmed_problem
+from vip_factors.terms.registry import unfilmed_problem
 
 T, S = 5, 6
 

@@ -18,8 +18,7 @@ from vip_factors.estimate import WearerEstimate
 from vip_factors.gait.files import NAMES as GAIT_FILES
 from vip_factors.geometry.rotations import Array
 from vip_factors.repetitions.files import NAMES as REPETITION_FILES
-from vip_factors.settings import SolverName
-from vip_factors.solve.levenberg_marquardt import SolveSettings
+from vip_factors.settings import SolverName, SolveSettings
 
 QUICK = vip.Settings(frame_rate=20.0, solve=SolveSettings(max_iterations=3))
 

@@ -11,11 +11,11 @@ from filmed_gestures import QUICK, filmed_gestures
 from vip_factors.errors import InputError
 from vip_factors.factor_graph.keys import root_key
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 
 METRES = 3.0  # twice as far as they are apart: nothing but the ranges can say so
 

@@ -7,6 +7,7 @@ import pytest
 
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.evaluate.metrics import common_frames, mpjpe
+from vip_factors.factor_settings import InitialPoseSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Placement, preset
 from vip_factors.sensors.recording import Recording, Subject
@@ -15,7 +16,6 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.staging import with_initial_pose
-from vip_factors.terms.rotation_prior import InitialPoseSettings
 
 QUICK = Settings(frame_rate=15.0, calibration=CalibrationSettings(passes=1))
 

@@ -7,9 +7,8 @@ import pytest
 
 from vip_factors.cli.options import UNPREFIXED, parse
 from vip_factors.errors import InputError
-from vip_factors.live.settings import LiveSettings
 from vip_factors.ranges import NotNegative, Share, check_ranges
-from vip_factors.settings import Settings
+from vip_factors.settings import LiveSettings, Settings
 
 
 @dataclass(frozen=True)

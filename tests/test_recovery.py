@@ -8,6 +8,16 @@ import pytest
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.evaluate.calibration import calibration_error
 from vip_factors.evaluate.metrics import align_frames, common_frames, mpjpe, orientation_error
+from vip_factors.factor_settings import (
+    AccelerationSettings,
+    FactorSettings,
+    FootContactSettings,
+    HeadingPriorSettings,
+    OrientationSettings,
+    PosePriorSettings,
+    RobustLoss,
+    SmoothnessSettings,
+)
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Placement, SensorSite
 from vip_factors.sensors.recording import Subject
@@ -15,14 +25,6 @@ from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.terms.acceleration import AccelerationSettings
-from vip_factors.terms.foot_contact import FootContactSettings
-from vip_factors.terms.heading_prior import HeadingPriorSettings
-from vip_factors.terms.orientation import OrientationSettings
-from vip_factors.terms.pose_prior import PosePriorSettings
-from vip_factors.terms.registry import FactorSettings
-from vip_factors.terms.robust import RobustLoss
-from vip_factors.terms.smoothness import SmoothnessSettings
 
 # Measurements believed, everything learnt or assumed all but switched off.
 EXACT = FactorSettings(

@@ -9,6 +9,7 @@ from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, with_detec
 
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
+from vip_factors.factor_settings import VideoClockSettings
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.pipeline import smooth
@@ -17,7 +18,6 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, CameraMount, Scene
 from vip_factors.settings import Settings
 from vip_factors.simulate.settings import CameraKind
-from vip_factors.terms.video_clock import VideoClockSettings
 
 TRACKER = replace(QUICK, acceleration=False)
 WITH_COVARIANCE = replace(QUICK, covariance=True)

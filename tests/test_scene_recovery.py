@@ -10,6 +10,14 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.evaluate.metrics import common_frames, mpjpe
+from vip_factors.factor_settings import (
+    CameraAccelerationSettings,
+    CameraFactorSettings,
+    CameraOrientationSettings,
+    CameraVelocitySettings,
+    ReprojectionSettings,
+    RobustLoss,
+)
 from vip_factors.geometry.rotations import Array, angle_between, transpose
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Placement, SensorSite
@@ -18,12 +26,6 @@ from vip_factors.settings import CalibrationSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings, SimulateSettings
-from vip_factors.terms.camera_acceleration import CameraAccelerationSettings
-from vip_factors.terms.camera_orientation import CameraOrientationSettings
-from vip_factors.terms.camera_velocity import CameraVelocitySettings
-from vip_factors.terms.registry import CameraFactorSettings
-from vip_factors.terms.reprojection import ReprojectionSettings
-from vip_factors.terms.robust import RobustLoss
 
 # The picture believed, what is assumed of cameras all but switched off.
 EXACT_CAMERA = CameraFactorSettings(

@@ -28,7 +28,6 @@ from .io.live.open import open_source as open_source
 from .io.mcap_estimate import read_estimate as read_estimate
 from .io.motions import read_motion as read_motion
 from .io.settings import CameraOptions as CameraOptions, ExportSettings as ExportSettings
-from .live.settings import LiveSettings as LiveSettings
 from .live.stream import Stream as Stream
 from .live.tracker import FixedLagTracker as FixedLagTracker
 from .live_estimate import LiveEstimate as LiveEstimate
@@ -38,6 +37,6 @@ from .sensors.detections import Detections as Detections
 from .sensors.live import ImuSample as ImuSample, VideoFrame as VideoFrame, live_samples as live_samples
 from .sensors.recording import Recording as Recording, Subject as Subject
 from .sensors.scene import Camera as Camera, Scene as Scene
-from .settings import Settings as Settings
+from .settings import LiveSettings as LiveSettings, Settings as Settings
 from .simulate.settings import SceneSettings as SceneSettings, SimulateSettings as SimulateSettings
 from .workflow import RunOptions as RunOptions, run as run

@@ -32,8 +32,8 @@ if TYPE_CHECKING:  # these take a while, and not every command that calls a func
     from vip_factors.factor_graph.extra import ExtraFactors
     from vip_factors.gait.analysis import Gait
     from vip_factors.io.live_server import LiveServer
-    from vip_factors.live.settings import LiveSettings
     from vip_factors.live_estimate import LiveEstimate
+    from vip_factors.settings import LiveSettings
 
 StrPath = str | PathLike[str]
 GESTURES, WALK = "gestures", "walk"  # in place of a motion: the package's own
@@ -347,8 +347,8 @@ def stream(
         extra_factors: makes GTSAM factors of your own.
     """
     from vip_factors.io.live.open import open_source, read_token
-    from vip_factors.live.settings import LiveSettings
     from vip_factors.live.stream import Stream
+    from vip_factors.settings import LiveSettings
 
     token = read_token(token_file)
     with open_source(source, follow=follow, real_time=real_time, settings=limits, token=token) as opened:

@@ -3,17 +3,22 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import StrEnum
+from pathlib import Path
 from typing import Any, Literal
 
-from vip_factors.associate.settings import AssociationSettings
-from vip_factors.initialise.sensor_assignment import AssignmentSettings
-from vip_factors.initialise.sensor_clocks import AccelerometerSettings, SensorClockSettings
-from vip_factors.initialise.start_candidates import StartSettings
-from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, check_ranges
-from vip_factors.solve.levenberg_marquardt import SolveSettings
-from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
+from vip_factors.errors import InputError
+from vip_factors.factor_settings import CameraFactorSettings, FactorSettings
+from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, Share, check_ranges
 
+MAX_OFFSET_S = 10.0  # of clocks: what two people pressing buttons, or two clocks set by network, differ by
 LEAST_OVERLAPS = 2  # to a window: one at each end
+
+
+@dataclass(frozen=True)
+class StartSettings:
+    """How the first headings and mountings are looked for."""
+
+    search: bool = True  # off: the straps and the low-passed motion alone, as in the papers
 
 
 @dataclass(frozen=True)
@@ -114,6 +119,58 @@ class SolverName(StrEnum):
 
 
 @dataclass(frozen=True)
+class AssociationSettings:
+    """How detections are given to wearers."""
+
+    gate: float = -5.0
+    """Log-odds below which a hypothesis is not considered at all: one in 150."""
+    rivals: NotNegativeInt = 3
+    """Hypotheses kept per wearer and frame, the likeliest: the right one is hardly ever fourth."""
+    inter_weight: NotNegative = 0.16
+    """Weight of each edge between two frames: edges to neighbours tell nearly the same, so all of them together count
+    like one."""
+    intra_weight: NotNegative = 0.5
+    """Weight of the edges between two wearers in a frame."""
+    offsets: tuple[int, ...] = (1, 2, 4, 8, 16, 30)
+    """Frames, at 30 per second, that edges span: up to a second (thesis 4.4.1), thinned as neighbours are alike."""
+    window_s: float = 4.0
+    """Seconds decided at once."""
+    overlap_s: NotNegative = 1.2
+    """Seconds decided again by the next window: more than the longest edge."""
+    least_confidence: Share = 0.9
+    """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
+    least_choices: int = 3
+    """Of a wearer who is surely seen in fewer frames, none is kept: a stranger moves alike for a moment."""
+    by_place: bool = True
+    """Where the camera is known, detections that are nobody's are given to whom they fit where they stand: half hidden
+    people show too few joints to be told by how they move. Off: by motion alone."""
+    by_clothes: bool = True
+    """Where the recording was converted with its video, clothes count beside motion, as far as those of the surely
+    found differ from others'. Off: motion alone."""
+    check: bool = True
+    """Whether it is told what is odd about detections: in another order, of nobody, of two who move alike. Streams find
+    who is who again and again and tell none of it: a tenth of what their start takes."""
+    weights: Path | None = None
+    """Weights to use instead of the shipped ones."""
+
+    def __post_init__(self) -> None:
+        if self.rivals < 1 or not self.offsets or min(self.offsets) < 1:
+            raise InputError("association: rivals and offsets must be at least 1")
+        if not self.window_s > self.overlap_s >= 0:
+            raise InputError(
+                f"association: window of {self.window_s:g} s with overlap {self.overlap_s:g} s: must be longer"
+            )
+
+
+@dataclass(frozen=True)
+class SolveSettings:
+    """When to stop, and how far to trust the linearisation."""
+
+    max_iterations: int = 30  # IT and SIP settle in 5–20; the thesis used 20
+    relative_decrease: float = 1e-3  # steps below it move joints by a millimetre in all and take half of the time
+
+
+@dataclass(frozen=True)
 class CommonSettings:
     """What smoothing a recording and tracking a stream both honour."""
 
@@ -147,6 +204,28 @@ class CommonSettings:
 
 
 @dataclass(frozen=True)
+class AccelerometerSettings:
+    """What accelerometers are looked over for, and what is done."""
+
+    check: bool = True  # off: they are taken as they are
+
+
+@dataclass(frozen=True)
+class SensorClockSettings:
+    """How sensors whose clocks are off their fellows' are looked for, and what is done about them."""
+
+    check: bool = True  # off: clocks agree, whatever the motion says
+    correct: bool = True  # off: delays are told, and left
+
+
+@dataclass(frozen=True)
+class AssignmentSettings:
+    """How sensors that are on one another's segments are looked for."""
+
+    check: bool = True  # off: they are where the placement has them, whatever the motion says
+
+
+@dataclass(frozen=True)
 class Settings(CommonSettings):
     """All settings of the pipeline."""
 
@@ -163,6 +242,119 @@ class Settings(CommonSettings):
     windows: WindowSettings = field(default_factory=WindowSettings)
     # gtsam: GTSAM's own optimiser, on the same factors one by one: a hundred times slower, for seconds of a recording.
     solver: SolverName = SolverName.OWN
+
+
+@dataclass(frozen=True)
+class AssemblySettings:
+    """Waiting, silences, clocks; all in seconds of the stream's own time."""
+
+    # Before the first frame: sensors switched on together have all begun by then (radio links take 0.1 s), and the
+    # tracker wants a second of samples before its first pose anyway.
+    settle: NotNegative = 0.5
+    # A frame waits so long for a sensor that has fallen behind the others: three packets at 60 Hz, which is what
+    # radio links repeat; a fifth of the lag of a quarter of a second. Sensors slower than 20 Hz need a longer one.
+    patience: NotNegative = 0.05
+    # A sensor's sample counts as arrived in order, once a sample so much newer has arrived: 0, because TCP, files and
+    # drivers keep the order of each sensor. Of sources over UDP, one frame or more: all answers are so much later.
+    reordering: NotNegative = 0.0
+    # Without a sample for so long a sensor is no longer waited for: longer than a body blocks the radio (0.25 s).
+    dead_after: float = 1.0
+    # A silence of all sensors: after a longer one nobody knows where the wearers are, and tracking begins anew.
+    longest_pause: float = 2.5
+    # A step of a clock, between sources or ahead of all others, that no delay explains.
+    jump: float = 1.0
+    # A smaller one, of a sensor that was there: back behind its own newest sample, as packets seldom overtake one
+    # another by more than three, or ahead of it and of all others. Less shows in nothing but the poses.
+    step: float = 0.2
+
+    def __post_init__(self) -> None:
+        for one in fields(self):
+            value = getattr(self, one.name)
+            zero_allowed = one.name in ("settle", "reordering")
+            if not (0 <= value < float("inf")) or (value == 0 and not zero_allowed):
+                raise InputError(
+                    f"assembly setting {one.name} = {value:g} s: expected a finite number, "
+                    + ("0 or more" if zero_allowed else "above 0")
+                )
+        if not self.patience <= self.dead_after <= self.longest_pause:
+            raise InputError(
+                f"assembly settings: patience {self.patience:g} s, dead_after {self.dead_after:g} s and longest_pause "
+                f"{self.longest_pause:g} s: expected each to be no longer than the next"
+            )
+
+
+@dataclass(frozen=True)
+class RecalibrationSettings:
+    """When a stream's calibration is found again from the data so far."""
+
+    use: bool = True
+    # s of data: a start of one second is 60–120 mm off on foreign scenes, and with two it is half as wrong.
+    first_s: float = 2.5
+    # of data, the most recent: headings of a minute ago are no longer today's. It is found again after as long.
+    longest_s: float = 40.0
+    # s of the stream between the last of that data and the first answer that has it, at least: on a core of its own one
+    # wearer's takes a quarter of what it lasted or less. A replay waits, and gives the same answers on any machine.
+    delay_s: NotNegative = 2.0
+    # Constant headings: the tracker goes on from the last of them, and follows them by itself.
+    calibration: CalibrationSettings = field(default_factory=lambda: CalibrationSettings(heading_drift_from_s=None))
+
+
+@dataclass(frozen=True)
+class ProcessNoiseSettings:
+    """How fast what all frames share may wander in a stream, per √second.
+
+    Beyond drift it stands for what repeats from frame to frame: taken as new each time it would make headings and
+    mountings surer than they are within seconds, and hold them where the first seconds put them.
+    """
+
+    every_s: float = 0.5  # the walk goes in steps: one elimination more at each
+    heading_deg: float = 0.3  # 2.3° in a minute: twice what a good filter drifts
+    mounting_deg: float = 0.3  # straps creep, skin moves
+    camera_deg: float = 0.05  # a camera that stands still does
+    camera_m: float = 0.002
+
+
+@dataclass(frozen=True)
+class RelinearisationSettings:
+    """Which frames of the lag are linearised anew."""
+
+    angle_deg: float = 1.0  # a joint that moved by less is linear to some thousandths
+    length_m: float = 0.02
+    shared_deg: float = 0.3  # headings and mountings: they are seen by all frames, 1.0 costs 2 mm
+    most: NotNegativeInt = 6  # frames at once, the newest: what an update may cost
+
+
+@dataclass(frozen=True)
+class LiveSettings(CommonSettings):
+    """All settings of a live session."""
+
+    # Kaichi's users and animators want answers within a blink.
+    lag_s: float = 0.25
+    """Seconds between the newest pose and the smoothed one."""
+    # A step or a gesture shows where the sensors point.
+    start_s: float = 1.0
+    """Seconds of data before the first answer."""
+    # A body does not show within the second that tracking begins with.
+    calibration: CalibrationSettings = field(
+        default_factory=lambda: CalibrationSettings(
+            estimate_body=False,
+            estimate_hinges=False,
+            estimate_places=False,
+            estimate_sole=False,
+            estimate_keypoints=False,
+        )
+    )
+    # The second of a start does not tell how clocks differ, and a stream takes its video's as it comes. Which feet
+    # stand it tells from the last frames alone: held as hard as in batch they cost 14 mm of 34 (MPJPE).
+    fusion: FusionSettings = field(default_factory=lambda: FusionSettings(estimate_clock=False, contact_tightening=1.0))
+    association: AssociationSettings = field(default_factory=lambda: AssociationSettings(check=False))
+    # Frames to each update; those between are predicted, by how their sensors turned. Of one wearer every frame can be
+    # solved: an update takes half of the time between two at 60 Hz.
+    solve_every: int = 1
+    assembly: AssemblySettings = field(default_factory=AssemblySettings)
+    recalibration: RecalibrationSettings = field(default_factory=RecalibrationSettings)
+    walk: ProcessNoiseSettings = field(default_factory=ProcessNoiseSettings)
+    relinearisation: RelinearisationSettings = field(default_factory=RelinearisationSettings)
 
 
 def flatten(settings: CommonSettings) -> dict[str, str]:

@@ -9,15 +9,17 @@ from hypothesis import strategies as st
 from small_problems import small_scene
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.terms.robust import Loss, RobustLoss
+from vip_factors.factor_settings import Loss, RobustLoss
+from vip_factors.terms.equations import robust_cost, robust_weight
 
 
 @given(loss=st.sampled_from(Loss), share=st.floats(1e-3, 1.0), norm=st.floats(0.0, 50.0))
 def test_a_tempered_loss_is_a_share_of_the_loss(loss: Loss, share: float, norm: float) -> None:
     whole = RobustLoss(loss, 2.0)
-    part = whole.tempered(share)
-    assert part.cost(np.sqrt(share) * np.array(norm)) == pytest.approx(share * whole.cost(np.array(norm)), abs=1e-12)
-    assert part.weight(np.sqrt(share) * np.array(norm)) == pytest.approx(whole.weight(np.array(norm)), rel=1e-9)
+    part, norms = whole.tempered(share), np.array(norm)
+    shares = np.sqrt(share) * norms
+    assert robust_cost(part, shares) == pytest.approx(share * robust_cost(whole, norms), abs=1e-12)
+    assert robust_weight(part, shares) == pytest.approx(robust_weight(whole, norms), rel=1e-9)
 
 
 @pytest.mark.parametrize("rate", [20.0, 30.0, 60.0])

@@ -10,7 +10,8 @@ from small_problems import DRIFTS, WearerObjective, drifting_model, drifting_sce
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.problem.state import SceneState
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.settings import SolveSettings
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 from vip_factors.terms.registry import unfilmed_problem
 
 

@@ -9,11 +9,11 @@ from small_problems import small_scene
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, offset_of
 from vip_factors.body.kinematics import forward_kinematics
+from vip_factors.factor_settings import SQUARE, KeypointOffsetSettings
 from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import DetectorState, SceneState
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
-from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
-from vip_factors.terms.robust import SQUARE
+from vip_factors.settings import SolveSettings
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 
 OFFSETS = 0.02 * np.random.default_rng(11).standard_normal((len(OFFSET_KEYPOINTS), 3))
 

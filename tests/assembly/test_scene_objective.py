@@ -14,7 +14,8 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.settings import SolveSettings
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 
 
 @pytest.mark.parametrize("kind", KINDS)

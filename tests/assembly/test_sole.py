@@ -10,11 +10,11 @@ from small_problems import WearerObjective, small_model
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import contact_points
+from vip_factors.factor_settings import SoleSettings
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem, sole_shift
 from vip_factors.stages.inertial_model import placed_on_floor
-from vip_factors.terms.sole import SoleSettings
 
 UPRIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # the body's y axis is the world's z
 SHOE = 0.032  # m

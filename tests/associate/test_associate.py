@@ -6,13 +6,13 @@ from association_samples import MODEL, Sample, in_another_world, scene
 
 from vip_factors.associate.associate import Association, associate, make_context
 from vip_factors.associate.features import vote_turn
-from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.tracklets import tracklets
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, wrap_angle
 from vip_factors.sensors.detections import Detections
+from vip_factors.settings import AssociationSettings
 
 
 @pytest.fixture(scope="module")

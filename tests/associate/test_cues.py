@@ -9,9 +9,9 @@ from association_samples import MODEL, Sample, scene
 from vip_factors.associate.associate import Association, add_by_position, associate, make_context
 from vip_factors.associate.cues import SURELY, assign_by_position, clothes_log_odds
 from vip_factors.associate.features import Context
-from vip_factors.associate.settings import AssociationSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.detections import Detections
+from vip_factors.settings import AssociationSettings
 
 SHIRTS = np.array([[0.9, 0.1, 0.0, 0.0], [0.0, 0.8, 0.2, 0.0], [0.0, 0.0, 0.3, 0.7]])
 

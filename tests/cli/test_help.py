@@ -14,7 +14,7 @@ import pytest
 from vip_factors.cli.main import main
 from vip_factors.cli.options import UNPREFIXED, options_of
 
-SLOW = ("gtsam", "scipy.interpolate", "scipy.linalg", "scipy.optimize", "cv2", "rerun", "mcap", "matplotlib")
+SLOW = ("numpy", "gtsam", "scipy", "cv2", "rerun", "mcap", "matplotlib")
 
 
 def test_help_imports_nothing_slow() -> None:
@@ -28,6 +28,15 @@ def test_help_imports_nothing_slow() -> None:
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("command", ["smooth", "stream"])
+def test_every_group_of_options_has_a_text_of_its_own(command: str, run) -> None:
+    told = re.sub(r"[│╭╮╰╯─]", "", run(command, "--help").out)
+    groups = re.findall(r"^ ([a-z.-]+) options *\n(.*?)\n *--", told, re.MULTILINE | re.DOTALL)
+    texts = [" ".join(text.split()) for name, text in groups if not name.endswith(".loss")]
+    assert len(texts) > 20
+    assert [text for text, after in pairwise(texts) if text == after] == []
 
 
 def option_names(options: Any, prefix: str = "") -> set[str]:

@@ -19,7 +19,8 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.settings import SolveSettings
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 from vip_factors.solve.slices import Slices
 
 ONE, THREE, SIX = (gtsam.noiseModel.Isotropic.Sigma(n, 0.1) for n in (1, 3, 6))

@@ -13,11 +13,11 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import FactorGraph, factor_graph_of
 from vip_factors.factor_graph.term_factors import TermFactor
 from vip_factors.factor_graph.variables import variable_of
+from vip_factors.factor_settings import SQUARE, RobustLoss
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
-from vip_factors.terms.robust import SQUARE, RobustLoss
 
 KINDS = [term.kind for term in (*WEARER_TERMS, *VIEW_TERMS, *CAMERA_TERMS)]
 SPREADS = [0.0, 1e-7, 1e-3, 0.5]

@@ -10,8 +10,8 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.graph import optimise_with_gtsam
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.pipeline import factor_graph, smooth
-from vip_factors.settings import SolverName
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.settings import SolverName, SolveSettings
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 
 TO_THE_END = SolveSettings(max_iterations=40, relative_decrease=1e-9)
 

@@ -9,10 +9,11 @@ from scene_sample import scene_sample
 
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, keypoint_set
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.factor_settings import KeypointOffsetSettings
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+from vip_factors.problem.scene import keypoint_offset_sigmas
 from vip_factors.sensors.detections import Detections
 from vip_factors.stages.fusion_start import prior_offsets
-from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 MEAN = np.round(0.02 * np.random.default_rng(0).standard_normal(SHAPE), 6)
 
@@ -60,4 +61,4 @@ def test_what_was_learnt_of_another_detector_is_not_used(tmp_path: Path) -> None
 def test_without_a_file_nothing_was_learnt() -> None:
     usual = prior_offsets(scene_sample(1.0).camera, KeypointOffsetSettings())
     assert not np.any(usual.mean)
-    assert np.all(usual.sigma >= KeypointOffsetSettings().sigmas)
+    assert np.all(usual.sigma >= keypoint_offset_sigmas(KeypointOffsetSettings()))

@@ -9,12 +9,12 @@ from assembly_stream import CAMERA, COLUMNS, RATE, assemble, findings_of, in_tim
 from vip_factors.errors import InputError
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.sensor_samples import triangular_average_of_samples
-from vip_factors.live.settings import AssemblySettings
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams, triangular_average
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import AssemblySettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings, SimulateSettings

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.measurement import FrameMeasurement
-from vip_factors.live.settings import AssemblySettings
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
+from vip_factors.settings import AssemblySettings
 
 SECONDS = 1.2
 WHOLE = in_time(stream(0.0, SECONDS, rate=100.0), [video(period / 30) for period in range(36)])

@@ -10,8 +10,8 @@ from assembly_stream import CAMERA, COLUMNS, RATE, assemble, findings_of, in_tim
 from vip_factors.errors import InputError
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.measurement import FrameMeasurement
-from vip_factors.live.settings import AssemblySettings
 from vip_factors.sensors.live import ImuSample
+from vip_factors.settings import AssemblySettings
 
 WRIST = ("Ada", "wrist")
 OTHERS = [("Ada", "hip"), ("Bo", "hip")]

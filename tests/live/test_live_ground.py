@@ -12,21 +12,20 @@ from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, track
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.cli.options import read_settings
 from vip_factors.evaluate.metrics import common_frames
+from vip_factors.factor_settings import AdaptiveBiweightSettings, ContactFrom
 from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import LiveSample, VideoFrame, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import placed
-from vip_factors.terms.ground_contact import ContactFrom
-from vip_factors.terms.reprojection import AdaptiveBiweightSettings
 
 KAICHI = Path(__file__).parents[2] / "docs" / "kaichi.toml"
 

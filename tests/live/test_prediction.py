@@ -11,12 +11,11 @@ from vip_factors.body.skeleton import contact_points, joint_index
 from vip_factors.geometry.rotations import angle_between, rotation_x
 from vip_factors.live.prediction import predicted
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem
-from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Recording, Subject
-from vip_factors.settings import Settings
+from vip_factors.settings import LiveSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings

@@ -23,11 +23,11 @@ from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
 from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import RecalibrationProcess
-from vip_factors.live.settings import RecalibrationSettings
 from vip_factors.live.start import TrackingStart
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.sensors.live import live_samples, sensor_columns, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import RecalibrationSettings
 from vip_factors.stages import rival_starts
 
 OFTEN = replace(SETTINGS, recalibration=RecalibrationSettings(first_s=2.5, delay_s=0.4))

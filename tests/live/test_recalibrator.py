@@ -15,9 +15,9 @@ from vip_factors.live import recalibrator
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import Recalibrator
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.start import EarlierCalibration, TrackingStart
 from vip_factors.sensors.live import VideoFrame, sensor_columns, stream_head
+from vip_factors.settings import LiveSettings
 
 SETTINGS = LiveSettings()
 RATE = 60

@@ -9,9 +9,9 @@ import pytest
 
 import vip_factors as vip
 from vip_factors.errors import InputError
-from vip_factors.live.settings import RecalibrationSettings
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveItem, LiveLoss, stream_head
+from vip_factors.settings import RecalibrationSettings
 
 SLOW = vip.LiveSettings(frame_rate=15.0, recalibration=RecalibrationSettings(use=False))
 

@@ -10,11 +10,11 @@ from filmed_gestures import filmed_gestures
 from vip_factors.body.kinematics import Motion
 from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.findings import sentences
-from vip_factors.live.settings import LiveSettings, RecalibrationSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings, RecalibrationSettings
 
 RATE = 30.0  # half the usual: half the time
 # Streams are too short for a calibration that is found anew, and tests of that have settings of their own.

@@ -5,8 +5,9 @@ import pytest
 
 from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
+from vip_factors.settings import SolveSettings
 from vip_factors.solve.band import Band, BandElimination, Shape, inverse_of_square
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 
 
 class Rosenbrock:

@@ -13,12 +13,12 @@ from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.evaluation import evaluate_scene
-from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Subject
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene

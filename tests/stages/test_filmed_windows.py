@@ -18,7 +18,6 @@ from vip_factors.display import silent
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between, rotation_z
-from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.pipeline import smooth, smooth_chunks
@@ -26,8 +25,7 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory
-from vip_factors.settings import CalibrationSettings, FusionSettings, WindowSettings
-from vip_factors.solve.levenberg_marquardt import SolveSettings
+from vip_factors.settings import CalibrationSettings, FusionSettings, SolveSettings, StartSettings, WindowSettings
 from vip_factors.stages.window_join import Headings, SolvedWindow, chunks_of, moved
 from vip_factors.stages.windows import WindowPlan
 

@@ -11,6 +11,7 @@ from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import contact_points
 from vip_factors.errors import InputError
+from vip_factors.factor_settings import FactorSettings
 from vip_factors.geometry.rotations import Array, angle_between, exp
 from vip_factors.pipeline import smooth
 from vip_factors.problem.state import CameraPoses, CameraState, SceneState
@@ -19,7 +20,6 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.stages import scene_solution
 from vip_factors.stages.floor import Floor, distance_findings, levelled, with_declared_floor
 from vip_factors.stages.floor import _plane as plane
-from vip_factors.terms.registry import FactorSettings
 
 SOLE_M = 0.018
 ACROSS = np.array([0.0, 1.0, 0.0])  # of a camera that looks along x

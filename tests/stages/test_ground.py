@@ -10,14 +10,13 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import joint_index
+from vip_factors.factor_settings import ContactFrom, FactorSettings, GroundContactSettings
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import CameraPoses, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.stages.floor import ground_view, seen_feet, standing_confidence
-from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings
-from vip_factors.terms.registry import FactorSettings
 
 T, STEP, SOLE = 30, 1 / 60, 0.01
 SKELETON, COCO = skeleton_from_stature(1.75), keypoint_set("coco17")

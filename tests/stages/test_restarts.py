@@ -14,11 +14,10 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, one_stream
-from vip_factors.settings import CalibrationSettings, Settings
+from vip_factors.settings import CalibrationSettings, Settings, SolveSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.restarts import headings_after_pauses, pauses_of, with_restarts
 
 SETTINGS = Settings(frame_rate=15.0, calibration=CalibrationSettings(passes=1), solve=SolveSettings(max_iterations=12))

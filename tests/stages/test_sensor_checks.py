@@ -9,14 +9,14 @@ import pytest
 
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import transpose
-from vip_factors.initialise.sensor_clocks import SensorClockSettings, fewest_delays
+from vip_factors.initialise.sensor_clocks import fewest_delays
 from vip_factors.io.convert import read_log
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.sources import RecordingInMemory, one_stream
-from vip_factors.settings import Settings, WindowSettings
+from vip_factors.settings import SensorClockSettings, Settings, WindowSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings

@@ -8,11 +8,11 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.lengths import stature_of
+from vip_factors.factor_settings import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.scene import KeypointView
 from vip_factors.sensors.detections import Detections
 from vip_factors.stages.views import AREA_OF_HEIGHT, keypoint_view, scatter
-from vip_factors.terms.reprojection import ReprojectionSettings
 
 COCO = keypoint_set("coco17")
 SETTINGS, SKELETON = ReprojectionSettings(), skeleton_from_stature(1.75)

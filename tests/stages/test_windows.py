@@ -15,8 +15,6 @@ from vip_factors.errors import InputError, RecordingError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.geometry.rotations import angle_between, exp
-from vip_factors.initialise.sensor_clocks import SensorClockSettings
-from vip_factors.initialise.start_candidates import StartSettings
 from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.state import WearerState
 from vip_factors.sensors.calibration import preset
@@ -25,13 +23,19 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import SceneInMemory, frames_of, without_gaps
-from vip_factors.settings import CalibrationSettings, Settings, WindowSettings
+from vip_factors.settings import (
+    CalibrationSettings,
+    SensorClockSettings,
+    Settings,
+    SolveSettings,
+    StartSettings,
+    WindowSettings,
+)
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings
 from vip_factors.simulate.staging import with_initial_pose
-from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.stages.calibrate import Calibration, calibrate
 from vip_factors.stages.reporting import calibrated_estimate
 from vip_factors.stages.solve_windows import solve_windows

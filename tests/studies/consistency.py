@@ -17,8 +17,9 @@ from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
 from vip_factors.problem.state import CameraState
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import PRESETS
+from vip_factors.settings import SolveSettings
 from vip_factors.simulate.settings import CameraKind
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 from vip_factors.stages.decode import static_covariance
 
 # From the truth, to the last digit: what is asked is whether the covariance is right, not whether the start was good.

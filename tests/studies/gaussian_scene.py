@@ -12,6 +12,7 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.pose_prior import POSE_SIZE, JointLimits, load_pose_prior
 from vip_factors.body.skeleton import JOINT_COUNT, Skeleton
+from vip_factors.factor_settings import CameraFactorSettings, FactorSettings, RobustLoss
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_z, transpose
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, CameraState, SceneState, WearerState
@@ -20,9 +21,8 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.terms.acceleration import GRAVITY
+from vip_factors.terms.camera_velocity import camera_velocity_sigmas
 from vip_factors.terms.heading_prior import heading_sigmas
-from vip_factors.terms.registry import CameraFactorSettings, FactorSettings
-from vip_factors.terms.robust import RobustLoss
 
 SQUARE = RobustLoss()
 LENS = CameraModel(1920, 1080, (1660.0, 1660.0), (960.0, 540.0))
@@ -168,7 +168,7 @@ def _camera(settings: GaussianSettings, random: np.random.Generator) -> tuple[Ca
     T, step = settings.frames, settings.step
     R, p = np.empty((T, 3, 3)), np.empty((T, 3))
     R[0], p[0] = R_WORLD_CAMERA, P_WORLD_CAMERA
-    steps = step * factors.velocity.sigmas * random.standard_normal((T, 6))
+    steps = step * camera_velocity_sigmas(factors.velocity) * random.standard_normal((T, 6))
     for t in range(1, T):  # a walk on a group: each step in the axes that the one before left
         R[t], p[t] = R[t - 1] @ exp(steps[t, :3]), p[t - 1] + R[t - 1] @ steps[t, 3:]
     poses, heading = CameraPoses(R, p), random.uniform(-np.pi, np.pi)

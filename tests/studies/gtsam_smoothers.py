@@ -14,12 +14,12 @@ from vip_factors.errors import RecordingError
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.factor_graph.variables import values_of
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, stacked
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.live import LiveSample
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 
 NEVER_S = 1e9  # between steps of what frames share: GTSAM's smoothers hold it constant
 

@@ -36,12 +36,11 @@ from vip_factors.evaluate.metrics import GLOBAL_JOINTS, common_frames, global_po
 from vip_factors.findings import sentences
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import rotation_z, transpose, wrap_angle, yaw_of
-from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.camera import move_motion
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
+from vip_factors.settings import LiveSettings, Settings
 from vip_factors.simulate.settings import SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import floor_height
 

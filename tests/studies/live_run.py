@@ -13,12 +13,11 @@ from vip_factors.errors import RecordingError
 from vip_factors.evaluate.metrics import POSITION_JOINTS, indices, resample
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import CommonSettings
+from vip_factors.settings import CommonSettings, LiveSettings
 
 
 @dataclass(frozen=True)

@@ -17,9 +17,9 @@ from vip_factors.evaluate.evaluation import evaluate_motion
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.findings import sentences
 from vip_factors.io.mcap_recording import read_scene
-from vip_factors.live.settings import LiveSettings
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 
 METRICS = ("mpjpe", "mpjae", "knee_flexion_rmse")
 NOTHING = (np.nan, np.nan, np.nan)

@@ -14,13 +14,12 @@ from tests.studies.processes import apart, peak_memory
 from tests.studies.study import MB, Study, Tell, columns, table
 from vip_factors.cli.options import Flag, Output
 from vip_factors.errors import RecordingError, VipFactorsError
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
+from vip_factors.settings import LiveSettings, Settings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.scene import Performer, simulate_scene

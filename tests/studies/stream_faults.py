@@ -17,11 +17,11 @@ from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.motions import read_motion
-from vip_factors.live.settings import LiveSettings, RecalibrationSettings
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings, RecalibrationSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.settings import CameraKind, SceneSettings
 from vip_factors.simulate.staging import lasting

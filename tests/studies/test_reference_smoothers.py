@@ -11,9 +11,9 @@ from vip_factors.assembly.objective import SceneObjective
 from vip_factors.factor_graph.keys import joint_key, root_key
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.live.problem import FrameState, stacked, without_frames
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.settings import LiveSettings, SolveSettings
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 
 SHORT_LAG, WINDOW, ITERATIONS, ALL = 3, 9, 6, 100
 # The same factors have the same minimum, but for where GTSAM's iterations stop.

@@ -42,10 +42,10 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, RecordingError, VipFactorsError
 from vip_factors.geometry.rotations import angle_between, exp, rotation_z
 from vip_factors.io.mcap_recording import read_scene, write_recording
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live_estimate import LiveEstimate, LivePose
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 from vip_factors.simulate.gestures import gestures
 
 STUB = Path(__file__).parents[1] / "stub_tracker.py"

@@ -35,13 +35,11 @@ from tests.studies.vip import (
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError, SolveError
 from vip_factors.geometry.rotations import angle_between, wrap_angle
-from vip_factors.live.settings import LiveSettings
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
+from vip_factors.settings import LiveSettings, Settings, SolveSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.staging import floor_height
-from vip_factors.solve.levenberg_marquardt import SolveSettings
 
 SETTINGS = Settings(frame_rate=30.0, calibration_rate=10.0, solve=SolveSettings(max_iterations=2))
 LIVE = LiveSettings(frame_rate=30.0, calibration_rate=10.0, solve=SolveSettings(max_iterations=2))

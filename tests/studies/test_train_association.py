@@ -9,9 +9,9 @@ from associate.association_samples import MODEL, scene
 from tests.studies.association_scenes import LabelledScene
 from tests.studies.train_association import fit_logistic, save_weights, train_association
 from vip_factors.associate.associate import associate
-from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.weights import FEATURES, load_weights
 from vip_factors.errors import InputError
+from vip_factors.settings import AssociationSettings
 
 
 def test_logistic_regression_finds_the_weights_that_made_the_labels() -> None:

@@ -14,15 +14,7 @@ from tests.studies.association_scenes import LabelledScene, SceneMaking, labelle
 from tests.studies.pose_prior_training import DAMAGED_CLIPS, held_out_names
 from tests.studies.study import Tell
 from tests.studies.train_prior import Trained, Training
-from vip_factors.associate.associate import (
-    AssociationSettings,
-    build_assignment,
-    choose,
-    gated,
-    inter_edges,
-    intra_edges,
-    make_context,
-)
+from vip_factors.associate.associate import build_assignment, choose, gated, inter_edges, intra_edges, make_context
 from vip_factors.associate.features import Context, inter_features, unary_features
 from vip_factors.associate.weights import FEATURES, AssociationWeights, Logistic, verdict_features
 from vip_factors.atomic import atomic_path, check_target
@@ -32,6 +24,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.motions import motion_files, read_motion
 from vip_factors.ranges import NotNegativeInt
+from vip_factors.settings import AssociationSettings
 
 RIDGE = 1e-3  # of the standardised weights: a feature that adds nothing stays near zero
 

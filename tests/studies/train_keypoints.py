@@ -15,11 +15,12 @@ from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, SHAPE, KeypointOffsets
 from vip_factors.cli.options import Output
 from vip_factors.errors import InputError, SolveError
+from vip_factors.factor_settings import KeypointOffsetSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.typed_files import toml_text
-from vip_factors.problem.scene import KeypointView
+from vip_factors.problem.scene import KeypointView, keypoint_offset_sigmas
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.variables import DETECTOR
 from vip_factors.sensors.camera import VideoClock
@@ -28,11 +29,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
-from vip_factors.stages.association import (
-    associate_cameras,
-    associate_cameras_again,
-    usable_cameras,
-)
+from vip_factors.stages.association import associate_cameras, associate_cameras_again, usable_cameras
 from vip_factors.stages.decode import motion_of, static_covariance
 from vip_factors.stages.fusion import FusionSolution, fusion_problem
 from vip_factors.stages.fusion_start import start_fusion
@@ -40,7 +37,6 @@ from vip_factors.stages.inertial import InertialSolution, at_frames
 from vip_factors.stages.inertial_model import inertial_model
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.windows import scene_plan
-from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 # m. Thrice the usual: of a camera whose place is not known it holds what all keypoints have in common.
 WIDE = KeypointOffsetSettings(sigma=0.03, elbow_wrist_sigma=0.03, hip_sigma=0.06)
@@ -94,7 +90,7 @@ class TrainKeypoints(Study):
             persons += offsets_in_recording(read_scene(path), Settings(), partial(tell, path.name))
         if not persons:
             raise InputError("no recording named: expected one or more (.mcap) with cameras and truth")
-        usual, sets = KeypointOffsetSettings().sigmas, {}
+        usual, sets = keypoint_offset_sigmas(KeypointOffsetSettings()), {}
         for name, several in group(persons, lambda person: person.keypoints).items():
             sets[name] = (pooled_offsets([person.offsets for person in several], usual), len(several))
         with atomic_open(self.out, "w", self.overwrite) as file:

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from vip_factors.terms.reprojection import AdaptiveBiweightSettings, adaptive_biweight
+from vip_factors.factor_settings import AdaptiveBiweightSettings
+from vip_factors.terms.reprojection import adaptive_biweight
 
 OKS = np.array([0.05, 0.1])
 PREDICTED = np.array([[[100.0, 100.0], [200.0, 200.0]]])

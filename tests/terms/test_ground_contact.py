@@ -8,13 +8,12 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import joint_index
+from vip_factors.factor_settings import GroundContactSettings, Weighing
 from vip_factors.geometry.rotations import exp, rotation_z, transpose
 from vip_factors.problem.scene import Foot
 from vip_factors.problem.state import CameraPoses
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.ground_contact import (
-    GroundContactSettings,
-    Weighing,
     acceleration_confidence,
     ground_contact_residual,
     ground_contact_whitening,

@@ -16,15 +16,16 @@ from vip_factors.body.hinges import TILTS
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.compiled import kernels
+from vip_factors.factor_settings import RobustLoss
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout, Owner, OwnerId
 from vip_factors.problem.variables import ROWS
 from vip_factors.problem.wearer import BodyPoints
 from vip_factors.solve.slices import REACH, Blocks
+from vip_factors.terms.camera_velocity import camera_velocity_sigmas
 from vip_factors.terms.equations import Evaluation, Term
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
-from vip_factors.terms.hinge import hinges_of_rows
-from vip_factors.terms.robust import RobustLoss
+from vip_factors.terms.hinge import hinge_sigmas, hinges_of_rows
 
 CAMERA = -1  # beside the numbers of wearers
 _PARENTS = np.array(PARENTS)
@@ -192,8 +193,8 @@ def _hinge(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> Non
     settings = at.problem.settings.hinge
     if settings.use:
         sums.hinge(
-            at.state.R_parent_child, *hinges_of_rows(at.state.hinges), at.state.hinges[TILTS:], 1 / settings.sigmas,
-            *_believed(settings.loss, at),
+            at.state.R_parent_child, *hinges_of_rows(at.state.hinges), at.state.hinges[TILTS:],
+            1 / hinge_sigmas(settings), *_believed(settings.loss, at),
         )  # fmt: skip
 
 
@@ -239,7 +240,9 @@ def _camera_acceleration(sums: Any, at: CameraEvaluation, scatter: CompiledAccum
 def _camera_velocity(sums: Any, at: CameraEvaluation, scatter: CompiledAccumulator) -> None:
     if at.is_path:
         settings = at.problem.settings.velocity
-        sums.camera_velocity(*_poses(at, scatter), at.step, settings.sigmas, *_believed(settings.loss, at))
+        sums.camera_velocity(
+            *_poses(at, scatter), at.step, camera_velocity_sigmas(settings), *_believed(settings.loss, at)
+        )
 
 
 TWINS: dict[str, Callable[[Any, Any, CompiledAccumulator], None]] = {

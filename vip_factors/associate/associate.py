@@ -19,7 +19,6 @@ from vip_factors.associate.features import (
 )
 from vip_factors.associate.findings import find_oddities
 from vip_factors.associate.hypothesis import hypotheses, keypoint_sigma, used_confidence, wearer_points
-from vip_factors.associate.settings import AssociationSettings
 from vip_factors.associate.tracklets import brief_choices, contradicted, tracklets
 from vip_factors.associate.weights import Logistic, load_weights, verdict_features
 from vip_factors.body.kinematics import Motion
@@ -28,6 +27,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
+from vip_factors.settings import AssociationSettings
 
 NOMINAL_RATE = 30.0  # frames per second that the settings' offsets are meant for
 

@@ -196,8 +196,10 @@ def nominal_pose(pose: str) -> HeldPose:
     return HeldPose(calibration_pose(pose), np.full((JOINT_COUNT, 3), np.radians(nominal_sigma_deg)))
 
 
-def held_pose(pose: str) -> HeldPose:
-    """One of the poses as people hold it, upright and facing the world's x axis."""
+def held_pose(pose: str, nominal: bool = False) -> HeldPose:
+    """One of the poses as people hold it, upright and facing the world's x axis; or ``nominal``, to the letter."""
+    if nominal:
+        return nominal_pose(pose)
     R, sigma = calibration_pose(pose), np.ones((JOINT_COUNT, 3))
     for name, spread in _TRUNK.items():
         sigma[joint_index(name)] = np.radians(spread)

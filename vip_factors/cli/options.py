@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, ca
 import tyro
 
 from vip_factors.atomic import check_target
+from vip_factors.cli.field_help import DATACLASSES
 from vip_factors.cli.terminal import STANDARD_OUTPUT
 from vip_factors.errors import InputError, naming_file, nearest
 from vip_factors.ranges import Range, RangeError, check_ranges
@@ -86,7 +87,10 @@ def parse(options: type[Options], prog: str, words: Sequence[str]) -> Options:
     default = _with_settings(options, prog, words) if named else None
     try:
         with naming_file(STANDARD_OUTPUT):  # where help is written
-            filled = cast(Options, tyro.cli(options, prog=prog, args=words, default=default, config=config))
+            filled = cast(
+                Options,
+                tyro.cli(options, prog=prog, args=words, default=default, config=config, registry=DATACLASSES),
+            )
         for name, hint in get_type_hints(options, include_extras=True).items():
             if UNPREFIXED in getattr(hint, "__metadata__", ()):  # its fields are named as their options are
                 check_ranges(getattr(filled, name), zero=True)

@@ -27,9 +27,8 @@ from vip_factors.cli.terminal import StatusLine, give_up_output, note, say
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import verdict
 from vip_factors.io.settings import LiveSourceSettings, SentPose
-from vip_factors.live.settings import LiveSettings
 from vip_factors.ranges import Port
-from vip_factors.sensors.live import VideoFrame
+from vip_factors.settings import LiveSettings
 from vip_factors.viz.viewer import check_display
 
 if TYPE_CHECKING:
@@ -141,6 +140,7 @@ def _run(
             on_finding=lambda finding: line.note(f"note: {finding.sentence}"), token=read_token(options.token_file),
         )  # fmt: skip
         from vip_factors.live.stream import Stream  # takes a second: before the clock runs
+        from vip_factors.sensors.live import VideoFrame
 
         stack.enter_context(source)
         if source.listens:

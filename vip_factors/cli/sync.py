@@ -2,14 +2,17 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from vip_factors.cli.options import Flag, Output, WritingOptions
 from vip_factors.cli.terminal import say, waiting
 from vip_factors.errors import InputError
-from vip_factors.initialise.clock import MAX_OFFSET_S, ClockOffset, find_clock_offset
+from vip_factors.settings import MAX_OFFSET_S
+
+if TYPE_CHECKING:
+    from vip_factors.initialise.clock import ClockOffset
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class SyncOptions(WritingOptions):
 def main(options: SyncOptions) -> None:
     """Run the command."""
     from vip_factors.api import with_clock
+    from vip_factors.initialise.clock import find_clock_offset
     from vip_factors.io.mcap_recording import read_scene, write_recording
     from vip_factors.sensors.camera import VideoClock
 
@@ -64,7 +68,7 @@ def main(options: SyncOptions) -> None:
     say(out)
 
 
-def offset_text(offset: ClockOffset, before: float = 0.0) -> str:
+def offset_text(offset: "ClockOffset", before: float = 0.0) -> str:
     """What was found, as a small table with the other offsets that were considered."""
     lines = [offset.sentence] if offset.determined else []
     if offset.determined and before:
@@ -76,7 +80,7 @@ def offset_text(offset: ClockOffset, before: float = 0.0) -> str:
     return "\n".join(lines)
 
 
-def draw_offset(offset: ClockOffset, path: Path, overwrite: bool = False) -> None:
+def draw_offset(offset: "ClockOffset", path: Path, overwrite: bool = False) -> None:
     """A picture of the agreement over all offsets, the best marked."""
     from vip_factors.viz.charts import Curve, curve_chart
 

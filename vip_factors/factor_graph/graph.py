@@ -19,7 +19,8 @@ from vip_factors.problem.layout import Layout
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
-from vip_factors.solve.levenberg_marquardt import INITIAL_DAMPING, MAX_DAMPING, SolveSettings, levenberg_marquardt
+from vip_factors.settings import SolveSettings
+from vip_factors.solve.levenberg_marquardt import INITIAL_DAMPING, MAX_DAMPING, levenberg_marquardt
 
 
 @dataclass(frozen=True)

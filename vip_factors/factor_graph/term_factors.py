@@ -11,6 +11,7 @@ from vip_factors.body.kinematics import twists_at
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors, joint_index
 from vip_factors.errors import SolveError
 from vip_factors.factor_graph.variables import HEADINGS, JOINT, POSES, ROOT, Variable, state_of
+from vip_factors.factor_settings import Loss, RobustLoss
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
@@ -27,7 +28,6 @@ from vip_factors.terms.equations import (
 )
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.terms.registry import CAMERA_TERMS, VIEW_TERMS, WEARER_TERMS
-from vip_factors.terms.robust import Loss, RobustLoss
 
 Evaluation = WearerEvaluation | ViewEvaluation | CameraEvaluation
 Blocks = list[tuple[Variable, Array]]

@@ -16,6 +16,7 @@ from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
+from vip_factors.settings import MAX_OFFSET_S
 
 OFFSETS_S = 0.35  # either side of the offset that was found for the whole
 FIT_S = 0.05  # over which a peak is a parabola
@@ -139,7 +140,6 @@ def _fitted(
     return float(offset_at_middle), float(drift), float(sigma), len(rows)
 
 
-MAX_OFFSET_S = 10.0  # what two people pressing buttons, or two clocks set by network, differ by
 PEAK_S = 0.35  # around a peak of the curve: a half step lasts 0.5 s
 LIMB_S = 0.15  # around the common peak, where each limb has its own
 

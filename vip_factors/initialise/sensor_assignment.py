@@ -30,13 +30,6 @@ SECONDS = 40.0  # of the recording, from its middle
 
 
 @dataclass(frozen=True)
-class AssignmentSettings:
-    """How sensors that are on one another's segments are looked for."""
-
-    check: bool = True  # off: they are where the placement has them, whatever the motion says
-
-
-@dataclass(frozen=True)
 class Exchange:
     """Two sensors that are on one another's segments.
 

@@ -218,21 +218,6 @@ DELAY_DEVIATIONS = 4.0  # standard deviations by which a delay must differ from 
 
 
 @dataclass(frozen=True)
-class SensorClockSettings:
-    """How sensors whose clocks are off their fellows' are looked for, and what is done about them."""
-
-    check: bool = True  # off: clocks agree, whatever the motion says
-    correct: bool = True  # off: delays are told, and left
-
-
-@dataclass(frozen=True)
-class AccelerometerSettings:
-    """What accelerometers are looked over for, and what is done."""
-
-    check: bool = True  # off: they are taken as they are
-
-
-@dataclass(frozen=True)
 class SensorDelay:
     """A sensor whose samples are late (early if below nought).
 

@@ -24,13 +24,6 @@ BONE_SIGMA = np.deg2rad(10.0)  # of a mounting about the bone that carries it, s
 
 
 @dataclass(frozen=True)
-class StartSettings:
-    """How the first headings and mountings are looked for."""
-
-    search: bool = True  # off: the straps and the low-passed motion alone, as in the papers
-
-
-@dataclass(frozen=True)
 class InitialisationHypothesis:
     """What is taken for granted.
 

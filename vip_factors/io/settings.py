@@ -17,20 +17,16 @@ class SentPose(StrEnum):
 
 @dataclass(frozen=True)
 class LiveSourceSettings:
-    """Limits of a live source.
-
-    Attributes:
-        queue_limit: samples that wait for the tracker before some are dropped.
-        growth_wait: seconds that a file may take to appear, and without growth after which it counts as finished.
-        next_client_wait: seconds that a server waits for another client after one whose samples were used has gone;
-            None: until Ctrl-C.
-    """
+    """Limits of a live source."""
 
     # Two wearers of 13 sensors at 100 Hz send 2,600 a second: a start-up of a second and a half loses nothing.
     queue_limit: int = 4096
+    """Samples that wait for the tracker before some are dropped."""
     # Recorders flush several times a second; a minute of slack for the operating system would only delay the end.
     growth_wait: float = 10.0
+    """Seconds that a file may take to appear, and without growth after which it counts as finished."""
     next_client_wait: Annotated[float | None, Range(least=0)] = None
+    """Seconds that a server waits for another client after its last one has gone; until Ctrl-C if absent."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "limits.")

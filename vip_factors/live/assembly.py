@@ -10,11 +10,11 @@ from vip_factors.errors import InputError
 from vip_factors.findings import Finding, FindingLog
 from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video, oriented
-from vip_factors.live.settings import AssemblySettings
 from vip_factors.live.source_clocks import Admitted, SensorPresence, StreamClocks
 from vip_factors.sensors.imu_stream import AttitudeFilter
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.sensors.scene import Camera
+from vip_factors.settings import AssemblySettings
 
 MOST_REMEMBERED = 64  # handed out before: a link that sends again does so within moments
 REPEAT_S = 10.0  # at most so often the same finding about the same sensor is told

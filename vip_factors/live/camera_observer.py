@@ -8,6 +8,7 @@ import numpy as np
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.factor_settings import CameraFactorSettings, ContactFrom, GroundContactSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.association import NOBODY, Belief, OnlineAssociation
 from vip_factors.live.problem import LagFrame
@@ -24,8 +25,6 @@ from vip_factors.stages.floor import (
     seen_feet,
 )
 from vip_factors.stages.views import AREA_OF_HEIGHT, pixel_sigma, points_on_body, scatter
-from vip_factors.terms.ground_contact import ContactFrom, GroundContactSettings
-from vip_factors.terms.registry import CameraFactorSettings
 from vip_factors.terms.reprojection import adaptive_biweight
 
 

@@ -13,7 +13,6 @@ from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, transpose, wrap_angle
 from vip_factors.live.problem import FrameState
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
@@ -22,6 +21,7 @@ from vip_factors.problem.state import WearerState
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 from vip_factors.stages.reporting import told_calibration
 
 

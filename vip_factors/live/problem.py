@@ -9,13 +9,13 @@ from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.poses import retract_pose
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.live.measurement import FrameMeasurement
-from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.layout import ROOT, Layout, Owner
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, SceneState
 from vip_factors.problem.variables import scene_layout
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import POSE_S, ImuFrames
+from vip_factors.settings import LiveSettings
 
 
 @dataclass(frozen=True)

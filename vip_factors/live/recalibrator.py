@@ -32,19 +32,12 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.sensor_assignment import LEAST_NATS
 from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
 from vip_factors.live.problem import FrameState
-from vip_factors.live.settings import LiveSettings
-from vip_factors.live.start import (
-    EarlierCalibration,
-    TrackingStart,
-    solve_stretch,
-    tracking_start,
-    unsettled_starts,
-)
+from vip_factors.live.start import EarlierCalibration, TrackingStart, solve_stretch, tracking_start, unsettled_starts
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import Settings
+from vip_factors.settings import LiveSettings, Settings
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.scene_solution import SceneSolution
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of

@@ -12,10 +12,10 @@ from vip_factors.assembly.system import far_columns
 from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, moved_frames, stacked
-from vip_factors.live.settings import LiveSettings, RelinearisationSettings
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.settings import LiveSettings, RelinearisationSettings
 from vip_factors.solve.joined_lag import Columns, JoinedChains, JoinedSolution, marginal
 from vip_factors.solve.slices import REACH, Slices
 

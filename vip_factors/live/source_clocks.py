@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from vip_factors.findings import Finding, FindingLog
-from vip_factors.live.settings import AssemblySettings
+from vip_factors.settings import AssemblySettings
 
 # s of samples in a row from a clock that has jumped, after which it is believed to have started again: a lone bad stamp
 # never lasts, and a sensor switched off and on is back within the second.

@@ -15,13 +15,13 @@ from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.initialise.start_search import Starts
 from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.problem import FrameState, LagFrame, LagProblem, lag_frame, without_frames
-from vip_factors.live.settings import LiveSettings
 from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.recording import Recording
+from vip_factors.settings import LiveSettings
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.fusion_start import FusionStart

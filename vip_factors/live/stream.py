@@ -11,13 +11,13 @@ from vip_factors.errors import InputError
 from vip_factors.factor_graph.extra import ExtraFactors
 from vip_factors.findings import Finding, bare
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.tracker import DEFAULT, FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.imu_stream import rotations_of
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame, stream_head
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 
 
 class Stream:

@@ -19,13 +19,13 @@ from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, vide
 from vip_factors.live.prediction import continued, corrections
 from vip_factors.live.recalibrator import Recalibration, Recalibrator
 from vip_factors.live.sensor_slips import SlipTest
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import EarlierCalibration, TrackingStart, start_tracking
 from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveSample, checked_head, sensor_columns
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 from vip_factors.stages.floor import with_declared_floor
 
 

@@ -17,12 +17,12 @@ from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
 from vip_factors.live.prediction import predicted
 from vip_factors.live.problem import LagFrame, lag_frame
 from vip_factors.live.sensor_slips import KnockDetector, SlipTest
-from vip_factors.live.settings import LiveSettings
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import CAMERA
 from vip_factors.sensors.scene import Scene
+from vip_factors.settings import LiveSettings
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import whitened_reprojections
 

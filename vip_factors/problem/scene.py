@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from vip_factors.body.keypoints import KeypointOffsets, offset_of
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, offset_of
 from vip_factors.body.kinematics import BodyState
+from vip_factors.factor_settings import CameraFactorSettings, KeypointOffsetSettings
 from vip_factors.geometry.rotations import Array, hat
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import CameraState, SceneState
@@ -16,9 +17,8 @@ from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem, sol
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 
-if TYPE_CHECKING:  # the types alone: terms are above problems, and read their settings from them
+if TYPE_CHECKING:
     from vip_factors.solve.slices import Blocks
-    from vip_factors.terms.registry import CameraFactorSettings
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class CameraProblem:
 
     model: CameraModel
     moving: bool
-    settings: "CameraFactorSettings" = field(kw_only=True)
+    settings: CameraFactorSettings = field(kw_only=True)
     free_pose: bool = True
     imu: ImuFrames | None = None
     p_camera_imu: Array = field(default_factory=lambda: np.zeros(3))
@@ -57,7 +57,7 @@ class CameraProblem:
     @cached_property
     def prior_offsets(self) -> KeypointOffsets:
         """Of the detector's keypoints."""
-        sigmas = self.settings.keypoint_offset.sigmas
+        sigmas = keypoint_offset_sigmas(self.settings.keypoint_offset)
         return self.learned_offsets or KeypointOffsets(np.zeros_like(sigmas), sigmas)
 
     def window(self, frames: slice) -> "CameraProblem":
@@ -71,6 +71,15 @@ class CameraProblem:
         A camera that stands still is told the same, errors included, in every frame: a second of it weighs as one.
         """
         return 1.0 if self.moving else min(1.0, step)
+
+
+def keypoint_offset_sigmas(settings: KeypointOffsetSettings) -> Array:
+    """Of each keypoint and axis ``(K, 3)``, metres."""
+    sigmas = np.full((len(OFFSET_KEYPOINTS), 3), settings.sigma)
+    sigmas[OFFSET_KEYPOINTS.index("hip")] = settings.hip_sigma
+    for name in ("elbow", "wrist"):
+        sigmas[OFFSET_KEYPOINTS.index(name)] = settings.elbow_wrist_sigma
+    return sigmas
 
 
 @dataclass(frozen=True)

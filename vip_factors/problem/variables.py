@@ -16,6 +16,7 @@ from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.problem.layout import FRAME, POSE, ROOT, FrameBlock, Layout, Manifold, Owner, OwnerId, StaticBlock
 from vip_factors.problem.scene import SceneProblem
+from vip_factors.settings import ProcessNoiseSettings, RelinearisationSettings
 
 # One unit of damping, in physical units, is a prior of this size on every step.
 STEP_ANGLE = 0.1  # rad
@@ -28,24 +29,6 @@ BODY_MOVED = 0.003  # m: from where on a length is linearised anew in a stream
 SOLE_MOVED = 0.1  # and a sole's logarithm
 CAMERA = OwnerId(Owner.CAMERA)
 DETECTOR = OwnerId(Owner.DETECTOR)
-
-
-@dataclass(frozen=True)
-class ProcessNoiseSettings:
-    """How fast what all frames share may wander in a stream, per √second.
-
-    Beyond drift it stands for what repeats from frame to frame: taken as new each time it would make headings and
-    mountings surer than they are within seconds, and hold them where the first seconds put them.
-    """
-
-    every_s: float = 0.5  # the walk goes in steps: one elimination more at each
-    heading_deg: float = 0.3  # 2.3° in a minute: twice what a good filter drifts
-    mounting_deg: float = 0.3  # straps creep, skin moves
-    camera_deg: float = 0.05  # a camera that stands still does
-    camera_m: float = 0.002
-
-
-RELINEARISE_DEG = 0.3  # heading or mounting: they are seen by all frames, 1.0 costs 2 mm
 
 
 @dataclass(frozen=True)
@@ -144,7 +127,7 @@ ROWS = {row.name: row for row in _rows()}
 def scene_layout(
     scene: SceneProblem,
     noise: ProcessNoiseSettings | None = None,
-    relinearise_deg: float = RELINEARISE_DEG,
+    relinearise_deg: float = RelinearisationSettings.shared_deg,
     wearers_move: bool = True,
 ) -> Layout:
     """All variables of a scene that move; without the wearers' if these are kept as they are."""

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,11 +12,9 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import JointLimits, PosePrior
 from vip_factors.body.skeleton import HeldPose, Skeleton
+from vip_factors.factor_settings import FactorSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.frames import ImuFrames
-
-if TYPE_CHECKING:  # the type alone: terms are above problems, and read their settings from them
-    from vip_factors.terms.registry import FactorSettings
 
 
 @dataclass(frozen=True)
@@ -118,7 +115,7 @@ class WearerProblem:
     heading_sigma: Array
     prior_R_bone_sensor: Array
     mounting_sigma: Array
-    settings: "FactorSettings"
+    settings: FactorSettings
     p_world_start: Array = field(default_factory=lambda: np.zeros(3))
     initial_pose: InitialPose | None = None
     contacts: tuple[BodyPoint, ...] = ()

@@ -10,14 +10,13 @@ keypoint's OKS sigma times the square root of the person's area in the image.
 """
 
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
-
-from vip_factors.body.keypoints import keypoint_set
 from vip_factors.errors import InputError
 from vip_factors.ranges import MaybeRate, NotNegative, Range, Rate, check_ranges
-from vip_factors.sensors.camera import CameraModel
+
+if TYPE_CHECKING:
+    from vip_factors.sensors.camera import CameraModel
 
 CameraKind = Literal["fixed", "hand-held", "walking"]
 
@@ -127,21 +126,11 @@ class FilmSettings:
     """Of the IMU on the camera, each axis: taped along the edges by eye."""
 
     def __post_init__(self) -> None:
-        keypoint_set(self.keypoints)
         if self.camera not in (None, "fixed", "hand-held", "walking"):
             raise InputError(f"camera '{self.camera}': expected fixed, hand-held or walking")
         check_ranges(self, zero=True)
         if self.known_camera_pose and self.camera not in (None, "fixed"):
             raise InputError(f"a known pose of a {self.camera} camera: only that of a fixed one can be known")
-        self.model  # its own checks  # noqa: B018
-
-    @property
-    def model(self) -> CameraModel:
-        """Intrinsics with square pixels and the principal point in the middle of the image."""
-        focal = self.width / 2 / np.tan(np.deg2rad(self.fov_deg) / 2)
-        return CameraModel(
-            self.width, self.height, (focal, focal), (self.width / 2, self.height / 2), tuple(self.distortion)
-        )
 
     @property
     def has_camera_imu(self) -> bool:
@@ -162,6 +151,25 @@ class SceneSettings(FilmSettings):
 
     imu: SimulateSettings = field(default_factory=SimulateSettings)
     detector: DetectorSettings = field(default_factory=DetectorSettings)
+
+    def __post_init__(self) -> None:
+        from vip_factors.body.keypoints import keypoint_set
+
+        super().__post_init__()
+        keypoint_set(self.keypoints)
+        self.model  # its own checks  # noqa: B018
+
+    @property
+    def model(self) -> "CameraModel":
+        """Intrinsics with square pixels and the principal point in the middle of the image."""
+        import numpy as np
+
+        from vip_factors.sensors.camera import CameraModel  # imported here: help shows settings without NumPy
+
+        focal = self.width / 2 / np.tan(np.deg2rad(self.fov_deg) / 2)
+        return CameraModel(
+            self.width, self.height, (focal, focal), (self.width / 2, self.height / 2), tuple(self.distortion)
+        )
 
     @classmethod
     def noise_free(cls, film: FilmSettings | None = None, **changes: Any) -> "SceneSettings":

@@ -6,13 +6,13 @@ objective that can linearise itself.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.errors import SolveError
 from vip_factors.estimate import Iteration, SolveReport
+from vip_factors.settings import SolveSettings
 
 State = TypeVar("State")
 
@@ -43,14 +43,6 @@ class Objective(Protocol[State]):
 
 INITIAL_DAMPING = 1e-3  # of the diagonal: near Gauss–Newton, for starts are good
 MAX_DAMPING = 1e6  # beyond it steps have no length left
-
-
-@dataclass(frozen=True)
-class SolveSettings:
-    """When to stop, and how far to trust the linearisation."""
-
-    max_iterations: int = 30  # IT and SIP settle in 5–20; the thesis used 20
-    relative_decrease: float = 1e-3  # steps below it move joints by a millimetre in all and take half of the time
 
 
 def levenberg_marquardt(

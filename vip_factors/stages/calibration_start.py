@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
-from vip_factors.body.skeleton import PARENTS, Skeleton, joint_index
+from vip_factors.body.skeleton import PARENTS, Skeleton, held_pose, joint_index
 from vip_factors.estimate import StartChoice
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between
@@ -47,7 +47,7 @@ def search_start(
         return search.best(usual, R_inertial_sensor)
     bones = [recording.placement.site(name).bone_index for name in frames.sensors]
     standing = initial_calibration(
-        frames, recording.placement, recording.subject.body(), declared.pose("n-pose"), declared.seconds,
+        frames, recording.placement, recording.subject.body(), held_pose("n-pose", declared.nominal), declared.seconds,
         gauge_sensor(bones),
     )  # fmt: skip
     as_standing = search.best(standing, R_inertial_sensor).best.calibration

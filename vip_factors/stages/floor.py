@@ -14,6 +14,7 @@ from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState, forward_kinematics
 from vip_factors.body.skeleton import Skeleton, contact_points, joint_index
 from vip_factors.errors import InputError
+from vip_factors.factor_settings import ContactFrom, GroundContactSettings, Weighing
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.initialise.calibration import contact_confidence
@@ -25,9 +26,6 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.inertial_model import placed_on_floor
 from vip_factors.terms.acceleration import GRAVITY
 from vip_factors.terms.ground_contact import (
-    ContactFrom,
-    GroundContactSettings,
-    Weighing,
     acceleration_confidence,
     ground_contact_whitening,
     pixel_rays,

@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import KeypointOffsets
 from vip_factors.errors import InputError
+from vip_factors.factor_settings import KeypointOffsetSettings
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
 from vip_factors.initialise.camera import (
@@ -21,7 +22,7 @@ from vip_factors.initialise.camera import (
     world_turn,
 )
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
-from vip_factors.problem.scene import CameraProblem, Viewpoint
+from vip_factors.problem.scene import CameraProblem, Viewpoint, keypoint_offset_sigmas
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.frames import resample_streams
@@ -30,7 +31,6 @@ from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.drift import middle_of
 from vip_factors.stages.inertial import InertialSolution
-from vip_factors.terms.keypoint_offset import KeypointOffsetSettings
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointO
     if camera.keypoint_offsets is not None:
         return camera.keypoint_offsets
     if settings.learned is None:
-        sigmas = settings.sigmas * camera.detections.keypoints.offset_spread
+        sigmas = keypoint_offset_sigmas(settings) * camera.detections.keypoints.offset_spread
         return KeypointOffsets(np.zeros_like(sigmas), sigmas)
     learned, name = read_keypoint_offsets(settings.learned), camera.detections.keypoints.name
     if name not in learned:

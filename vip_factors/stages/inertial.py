@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.pose_prior import joint_vector
+from vip_factors.body.skeleton import held_pose
 from vip_factors.errors import InputError, SolveError
 from vip_factors.estimate import WearerEstimate
 from vip_factors.findings import Finding
@@ -138,7 +139,7 @@ def first_calibration(recording: Recording, frames: ImuFrames, settings: CommonS
             raise InputError(f"recording '{recording.name}' has no true calibration: leave calibration.from_truth off")
         return known_calibration(frames, dict(recording.truth.calibration))
     body, declared = recording.subject.body(), settings.factors.initial_pose
-    pose = None if recording.initial_pose == "none" else declared.pose(recording.initial_pose)
+    pose = None if recording.initial_pose == "none" else held_pose(recording.initial_pose, declared.nominal)
     reference = gauge_sensor([recording.placement.site(name).bone_index for name in frames.sensors])
     return initial_calibration(frames, recording.placement, body, pose, declared.seconds, reference)
 

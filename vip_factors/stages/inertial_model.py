@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
-from vip_factors.body.skeleton import contact_points
+from vip_factors.body.skeleton import contact_points, held_pose
 from vip_factors.initialise.calibration import InitialCalibration, contact_confidence, standing_path
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
@@ -63,7 +63,7 @@ def declared_pose(recording: Recording, frames: ImuFrames, settings: CommonSetti
         return None
     declared = settings.factors.initial_pose
     held = max(1, round(declared.seconds / frames.step))
-    return InitialPose(declared.pose(recording.initial_pose), min(held, len(frames)))
+    return InitialPose(held_pose(recording.initial_pose, declared.nominal), min(held, len(frames)))
 
 
 def _variation(subject: Subject, scale: float) -> BodyVariation | None:

@@ -4,7 +4,7 @@ Where sensors say nothing for more than a second they may have been switched off
 heading of its own, and a log's clock need not tell how long it was. So every stretch between pauses has its headings
 looked for, as a start's are, with the mountings that one stretch tells. Where they explain it much better than those of
 before, its samples are turned into the inertial frames of before; what is left of it the fit finds, for over
-such a pause its headings may walk (:class:`~vip_factors.terms.heading_walk.HeadingWalkSettings`).
+such a pause its headings may walk (:class:`~vip_factors.factor_settings.HeadingWalkSettings`).
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence

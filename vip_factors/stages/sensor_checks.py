@@ -8,18 +8,12 @@ import numpy as np
 from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.initialise.sensor_clocks import (
-    SensorClockSettings,
-    SensorDelay,
-    clock_step,
-    joint_signal,
-    sensor_delays,
-)
+from vip_factors.initialise.sensor_clocks import SensorDelay, clock_step, joint_signal, sensor_delays
 from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
-from vip_factors.settings import Settings
+from vip_factors.settings import SensorClockSettings, Settings
 from vip_factors.stages.sensor_assignment import placed_links
 
 Corrections = Mapping[str, "SensorCorrection"]

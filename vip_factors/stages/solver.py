@@ -10,8 +10,8 @@ from vip_factors.factor_graph.graph import optimise_with_gtsam
 from vip_factors.problem.scene import ExtraTerms
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.settings import SolverName
-from vip_factors.solve.levenberg_marquardt import SolveSettings, levenberg_marquardt
+from vip_factors.settings import SolverName, SolveSettings
+from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 from vip_factors.terms.registry import unfilmed_problem
 
 

@@ -7,13 +7,14 @@ from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import Skeleton, joint_index
+from vip_factors.factor_settings import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.scene import KeypointView
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.wearer import BodyPoint
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.detections import Detections
-from vip_factors.terms.reprojection import PAPERS_WIDTH, ReprojectionSettings, adaptive_biweight
+from vip_factors.terms.reprojection import PAPERS_WIDTH, adaptive_biweight
 
 # The square root of a person's area in the image over the height they would have there standing: people fill about
 # half of a box that is 0.35 as wide as high.

@@ -6,32 +6,16 @@ force alone: ``∂(−Rz(γ) f)/∂γ = −e_z × Rz(γ) f``.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.terms.equations import DifferenceEquations, JacobianBlock, Term, differenced
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
 
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])  # of positions before, now and after: their acceleration, times step²
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
 _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # of rows: what turns about −z, at its start
-
-
-@dataclass(frozen=True)
-class AccelerationSettings:
-    """How far a model point's acceleration is from its sensor's."""
-
-    # Each row: soft tissue wobbles by 1–3 at the limbs in brisk motion (1.3–2.5 below 8 Hz on a walk with optical
-    # reference), less at rest.
-    sigma: float = 1.5
-    """Standard deviation in m/s²."""
-    # With six sensors acceleration alone tells where thighs and upper arms are, and is worth its bias: as in the
-    # thesis, whose weight of it is larger for SIP (3.4.1) than for VIP (4.4.1).
-    sparse_sigma: float = 0.5
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # foot strikes ring the straps
 
 
 def acceleration_residual(

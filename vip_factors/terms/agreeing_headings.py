@@ -6,24 +6,12 @@ arctangent ``∂r_i/∂γ_j = δ_ij − cos(γ_j − c) / Σ_k cos(γ_k − c)``
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from vip_factors.geometry.rotations import wrap_angle
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
-
-
-@dataclass(frozen=True)
-class AgreeingHeadingsSettings:
-    """How well the inertial frames of a wearer's sensors agree about the vertical."""
-
-    # Degrees, standard deviation about their mean; none: nothing is known. Thirteen sensors of one make lay within −10°
-    # to +4° of each other, one of them at −33°; sensors that each found a north of their own may lie anyhow.
-    sigma_deg: float | None = None
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # one that was started elsewhere
 
 
 def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:

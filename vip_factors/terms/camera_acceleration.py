@@ -7,20 +7,10 @@ a pose it moves by ``R (v − hat(q) ω)``, times the coefficient of that frame
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 from vip_factors.terms.acceleration import SECOND_DIFFERENCE, acceleration_by_heading, acceleration_residual
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import CameraEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
-
-
-@dataclass(frozen=True)
-class CameraAccelerationSettings:
-    """How far the camera's acceleration is from its sensor's."""
-
-    sigma: float = 0.5  # m/s², each row: no soft tissue; a tilt error of 1.5° lets 0.25 of gravity through
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # knocks against the phone
 
 
 def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:

@@ -6,26 +6,12 @@ The residual is that of :mod:`~vip_factors.terms.orientation`, the camera in the
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import CameraEvaluation
 from vip_factors.terms.orientation import orientation_jacobians, orientation_residual
-from vip_factors.terms.robust import Loss, RobustLoss
-
-
-@dataclass(frozen=True)
-class CameraOrientationSettings:
-    """How far the camera's orientation is from its sensor's."""
-
-    sigma_deg: float = 1.5  # a rigid mount: what remains are the errors of the attitude filter (data sheets: 0.5–2.5)
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # magnets in doors and cars
-
-    def sigma(self, weight: float) -> float:
-        """Standard deviation in radians, of each row, whose variance is divided by a weight."""
-        return float(np.deg2rad(self.sigma_deg) / np.sqrt(weight))
 
 
 def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:

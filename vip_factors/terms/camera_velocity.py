@@ -1,29 +1,19 @@
 """Camera velocity: a camera in a hand neither turns nor moves fast. What bridges frames that see nobody."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
+from vip_factors.factor_settings import CameraVelocitySettings
 from vip_factors.geometry.rotations import Array, hat, inverse_right_jacobian, log, transpose
 from vip_factors.problem.state import CameraPoses
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import CameraEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
 
 
-@dataclass(frozen=True)
-class CameraVelocitySettings:
-    """How fast a camera moves; a broad prior, which only matters where nothing was measured."""
-
-    turn_sigma_deg_s: float = 60.0  # a pan that keeps a runner in view
-    speed_sigma: float = 1.5  # m/s: who films walks
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # a cut in the video is a jump
-
-    @property
-    def sigmas(self) -> Array:
-        """``(6,)`` standard deviations: rad/s, then m/s."""
-        return np.repeat([np.deg2rad(self.turn_sigma_deg_s), self.speed_sigma], 3)
+def camera_velocity_sigmas(settings: CameraVelocitySettings) -> Array:
+    """``(6,)`` standard deviations: rad/s, then m/s."""
+    return np.repeat([np.deg2rad(settings.turn_sigma_deg_s), settings.speed_sigma], 3)
 
 
 def camera_velocity_residual(now: CameraPoses, after: CameraPoses, step: float) -> Array:
@@ -53,15 +43,16 @@ def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
     if not at.is_path:
         return
     settings = at.problem.settings.velocity
+    sigmas = camera_velocity_sigmas(settings)
     now, after = at.poses(first), at.poses(slice(first.start + 1, first.stop + 1))
     residual = camera_velocity_residual(now, after, at.step)
 
     def blocks() -> tuple[JacobianBlock, ...]:
         jacobians = camera_velocity_jacobians(now, after, residual, at.step)
-        whitened = (J[:, None] / settings.sigmas[:, None] for J in jacobians)
+        whitened = (J[:, None] / sigmas[:, None] for J in jacobians)
         return tuple(JacobianBlock(at.owner, "poses", J, ahead=ahead) for ahead, J in enumerate(whitened))
 
-    yield DenseEquations(first.start, (residual / settings.sigmas)[:, None], 1.0, settings.loss, blocks)
+    yield DenseEquations(first.start, (residual / sigmas)[:, None], 1.0, settings.loss, blocks)
 
 
 CAMERA_VELOCITY = Term("camera velocity", 1, equations)

@@ -8,28 +8,16 @@ velocity ``Log(R(t)ᵀ R(t+1))/step``, rad/s, in its own axes.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.factor_settings import SQUARE
 from vip_factors.geometry.rotations import log, transpose
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.terms.acceleration import SECOND_DIFFERENCE
 from vip_factors.terms.equations import DenseEquations, DifferenceEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import SQUARE
 from vip_factors.terms.smoothness import turn_jacobians
-
-
-@dataclass(frozen=True)
-class ConstantVelocitySettings:
-    """How a root goes on unseen; broad priors, which only matter where nothing was measured."""
-
-    use: bool = True  # without it, a frame in which no sensor measured has no solution
-    # m/s², each axis: the pelvis of somebody who walks peaks at 3–5 (up and down, and at every heel strike); who runs
-    # exceeds it, for a fraction of a step.
-    acceleration_sigma: float = 5.0
-    turn_sigma: float = 3.0  # rad/s, each axis: a brisk turn on the spot, half a turn in a second
 
 
 def _applies(problem: WearerProblem) -> bool:

@@ -11,9 +11,27 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
+from vip_factors.factor_settings import SQUARE, Loss, RobustLoss
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import OwnerId
-from vip_factors.terms.robust import SQUARE, Loss, RobustLoss
+
+
+def robust_weight(loss: RobustLoss, norm: Array) -> Array:
+    """Factor on the squared residual in the normal equations (IRLS), for norms of any shape."""
+    if loss.loss is Loss.HUBER:
+        return np.minimum(1.0, loss.k / np.maximum(norm, 1e-300))
+    if loss.loss is Loss.CAUCHY:
+        return 1 / (1 + (norm / loss.k) ** 2)
+    return np.ones_like(norm)
+
+
+def robust_cost(loss: RobustLoss, norm: Array) -> Array:
+    """The loss itself: half the square near zero."""
+    if loss.loss is Loss.HUBER:
+        return np.where(norm <= loss.k, 0.5 * norm**2, loss.k * (norm - 0.5 * loss.k))
+    if loss.loss is Loss.CAUCHY:
+        return 0.5 * loss.k**2 * np.log1p((norm / loss.k) ** 2)
+    return 0.5 * norm**2
 
 
 @dataclass(frozen=True)
@@ -40,14 +58,14 @@ class Residuals:
     @property
     def cost(self) -> float:
         """Sum of the losses."""
-        return float(np.sum(self.loss.cost(self.norm)))
+        return float(np.sum(robust_cost(self.loss, self.norm)))
 
     @property
     def weight(self) -> Array:
         """Weights ``(t, n)`` on the squared residuals in the normal equations."""
         if self.loss.loss is Loss.SQUARE:
             return np.full(self.residual.shape[:2], self.confidence, dtype=float)
-        return self.confidence * self.loss.weight(self.norm)
+        return self.confidence * robust_weight(self.loss, self.norm)
 
 
 @dataclass(frozen=True)

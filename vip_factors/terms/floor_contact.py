@@ -4,23 +4,12 @@ The residual is the height of a contact point over the floor at z = 0, metres; i
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array
 from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
-
-
-@dataclass(frozen=True)
-class FloorContactSettings:
-    """How level the floor is."""
-
-    use: bool = True  # off for slopes and stairs, where it only costs: a robust loss lets a storey go, not a ramp
-    sigma: float = 0.15  # m: 3–5 cm of soles, carpets and late contacts, which last: not so many independent facts
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a step or a chair must let go
 
 
 def equations(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:

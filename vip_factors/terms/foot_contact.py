@@ -5,22 +5,11 @@ The residual is the velocity of a contact point between two frames, m/s: linear 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from vip_factors.terms.equations import DifferenceEquations, Term, differenced
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
-
-
-@dataclass(frozen=True)
-class FootContactSettings:
-    """How still a foot in contact is."""
-
-    use: bool = True  # without it only accelerations place the root, and it drifts by metres in a minute
-    sigma: float = 0.15  # m/s: the rolling ankle of a planted foot, and contacts found a frame late
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a wrong contact must let go
 
 
 def equations(at: WearerEvaluation, first: slice) -> Iterator[DifferenceEquations]:

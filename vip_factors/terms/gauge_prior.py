@@ -4,19 +4,11 @@ The residual is the root's position less the chosen one, metres; its derivative 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
-
-
-@dataclass(frozen=True)
-class GaugePriorSettings:
-    """What fixes the free translation of an inertial reconstruction."""
-
-    position_sigma: float = 0.01  # m: the first root position is a choice, so any small number does
 
 
 def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:

@@ -6,57 +6,18 @@ at the ankle's own height and say nothing of depth, so it must be that of a foot
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
-from enum import StrEnum
 
 import numpy as np
 
 from vip_factors.body.kinematics import BodyState
+from vip_factors.factor_settings import GroundContactSettings, Weighing
 from vip_factors.geometry.rotations import Array, hat
 from vip_factors.problem.scene import GroundView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.wearer import BodyPoints
-from vip_factors.ranges import NotNegative, Share
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import ViewEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
-
-
-class ContactFrom(StrEnum):
-    """What tells that a foot stands."""
-
-    ACCELERATION = "acceleration"  # of the sensor on it, and which foot is lower: one always stands (Kaichi)
-    JOINT_STATE = "joint-state"  # neither moves nor is high: both feet may be off the ground
-
-
-class Weighing(StrEnum):
-    """How exactly the ray's end is known."""
-
-    DISTANCE = "distance"  # alike in all directions, near and far (Kaichi)
-    PIXELS = "pixels"  # from the pixel and the floor: long along a flat ray, short across it
-
-
-@dataclass(frozen=True)
-class GroundContactSettings:
-    """When and how firmly an ankle is held where its pixel meets the floor."""
-
-    # Of cameras of known pose only: the others' height over the floor is what the feet would tell. In four simulated
-    # scenes (13 sensors, standing camera) joints were 57 mm from where they were in the room instead of 135 mm, for
-    # detectors' habits and bone lengths put people 3 % too near; their poses stayed as they were.
-    use: bool = True
-    contact_from: ContactFrom = ContactFrom.JOINT_STATE  # what tells that a foot stands: a sensor on it, or the pose
-    weighing: Weighing = Weighing.PIXELS  # how far the ankle may be from there: as its pixel says, or sigma everywhere
-    sigma: float = 0.15  # m, where weighed by distance
-    # m, where weighed by pixels: soles, carpets, late contacts, which last. Streams of twelve scenes on a level floor
-    # were 5.4 cm off (without contact 5.4, at 0.03 and feet on the floor 6.3), four with people seen too near 11.9
-    # (13.7, 9.5); at 0.01 poses bend to it.
-    floor_sigma: float = 0.06
-    acceleration_scale: float = 5.0  # m/s²: feet that accelerate more are believed in proportion less (Kaichi: β_G)
-    least_confidence: Share = 0.05  # below it nothing is left to say
-    least_grazing_deg: NotNegative = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
-    farthest: float = 20.0  # m along the ray
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a foot on a step must let go
 
 
 def pixel_rays(model: CameraModel, pixels: Array) -> Array:

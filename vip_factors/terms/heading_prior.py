@@ -4,7 +4,6 @@ The residual is the heading less its prior, wrapped into [−π, π), radians; i
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,19 +12,6 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import CameraEvaluation, WearerEvaluation
 from vip_factors.terms.heading_walk import walk_sigma
-
-
-@dataclass(frozen=True)
-class HeadingPriorSettings:
-    """How far the initial headings may be off."""
-
-    least_sigma_deg: float = 12.0  # of the initial headings, however sure they claim to be
-    gauge_sigma_deg: float = 0.1  # of the reference sensor, whose heading defines the world's
-
-    @property
-    def gauge_sigma(self) -> float:
-        """Standard deviation in radians of the reference sensor's heading."""
-        return float(np.deg2rad(self.gauge_sigma_deg))
 
 
 def heading_sigmas(problem: WearerProblem) -> Array:

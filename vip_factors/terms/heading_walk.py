@@ -5,40 +5,22 @@ seconds apart, each of the variance that gathers in these.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
+from vip_factors.factor_settings import SQUARE
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.terms.equations import Term, WalkEquations
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import SQUARE
-
-
-@dataclass(frozen=True)
-class HeadingWalkSettings:
-    """How fast headings drift, where they are let drift."""
-
-    # Degrees per √minute: magnetometer-free filters of consumer sensors drift by 1–5. What a recording shows of each
-    # sensor's is weighed against this.
-    drift_deg: float = 2.0
-    # Degrees per √minute, before the first solution shows how each sensor drifts: too small a number would hold back
-    # one that drifts by tens of degrees in minutes, as gyroscopes do that were never calibrated.
-    unknown_drift_deg: float = 10.0
-    # Degrees over a pause after which headings are others: what a few seconds of motion told of them is good to that.
-    restart_deg: float = 20.0
-
-    def sigma(self, seconds: Array, drift_deg: Array) -> Array:
-        """Radians added in ``seconds`` to a heading that drifts by ``drift_deg`` per √minute; shapes broadcast."""
-        return np.deg2rad(drift_deg) * np.sqrt(np.asarray(seconds) / 60)
 
 
 def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
     """Radians by which each sensor's heading walks in so many seconds, ``(..., S)``."""
     settings = problem.settings.heading_walk
     unknown = np.full(len(problem.sensors), settings.unknown_drift_deg)
-    return settings.sigma(seconds, problem.heading_drift_deg if len(problem.heading_drift_deg) else unknown)
+    drift = problem.heading_drift_deg if len(problem.heading_drift_deg) else unknown
+    return np.deg2rad(drift) * np.sqrt(np.asarray(seconds) / 60)
 
 
 def step_sigmas(problem: WearerProblem) -> Array:

@@ -9,36 +9,23 @@ By a right perturbation of the joint ``∂e/∂δ = −aᵀ R [d]×``, that is `
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from vip_factors.body.hinges import HINGES, ROWS, TILTS
+from vip_factors.factor_settings import HingeSettings
 from vip_factors.geometry.rotations import Array, hat, transpose
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import SQUARE, RobustLoss
 
 
-@dataclass(frozen=True)
-class HingeSettings:
-    """How near elbows and knees are to hinges."""
-
-    use: bool = True
-    sigma_deg: float = 4.0  # optical elbows and knees stay within a few degrees of one axis
-    twist_sigma_deg: float = 8.0  # of shanks, which turn by 10° against the thigh as the knee bends and by more bent
-
-    # Square: an elbow that starts on its back has to come round, and a robust loss leaves it there.
-    loss: RobustLoss = SQUARE
-
-    @property
-    def sigmas(self) -> Array:
-        """Of each row, radians."""
-        sigmas = np.full(ROWS, self.sigma_deg)
-        for hinge in HINGES:
-            sigmas[hinge.rows.start + 1 : hinge.rows.stop] = self.twist_sigma_deg
-        return np.radians(sigmas)
+def hinge_sigmas(settings: HingeSettings) -> Array:
+    """Standard deviation of each row, radians."""
+    sigmas = np.full(ROWS, settings.sigma_deg)
+    for hinge in HINGES:
+        sigmas[hinge.rows.start + 1 : hinge.rows.stop] = settings.twist_sigma_deg
+    return np.radians(sigmas)
 
 
 _JOINT = np.array([hinge.index for hinge in HINGES for _ in hinge.square.T])  # of each row
@@ -92,7 +79,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
     settings = at.problem.settings.hinge
     if not settings.use:
         return
-    R, whitening = at.state.R_parent_child[first], 1 / settings.sigmas
+    R, whitening = at.state.R_parent_child[first], 1 / hinge_sigmas(settings)
 
     def blocks() -> tuple[JacobianBlock, ...]:
         scaled = [whitening[:, None] * J for J in hinge_jacobians(R, at.state.hinges)]

@@ -5,23 +5,11 @@ moves as the coordinate: with a step on the right ``∂x/∂δ = J_r⁻¹(x)``, 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from vip_factors.terms.equations import JointEquations, Term
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
-
-
-@dataclass(frozen=True)
-class JointLimitSettings:
-    """How hard the ends of the range are."""
-
-    sigma_deg: float = 3.0  # people differ by more than this in every published table of ranges
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # Kaichi et al. 2020, eqs. 4–5
-    # Whether the loss is of each axis by itself, as in their eq. 4; off: of a joint's three, whichever way axes are put
-    per_axis: bool = False
 
 
 def equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:

@@ -1,29 +1,10 @@
 """Orientation: the sensor's own attitude estimate against the bone it is strapped to."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-
-import numpy as np
 
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, rotation_z, transpose
 from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
-
-
-@dataclass(frozen=True)
-class OrientationSettings:
-    """How far a bone's orientation is from its sensor's."""
-
-    # Soft tissue and filter errors: 2–8° against optical references on well mounted sensors.
-    sigma_deg: float = 4.0
-    """Standard deviation in degrees."""
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # a knocked strap exceeds 8°
-
-    @property
-    def sigma(self) -> float:
-        """Standard deviation in radians, of each row."""
-        return float(np.deg2rad(self.sigma_deg))
 
 
 def orientation_residual(

@@ -10,19 +10,10 @@ by the joints is ``scale · L`` times these, block by block.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+from vip_factors.factor_settings import SQUARE
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, JointEquations, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import SQUARE
-
-
-@dataclass(frozen=True)
-class PosePriorSettings:
-    """How much the learnt Gaussian is believed."""
-
-    scale: float = 0.4  # of the whitened residual, once in a correlation time: a pose lasts for some two seconds
-    mean_scale: float = 0.6  # of the recording's mean: a recording of one activity is off by more than one pose is
 
 
 def pose_equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:

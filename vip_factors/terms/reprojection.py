@@ -6,51 +6,18 @@ moves.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
+from vip_factors.factor_settings import AdaptiveBiweightSettings
 from vip_factors.geometry.rotations import Array, hat, transpose
 from vip_factors.problem.state import CameraPoses
-from vip_factors.ranges import NotNegative, Share
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.equations import BoneEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import ViewEvaluation
-from vip_factors.terms.robust import Loss, RobustLoss
 
 K_OF_SIGMA = 2.0  # COCO's fall-off constants k are twice its OKS sigmas
 PAPERS_WIDTH = 1920.0  # of the image in which the paper's scale is given
-
-
-@dataclass(frozen=True)
-class AdaptiveBiweightSettings:
-    """How far from its prediction a keypoint is still believed."""
-
-    use: bool = False
-    reach: float = 2.0  # β_d: no weight beyond so many standard deviations
-    # s in pixels of an image 1920 wide (the paper: 140, for people about 330 pixels tall); none: each person's own size
-    scale_px: float | None = None
-
-
-@dataclass(frozen=True)
-class ReprojectionSettings:
-    """How exactly a detector sees."""
-
-    # Standard deviation of a fully confident keypoint before anything is known of the detector, in OKS sigmas of that
-    # keypoint times the square root of the person's area: OpenPose's scatter is 0.5.
-    spread: float = 0.5
-    # The part of a detector's errors that lasts for longer than a correlation time is so many times what changes.
-    persistence: NotNegative = 2.0
-    adaptive: bool = True  # after a first fit the spread is that of the residuals: detectors differ
-    least_px: NotNegative = 1.0  # detectors answer on a grid of a few pixels
-    # m: joint centres, clothes and a detector's habits are no better known, however sharply it sees; without it perfect
-    # keypoints bend the body.
-    point_sigma: NotNegative = 0.015
-    least_confidence: Share = 0.1  # below it detectors guess
-    # px, standard deviation of every fully confident keypoint alike; none: by its OKS sigma and the person's size.
-    fixed_px: float | None = None
-    biweight: AdaptiveBiweightSettings = field(default_factory=AdaptiveBiweightSettings)
-    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # left and right swap, limbs hide
 
 
 def reprojection_residual(

@@ -4,33 +4,13 @@ A step on the right stands at the right end of ``R_priorᵀ R``: the derivative 
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.body.skeleton import HeldPose, held_pose, nominal_pose
+from vip_factors.factor_settings import SQUARE
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, JointEquations, Term, prior_equations
 from vip_factors.terms.evaluation import CameraEvaluation, WearerEvaluation
-from vip_factors.terms.robust import SQUARE
-
-
-@dataclass(frozen=True)
-class InitialPoseSettings:
-    """How well a declared T- or N-pose is held."""
-
-    scale: float = 0.6  # of the standard deviations measured on two people, joint by joint and axis by axis
-    seconds: float = 1.0  # of holding still at the start; people do so for a breath at least
-    # To the letter, as the papers and our simulator take poses; off: arms low, turned and bent, as people hold them.
-    nominal: bool = False
-
-    def pose(self, name: str) -> HeldPose:
-        """A declared pose.
-
-        Raises:
-            InputError: for an unknown one.
-        """
-        return nominal_pose(name) if self.nominal else held_pose(name)
 
 
 def rotation_prior_residual(R: Array, R_prior: Array) -> Array:

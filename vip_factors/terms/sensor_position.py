@@ -5,7 +5,6 @@ known it pulls the mounting, which has the same effect on the accelerations that
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,16 +12,6 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
-
-
-@dataclass(frozen=True)
-class SensorPositionSettings:
-    """How well it is known where sensors sit; of the sensor's distance from the joint and beside it."""
-
-    # Of the bone's length: a shank's sensor was found at half of it that was to sit at three tenths.
-    along: float = 0.05
-    across: float = 0.023  # m: limbs differ in thickness, thighs' sensors were 4–8 cm off in depth
-    elsewhere: float = 0.023  # m, on bones that are no limb: head, trunk, pelvis, feet, hands
 
 
 def sensor_position_whitening(problem: WearerProblem) -> Array:

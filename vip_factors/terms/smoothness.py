@@ -8,21 +8,11 @@ jump at half a turn.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
+from vip_factors.factor_settings import SQUARE
 from vip_factors.geometry.rotations import Array, inverse_right_jacobian, log, transpose
 from vip_factors.terms.equations import JointEquations, Term
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.robust import SQUARE
-
-
-@dataclass(frozen=True)
-class SmoothnessSettings:
-    """How fast joints turn."""
-
-    use: bool = True  # without it six sensors lose a third more: see the changelog
-    # s in which a joint crosses one standard deviation of the pose prior, at one standard deviation of its speed.
-    time: float = 0.07
 
 
 def turn_jacobians(turn: Array) -> tuple[Array, Array]:

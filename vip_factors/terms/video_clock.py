@@ -7,24 +7,12 @@ prior's residual is ``(o, d)``, in seconds and seconds a second.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from vip_factors.ranges import NotNegative
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import CameraEvaluation
-
-
-@dataclass(frozen=True)
-class VideoClockSettings:
-    """How far the clock may be off."""
-
-    offset_sigma: float = 0.05  # s: an offset found by eye is good to a video frame or two
-    # s/s. Quartz clocks are a few 1e-5 apart, those of warm phones 1e-4; a rate told as 30 for 29.97 Hz is off by 1e-3,
-    # and that is the usual mistake. A minute of walking tells a drift to 2e-4.
-    drift_sigma: NotNegative = 1e-3
 
 
 def equations(at: CameraEvaluation, block: str, sigma: str) -> Iterator[DenseEquations]:

@@ -37,11 +37,10 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.recording import Subject
 from vip_factors.sensors.scene import Scene, Video
-from vip_factors.settings import Settings
+from vip_factors.settings import Settings, SolveSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import SceneSettings
-from vip_factors.solve.levenberg_marquardt import SolveSettings
 from vip_factors.viz.film import film_file, jpeg_bytes, png_bytes
 
 SECONDS, FILMED_SECONDS = 0.5, 2.5

@@ -85,12 +85,6 @@ class HeadingPriorSettings:
     """How far the initial headings may be off."""
 
     least_sigma_deg: float = 12.0  # of the initial headings, however sure they claim to be
-    gauge_sigma_deg: float = 0.1  # of the reference sensor, whose heading defines the world's
-
-    @property
-    def gauge_sigma(self) -> float:
-        """Standard deviation in radians of the reference sensor's heading."""
-        return math.radians(self.gauge_sigma_deg)
 
 
 @dataclass(frozen=True)
@@ -113,8 +107,6 @@ class HeadingWalkSettings:
     # Degrees per √minute, before the first solution shows how each sensor drifts: too small a number would hold back
     # one that drifts by tens of degrees in minutes, as gyroscopes do that were never calibrated.
     unknown_drift_deg: float = 10.0
-    # Degrees over a pause after which headings are others: what a few seconds of motion told of them is good to that.
-    restart_deg: float = 20.0
 
 
 @dataclass(frozen=True)
@@ -144,9 +136,6 @@ class HingeSettings:
     use: bool = True
     sigma_deg: float = 4.0  # optical elbows and knees stay within a few degrees of one axis
     twist_sigma_deg: float = 8.0  # of shanks, which turn by 10° against the thigh as the knee bends and by more bent
-
-    # Square: an elbow that starts on its back has to come round, and a robust loss leaves it there.
-    loss: RobustLoss = SQUARE
 
 
 @dataclass(frozen=True)
@@ -199,17 +188,6 @@ class GaugePriorSettings:
 
 
 @dataclass(frozen=True)
-class ConstantVelocitySettings:
-    """How a root goes on unseen; broad priors, which only matter where nothing was measured."""
-
-    use: bool = True  # without it, a frame in which no sensor measured has no solution
-    # m/s², each axis: the pelvis of somebody who walks peaks at 3–5 (up and down, and at every heel strike); who runs
-    # exceeds it, for a fraction of a step.
-    acceleration_sigma: float = 5.0
-    turn_sigma: float = 3.0  # rad/s, each axis: a brisk turn on the spot, half a turn in a second
-
-
-@dataclass(frozen=True)
 class FactorSettings:
     """The settings of the terms on a wearer."""
 
@@ -228,7 +206,6 @@ class FactorSettings:
     foot_contact: FootContactSettings = field(default_factory=FootContactSettings)
     floor_contact: FloorContactSettings = field(default_factory=FloorContactSettings)
     gauge_prior: GaugePriorSettings = field(default_factory=GaugePriorSettings)
-    constant_velocity: ConstantVelocitySettings = field(default_factory=ConstantVelocitySettings)
     # s. Errors of tissue, joints and detectors last as long as postures do: frames nearer than this are one statement,
     # and each of them counts as its share of it; so the frame rate, which is nobody's evidence, changes no weight.
     correlation_s: float = 0.35
@@ -326,9 +303,6 @@ class GroundContactSettings:
     # (13.7, 9.5); at 0.01 poses bend to it.
     floor_sigma: float = 0.06
     acceleration_scale: float = 5.0  # m/s²: feet that accelerate more are believed in proportion less (Kaichi: β_G)
-    least_confidence: Share = 0.05  # below it nothing is left to say
-    least_grazing_deg: NotNegative = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
-    farthest: float = 20.0  # m along the ray
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a foot on a step must let go
 
 

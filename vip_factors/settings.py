@@ -43,9 +43,6 @@ class CalibrationSettings:
     estimate_sole: bool = True
     # What the detector calls hip, shoulder, knee … as variables: 1–3 cm beside the joint, the same in every frame.
     estimate_keypoints: bool = True
-    # Sigmas of foot contacts are so many times as large while mountings are free: a shod foot's are off in the same way
-    # at every step, and mountings would bend to make up for it.
-    contact_loosening: float = 2.0
     # s from which on a recording is long enough that its headings drift (a random walk of factors.heading_walk); none:
     # they are constant, as in the papers.
     heading_drift_from_s: float | None = 20.0
@@ -122,15 +119,8 @@ class SolverName(StrEnum):
 class AssociationSettings:
     """How detections are given to wearers."""
 
-    gate: float = -5.0
-    """Log-odds below which a hypothesis is not considered at all: one in 150."""
     rivals: NotNegativeInt = 3
     """Hypotheses kept per wearer and frame, the likeliest: the right one is hardly ever fourth."""
-    inter_weight: NotNegative = 0.16
-    """Weight of each edge between two frames: edges to neighbours tell nearly the same, so all of them together count
-    like one."""
-    intra_weight: NotNegative = 0.5
-    """Weight of the edges between two wearers in a frame."""
     offsets: tuple[int, ...] = (1, 2, 4, 8, 16, 30)
     """Frames, at 30 per second, that edges span: up to a second (thesis 4.4.1), thinned as neighbours are alike."""
     window_s: float = 4.0
@@ -139,8 +129,6 @@ class AssociationSettings:
     """Seconds decided again by the next window: more than the longest edge."""
     least_confidence: Share = 0.9
     """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
-    least_choices: int = 3
-    """Of a wearer who is surely seen in fewer frames, none is kept: a stranger moves alike for a moment."""
     by_place: bool = True
     """Where the camera is known, detections that are nobody's are given to whom they fit where they stand: half hidden
     people show too few joints to be told by how they move. Off: by motion alone."""
@@ -268,14 +256,7 @@ class AssemblySettings:
     step: float = 0.2
 
     def __post_init__(self) -> None:
-        for one in fields(self):
-            value = getattr(self, one.name)
-            zero_allowed = one.name in ("settle", "reordering")
-            if not (0 <= value < float("inf")) or (value == 0 and not zero_allowed):
-                raise InputError(
-                    f"assembly setting {one.name} = {value:g} s: expected a finite number, "
-                    + ("0 or more" if zero_allowed else "above 0")
-                )
+        check_ranges(self, "assembly.")
         if not self.patience <= self.dead_after <= self.longest_pause:
             raise InputError(
                 f"assembly settings: patience {self.patience:g} s, dead_after {self.dead_after:g} s and longest_pause "
@@ -310,8 +291,6 @@ class ProcessNoiseSettings:
     every_s: float = 0.5  # the walk goes in steps: one elimination more at each
     heading_deg: float = 0.3  # 2.3° in a minute: twice what a good filter drifts
     mounting_deg: float = 0.3  # straps creep, skin moves
-    camera_deg: float = 0.05  # a camera that stands still does
-    camera_m: float = 0.002
 
 
 @dataclass(frozen=True)

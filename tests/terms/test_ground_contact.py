@@ -54,7 +54,7 @@ def test_a_standing_foot_is_where_its_pixel_says() -> None:
     p, height = FOOT.ankle(body, SOLE)
     ray = pixel_rays(LENS, pixels)
     np.testing.assert_allclose(ground_contact_residual(p, height, camera, ray), 0, atol=1e-9)
-    assert rays_meet_floor(height, camera, ray, GroundContactSettings()).all()
+    assert rays_meet_floor(height, camera, ray).all()
 
 
 @pytest.mark.parametrize("weighing", Weighing)
@@ -91,7 +91,7 @@ def test_weighed_by_pixels_it_knows_what_a_pixel_and_an_uneven_floor_do() -> Non
 def test_rays_that_do_not_meet_the_floor_near_by_are_told_apart() -> None:
     camera = CameraPoses(np.broadcast_to(LOOKS_ALONG_Y, (4, 3, 3)), np.tile([0.0, 0.0, 1.5], (4, 1)))
     ray = np.array([[0.0, 0.3, 1], [0.0, -0.3, 1], [0.0, 0.02, 1], [0.0, 0.06, 1]])  # down, up, flat, far
-    meets = rays_meet_floor(np.full(4, 0.1), camera, ray, GroundContactSettings())
+    meets = rays_meet_floor(np.full(4, 0.1), camera, ray)
     np.testing.assert_array_equal(meets, [True, False, False, False])
 
 

@@ -16,7 +16,7 @@ from vip_factors.body.hinges import TILTS
 from vip_factors.body.kinematics import BodyState
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.compiled import kernels
-from vip_factors.factor_settings import RobustLoss
+from vip_factors.factor_settings import SQUARE, RobustLoss
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout, Owner, OwnerId
 from vip_factors.problem.variables import ROWS
@@ -194,7 +194,7 @@ def _hinge(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> Non
     if settings.use:
         sums.hinge(
             at.state.R_parent_child, *hinges_of_rows(at.state.hinges), at.state.hinges[TILTS:],
-            1 / hinge_sigmas(settings), *_believed(settings.loss, at),
+            1 / hinge_sigmas(settings), *_believed(SQUARE, at),
         )  # fmt: skip
 
 

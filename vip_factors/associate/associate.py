@@ -131,6 +131,7 @@ def _decided(
     progress: Callable[[float], None] | None,
 ) -> Association:  # fmt: skip
     """The association by the assignment problem, of hypotheses with features ``(P, ...)`` and log-odds ``(P,)``."""
+    least_choices = 3  # of a wearer: a stranger moves alike for a moment
     verdict = logistic["verdict" + ("" if context.camera is None else "_camera")]
     problem, rows = build_assignment(context, odds, logistic, settings)
     chosen = choose(context, problem, settings, progress)
@@ -139,7 +140,7 @@ def _decided(
     sure = confidence >= settings.least_confidence
     sure[sure] = ~_contradicted(context, rows[chosen][sure], odds)
     wearer = problem.wearer[chosen]
-    sure &= np.bincount(wearer, weights=sure, minlength=1)[wearer] >= settings.least_choices  # seen again
+    sure &= np.bincount(wearer, weights=sure, minlength=1)[wearer] >= least_choices  # seen again
     return _result(context, odds, rows[chosen][sure], confidence[sure])
 
 
@@ -225,11 +226,13 @@ def build_assignment(
     h, suffix = context.hypotheses, "" if context.camera is None else "_camera"
     rows = np.flatnonzero(gated(context, odds, settings))
     a, b = inter_edges(context, rows, settings)
-    costs = [-settings.inter_weight * logistic["inter" + suffix].log_odds(inter_features(context, a, b))]
+    # Edges to neighbouring frames tell nearly the same: all of them together count like one.
+    weight_between_frames, weight_within_frame = 0.16, 0.5
+    costs = [-weight_between_frames * logistic["inter" + suffix].log_odds(inter_features(context, a, b))]
     edges = [np.stack([a, b], axis=1)]
     for a, b, features in intra_edges(context, rows, odds):
         edges.append(np.stack([a, b], axis=1))
-        costs.append(-settings.intra_weight * logistic["intra" + suffix].log_odds(features))
+        costs.append(-weight_within_frame * logistic["intra" + suffix].log_odds(features))
     new = np.full(len(h), -1)
     new[rows] = np.arange(len(rows))
     problem = AssignmentProblem(
@@ -257,7 +260,8 @@ def gated(context: Context, odds: Array, settings: AssociationSettings) -> np.nd
     first = np.flatnonzero(np.diff(group[order], prepend=-1))
     rank = np.empty(len(h), int)
     rank[order] = np.arange(len(h)) - np.repeat(first, np.diff(np.append(first, len(h))))
-    return (odds > settings.gate) & (rank < settings.rivals)
+    least_odds = -5.0  # one in 150
+    return (odds > least_odds) & (rank < settings.rivals)
 
 
 def inter_edges(context: Context, rows: np.ndarray, settings: AssociationSettings) -> tuple[np.ndarray, np.ndarray]:

@@ -93,7 +93,8 @@ def _rows() -> tuple[Row, ...]:
         return float(np.deg2rad(noise.mounting_deg))
 
     def camera_pose(noise: ProcessNoiseSettings) -> tuple[float, ...]:
-        return (float(np.deg2rad(noise.camera_deg)),) * 3 + (noise.camera_m,) * 3
+        degrees, metres = 0.05, 0.002  # of a camera that stands still
+        return (float(np.deg2rad(degrees)),) * 3 + (metres,) * 3
 
     return (
         Row("headings", "heading", "h", wearer, vector, STEP_ANGLE, sensors, lambda own: own.free_headings, heading,

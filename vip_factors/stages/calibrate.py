@@ -160,7 +160,7 @@ def _calibrate_unfilmed(
     wearer = inertial_tracker(together, frames, settings, solver, start)
     if settings.acceleration:
         wearer = calibrated(wearer, settings, solver, solver.extra)
-        free = with_contacts(with_inflated_contact_sigma(wearer.model, settings.calibration), wearer.state)
+        free = with_contacts(with_inflated_contact_sigma(wearer.model), wearer.state)
         problem, state = unfilmed_problem([free], solver.extra), SceneState.unfilmed([wearer.state])
         starts = with_rivals_solved(starts, problem, state, 0, together, settings, solver)
     # Without a camera an estimate has its recording's name.

@@ -294,10 +294,11 @@ def ground_view(
     # Weighed by pixels, the keypoint's sigma has the detector's confidence in it already.
     weight = sureness if settings.weighing is Weighing.DISTANCE else confidence
     rays, whitening = pixel_rays(model, view.pixels[:, columns]), np.zeros((*seen.shape, 3, 3))
-    stands = seen & (sureness >= settings.least_confidence)
+    least_sureness = 0.05  # below it nothing is left to say
+    stands = seen & (sureness >= least_sureness)
     for g, foot in enumerate(feet):
         _, height = foot.ankle(body, sole)
-        stands[:, g] &= rays_meet_floor(height, camera, rays[:, g], settings)
+        stands[:, g] &= rays_meet_floor(height, camera, rays[:, g])
         frames = np.flatnonzero(stands[:, g])
         poses = CameraPoses(camera.R_world_camera[frames], camera.p_world_camera[frames])
         whitening[frames, g] = ground_contact_whitening(

@@ -23,7 +23,7 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import CalibrationSettings, CommonSettings
+from vip_factors.settings import CommonSettings
 from vip_factors.stages.calibration_start import search_start
 from vip_factors.stages.decode import with_sigmas
 from vip_factors.stages.drift import with_found_drift
@@ -125,7 +125,7 @@ def calibrated(
     inertial: InertialSolution, settings: CommonSettings, solver: Solver, extra: ExtraTerms | None = None
 ) -> InertialSolution:
     """The sparse inertial poser on the tracker's frames, with headings, mountings and the mean pose free."""
-    free, state = with_inflated_contact_sigma(inertial.model, settings.calibration), inertial.state
+    free, state = with_inflated_contact_sigma(inertial.model), inertial.state
     for _ in range(settings.calibration.passes):
         state = solver.solve_wearer(with_contacts(free, state), state, "calibration", extra)
         free = with_found_drift(free, state)
@@ -189,7 +189,7 @@ def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
 
 
 def with_calibration_sigmas(
-    estimate: WearerEstimate, solution: InertialSolution, settings: CalibrationSettings, extra: ExtraTerms | None = None
+    estimate: WearerEstimate, solution: InertialSolution, extra: ExtraTerms | None = None
 ) -> WearerEstimate:
     """The estimate with standard deviations of headings and mountings; with a finding, if they are not determined.
 
@@ -199,9 +199,9 @@ def with_calibration_sigmas(
     Args:
         estimate: whose calibration is that of ``solution``.
         solution: as :func:`~vip_factors.stages.inertial.calibrated` returns it.
-        settings, extra: with which it was found.
+        extra: terms with which it was found.
     """
-    model = with_contacts(with_inflated_contact_sigma(solution.model, settings), solution.state)
+    model = with_contacts(with_inflated_contact_sigma(solution.model), solution.state)
     objective = SceneObjective(unfilmed_problem([model], extra))
     if not objective.layout.static_width:
         return estimate

@@ -55,6 +55,7 @@ from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.inertial import with_calibration_sigmas
 from vip_factors.stages.inertial_model import method_of
 from vip_factors.stages.solver import Solver
+from vip_factors.terms.heading_prior import GAUGE_SIGMA
 from vip_factors.terms.sensor_position import sensor_position_whitening
 
 
@@ -127,7 +128,7 @@ def unfilmed_estimate(calibration: Calibration, settings: Settings, fine: Wearer
         reports=(*calibration.solver.reports, *fine.reports),
     )
     if settings.acceleration:
-        estimate = with_calibration_sigmas(estimate, shared, settings.calibration, calibration.solver.extra)
+        estimate = with_calibration_sigmas(estimate, shared, calibration.solver.extra)
     return Estimate.of_one(estimate)
 
 
@@ -191,7 +192,7 @@ def told_calibration(
     calibration: SensorCalibrations, errors: ModelErrors, settings: CommonSettings
 ) -> SensorCalibrations:
     """Headings and mountings as they are told: with the models' share of their standard deviations."""
-    by_convention = 1.5 * settings.factors.heading_prior.gauge_sigma  # as sure is only the world's own
+    by_convention = 1.5 * GAUGE_SIGMA  # as sure is only the world's own
     sensors = list(calibration.values())
     heading = np.array([one.heading_sigma for one in sensors])
     heading = np.hypot(heading, np.where(heading <= by_convention, 0.0, errors.heading)).tolist()

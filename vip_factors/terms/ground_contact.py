@@ -53,13 +53,15 @@ def ground_contact_jacobians(height: Array, camera: CameraPoses, ray: Array) -> 
     return -slope, by_camera
 
 
-def rays_meet_floor(height: Array, camera: CameraPoses, ray: Array, settings: GroundContactSettings) -> np.ndarray:
+def rays_meet_floor(height: Array, camera: CameraPoses, ray: Array) -> np.ndarray:
     """Whether rays ``(T,)`` meet their planes in front of the camera, near enough and not too flat."""
+    least_grazing_deg = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
+    farthest = 20.0  # m along the ray
     d = np.einsum("tij,tj->ti", camera.R_world_camera, ray)
     norm = np.linalg.norm(d, axis=1)
-    steep = np.abs(d[:, 2]) >= norm * np.sin(np.deg2rad(settings.least_grazing_deg))
+    steep = np.abs(d[:, 2]) >= norm * np.sin(np.deg2rad(least_grazing_deg))
     length = (height - camera.p_world_camera[:, 2]) / np.where(steep, d[:, 2], 1.0)
-    return steep & (length > 0) & (length * norm <= settings.farthest)
+    return steep & (length > 0) & (length * norm <= farthest)
 
 
 def ground_contact_whitening(

@@ -13,6 +13,8 @@ from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, pri
 from vip_factors.terms.evaluation import CameraEvaluation, WearerEvaluation
 from vip_factors.terms.heading_walk import walk_sigma
 
+GAUGE_SIGMA = float(np.deg2rad(0.1))  # of the reference sensor, whose heading defines the world's
+
 
 def heading_sigmas(problem: WearerProblem) -> Array:
     """``(S,)`` radians, as used: tight for the gauge sensor, not too tight for the others.
@@ -26,7 +28,7 @@ def heading_sigmas(problem: WearerProblem) -> Array:
         whole = walk_sigma(problem, problem.heading_times[-1] - problem.heading_times[0])
         sigmas = np.hypot(sigmas, np.sqrt(2 / 3) * whole)
     if problem.is_gauge:
-        sigmas[problem.gauge_sensor] = settings.gauge_sigma
+        sigmas[problem.gauge_sensor] = GAUGE_SIGMA
     return sigmas
 
 

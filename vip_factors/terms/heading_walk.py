@@ -25,9 +25,9 @@ def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
 
 def step_sigmas(problem: WearerProblem) -> Array:
     """``(K − 1, S)`` radians by which headings may change at each step."""
-    settings = problem.settings.heading_walk
+    restart_deg = 20.0  # over a pause: what a few seconds of motion told of headings is good to that
     drift = walk_sigma(problem, np.diff(problem.heading_times)[:, None])
-    return np.where(problem.drifts_on[:, None], drift, np.deg2rad(settings.restart_deg))
+    return np.where(problem.drifts_on[:, None], drift, np.deg2rad(restart_deg))
 
 
 def equations(at: WearerEvaluation) -> Iterator[WalkEquations]:

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from vip_factors.body.hinges import HINGES, ROWS, TILTS
-from vip_factors.factor_settings import HingeSettings
+from vip_factors.factor_settings import SQUARE, HingeSettings
 from vip_factors.geometry.rotations import Array, hat, transpose
 from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, prior_equations
 from vip_factors.terms.evaluation import WearerEvaluation
@@ -87,7 +87,8 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
         return *by_joints, JacobianBlock(at.owner, "hinges", scaled[1][:, None])
 
     residual = (whitening * hinge_residual(R, at.state.hinges))[:, None]
-    yield DenseEquations(first.start, residual, 1.0, settings.loss, blocks)
+    # Square: an elbow that starts on its back has to come round, and a robust loss leaves it there.
+    yield DenseEquations(first.start, residual, 1.0, SQUARE, blocks)
 
 
 def axes_equations(at: WearerEvaluation) -> Iterator[DenseEquations]:

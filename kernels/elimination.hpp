@@ -84,90 +84,97 @@ inline void forward(const Blas& blas, const Conditional& of, double* Y, double* 
 
 // A stretch of frames of w columns, each of which sees all columns of the next and `far` ones of that after it, unless
 // frames are independent, and shared ones. Of a stretch there are rows (frames + 2, w, m), whose columns are those of the
-// frame, of the next two where these are seen, and the shared ones; with itself the upper triangle counts.
+// frame, of the next two where these are seen, and the `said` shared ones; with itself the upper triangle counts. The first
+// `own` columns of frames are eliminated. Others are met in one frame only: they are the last of the s shared columns,
+// frame after frame.
 struct Stretch {
     const double *rows, *gradient, *shared, *shared_gradient;
     const int64_t* far;
-    int64_t frames, fars;
-    int w, s;
+    int64_t frames, fars, w, said;
+    int own, s;
     bool tied;
-    int64_t ahead() const { return tied ? w + fars : 0; }
+    int64_t ahead() const { return tied ? own + fars : 0; }
     int64_t rest() const { return ahead() + s; }
-    int64_t width() const { return (tied ? 3 : 1) * w + s; }
+    int64_t width() const { return (tied ? 3 : 1) * w + said; }
+    int64_t met(int64_t t) const { return own + rest() - (frames - t) * (w - own); }  // columns of and before a frame's rows
+    int seen(int64_t t) const { return static_cast<int>(met(t + 1)); }  // those behind are of frames to come
 };
 
+inline void add(const double* from, int64_t count, double* to) {
+    for (int64_t c = 0; c < count; c++) to[c] += from[c];
+}
+
 // What is known of the two frames after, of which the second has far columns only, and of shared ones: as the first frame's
-// own rows (w, n), and for the frames after it, in place.
-inline void move_on(const Stretch& of, double* M, double* v, double* own, double* own_vector) {
-    const int64_t w = of.w, s = of.s, ahead = of.ahead(), rest = of.rest(), n = w + rest;
-    std::fill(own, own + w * n, 0.0);
+// own rows of n columns, and for the frames after it, in place. There are zeros or nothing behind `seen` columns of a row.
+inline void move_on(const Stretch& of, int64_t seen, double* M, double* v, double* own, double* own_vector) {
+    const int64_t w = of.own, ahead = of.ahead(), rest = of.rest(), n = w + rest, end = seen - w;
+    for (int64_t r = 0; r < w; r++) std::fill(own + r * n + r, own + r * n + seen, 0.0);
     std::fill(own_vector, own_vector + w, 0.0);
     if (!of.tied) return;
     for (int64_t r = 0; r < w; r++) {
         double *to = own + r * n, *from = M + r * rest;
         std::copy(from + r, from + w, to + r);
         for (int64_t k = 0; k < of.fars; k++) to[w + of.far[k]] = from[w + k];
-        std::copy(from + ahead, from + rest, to + n - s);
-        std::fill(from + r, from + rest, 0.0);
+        std::copy(from + ahead, from + end, to + w + ahead);
+        std::fill(from + r, from + end, 0.0);
         own_vector[r] = v[r], v[r] = 0.0;
     }
     for (int64_t k = 0; k < of.fars; k++) {
         double *to = M + of.far[k] * rest, *from = M + (w + k) * rest;
         for (int64_t l = k; l < of.fars; l++) to[of.far[l]] = from[w + l];
-        std::copy(from + ahead, from + rest, to + ahead);
-        std::fill(from + w + k, from + rest, 0.0);
+        std::copy(from + ahead, from + end, to + ahead);
+        std::fill(from + w + k, from + end, 0.0);
         v[of.far[k]] = v[w + k], v[w + k] = 0.0;
     }
 }
 
-inline void add(const double* from, int64_t count, double* to) {
-    for (int64_t c = 0; c < count; c++) to[c] += from[c];
-}
-
-// M (rest, rest) and v hold what is known before the stretch, and in the end what is behind it. rows (frames, w, n) and d
-// (frames, w) hold R, S and d of each frame. False if a frame is not determined.
+// M (rest, rest) and v hold what is known before the stretch, and in the end what is behind it. rows (frames, own, n) and d
+// (frames, own) hold R, S and d of each frame. False if a frame is not determined.
 inline bool eliminate_stretch(const Blas& blas, const Stretch& of, const double* damping, double* M, double* v, double* rows, double* d) {
-    const int64_t w = of.w, s = of.s, ahead = of.ahead(), rest = of.rest(), n = w + rest, m = of.width();
+    const int64_t w = of.own, ahead = of.ahead(), rest = of.rest(), n = w + rest, m = of.width(), said = of.said;
     std::vector<double> vector(n);
     for (int64_t t = 0; t < of.frames; t++, rows += w * n, d += w) {
-        move_on(of, M, v, rows, vector.data());
+        move_on(of, of.seen(t), M, v, rows, vector.data());
         for (int64_t r = 0; r < w; r++) {
-            const double* from = of.rows + (t * w + r) * m;
+            const double* from = of.rows + (t * of.w + r) * m;
             double* to = rows + r * n;
-            add(from + r, (of.tied ? 2 * w : w) - r, to + r);
-            for (int64_t k = 0; of.tied && k < of.fars; k++) to[2 * w + k] += from[2 * w + of.far[k]];
-            add(from + m - s, s, to + n - s);
-            to[r] += damping[r], vector[r] -= of.gradient[t * w + r];
+            add(from + r, w - r, to + r);
+            if (of.tied) add(from + of.w, w, to + w);
+            for (int64_t k = 0; of.tied && k < of.fars; k++) to[2 * w + k] += from[2 * of.w + of.far[k]];
+            add(from + m - said, said, to + w + ahead);
+            add(from + w, of.w - w, to + of.met(t));
+            to[r] += damping[r], vector[r] -= of.gradient[t * of.w + r];
         }
         std::copy(v, v + rest, vector.begin() + w);
-        if (!eliminate(blas, rows, vector.data(), static_cast<int>(n), static_cast<int>(n), of.w, M, static_cast<int>(rest))) return false;
+        if (!eliminate(blas, rows, vector.data(), static_cast<int>(n), of.seen(t), of.own, M, static_cast<int>(rest))) return false;
         std::copy(vector.begin(), vector.begin() + w, d);
         std::copy(vector.begin() + w, vector.end(), v);
     }
-    const double* next = of.rows + of.frames * w * m;  // what the stretch's factors say of the two frames behind it
+    const double* next = of.rows + of.frames * of.w * m;  // what the stretch's factors say of the two frames behind it
     for (int64_t r = 0; of.tied && r < w; r++, next += m) {
         add(next + r, w - r, M + r * rest + r);
-        for (int64_t k = 0; k < of.fars; k++) M[r * rest + w + k] += next[w + of.far[k]];
-        add(next + m - s, s, M + r * rest + ahead);
-        v[r] -= of.gradient[of.frames * w + r];
+        for (int64_t k = 0; k < of.fars; k++) M[r * rest + w + k] += next[of.w + of.far[k]];
+        add(next + m - said, said, M + r * rest + ahead);
+        v[r] -= of.gradient[of.frames * of.w + r];
     }
+    next = of.rows + (of.frames + 1) * of.w * m;
     for (int64_t k = 0; of.tied && k < of.fars; k++) {
         const double* after = next + of.far[k] * m;
         double* to = M + (w + k) * rest;
         for (int64_t l = k; l < of.fars; l++) to[w + l] += after[of.far[l]];
-        add(after + m - s, s, to + ahead);
-        v[w + k] -= of.gradient[(of.frames + 1) * w + of.far[k]];
+        add(after + m - said, said, to + ahead);
+        v[w + k] -= of.gradient[(of.frames + 1) * of.w + of.far[k]];
     }
-    for (int64_t r = 0; r < s; r++) {
-        add(of.shared + r * s + r, s - r, M + (ahead + r) * rest + ahead + r);
+    for (int64_t r = 0; r < said; r++) {
+        add(of.shared + r * said + r, said - r, M + (ahead + r) * rest + ahead + r);
         v[ahead + r] -= of.shared_gradient[r];
     }
     return true;
 }
 
-// The steps (frames, w), in the place of d, of those of the two frames behind the stretch (2, w) and of shared columns.
+// The steps (frames, own), in the place of d, of those of the two frames behind the stretch (2, own) and of shared columns.
 inline void substitute_stretch(const Blas& blas, const Stretch& of, double* rows, const double* behind, const double* shared, double* steps) {
-    const int64_t w = of.w, ahead = of.ahead(), n = w + of.rest();
+    const int64_t w = of.own, ahead = of.ahead(), n = w + of.rest();
     std::vector<double> later(of.rest());
     std::copy(shared, shared + of.s, later.begin() + ahead);
     for (int64_t t = of.frames - 1; t >= 0; t--) {
@@ -175,7 +182,7 @@ inline void substitute_stretch(const Blas& blas, const Stretch& of, double* rows
         const double* after = t + 2 < of.frames ? steps + (t + 2) * w : behind + (t + 2 - of.frames) * w;
         if (of.tied) std::copy(next, next + w, later.begin());
         for (int64_t k = 0; of.tied && k < of.fars; k++) later[w + k] = after[of.far[k]];
-        substitute(blas, rows + t * w * n, static_cast<int>(n), static_cast<int>(n), of.w, later.data(), steps + t * w);
+        substitute(blas, rows + t * w * n, static_cast<int>(n), of.seen(t), of.own, later.data(), steps + t * w);
     }
 }
 

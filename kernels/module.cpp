@@ -399,29 +399,31 @@ static void substitute_lag(nb::list frames, Indices<1> far, In<1> shared, Out<2>
     }
 }
 
-// Rows (T + 2, w, m) of a stretch, shared columns (s, s), and what is kept of its frames (T, w, n).
-static vip::Stretch stretch(Indices<1> far, bool tied, Out<3> kept, int64_t s) {
-    const auto T = static_cast<int64_t>(kept.shape(0)), w = static_cast<int64_t>(kept.shape(1));
-    vip::Stretch found{nullptr, nullptr, nullptr, nullptr, far.data(), T, static_cast<int64_t>(far.size()), static_cast<int>(w), static_cast<int>(s), tied};
-    expect_blas(), expect(ascending(far, w), "columns must ascend"), expect_shape(kept, {T, w, w + found.rest()});
+// What is kept of a stretch's frames (T, own, n), of which each has `met` columns besides, and s shared ones.
+static vip::Stretch stretch(Indices<1> far, bool tied, Out<3> kept, int64_t met, int64_t s) {
+    const auto T = static_cast<int64_t>(kept.shape(0)), own = static_cast<int64_t>(kept.shape(1));
+    vip::Stretch found{nullptr, nullptr, nullptr, nullptr, far.data(), T, static_cast<int64_t>(far.size()), own + met, 0, static_cast<int>(own), static_cast<int>(s), tied};
+    expect_blas(), expect(ascending(far, own), "columns must ascend"), expect_shape(kept, {T, own, own + found.rest()});
+    expect(met >= 0 && met * T <= s);
     return found;
 }
 
 static bool eliminate_stretch(In<3> rows, In<2> gradient, In<2> shared, In<1> shared_gradient, Indices<1> far, bool tied,
-                              In<1> damping, Out<2> information, Out<1> vector, Out<3> kept, Out<2> d) {
-    const auto s = static_cast<int64_t>(shared.shape(0));
-    vip::Stretch of = stretch(far, tied, kept, s);
+                              int64_t s, In<1> damping, Out<2> information, Out<1> vector, Out<3> kept, Out<2> d) {
+    const auto said = static_cast<int64_t>(shared.shape(0)), own = static_cast<int64_t>(kept.shape(1));
+    vip::Stretch of = stretch(far, tied, kept, static_cast<int64_t>(rows.shape(1)) - own, s);
+    of.said = said, expect(said + of.frames * (of.w - own) <= s);
     expect_shape(rows, {of.frames + vip::REACH, of.w, of.width()}), expect_shape(gradient, {of.frames + vip::REACH, of.w});
-    expect_shape(shared, {s, s}), expect_shape(shared_gradient, {s}), expect_shape(damping, {of.w}), expect_shape(d, {of.frames, of.w});
+    expect_shape(shared, {said, said}), expect_shape(shared_gradient, {said}), expect_shape(damping, {own}), expect_shape(d, {of.frames, own});
     expect_shape(information, {of.rest(), of.rest()}), expect_shape(vector, {of.rest()});
     of.rows = rows.data(), of.gradient = gradient.data(), of.shared = shared.data(), of.shared_gradient = shared_gradient.data();
     return vip::eliminate_stretch(blas, of, damping.data(), information.data(), vector.data(), kept.data(), d.data());
 }
 
-// `steps` (T, w) hold d, and then the steps; `behind` (2, w) those of the two frames behind the stretch.
-static void substitute_stretch(Out<3> kept, Indices<1> far, bool tied, In<2> behind, In<1> shared, Out<2> steps) {
-    const vip::Stretch of = stretch(far, tied, kept, static_cast<int64_t>(shared.shape(0)));
-    expect_shape(behind, {vip::REACH, of.w}), expect_shape(steps, {of.frames, of.w});
+// `steps` (T, own) hold d, and then the steps; `behind` (2, own) those of the two frames behind the stretch.
+static void substitute_stretch(Out<3> kept, Indices<1> far, bool tied, int64_t met, In<2> behind, In<1> shared, Out<2> steps) {
+    const vip::Stretch of = stretch(far, tied, kept, met, static_cast<int64_t>(shared.shape(0)));
+    expect_shape(behind, {vip::REACH, of.own}), expect_shape(steps, {of.frames, of.own});
     vip::substitute_stretch(blas, of, kept.data(), behind.data(), shared.data(), steps.data());
 }
 
@@ -480,8 +482,8 @@ NB_MODULE(_kernels, module) {
     module.def("substitute_lag", &substitute_lag, in("frames"), in("far"), in("shared"), out("values"));
     module.def("forward", &forward, out("rows"), out("right"), out("behind"));
     module.def("eliminate_stretch", &eliminate_stretch, in("rows"), in("gradient"), in("shared"), in("shared_gradient"), in("far"),
-               in("tied"), in("damping"), out("information"), out("vector"), out("kept"), out("d"), released());
-    module.def("substitute_stretch", &substitute_stretch, out("kept"), in("far"), in("tied"), in("behind"), in("shared"), out("steps"), released());
+               in("tied"), in("border"), in("damping"), out("information"), out("vector"), out("kept"), out("d"), released());
+    module.def("substitute_stretch", &substitute_stretch, out("kept"), in("far"), in("tied"), in("met"), in("behind"), in("shared"), out("steps"), released());
     module.def("slice_in_coordinates", &slice_in_coordinates, out("hessian"), out("gradient"), in("value"), in("columns"),
                out("information"), out("vector"));
     module.def("add_before", &add_before, in("before"), in("before_vector"), in("places"), out("information"), out("vector"));

@@ -21,7 +21,7 @@ def dense(objective: SceneObjective, state: SceneState) -> tuple[np.ndarray, np.
 
     for part in objective.parts:
         w, s = part.shape.frame, part.shape.static
-        for stretch, band in zip(part.stretches, system.bands(part), strict=True):
+        for stretch, (band,) in zip(part.stretches, system.bands([part], part.stretches), strict=True):
             shared = places(part.static, stretch.start)
             for i, (row, gradient) in enumerate(zip(band.rows, band.gradient, strict=True)):
                 own = W * (stretch.start + i) + part.frame

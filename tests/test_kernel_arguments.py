@@ -97,11 +97,12 @@ def calls() -> dict[str, Call]:
             np.zeros((3, 2)), out=(3,),
         ),
         "eliminate_stretch": call(
-            np.eye(2, 7) + np.zeros((6, 1, 1)), normal(6, 2), np.eye(1), normal(1), np.array([1]), True, np.ones(2),
-            np.zeros((4, 4)), np.zeros(4), np.zeros((4, 2, 6)), np.zeros((4, 2)), out=(7, 8, 9, 10),
+            np.eye(2, 7) + np.zeros((6, 1, 1)), normal(6, 2), np.eye(1), normal(1), np.array([1]), True, 1,
+            np.ones(2), np.zeros((4, 4)), np.zeros(4), np.zeros((4, 2, 6)), np.zeros((4, 2)), out=(8, 9, 10, 11),
         ),
         "substitute_stretch": call(
-            np.eye(2, 6) + np.zeros((4, 1, 1)), np.array([1]), True, normal(2, 2), normal(1), normal(4, 2), out=(0, 5)
+            np.eye(2, 6) + np.zeros((4, 1, 1)), np.array([1]), True, 0, normal(2, 2), normal(1), normal(4, 2),
+            out=(0, 6),
         ),
         "slice_in_coordinates": call(
             positive(6), normal(6), normal(3), np.array([0, 2, 5]), np.zeros((3, 3)), np.zeros(3), out=(0, 1, 4, 5)

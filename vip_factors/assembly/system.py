@@ -30,7 +30,6 @@ from vip_factors.solve.slices import Blocks
 from vip_factors.terms.heading_walk import step_sigmas
 
 THREADS = min(4, os.cpu_count() or 1)  # that sum ahead of the elimination: more share the interpreter
-SEVERAL = 3  # wearers before a moving camera that are quicker eliminated apart
 UNKNOWN = 1e8  # rad² or m²: what is not determined has such a variance, where rounding leaves it one
 
 
@@ -46,6 +45,8 @@ class Part:
         shape: of the chain.
         drifting: those of the wearers whose headings drift.
         stretches: of frames, in which headings are constant.
+        wearer_parts: of several wearers before a moving camera each one's variables with the camera's, with columns
+            among those of the part: they are quicker eliminated apart.
         memory: of the last elimination.
     """
 
@@ -57,6 +58,7 @@ class Part:
     shape: Shape
     drifting: list[int]
     stretches: list[slice]
+    wearer_parts: list["Part"] = field(default_factory=list)
     memory: BandElimination | None = field(default=None, repr=False)
 
 
@@ -82,30 +84,35 @@ def far_columns(layout: Layout, wearers: Sequence[WearerProblem]) -> np.ndarray:
 def parts_of(problem: SceneProblem, layout: Layout, chunk: int) -> list[Part]:
     """The parts of a problem, in stretches of so many frames at most."""
     moving = any(one.owner.kind is Owner.CAMERA for one in layout.chains)
-    parts, T = list[Part](), problem.frames
+    parts = list[Part]()
     for owners in owners_together(layout, moving or problem.extra is not None):
-        own = layout.of_owners(owners)
-        chains = [one.owner.number for one in own.chains if one.owner.kind is Owner.WEARER]
-        tied = moving or any(problem.wearers[number].use_acceleration for number in chains)
-        far = np.arange(own.frame_width) if problem.extra is not None else far_columns(own, problem.wearers)
-        drifting = [
-            number for number in chains
-            if problem.wearers[number].free_headings and problem.wearers[number].headings_drift
-        ]  # fmt: skip
-        cuts = {0, T}.union(*(_cuts(problem.wearers[number]) for number in drifting))
-        stretches = [
+        part = _part_of(problem, layout, owners, moving, not parts)
+        cuts = {0, problem.frames}.union(*(_cuts(problem.wearers[number]) for number in part.drifting))
+        part.stretches = [
             slice(begin, min(begin + chunk, end))
             for begin, end in itertools.pairwise(sorted(cuts))
             for begin in range(begin, end, chunk)
         ]
-        parts.append(
-            Part(
-                own, layout.frame_columns(owners), layout.static_columns(owners),
-                chains or list(range(len(problem.wearers))), not parts,
-                Shape(own.frame_width, own.static_width, far, tied), drifting, stretches,
-            )
-        )  # fmt: skip
+        if moving and problem.extra is None and len(part.layout.chains) > 2:  # one of them the camera
+            for each in owners_together(part.layout, together=False):
+                part.wearer_parts.append(_part_of(problem, part.layout, each, moving, not part.wearer_parts))
+        parts.append(part)
     return parts
+
+
+def _part_of(problem: SceneProblem, layout: Layout, owners: set[OwnerId], moving: bool, has_camera: bool) -> Part:
+    """The part of some owners, whose columns are among those of a layout, without its stretches."""
+    own = layout.of_owners(owners)
+    wearers = [one.owner.number for one in own.chains if one.owner.kind is Owner.WEARER]
+    tied = moving or any(problem.wearers[number].use_acceleration for number in wearers)
+    far = np.arange(own.frame_width) if problem.extra is not None else far_columns(own, problem.wearers)
+    drifting = [number for number in wearers
+                if problem.wearers[number].free_headings and problem.wearers[number].headings_drift]  # fmt: skip
+    return Part(
+        layout=own, frame=layout.frame_columns(owners), static=layout.static_columns(owners),
+        wearers=wearers or list(range(len(problem.wearers))), has_camera=has_camera,
+        shape=Shape(own.frame_width, own.static_width, far, tied), drifting=drifting, stretches=[],
+    )  # fmt: skip
 
 
 def _cuts(wearer: WearerProblem) -> set[int]:
@@ -147,20 +154,21 @@ class SceneSystem:
         self._kernels = kernels
         self._problem, self._state, self._layout, self._parts, self._add = problem, state, layout, parts, add
 
-    def bands(self, part: Part) -> Iterator[Band]:
-        """The normal equations of each stretch, one after the other: each is overwritten when the next is asked for."""
-        longest = max(one.stop - one.start for one in part.stretches)
-        free = [Band(part.shape, longest, self._kernels) for _ in range(THREADS)]
-        summed = deque[tuple[Band, Future[Band]]]()
+    def bands(self, parts: Sequence[Part], stretches: Sequence[slice]) -> Iterator[list[Band]]:
+        """The normal equations of parts in each stretch, one after the other: they are overwritten by those after."""
+        longest = max(one.stop - one.start for one in stretches)
+        free = [[Band(part.shape, longest, self._kernels) for part in parts] for _ in range(THREADS)]
+        summed = deque[tuple[list[Band], Future[list[Band]]]]()
 
-        def work(band: Band, stretch: slice) -> Band:
-            band = band.first(stretch.stop - stretch.start)
-            band.empty()
-            self._add(band.blocks, part, stretch.start)
-            return band
+        def work(memory: list[Band], stretch: slice) -> list[Band]:
+            bands = [band.first(stretch.stop - stretch.start) for band in memory]
+            for band, part in zip(bands, parts, strict=True):
+                band.empty()
+                self._add(band.blocks, part, stretch.start)
+            return bands
 
         with ThreadPoolExecutor(max(THREADS - 1, 1)) as pool:
-            for stretch in part.stretches:
+            for stretch in stretches:
                 if not free:
                     memory, done = summed.popleft()
                     yield done.result()
@@ -170,17 +178,15 @@ class SceneSystem:
             for _, done in summed:
                 yield done.result()
 
-    def _elimination(self, part: Part, damping: Array, apart: bool) -> BandElimination:
-        """Of one part; several wearers before a moving camera apart, if that is allowed."""
-        layout, owners = part.layout, [one.owner for one in part.layout.chains]
-        wearers = [owner for owner in owners if owner.kind is Owner.WEARER]
-        met = layout.frame_columns([owner for owner in owners if owner.kind is not Owner.WEARER])
-        if not apart or len(wearers) < SEVERAL or not len(met) or self._problem.extra is not None:
+    def _elimination(self, part: Part, damping: Array, parts: Sequence[Part]) -> BandElimination:
+        """Of one part, whose bands are those of ``parts``."""
+        if len(parts) == 1:
             part.memory = BandElimination(part.shape, damping, part.memory, self._kernels)
-            return part.memory
-        others = {owner for owner, _ in layout.blocks if owner.kind is not Owner.WEARER}
-        chains = [Chain(layout.frame_columns([one]), layout.static_columns({one} | others)) for one in wearers]
-        return EliminationApart(part.shape, damping, chains, met, self._kernels)
+        else:
+            chains = [Chain(one.frame, one.static) for one in parts]
+            met = parts[0].layout.chains[-1].width
+            part.memory = EliminationApart(part.shape, damping, part.memory, chains, met, self._kernels)
+        return part.memory
 
     def _eliminated(
         self, damping: float, apart: bool = False
@@ -191,9 +197,10 @@ class SceneSystem:
         steps = np.concatenate([np.zeros(0), *(one.step for one in layout.chains)])
         found = list[tuple[BandElimination, Multipliers]]()
         for part in self._parts:
-            elimination = self._elimination(part, damping * steps[part.frame] ** -2.0, apart)
-            for stretch, band in zip(part.stretches, self.bands(part), strict=True):
-                elimination.eliminate(band)
+            parts = part.wearer_parts if apart and part.wearer_parts else [part]
+            elimination = self._elimination(part, damping * steps[part.frame] ** -2.0, parts)
+            for stretch, bands in zip(part.stretches, self.bands(parts, part.stretches), strict=True):
+                elimination.eliminate(*bands)
                 if stretch.stop < self._problem.frames:
                     elimination.step(*self._heading_steps(part, stretch.stop))
             multipliers, information, vector = Multipliers.eliminated(*elimination.border, len(part.static))

@@ -73,6 +73,12 @@ class Band:
         band.rows, band.gradient = self.rows[: frames + REACH], self.gradient[: frames + REACH]
         return band
 
+    def behind(self, frames: int) -> "Band":
+        """What factors say whose first frame is not one of the first ones, in the same memory."""
+        band = copy(self)
+        band.rows, band.gradient = self.rows[frames:], self.gradient[frames:]
+        return band
+
     def empty(self) -> None:
         """Make all zero."""
         for array in (self.rows, self.gradient, self.static, self.static_gradient):
@@ -109,7 +115,8 @@ class BandElimination:
     """The frames of a chain eliminated, stretch by stretch.
 
     Args:
-        shape: of the chain.
+        shape: of the chain; bands may have more columns in a frame, behind those of the chain, that only this frame
+            sees. They are the last of the border then, frame after frame, and the border that bands have is the first.
         damping: ``(w,)`` added to the diagonal of each frame.
         memory: of the eliminations of an earlier linearisation, which are no more: new pages cost more than zeros.
         kernels: to eliminate with.
@@ -121,42 +128,50 @@ class BandElimination:
     def __init__(
         self, shape: Shape, damping: Array, memory: "BandElimination | None" = None, kernels: Kernels = kernels
     ) -> None:
-        self.shape, self._damping, self._kernels = shape, damping, kernels
+        self.shape, self._damping, self._kernels, self._met = shape, damping, kernels, 0
         self.information, self.vector = np.zeros((shape.rest, shape.rest)), np.zeros(shape.rest)
         self._kept = list[tuple[Array, Array]]()  # of each stretch R and S (T, w, n), and d (T, w)
         self._memory = memory._kept[::-1] if memory is not None else []
         self._steps = dict[int, _Step]()  # by the stretch that they come behind
 
-    def eliminate(self, band: Band) -> None:
-        """Eliminate the frames of the next stretch.
+    def eliminate(self, *bands: Band) -> None:
+        """Eliminate the frames of the next stretch, of which this class has a single band.
 
         Raises:
             SolveError: if a variable is not determined.
         """
+        (band,) = bands
         frames, w, n = band.frames, self.shape.frame, self.shape.frame + self.shape.rest
         kept, d = self._memory.pop() if self._memory else (np.zeros((0, 0, 0)), np.zeros((0, 0)))
         if kept.shape != (frames, w, n):
             kept, d = np.empty((frames, w, n)), np.empty((frames, w))
         self._kept.append((kept, d))
+        self._met = band.shape.frame - w
         if self._kernels is None:
             self._eliminate_purely(band, kept, d)
-        elif not self._kernels.eliminate_stretch(
-            band.rows, band.gradient, band.static, band.static_gradient, self.shape.far, self.shape.tied, self._damping,
-            self.information, self.vector, kept, d,
-        ):  # fmt: skip
+            return
+        parts = band.rows, band.gradient, band.static, band.static_gradient
+        chain = self.shape.far, self.shape.tied, self.shape.static, self._damping
+        if not self._kernels.eliminate_stretch(*parts, *chain, self.information, self.vector, kept, d):
             raise SolveError("the linear system is not determined")
 
     def _eliminate_purely(self, band: Band, kept: Array, d: Array) -> None:
-        shape, w, m = self.shape, self.shape.frame, band.rows.shape[2]
-        border, columns = slice(m - shape.static, m), np.arange(m)  # of a frame, of those after it, and of the border
+        shape, w, c, every = self.shape, self.shape.frame, self._met, band.shape
+        end = (REACH + 1 if shape.tied else 1) * w  # of frames; behind it stands the border
+        columns = [i * every.frame + np.arange(w) for i in range(end // w)]
+        rows = band.rows[:, :w, np.concatenate([*columns, np.arange(-every.static, 0)])]
+        said, m = end + every.static, end + shape.static
+        border = np.arange(end, m)
         later = np.concatenate([w + np.arange(w), 2 * w + shape.far])[: shape.ahead]
-        before, later = np.concatenate([later - w, columns[border]]), np.concatenate([later, columns[border]])
+        before, later = np.concatenate([later - w, border]), np.concatenate([later, border])
         H, v = np.zeros((m, m)), np.zeros(m)
         H[np.ix_(before, before)], v[before] = np.triu(self.information), self.vector
         for t in range(band.frames):
-            H[:w] += band.rows[t]
+            met = m - (band.frames - t) * c
+            H[:w, :said] += rows[t]
+            H[:w, met : met + c] += band.rows[t, :w, w : w + c]
             H[range(w), range(w)] += self._damping
-            v[:w] -= band.gradient[t]
+            v[:w] -= band.gradient[t, :w]
             rest = np.ascontiguousarray(H[np.ix_(later, later)])
             R, S_transposed = eliminated(H[:w, :w], np.array(H[:w, later]), rest)
             kept[t, :, :w], kept[t, :, w:], d[t] = R, S_transposed.T, dtrsv(R, v[:w], trans=1)
@@ -164,12 +179,12 @@ class BandElimination:
             H[:], v[:] = 0.0, 0.0
             H[np.ix_(before, before)], v[before] = np.triu(rest), left
         for i in range(REACH if shape.tied else 0):
-            own, rows = slice(i * w, (i + 1) * w), band.rows[band.frames + i]
-            H[own, i * w : border.start] += rows[:, : border.start - i * w]
-            H[own, border] += rows[:, border]
-            v[own] -= band.gradient[band.frames + i]
-        H[border, border] += band.static
-        v[border] -= band.static_gradient
+            own, of_frame = slice(i * w, (i + 1) * w), rows[band.frames + i]
+            H[own, i * w : end] += of_frame[:, : end - i * w]
+            H[own, end:said] += of_frame[:, end:]
+            v[own] -= band.gradient[band.frames + i, :w]
+        H[end:said, end:said] += band.static
+        v[end:said] -= band.static_gradient
         self.information[:], self.vector[:] = H[np.ix_(before, before)], v[before]
 
     def step(self, columns: np.ndarray, sigmas: Array, differences: Array) -> None:
@@ -221,7 +236,8 @@ class BandElimination:
         (kept, d), shape = self._kept[number], self.shape
         steps = d.copy()
         if self._kernels is not None:
-            self._kernels.substitute_stretch(kept, shape.far, shape.tied, np.ascontiguousarray(behind), border, steps)
+            behind = np.ascontiguousarray(behind)
+            self._kernels.substitute_stretch(kept, shape.far, shape.tied, self._met, behind, border, steps)
         else:
             self._substitute_purely(kept, behind, border, steps)
         return steps

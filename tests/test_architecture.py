@@ -11,12 +11,12 @@ ROWS = [
     {"errors", "ranges", "geometry", "atomic", "display", "tables", "findings", "compiled"},
     {"factor_settings"},
     {"settings"},
-    {"body"},
+    {"body", "solve"},
     {"sensors"},
     {"estimate", "live_estimate"},
     {"estimate_chunks", "describe", "evaluate"},
     {"simulate", "associate", "initialise", "io", "viz"},
-    {"problem", "solve", "detect", "gait", "repetitions"},
+    {"problem", "detect", "gait", "repetitions"},
     {"terms"},
     {"assembly"},
     {"factor_graph"},
@@ -31,7 +31,7 @@ ROW_OF = {room: row for row, rooms in enumerate(ROWS) for room in rooms}
 # Within row 0, all may raise the package's errors, and rotations are compiled.
 NEIGHBOURS = {("geometry", "errors"), ("geometry", "compiled"), ("ranges", "errors"), ("atomic", "errors")}
 # Rooms that know the types of one above them, and import nothing of it at run time.
-TYPES_ONLY = {("problem", "solve"), ("problem", "gtsam")}
+TYPES_ONLY = {("problem", "gtsam")}
 # Rooms that open files and sockets: the functions, the commands, and the trades that read videos and write pages.
 OPENERS = {"io", "api", "workflow", "cli", "detect", "report", "stages"}
 # Third parties that only some rooms may see.

@@ -19,6 +19,7 @@ from vip_factors.findings import Finding, Verdict, verdict
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
+from vip_factors.solve.levenberg_marquardt import SolveReport
 
 if TYPE_CHECKING:
     import pandas
@@ -26,36 +27,6 @@ if TYPE_CHECKING:
 
 TABLES = ("positions", "angles")  # of an estimate as columns
 KEPT = 0.8  # of the prior's standard deviation: what is no surer than this was hardly measured
-
-
-@dataclass(frozen=True)
-class Iteration:
-    """One step of the optimiser: total cost after it, its damping, whether it was taken, and seconds by part."""
-
-    cost: float
-    damping: float
-    accepted: bool
-    seconds: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class SolveReport:
-    """How a solve went.
-
-    Attributes:
-        stage: which solve of the pipeline this was.
-        iterations: in order.
-        initial_cost, final_cost: half the sum of squared whitened residuals (robust losses applied) by factor kind.
-        converged: whether the cost stopped falling before the iteration limit.
-        seconds: wall time of the whole solve.
-    """
-
-    stage: str
-    iterations: tuple[Iteration, ...]
-    initial_cost: Mapping[str, float]
-    final_cost: Mapping[str, float]
-    converged: bool
-    seconds: float
 
 
 @dataclass(frozen=True)

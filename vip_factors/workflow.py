@@ -26,7 +26,8 @@ from vip_factors.io.settings import CameraOptions
 from vip_factors.settings import Settings
 
 if TYPE_CHECKING:
-    from vip_factors.estimate import Estimate, SolveReport
+    from vip_factors.estimate import Estimate
+    from vip_factors.solve.levenberg_marquardt import SolveReport
     from vip_factors.stages.windows import MapFn
 
 ESTIMATE = "estimate.mcap"

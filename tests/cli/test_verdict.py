@@ -11,11 +11,11 @@ from types import SimpleNamespace
 import pytest
 from scene_sample import estimate_of, scene_sample
 
-from vip_factors.estimate import SolveReport
 from vip_factors.findings import Finding
 from vip_factors.io.live_json import LiveJsonSink
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_recording import write_recording
+from vip_factors.solve.levenberg_marquardt import SolveReport
 
 NOTE, CARE = Finding("apart"), Finding("not in the video")
 DOUBT = Finding("legs crossed", "ann", numbers={"percent": 40.0})

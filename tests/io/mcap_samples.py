@@ -14,16 +14,15 @@ from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.estimate import (
     BodyEstimate,
-    Iteration,
     PoseCovariance,
     SensorPlaceEstimate,
-    SolveReport,
     WearerEstimate,
 )
 from vip_factors.geometry.rotations import exp
 from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite, preset
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, Subject, Truth
+from vip_factors.solve.levenberg_marquardt import Iteration, SolveReport
 
 names = st.text(min_size=1, max_size=12)
 numbers = st.floats(allow_nan=False, allow_infinity=False)

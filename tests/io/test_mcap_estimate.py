@@ -17,13 +17,14 @@ from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.cli.terminal import terminal_text
 from vip_factors.describe.estimates import estimate_tables
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import Estimate, SolveReport, StartChoice, WearerEstimate
+from vip_factors.estimate import Estimate, StartChoice, WearerEstimate
 from vip_factors.findings import Finding, bare
 from vip_factors.io.mcap_estimate import CAMERA_INFO, read_estimate, write_estimate
 from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo
+from vip_factors.solve.levenberg_marquardt import SolveReport
 
 
 def example(T: int = 60) -> WearerEstimate:

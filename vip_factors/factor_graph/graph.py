@@ -10,7 +10,6 @@ import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.errors import SolveError
-from vip_factors.estimate import Iteration, SolveReport
 from vip_factors.factor_graph.extra import UserTerms
 from vip_factors.factor_graph.term_factors import TermFactor, term_factors
 from vip_factors.factor_graph.variables import Variable, state_of, values_of, variables_of
@@ -20,7 +19,13 @@ from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.problem.variables import scene_layout
 from vip_factors.settings import SolveSettings
-from vip_factors.solve.levenberg_marquardt import INITIAL_DAMPING, MAX_DAMPING, levenberg_marquardt
+from vip_factors.solve.levenberg_marquardt import (
+    INITIAL_DAMPING,
+    MAX_DAMPING,
+    Iteration,
+    SolveReport,
+    levenberg_marquardt,
+)
 
 
 @dataclass(frozen=True)

@@ -36,14 +36,7 @@ from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import (
-    BodyEstimate,
-    DetectorEstimate,
-    Iteration,
-    SensorPlaceEstimate,
-    SolveReport,
-    StartChoice,
-)
+from vip_factors.estimate import BodyEstimate, DetectorEstimate, SensorPlaceEstimate, StartChoice
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.schemas import body_pose_pb2, estimate_info_pb2, subject_pb2
@@ -52,6 +45,7 @@ from vip_factors.io.schemas.geometry_pb2 import QuaternionWxyz, Vector3
 from vip_factors.io.schemas.sensor_placement_pb2 import SensorPlacement
 from vip_factors.sensors.calibration import Calibration, Placement, SensorCalibration, SensorSite
 from vip_factors.sensors.recording import Subject
+from vip_factors.solve.levenberg_marquardt import Iteration, SolveReport
 
 if TYPE_CHECKING:
     from google.protobuf.message import Message

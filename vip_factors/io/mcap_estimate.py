@@ -20,7 +20,7 @@ import numpy as np
 
 from vip_factors.atomic import atomic_open
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.estimate import CameraEstimate, Estimate, SolveReport, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import TEXT, bare, sentences
 from vip_factors.geometry.rotations import Array
@@ -48,6 +48,7 @@ from vip_factors.io.schemas.body_pose_pb2 import BodyPose
 from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, CameraPose
 from vip_factors.io.schemas.estimate_info_pb2 import EstimateInfo, Residuals
 from vip_factors.sensors.calibration import Calibration
+from vip_factors.solve.levenberg_marquardt import SolveReport
 
 ESTIMATE = "/estimate/"
 SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from vip_factors.problem.state import CameraState, SceneState
 from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem, sole_shift
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
-
-if TYPE_CHECKING:
-    from vip_factors.solve.slices import Blocks
+from vip_factors.solve.slices import Blocks
 
 
 @dataclass(frozen=True)
@@ -261,7 +259,7 @@ class LinearTerms(Protocol):
         """Number of columns, behind those of what all frames share, of rows that tie frames further apart."""
         ...
 
-    def add_to(self, blocks: "Blocks", begin: int) -> None:
+    def add_to(self, blocks: Blocks, begin: int) -> None:
         """Add the factors whose first frame is in the stretch of ``blocks``, from the frame ``begin`` on."""
         ...
 

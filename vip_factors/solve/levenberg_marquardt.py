@@ -6,15 +6,45 @@ objective that can linearise itself.
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
 from vip_factors.errors import SolveError
-from vip_factors.estimate import Iteration, SolveReport
 from vip_factors.settings import SolveSettings
 
 State = TypeVar("State")
+
+
+@dataclass(frozen=True)
+class Iteration:
+    """One step of the optimiser: total cost after it, its damping, whether it was taken, and seconds by part."""
+
+    cost: float
+    damping: float
+    accepted: bool
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SolveReport:
+    """How a solve went.
+
+    Attributes:
+        stage: which solve of the pipeline this was.
+        iterations: in order.
+        initial_cost, final_cost: half the sum of squared whitened residuals (robust losses applied) by factor kind.
+        converged: whether the cost stopped falling before the iteration limit.
+        seconds: wall time of the whole solve.
+    """
+
+    stage: str
+    iterations: tuple[Iteration, ...]
+    initial_cost: Mapping[str, float]
+    final_cost: Mapping[str, float]
+    converged: bool
+    seconds: float
 
 
 class LinearSystem(Protocol):

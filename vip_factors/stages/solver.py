@@ -5,13 +5,12 @@ from dataclasses import dataclass, field
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.display import ProgressCallback
-from vip_factors.estimate import SolveReport
 from vip_factors.factor_graph.graph import optimise_with_gtsam
 from vip_factors.problem.scene import ExtraTerms
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.settings import SolverName, SolveSettings
-from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
+from vip_factors.solve.levenberg_marquardt import SolveReport, levenberg_marquardt
 from vip_factors.terms.registry import unfilmed_problem
 
 

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 
 from vip_factors.display import ProgressCallback
-from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, SolveReport, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import Finding, MergedFindings
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, wrap_angle, yaw_of
@@ -22,6 +22,7 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.sources import SceneSource
+from vip_factors.solve.levenberg_marquardt import SolveReport
 from vip_factors.stages.drift import clock_findings
 from vip_factors.stages.findings import drift_findings
 from vip_factors.stages.windows import WindowPlan

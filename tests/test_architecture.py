@@ -1,6 +1,7 @@
 """Imports go one way: a room sees only the rooms in rows above it, and third parties stay in their rooms."""
 
 import ast
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -106,6 +107,19 @@ def test_imports_go_one_way(path: Path) -> None:
         above = ROW_OF[target] < ROW_OF[room]
         allowed_type = is_type and (room, target) in TYPES_ONLY
         assert above or allowed_type or (room, target) in NEIGHBOURS, f"{path}: {room} may not import {target}"
+
+
+def test_no_modules_import_each_other() -> None:
+    names = {".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts): path for path in FILES}
+    imports = {
+        name: {
+            imported if imported in names else imported.rpartition(".")[0]
+            for imported, is_type in imports_of(path)
+            if not is_type
+        }
+        for name, path in names.items()
+    }
+    TopologicalSorter({name: imported & {*names} for name, imported in imports.items()}).prepare()  # raises CycleError
 
 
 def test_every_room_is_in_the_table() -> None:

@@ -29,7 +29,8 @@ CONNECT_S = 2.0  # until a scheduler has answered
 LOOK_S = 0.5  # between looks at whether to stop
 END_S = 20.0  # until a process that was asked to end is killed: what it writes is removed by then
 SIGNAL = 128  # exit codes above it tell a signal
-CHILD = "from vip_factors.cli.workers import child; child()"
+# A process of run_child: as the command line, until its standard input is closed.
+CHILD = "import sys; from vip_factors.cli import main, workers; workers.end_with_parent(); sys.exit(main.main())"
 
 
 @contextmanager
@@ -169,17 +170,14 @@ def run_child(words: Sequence[str], folder: Path, is_stopped: Callable[[], bool]
     return code, sentence if code else ""
 
 
-def child() -> None:
-    """The process of :func:`run_child`: as the command line, until its standard input is closed."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    from vip_factors.cli.main import main
+def end_with_parent() -> None:
+    """Have SIGTERM sent to this process once its standard input is closed."""
 
-    sys.exit(main(sys.argv[1:]))
+    def wait_for_end() -> None:
+        os.read(0, 1)  # unbuffered: a lock on the stream would outlast the interpreter
+        os.kill(os.getpid(), signal.SIGTERM)
 
-
-def _end_with_parent() -> None:
-    os.read(0, 1)  # unbuffered: a lock on the stream would outlast the interpreter
-    os.kill(os.getpid(), signal.SIGTERM)
+    threading.Thread(target=wait_for_end, daemon=True).start()
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """The documentation says what the package does: its factors, its commands, its links; and its site can be built."""
 
 import re
+import runpy
 import shlex
 import subprocess
 import sys
@@ -119,6 +120,11 @@ def test_every_format_that_is_read_is_in_the_table() -> None:
 
 def test_every_format_that_is_written_is_in_the_table() -> None:
     assert {f"`{suffix}`" for suffix in EXPORT_FORMATS} <= set(rows("written"))
+
+
+def test_findings_are_listed_as_they_are() -> None:
+    page = runpy.run_path(str(DOCS / "list_findings.py"))["page"]
+    assert (DOCS / "findings.md").read_text(encoding="utf-8") == page(), "run .ci/generate findings"
 
 
 @pytest.mark.slow

@@ -5,9 +5,10 @@ everybody what was found in a few words, what that means for the use of the resu
 """
 
 import math
-from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -35,9 +36,10 @@ class Kind:
 
     Attributes:
         severity: how much they bear on the results.
-        sentence: with the names and numbers of a finding in braces; ``{each}`` is a list of its numbers.
-        headline: what was found, in a few words.
-        means: for the use of the results.
+        sentence: with the names and numbers of a finding in braces; ``{each}`` is a list of its numbers. The wearer's
+            and the camera's names are put before it.
+        headline: what is wrong, in a few words.
+        affects: what it means for the use of the results.
         advice: what to do.
         each: how one of the numbers is told in that list, by its ``name`` and ``value``.
         is_fault: whether something may be wrong; else nothing is, but the set-up cannot tell more.
@@ -46,7 +48,7 @@ class Kind:
     severity: Severity
     sentence: str
     headline: str
-    means: str
+    affects: str
     advice: str
     each: str = "{name}"
     is_fault: bool = True
@@ -101,10 +103,10 @@ class Finding:
             return self.text
         kind = KINDS[self.kind]
         each = ", ".join(kind.each.format(name=name, value=value) for name, value in self.numbers.items())
-        names = {"wearer": self.wearer, "subject": self.subject, "each": each, "count": len(self.numbers)}
+        names = {"subject": self.subject, "each": each, "count": len(self.numbers)}
         told = kind.sentence.format(**{**self.numbers, **self.words, **names})
-        if not self.wearer:
-            told = told.replace("wearer ''", "the wearer")
+        if self.wearer:
+            told = f"wearer '{self.wearer}': {told}"
         if self.camera:
             told = f"camera '{self.camera}': {told}"
         if self.during is not None:
@@ -155,37 +157,7 @@ def verdict(findings: Iterable[Finding]) -> Verdict:
     return Verdict(worst, tuple(deciding)) if weighty else Verdict(Severity.GOOD)
 
 
-class MergedFindings:
-    """Findings of windows, each told once: as in the first window that has it, and in how many more there were.
-
-    Args:
-        of_the_whole: what is told of the whole already: windows need not say it again.
-    """
-
-    def __init__(self, of_the_whole: Sequence[Finding] = ()) -> None:
-        self._known = {one.about: one for one in of_the_whole}
-        self._found: dict[tuple[str, ...], Finding] = {}
-        self._more: dict[tuple[str, ...], int] = {}
-
-    def add(self, findings: Sequence[Finding], start: float, end: float) -> None:
-        """Those of a window from one instant to another, seconds."""
-        for about, one in {one.about: one for one in reversed(findings)}.items():
-            if about in self._found:
-                self._more[about] += 1
-            elif about not in self._known:
-                self._found[about], self._more[about] = replace(one, during=(start, end)), 0
-
-    def all(self) -> tuple[Finding, ...]:
-        """What was known, then what was found."""
-        return (
-            *self._known.values(),
-            *(replace(one, more_windows=self._more[about]) for about, one in self._found.items()),
-        )
-
-
 MOST_WAITING = 1000  # findings that nobody has taken: beyond, new ones are lost rather than memory
-OFTEN = 10  # tellings of a kind, after which it is told now and then only
-GATHER_S = 0.3  # of the stream, in which all clocks that leap together are found to have leapt
 
 
 @dataclass
@@ -194,16 +166,19 @@ class _Tally:
     count: int = 0
     told: float = -math.inf
     tellings: int = 0
-    due: float = math.inf  # when what was gathered is to be told
+    due: float = math.inf  # when what has happened is to be told
 
 
 class FindingLog:
-    """Collects findings of a stream until they are taken; what happens ever again is told once in a while.
+    """Findings until they are taken; what happens again and again, or in many windows, is told once in a while.
 
-    Memory stays bounded as long as the keys of :meth:`tally` and :meth:`gather` do.
+    Memory stays bounded as long as the keys do.
+
+    Args:
+        repeat_after: seconds from one telling of a key to the next.
     """
 
-    def __init__(self, repeat_after: float) -> None:
+    def __init__(self, repeat_after: float = math.inf) -> None:
         self._repeat_after = repeat_after
         self._tallies: dict[Hashable, _Tally] = {}
         self._waiting: list[Finding] = []
@@ -213,46 +188,42 @@ class FindingLog:
         if len(self._waiting) < MOST_WAITING:
             self._waiting.append(finding)
 
-    def tally(self, key: Hashable, now: float, finding: Callable[[int], Finding]) -> None:
-        """Something of the kind ``key`` has happened once more: ``finding(count)`` is told now or later.
+    def tally(
+        self, key: Hashable, now: float, finding: Callable[[int], Finding], wait: float = 0.0, often: int = 1
+    ) -> None:
+        """Something of the kind ``key`` has happened once more: ``finding(count)`` is told, or counted until it is due.
 
         Args:
             key: of what happens again and again.
-            now: seconds of the stream.
-            finding: made from how often it has happened since it was told last.
+            now: seconds.
+            finding: made from how often it has happened since it was told last; the first one's is told.
+            wait: seconds in which others of the key are waited for; infinite: until :meth:`close`.
+            often: tellings after which it is told only every ``repeat_after`` seconds.
         """
         tally = self._tallies.setdefault(key, _Tally(finding))
+        if not tally.count:
+            again = tally.told + self._repeat_after if tally.tellings >= often else -math.inf
+            tally.finding, tally.due = finding, max(now + wait, again)
         tally.count += 1
-        tally.finding = finding
-        if now - tally.told >= self._repeat_after or not math.isfinite(tally.told):
+        if now >= tally.due:
             self._add(tally, now)
 
-    def gather(self, key: Hashable, now: float, finding: Finding) -> None:
-        """Tell this a moment later, together with what others of the kind ``key`` do by then.
+    def add_window(self, findings: Iterable[Finding], start: float, end: float) -> None:
+        """Findings of a window of a recording, from ``start`` to ``end`` (s).
 
-        What happens ever again is told now and then only.
-
-        Args:
-            key: of what many sources do at the same time.
-            now: seconds of the stream.
-            finding: about this one; its word ``others`` is to count them.
+        Each is told once, by :meth:`close`: as in its first window, and in how many more there were.
         """
-        tally = self._tallies.setdefault(key, _Tally(lambda _: finding))
-        if not tally.count:
-            tally.finding = lambda count: _with_others(finding, count - 1)
-            tally.due = now + GATHER_S
-            if tally.tellings >= OFTEN:
-                tally.due = max(tally.due, tally.told + self._repeat_after)
-        tally.count += 1
+        for about, finding in {finding.about: replace(finding, during=(start, end)) for finding in findings}.items():
+            self.tally(about, start, partial(_in_windows, finding), wait=math.inf)
 
     def close(self) -> None:
-        """Tell the counts that were still held back."""
+        """Tell what was only counted."""
         for tally in self._tallies.values():
             if tally.count:
                 self._add(tally, tally.told)
 
     def take(self, now: float = -math.inf) -> tuple[Finding, ...]:
-        """All findings since the last time, in order; and what has been gathered for long enough."""
+        """All findings since the last time, in order; and what is due."""
         for tally in self._tallies.values():
             if now >= tally.due:
                 self._add(tally, now)
@@ -266,8 +237,8 @@ class FindingLog:
         tally.tellings += 1
 
 
-def _with_others(finding: Finding, others: int) -> Finding:
-    return replace(finding, words={**finding.words, "others": f"; so did {others} more" if others else ""})
+def _in_windows(finding: Finding, count: int) -> Finding:
+    return replace(finding, more_windows=count - 1)
 
 
 def _kinds() -> dict[str, Kind]:

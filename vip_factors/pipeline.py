@@ -108,7 +108,11 @@ def _smooth_all(
         filmed = _smooth_scene(source, starts, settings, on_progress, extra, map_fn)
         if isinstance(filmed, EstimateChunks):
             return filmed.changed(lambda part: replace(part, findings=(*findings, *part.findings)))
-        findings = (*findings, *filmed, Finding("not in the video"))
+        findings = (
+            *findings,
+            *filmed,
+            Finding("video unused", words={"reason": "no wearer was found in it, the estimate is of the IMUs alone"}),
+        )
     if extra is not None and len(source.wearers) > 1:
         raise InputError(
             "extra factors among several wearers need a camera that sees them: else each is in a world of its own"

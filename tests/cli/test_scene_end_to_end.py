@@ -61,7 +61,7 @@ def test_findings_are_told_by_their_weight(run: Callable, filmed: Path, tmp_path
     )
     told = run("smooth", tmp_path / "empty.mcap", *QUICK)
     assert told.code == 0, told.err
-    assert "care: nobody is visible" in told.out
+    assert "care: the video is not used: nobody is visible" in told.out
     assert "of the IMUs alone" in told.out
 
 

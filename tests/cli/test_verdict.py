@@ -17,8 +17,8 @@ from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.io.mcap_recording import write_recording
 from vip_factors.solve.levenberg_marquardt import SolveReport
 
-NOTE, CARE = Finding("apart"), Finding("not in the video")
-DOUBT = Finding("legs crossed", "ann", numbers={"percent": 40.0})
+NOTE, CARE = Finding("apart"), Finding("video unused", words={"reason": "no wearer was found in it"})
+DOUBT = Finding("sensor stuck", "ann", subject="LS", numbers={"seconds": 4.0})
 SCENE = scene_sample(0.2)
 
 

@@ -125,7 +125,7 @@ def test_a_wearer_who_begins_later_or_misses_frames(tmp_path: Path) -> None:
     assert [one.frame for one in poses] == [*range(25), 28, *range(30, len(ann.motion))]
     np.testing.assert_array_equal(ann.motion.p_world_pelvis[30:], truth[30 : len(ann.motion)])
     findings = sentences(read_estimate(tmp_path / "e.mcap").findings)
-    assert any("ann: 3 frames are missing" in one for one in findings)
+    assert any("wearer 'ann': no poses in 3 frames" in one for one in findings)
 
 
 MOST_BYTES = 2 << 30

@@ -131,7 +131,7 @@ def test_late_video_keeps_its_frame_and_is_dropped_beyond_the_lag() -> None:
     assert [(one.frame, one.video.time) for one in frame.video] == [(54, 0.9)]
     assert assembler.counts["late"] == 1
     assert assembler.counts["duplicate"] == 1
-    assert findings_of(assembler) == ("1 video frame of camera 'phone' came too late",)
+    assert findings_of(assembler) == ("camera 'phone': 1 video frame came too late",)
 
 
 def test_video_ahead_waits_for_its_frame() -> None:

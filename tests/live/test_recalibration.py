@@ -150,9 +150,9 @@ def test_starts_that_end_in_one_motion_are_settled(monkeypatch: pytest.MonkeyPat
         monkeypatch.setattr(recalibrator, "SETTLING_S", least_s)
         return {finding.kind for finding in recalibrator.recalibrate(stretch, settings).findings}
 
-    assert "start not settled" in told(0.0, least_s=9.0)
-    assert "start not settled" in told(40.0, least_s=0.5)
-    assert "start not settled" not in told(0.0, least_s=0.5)
+    assert "not settled" in told(0.0, least_s=9.0)
+    assert "not settled" in told(40.0, least_s=0.5)
+    assert "not settled" not in told(0.0, least_s=0.5)
 
 
 @pytest.fixture(scope="module")

@@ -149,7 +149,7 @@ def test_names_are_escaped_everywhere(estimate: Estimate, scene: Scene, evil: st
         method=evil,
         wearers=wearer_estimates,
         camera=replace(estimate.camera, name=evil),
-        findings=(Finding("never seen", evil), bare(evil)),
+        findings=(Finding("hardly seen", evil, words={"seen": "never seen", "so": "unknown"}), bare(evil)),
         association=(evil,),
         settings={evil: evil},
     )

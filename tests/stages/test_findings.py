@@ -116,7 +116,7 @@ def test_everybody_visible_wears_no_imus() -> None:
 @pytest.mark.slow
 def test_two_wearers_with_the_same_motion() -> None:
     estimate = smooth(filmed_gestures(people=("anna", "bob"), in_step=True), HASTY)
-    sentence(estimate, "'anna' and 'bob'", "cannot be told apart")
+    sentence(estimate, "'anna'", "'bob'", "cannot be told apart")
 
 
 @pytest.mark.parametrize("imu", [True, False], ids=["camera with IMU", "camera without"])
@@ -145,7 +145,7 @@ def test_clocks_that_are_apart() -> None:
 def test_a_scene_that_was_not_filmed_while_the_sensors_ran() -> None:
     scene = replace(good(), camera=replace(camera_of(good()), time_offset=60.0))
     estimate = smooth(scene, HASTY)
-    sentence(estimate, "do not overlap in time", "time offset")
+    sentence(estimate, "does not overlap with the sensors in time", "time offset")
     assert_imus_alone(estimate)
 
 

@@ -66,8 +66,8 @@ def test_samples_that_are_impossible_are_told_but_not_where_no_accelerometer_is(
     blow = sound.specific_force.copy()
     blow[300] = 461.0
     _, findings = checked(with_stream("left_foot", replace(sound, specific_force=blow)), Settings())
-    assert [(one.kind, one.subject, one.numbers["samples"]) for one in findings] == [
-        ("accelerometer range", "left_foot", 1.0)
+    assert [(one.kind, one.subject, one.numbers["spikes"]) for one in findings] == [
+        ("accelerometer corrected", "left_foot", 1.0)
     ]
     _, findings = checked(with_stream("left_foot", replace(sound, specific_force=None)), Settings())
     assert findings == ()
@@ -192,7 +192,7 @@ def test_long_recordings_are_put_right_by_time() -> None:
     right = CorrectedSamples(source, corrections)
     whole, told = checked(recording, settings)
     assert [(one.kind, one.subject) for one in findings] == [(one.kind, one.subject) for one in told]
-    assert len(findings) == 3
+    assert [set(one.numbers) for one in findings] == [{"clipped", "gravity", "percent"}, {"off_ms", "sigma_ms"}]
     found, expected = right.between(3.0, 5.0), RecordingInMemory(whole).between(3.0, 5.0)
     assert found.keys() == expected.keys()
     for name, stream in found.items():
@@ -217,7 +217,7 @@ def test_a_sensor_that_lost_samples_and_moved_up_what_came_after_is_told() -> No
     recording, findings = checked(
         with_stream(name, one_stream([sound.cut(-np.inf, float(sound.time[middle - 1])), early])), Settings()
     )
-    assert [(one.kind, one.subject) for one in findings] == [("sensor clock jumped", name)]
+    assert [(one.kind, one.subject) for one in findings] == [("clock jumped", f"sensor '{name}'")]
     assert recording.imus[name].time[-1] == early.time[-1]
 
 

@@ -53,7 +53,7 @@ def test_somebody_who_is_seen_for_a_moment() -> None:
         filmed_gestures(azimuth_deg=20.0), lambda found: found.select(found.time[found.frame] < 1.5)
     )
     (told,) = sentences(smooth(scene, HASTY).findings)
-    assert re.search(r"'anna' is seen for 1\.[45] s only", told)
+    assert re.search(r"'anna': seen for 1\.[45] s only", told)
 
 
 def test_few_keypoints_are_enough_for_the_whole_pipeline() -> None:
@@ -164,7 +164,7 @@ def test_a_common_scale_is_told_as_one() -> None:
     body = found({}, scale=0.06)
     assert common_scale(body)[0] == pytest.approx(0.06)
     told = sentences(body_findings("Ada", body, 1.75))
-    assert any("all lengths together ask for a body 6 % larger than one of 1.75 m" in one for one in told)
+    assert any("about all lengths: together they ask for a body 6 % larger than one of 1.75 m" in one for one in told)
     assert not list(body_findings("Ada", found({}, scale=0.015), 1.75))
 
 
@@ -192,8 +192,9 @@ def test_what_is_in_order_but_for_the_scale_is_not_told_one_by_one() -> None:
     [told] = sentences(body_findings("Ada", found({}, scale=0.15), 1.75))
     assert "15 % larger" in told
     assert "check the stature" in told
-    scale, length = sentences(body_findings("Ada", found({"forearm": -0.07}, scale=0.15), 1.75))
-    assert "all lengths together" in scale
+    [told] = sentences(body_findings("Ada", found({"forearm": -0.07}, scale=0.15), 1.75))
+    scale, length = told.split("; and about ")
+    assert "all lengths" in scale
     assert "forearm" in length
     assert "thigh" not in length
     assert "the wearer is built so" in length

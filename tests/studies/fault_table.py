@@ -276,9 +276,9 @@ def _zoom(scene: Scene, _: Scene) -> Faulty | None:
     return replace(scene, camera=replace(scene.camera, model=model), truth=None), ()
 
 
-UNLIKE_POSE = ("turned since the start", "two calibrations", "impossible site")
+UNLIKE_POSE = ("placement contradicted", "not settled")
 EXCHANGED = ("sensors exchanged",)
-NOT_OF_IT = ("not recognised", "scatter", "no common time", "leap", "not in the video")
+NOT_OF_IT = ("video mismatch", "scatter", "leap", "video unused")
 FAULTS = (
     Fault("thighs exchanged", _exchanged("left_hip", "right_hip"), EXCHANGED),
     Fault("shanks exchanged", _exchanged("left_knee", "right_knee"), EXCHANGED),
@@ -292,31 +292,32 @@ FAULTS = (
     Fault("upside down", _stream(_turned(np.array([0, 0, np.pi]))), UNLIKE_POSE),
     Fault("turned midway by 50°", _stream(_turned(np.array([0, 0.87, 0]), late=True)), ("sensor turned",)),
     Fault("heading jumps by 50°", _stream(_heading_jumps), ("sensor turned", "heading drift")),
-    Fault("heading off in the pose", _stream(_heading_off_in_pose), ("knee turned", "sensor turned")),
+    Fault("heading off in the pose", _stream(_heading_off_in_pose), ("impossible posture", "sensor turned")),
     Fault("heading drifts by 60°", _stream(_heading_drifts, "left_hip"), ("heading drift", "sensor turned")),
-    Fault("axis reversed", _stream(_with_force(np.array([1, 1, -1]))), ("accelerometer axis", "accelerometer scale")),
-    Fault("g for m/s²", _streams(_with_force(np.array(1 / 9.81))), ("accelerometer scale",)),
-    Fault("gravity left out", _streams(_without_gravity), ("accelerometer scale",), "gravity"),
+    Fault("axis reversed", _stream(_with_force(np.array([1, 1, -1]))),
+          ("accelerometer axis", "accelerometer corrected")),
+    Fault("g for m/s²", _streams(_with_force(np.array(1 / 9.81))), ("accelerometer corrected",)),
+    Fault("gravity left out", _streams(_without_gravity), ("accelerometer corrected",), "gravity"),
     Fault("orientations inverted", _streams(lambda one: one if one.R_inertial_sensor is None else
-          replace(one, R_inertial_sensor=transpose(one.R_inertial_sensor))), (*UNLIKE_POSE, "accelerometer scale"),
+          replace(one, R_inertial_sensor=transpose(one.R_inertial_sensor))), (*UNLIKE_POSE, "accelerometer corrected"),
           "inverted"),
     Fault("stuck", _stream(_stuck), ("sensor stuck",)),
     Fault("a fifth lost", _stream(_samples_lost), ()),
     Fault("a second dropped", _stream(_second_dropped),
-          ("sensor clock jumped", "sensor clock", "sensor clocks disagree")),
+          ("clock jumped", "clock corrected", "clocks disagree")),
     Fault("clock 40 ms late", _stream(lambda one: replace(one, time=one.time + 0.04)),
-          ("sensor clock", "sensor clocks disagree")),
-    Fault("stature +15 cm", _stature(0.15), ("body size", "body lengths")),
-    Fault("stature -15 cm", _stature(-0.15), ("body size", "body lengths")),
-    Fault("other pose declared", _other_pose, (*UNLIKE_POSE, "other pose", "joint limit")),
+          ("clock corrected", "clocks disagree")),
+    Fault("stature +15 cm", _stature(0.15), ("body size",)),
+    Fault("stature -15 cm", _stature(-0.15), ("body size",)),
+    Fault("other pose declared", _other_pose, (*UNLIKE_POSE, "other pose", "unusual posture")),
     Fault("pose not held", _without_start, UNLIKE_POSE),
-    Fault("video mirrored", _video(_mirrored), ("keypoint order", "not recognised")),
+    Fault("video mirrored", _video(_mirrored), ("keypoint order", "video mismatch")),
     Fault("keypoints' sides exchanged", _video(_sides_exchanged), ("keypoint order",)),
     Fault("video of another", _video(_foreign), NOT_OF_IT),
-    Fault("another from midway", _video(_foreign_later), (*NOT_OF_IT, "shortly seen")),
+    Fault("another from midway", _video(_foreign_later), (*NOT_OF_IT, "hardly seen")),
     Fault("video rate halved", _video(_half_rate),
-          (*NOT_OF_IT, "video clock drift")),
-    Fault("video 0.5 s late", _video(lambda seen, _, __: seen.shifted(0.5)), ("video clock off", *NOT_OF_IT)),
+          (*NOT_OF_IT, "video clock")),
+    Fault("video 0.5 s late", _video(lambda seen, _, __: seen.shifted(0.5)), ("video clock", *NOT_OF_IT)),
     Fault("focal length 1.3 times", _zoom, ("body size", "scatter")),
     Fault("half the resolution", _video(lambda seen, _, __: replace(seen, pixels=seen.pixels / 2)), ("image size",)),
 )  # fmt: skip

@@ -42,24 +42,24 @@ def test_every_fault_has_its_place_and_kinds_that_there_are(fault: Fault) -> Non
 
 
 def test_the_cause_has_to_be_among_the_first_two_and_to_name_the_sensor() -> None:
-    assert row("thighs exchanged", "legs crossed", "sensors exchanged").is_told
-    assert not row("thighs exchanged", "legs crossed", "lying", "sensors exchanged").is_told
-    assert not row("thighs exchanged", "legs crossed").is_told
+    assert row("thighs exchanged", "impossible posture", "sensors exchanged").is_told
+    assert not row("thighs exchanged", "impossible posture", "unusual posture", "sensors exchanged").is_told
+    assert not row("thighs exchanged", "impossible posture").is_told
     other = CatalogueRow("walk", "thighs exchanged", 9.0, 0.0, [("sensors exchanged", "doubt", "'RS'")], ["LS"])
     assert not other.is_told
 
 
 def test_that_a_set_up_tells_no_more_is_no_false_warning() -> None:
-    assert row(SOUND, "precision", severity="care").is_limited
-    assert not row(SOUND, "precision", severity="care").warns
-    assert row(SOUND, "precision", "lying", severity="care").warns
+    assert row(SOUND, "limited set-up", severity="care").is_limited
+    assert not row(SOUND, "limited set-up", severity="care").warns
+    assert row(SOUND, "limited set-up", "unusual posture", severity="care").warns
 
 
 def test_rows_that_are_kept_are_not_made_again(tmp_path: Path) -> None:
     file, refused = tmp_path / "scene.mcap", row("stuck", REFUSED)
     write_recording(scene(), file)
     name = f"{scene().name}, {scene().camera.name}"  # type: ignore[union-attr]
-    kept = [row(SOUND, degrees=np.nan), row("stuck", "sensor stuck"), row("clock 40 ms late", "lying")]
+    kept = [row(SOUND, degrees=np.nan), row("stuck", "sensor stuck"), row("clock 40 ms late", "unusual posture")]
     lines = [json.dumps(asdict(one) | {"recording": name}) + "\n" for one in kept]
     (tmp_path / "catalogue.jsonl").write_text("".join(lines))
     study = Catalogue(folder=tmp_path, scenes=(file,), faults=("stuck", "clock"))

@@ -26,9 +26,9 @@ def find_oddities(
 ) -> tuple[Finding, ...]:
     """What is odd; none if all is well."""
     if len(detections) == 0:
-        return (Finding("nobody visible", numbers={"frames": len(detections.time)}),)
+        return (_unused(f"nobody is visible in any of its {len(detections.time)} frames, check the detections' file"),)
     if not any(points.covered[detections.frame].any() for points in context.wearers):
-        return (Finding("no common time"),)
+        return (_unused("it does not overlap with the sensors in time, check the camera's time offset"),)
     if _shown_at_once(context) < FEWEST_KEYPOINTS:
         return (_too_few(context),)
     found = [*_order_finding(detections, context, motions), *_alike(context, motions)]
@@ -55,15 +55,18 @@ def _given(context: Context) -> list[str]:
     return [name for name, given in zip(context.names, which, strict=True) if given]
 
 
+def _unused(reason: str) -> Finding:
+    return Finding("video unused", words={"reason": reason})
+
+
 def _too_few(context: Context) -> Finding:
     given = _given(context)
     missing = [joint for joint in TELLING if not any(joint in name for name in given)]
-    words = {
-        "given": ", ".join(given) or "none that is on the body",
-        "missing": " and ".join(missing) or "those that are missing",
-    }
-    numbers = {"shown": _shown_at_once(context), "least": FEWEST_KEYPOINTS}
-    return Finding("few keypoints", numbers=numbers, words=words)
+    return _unused(
+        f"people are visible with {_shown_at_once(context):.0f} keypoints each (the detector gives "
+        f"{', '.join(given) or 'none that is on the body'}), and at least {FEWEST_KEYPOINTS} at once are needed to "
+        f"tell who is who: add {' and '.join(missing) or 'those that are missing'}"
+    )
 
 
 def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> Finding:
@@ -74,8 +77,13 @@ def _never_found(context: Context, odds: Array, w: int, motion: Motion) -> Findi
     elif len(given) < few_keypoints:
         what = f"the detector gives {len(given)} keypoints ({', '.join(given)})"
     if what:
-        return Finding("too few to be sure", motion.name, words={"what": what})
-    return Finding("not recognised", motion.name)
+        so = f"{what}; more of them (knees and ankles, elbows and wrists) would tell"
+        return Finding("hardly seen", motion.name, words={"seen": "not surely recognised", "so": so})
+    reason = (
+        "people are visible, but none moves as the sensors say: either this wearer is not in the picture, or the "
+        "video's clock, its keypoints' order or the sensors' places are wrong"
+    )
+    return Finding("video mismatch", motion.name, words={"reason": reason})
 
 
 def _alike(context: Context, motions: Sequence[Motion]) -> list[Finding]:

@@ -315,7 +315,12 @@ def _checked(offset: ClockOffset, film: _Comparison) -> ClockOffset:
     if _belongs(offset.curve, index, film):
         return offset
     numbers = {"seconds": offset.seconds, "percent": 100 * offset.curve.explained(index)}
-    finding = Finding("another film", numbers=numbers)
+    reason = (
+        f"it seems to be of another session: at its best offset ({offset.seconds:+.2f} s) the sensors explain "
+        f"{numbers['percent']:.0f} % of how limbs move in the picture, where 35 to 60 are usual, and its halves do not "
+        "agree: check the file, and which sensor sits where"
+    )
+    finding = Finding("video mismatch", numbers=numbers, words={"reason": reason})
     return replace(offset, sigma=np.inf, sentence=str(finding), finding=finding)
 
 

@@ -257,9 +257,11 @@ class _SmoothedPoses:
             yield self._chunk(run, first_frame, missing)
 
     def _chunk(self, poses: list[LivePose], first_frame: int, missing: int) -> tuple[WearerEstimate, list[Finding]]:
-        numbers = {"frames": missing, "until": poses[0].time}
-        findings = [Finding("frames missing", self._wearer.subject.name, numbers=numbers)] if missing else []
-        return self.estimate(poses, self.start + first_frame / self._rate), findings
+        estimate = self.estimate(poses, self.start + first_frame / self._rate)
+        if not missing:
+            return estimate, []
+        words = {"when": f"in {missing} frames before {poses[0].time:.2f} s", "reason": "nothing was answered there"}
+        return estimate, [Finding("no poses", self._wearer.subject.name, numbers={"frames": missing}, words=words)]
 
     def estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
         """An estimate of poses a frame apart, the first of them at ``start`` seconds."""

@@ -5,6 +5,7 @@ from bisect import insort
 from collections import Counter, deque
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding, FindingLog
@@ -18,6 +19,8 @@ from vip_factors.settings import AssemblySettings
 
 MOST_REMEMBERED = 64  # handed out before: a link that sends again does so within moments
 REPEAT_S = 10.0  # at most so often the same finding about the same sensor is told
+OFTEN = 10  # leaps of clocks after which they are told no more often either
+GATHER_S = 0.3  # of the stream, in which all clocks that leap together are found to have leapt
 
 
 class VideoQueue:
@@ -209,15 +212,17 @@ class FrameAssembler:
             return []
         self._presence.resume(now)
         if now - past >= self._settings.dead_after:
-            numbers = {"seconds": now - past, "begin": past}
+            what = f"were silent for {now - past:.1f} s from {past:.2f} s on"
+            is_lost = past - self._lost_at <= REPEAT_S
+            if is_lost:
+                what += ", as the tracker did not keep up and their samples were dropped"
             then = "tracking starts again" if now - past > self._settings.longest_pause else "going on"
-            words = {"what": "all sensors were silent", "why": "", "then": then}
-            if past - self._lost_at <= REPEAT_S:
-                words |= {"what": "no samples", "why": ", as the tracker did not keep up and they were dropped"}
-                dropped = Finding("all silent", numbers=numbers, words=words)
-                self._log.tally("lost", now, lambda _: dropped)  # as long as it does not keep up, now and then
+            numbers, words = {"seconds": now - past, "begin": past}, {"what": what, "then": then}
+            finding = Finding("silent", subject="all sensors", numbers=numbers, words=words)
+            if is_lost:
+                self._log.tally("lost", now, lambda _: finding)  # as long as it does not keep up, now and then
             else:
-                self._log.add(Finding("all silent", numbers=numbers, words=words))
+                self._log.add(finding)
         if now - past <= self._settings.longest_pause:
             return []
         if self._start is None:
@@ -287,9 +292,9 @@ class FrameAssembler:
         self.counts[kind] += 1
 
         def finding(count: int) -> Finding:
-            amount = f"{count} {noun}{'s' if count > 1 else ''}"
             what = "came too late" if kind == "late" else f"skipped: {reason}"
-            return Finding("samples unusable", subject=label, words={"amount": amount, "what": what})
+            words = {"what": f"{count} {noun}{'s' if count > 1 else ''} {what}"}
+            return Finding("samples unusable", subject=label, words=words)
 
         self._log.tally((kind, source), self._clocks.present, finding)
 
@@ -299,17 +304,26 @@ class FrameAssembler:
         if label in self._unknown or len(self._unknown) > most_names:
             return
         self._unknown.add(label)
-        what = "is not in the stream's set-up: ignored; check the name"
+        what = "not in the stream's set-up, ignored; check the name"
         if len(self._unknown) > most_names:
-            label, what = f"more than {most_names} names", "that nobody declared: the rest is ignored without a word"
-        self._log.add(Finding("name unknown", subject=label, words={"what": what}))
+            label, what = (
+                f"more than {most_names} names",
+                "nobody declared them, and the rest is ignored without a word",
+            )
+        self._log.add(Finding("samples unusable", subject=label, words={"what": what}))
 
     def _remark_on_clock(self, source: int, label: str, admitted: Admitted) -> None:
         if admitted.time is None:
             self.counts["clock"] += 1
         if admitted.finding is not None:
             key = ("clock", admitted.time is None)  # of all sources: clocks seldom leap alone
-            self._log.gather(key, self._clocks.present, replace(admitted.finding, subject=label))
+            finding = partial(_with_others, replace(admitted.finding, subject=label))
+            self._log.tally(key, self._clocks.present, finding, GATHER_S, OFTEN)
+
+
+def _with_others(finding: Finding, count: int) -> Finding:
+    others = f"; so did {count - 1} more" if count > 1 else ""
+    return replace(finding, words={**finding.words, "others": others})
 
 
 def _short(name: object) -> str:

@@ -30,10 +30,11 @@ class _Refused:
     count: int = 0
     told: bool = False
 
-    @property
-    def finding(self) -> Finding:
-        """That they are refused."""
-        return Finding("clock refused", numbers=dict(zip(("before", "after"), self.leap, strict=True)))
+    def finding(self, kind: str = "clocks disagree", done: str = "such samples are refused") -> Finding:
+        """That the clock has jumped, and what is done about it."""
+        before, after = self.leap
+        words = {"off": f"jumped from {before:.2f} s to {after:.2f} s", "others": "", "done": done}
+        return Finding(kind, numbers={"before": before, "after": after}, words=words)
 
 
 class Admitted(NamedTuple):
@@ -97,7 +98,7 @@ class StreamClocks:
         if refused is not None and finding is None and not refused.told:
             back = (refused.newest + self._offset[source] - moment) * (1 if refused.ahead else -1)
             # Else the others have followed, and it was right.
-            finding = refused.finding if back > self._settings.step else None
+            finding = refused.finding() if back > self._settings.step else None
         self._refused[source] = None
         self._newest[source] = max(self._newest[source], moment)
         if source < self._sensors:
@@ -126,8 +127,8 @@ class StreamClocks:
             return Admitted(None, self._strays(refused))
         self._offset[source] = self._new_offset(source, time, now)
         new = time + self._offset[source]
-        numbers = {**refused.finding.numbers, "stamp": time, "taken": new}
-        return self._accept(source, new, Finding("clock jumped", numbers=numbers))
+        done = f"it goes on from there, its {time:.2f} s are taken for {new:.2f} s"
+        return self._accept(source, new, refused.finding("clock corrected", done))
 
     def _strays(self, refused: _Refused) -> Finding | None:
         """What is to be said, once, of a clock that neither comes back nor goes on from anywhere; mostly nothing."""
@@ -136,7 +137,7 @@ class StreamClocks:
         if refused.told or not lasts:
             return None
         refused.told = True
-        return refused.finding
+        return refused.finding()
 
     def _all_were_silent(self, source: int, moment: float, alive: Sequence[bool], lasts: bool) -> bool:
         """Whether the time ahead is right, because nobody else went on."""
@@ -221,8 +222,7 @@ class SensorPresence:
         for sensor, reached in enumerate(self._reached):
             if reached == -math.inf:
                 self._away[sensor] = "sends now"
-                words = {"what": "has sent nothing yet"}
-                self._log.add(Finding("sensor silent", subject=self._labels[sensor], words=words))
+                self._report_silent(sensor, "has sent nothing yet")
 
     def find_silent(self, present: float) -> None:
         """Find those who have fallen silent, now and then."""
@@ -239,7 +239,11 @@ class SensorPresence:
             what = f"{'has come too late' if late else 'has been silent'} for {silent:.1f} s"
             if self._lost_at >= max(reached, self._resumed):
                 what = f"is without samples for {silent:.1f} s, as the tracker did not keep up and some were dropped"
-            self._log.add(Finding("sensor silent", subject=self._labels[sensor], words={"what": what}))
+            self._report_silent(sensor, what)
+
+    def _report_silent(self, sensor: int, what: str) -> None:
+        words = {"what": what, "then": "going on without it"}
+        self._log.add(Finding("silent", subject=self._labels[sensor], words=words))
 
     def complete_until(self) -> float:
         """Frames up to this time (s) wait for nobody: all awaited sensors are there, or patience is at its end.
@@ -267,4 +271,4 @@ class SensorPresence:
         self.awaited[sensor] = True
         if sensor in self._away:
             words = {"what": self._away.pop(sensor)}
-            self._log.add(Finding("sensor back", subject=self._labels[sensor], words=words))
+            self._log.add(Finding("recovered", subject=self._labels[sensor], words=words))

@@ -84,8 +84,13 @@ class SolvePace:
         if begin is not None and time - self._late_at >= self.RECOVER_S:
             self._told_from = None
             numbers = {"begin": begin, "end": time, "rate": rate, "least": self._least}
-            return [Finding("frames solved again", numbers=numbers)]
+            what = f"are solved again; it were {self._least:.0f} at least, from {begin:.1f} to {time:.1f} s"
+            return [Finding("recovered", subject=f"{rate:.0f} frames a second", numbers=numbers, words={"what": what})]
         return []
+
+
+def _no_poses(when: str, reason: str) -> Finding:
+    return Finding("no poses", words={"when": when, "reason": reason})
 
 
 DEFAULT = LiveSettings()
@@ -180,7 +185,7 @@ class FixedLagTracker:
 
     def _take(self, measured: FrameMeasurement, begin: float) -> list[LiveEstimate]:
         if measured.restart:
-            self._lose(Finding("tracking lost", words={"what": "the stream has paused"}))
+            self._lose("the stream has paused")
             self._recent.clear()
             self._recalibrator.restart(self._earlier)
         self._recalibrator.remember(measured)
@@ -200,8 +205,7 @@ class FixedLagTracker:
                 tracking = self._tracking = self._started_again(tracking)
             tracking = self._tracking = self._recalibrated(tracking)
         except SolveError as error:
-            what = f"tracking was lost at {measured.time:.1f} s ({error})"
-            self._lose(Finding("tracking lost", words={"what": what}))
+            self._lose(f"tracking was lost at {measured.time:.1f} s ({error})")
             return []
         answer = self._estimates.of(tracking, begin + self._recalibrator.waited_s - waited)
         oldest = tracking.smoother.numbers[0]
@@ -263,12 +267,12 @@ class FixedLagTracker:
         bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
         return EarlierCalibration(self._estimates.calibrations(tracking.smoother), p_world_pelvis, bodies)
 
-    def _lose(self, finding: Finding) -> None:
+    def _lose(self, reason: str) -> None:
         """Give up what is tracked, but not what has been learnt of the sensors."""
         self._found = self._before_recalibration = None
         if self._tracking is not None:
             self._earlier = self._learnt(self._tracking, self._paths[-1][1])
-            self._estimates.add_findings(finding)
+            self._estimates.add_findings(_no_poses("until tracking has started again", reason))
         self._tracking = None
         self._next_try = 0
 
@@ -281,8 +285,8 @@ class FixedLagTracker:
         try:
             start, tracking = self._fresh_tracking(self._earlier)
         except (RecordingError, SolveError) as error:
-            time, reason = self._recent[-1].time, str(error)
-            self._estimates.add_findings(Finding("no start", numbers={"time": time}, words={"reason": reason}))
+            when = f"yet, tracking cannot start at {self._recent[-1].time:.1f} s"
+            self._estimates.add_findings(_no_poses(when, str(error)))
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
@@ -341,6 +345,6 @@ class FixedLagTracker:
             return tracking
         again.smoother.marginalise_before(newest - self._lag - 1)
         self._estimates.reset()
-        what = "a wearer was found in the video, which" if found else "another sensor"
-        self._estimates.add_findings(Finding("more is used", words={"what": what}))
+        subject = "a wearer was found in the video, which" if found else "another sensor"
+        self._estimates.add_findings(Finding("recovered", subject=subject, words={"what": "is used from here on"}))
         return again

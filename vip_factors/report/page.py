@@ -69,7 +69,7 @@ def finding_remarks(findings: Sequence[Finding]) -> list[Remark]:
     remarks = []
     for alike in kinds.values():
         kind = KINDS[alike[0].kind]
-        remarks.append(Remark(kind.severity, kind.headline, kind.means, kind.advice, "; ".join(sentences(alike))))
+        remarks.append(Remark(kind.severity, kind.headline, kind.affects, kind.advice, "; ".join(sentences(alike))))
     return remarks
 
 

@@ -123,12 +123,19 @@ def start_findings(wearer: str, sensors: tuple[str, ...], starts: Starts | None)
     if starts.doubtful:
         names, declared = _names(sensors, starts.doubtful), starts.best.calibration.R_world_bone is not None
         better = "more and brisker motion" if declared else "a T- or N-pose held at the start and declared"
-        words = {
-            "sensors": names, "supposition": starts.best.hypothesis, "rival": starts.rival, "better": better
-        }  # fmt: skip
-        yield Finding("start not settled", wearer, numbers={"times": float(np.exp(starts.margin))}, words=words)
+        times = float(np.exp(starts.margin))
+        reason = (
+            f"the start supposes that {starts.best.hypothesis}, and another, turned by more than 60° (it supposes that "
+            f"{starts.rival}), is only {times:.1f} times less likely: {better}, or the straps as they "
+            "really sat, would tell"
+        )
+        subject = f"how {names} sat and which way the inertial frames point"
+        yield Finding("not settled", wearer, subject=subject, numbers={"times": times}, words={"reason": reason})
     if starts.tilted:
-        yield Finding("impossible site", wearer, words={"sensors": _names(sensors, starts.tilted)})
+        names = _names(sensors, starts.tilted)
+        reason = f"{names} cannot, whichever side up, for their bones would not be upright on the whole"
+        words = {"declared": "the placement", "reason": reason}
+        yield Finding("placement contradicted", wearer, subject=names, words=words)
 
 
 def _names(sensors: tuple[str, ...], numbers: tuple[int, ...]) -> str:

@@ -33,7 +33,7 @@ IMPLAUSIBLE_SCATTER = 0.6
 # aims a camera so.
 LARGER_CORNER, OFF_MIDDLE = 0.68, 0.42
 
-FITS_BADLY = ("not recognised", "never seen", "shortly seen", "scatter", "leap", "body size", "video clock off")
+FITS_BADLY = ("video mismatch", "hardly seen", "scatter", "leap", "body size", "video clock")
 
 
 def quality_checks(
@@ -85,24 +85,29 @@ def _wearer_findings(
     estimate: WearerEstimate,
 ) -> Iterator[Finding]:
     shortly_seen = 3.0  # s: in less, people do not move enough to be told apart
-    unsure_heading = np.deg2rad(15.0)  # a heading no better known than this came from the straps
+    unsure_heading_deg = 15.0  # a heading no better known than this came from the straps
     wearer, frame_rate = recording.subject.name, 1 / fine.model.wearers[0].frames.step
     views = [one.views[number] for one in fine.model.viewpoints(fine.state.camera)]
     seen = np.any([view.seen.any(axis=1) for view in views], axis=0)
     if not seen.any():
-        yield Finding("never seen", wearer)
+        so = "the pose is of the sensors alone, and the place relative to the others unknown"
+        yield Finding("hardly seen", wearer, words={"seen": "never seen", "so": so})
         return
     seconds = float(seen.sum()) / max(min(max(each.detections.rate for each in associated), frame_rate), 1e-9)
     if seconds < shortly_seen:
-        yield Finding("shortly seen", wearer, numbers={"seconds": seconds})
-    unsure = {
-        name: float(np.rad2deg(one.heading_sigma))
-        for name, one in estimate.calibration.items()
-        if one.heading_sigma > unsure_heading
-    }
+        so = "whoever stood there likewise would do as well, so check that it is the wearer"
+        words = {"seen": f"seen for {seconds:.1f} s only", "so": so}
+        yield Finding("hardly seen", wearer, numbers={"seconds": seconds}, words=words)
+    sigmas = {name: float(np.rad2deg(sensor.heading_sigma)) for name, sensor in estimate.calibration.items()}
+    unsure = {name: sigma for name, sigma in sigmas.items() if sigma > unsure_heading_deg}
     if unsure:
-        words = {"limit": f"{np.rad2deg(unsure_heading):.0f}°"}
-        yield Finding("headings not determined", wearer, numbers=unsure, words=words)
+        words = {
+            "limit": f"are not determined by the data (standard deviation above {unsure_heading_deg:.0f}°)",
+            "better": "keypoints beyond them (toes, hands) or longer motion",
+        }
+        yield Finding(
+            "limited set-up", wearer, subject=f"the headings of {', '.join(unsure)}", numbers=unsure, words=words
+        )
     if estimate.body is not None:
         yield from body_findings(wearer, estimate.body, recording.subject.stature_m)
     bones, frames = estimate.motion.state.R_world_bone, fine.model.wearers[number].frames
@@ -205,7 +210,9 @@ def turned_findings(wearer: str, recording: Recording, start: Array, calibration
         turned, declared = np.where(np.mean(placed > TURNED) >= MOST, placed, 0.0), "the placement"
     far = {name: float(np.rad2deg(by)) for name, by in zip(calibration, turned, strict=True) if by > TURNED}
     if far:
-        yield Finding("turned since the start", wearer, numbers=far, words={"declared": declared})
+        each = ", ".join(f"{name} by {degrees:.0f}°" for name, degrees in far.items())
+        words = {"declared": declared, "reason": f"the motion turns {each} on their bones"}
+        yield Finding("placement contradicted", wearer, numbers=far, words=words)
 
 
 def lying_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
@@ -215,7 +222,8 @@ def lying_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
     up = body.R_world_bone[:, joint_index("spine3"), 2, 1]
     share = float(np.mean(up < np.cos(lying)))
     if share > MOST:
-        yield Finding("lying", wearer, numbers={"percent": 100 * share})
+        check = f"if not, {CHECK_SITES}"
+        yield _posture("unusual posture", wearer, "the body", "lies, or bends far over,", share, check)
 
 
 def crossed_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
@@ -226,7 +234,8 @@ def crossed_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
     across = np.einsum("ti,ti->t", left - right, body.R_world_bone[:, 0, :, 0])
     share = float(np.mean(across < -crossed))
     if share > MUCH:
-        yield Finding("legs crossed", wearer, numbers={"percent": 100 * share})
+        posture, check = "are crossed above the knees", f"if they were not, {CHECK_SITES}"
+        yield _posture("impossible posture", wearer, "the legs", posture, share, check)
 
 
 def limit_findings(wearer: str, motion: Motion, bones: set[str]) -> Iterator[Finding]:
@@ -238,10 +247,18 @@ def limit_findings(wearer: str, motion: Motion, bones: set[str]) -> Iterator[Fin
         share = float(np.mean(beyond[:, joint_index(joint) - 1].max(axis=1) > at_limit))
         if joint in bones and share > MUCH:
             side, name = joint.split("_")
-            yield Finding(
-                "joint limit", wearer, subject=f"{side} {name}", numbers={"percent": 100 * share},
-                words={"joints": f"{name}s"},
-            )  # fmt: skip
+            check = "does the sensor below it sit as the placement has it, and was the declared pose held, if any?"
+            posture = f"is bent further than {name}s go"
+            yield _posture("unusual posture", wearer, f"the {side} {name}", posture, share, check)
+
+
+CHECK_SITES = "check which sensor sits where and, if one was declared, that the pose was held"
+
+
+def _posture(kind: str, wearer: str, subject: str, posture: str, share: float, check: str) -> Finding:
+    """What the body does in a share of the frames, and what to check."""
+    words = {"posture": f"{posture} in {100 * share:.0f} % of the frames", "check": check}
+    return Finding(kind, wearer, subject=subject, numbers={"percent": 100 * share}, words=words)
 
 
 UNLIKELY = 3.0  # sigmas of the prior
@@ -255,11 +272,16 @@ def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> I
     least_scale = 0.02  # of a body: less is within what a stature, told by its wearer, is off
     if not body.names:
         return
+    told, numbers = list[str](), dict[str, float]()
     scale, sigma = common_scale(body)
-    if abs(scale) > max(UNLIKELY * sigma, least_scale):
+    if abs(scale) > max(UNLIKELY * sigma, least_scale):  # a wrong stature or zoom changes all lengths alike
         usual = "an adult's" if stature_m is None else f"one of {stature_m:.2f} m"
-        words = {"larger": "larger" if scale > 0 else "smaller", "usual": usual}
-        yield Finding("body size", wearer, numbers={"percent": abs(100 * scale)}, words=words)
+        percent, larger = abs(100 * scale), "larger" if scale > 0 else "smaller"
+        told.append(
+            f"all lengths: together they ask for a body {percent:.0f} % {larger} than {usual}: check the stature, and "
+            "the camera's calibration (another zoom?)"
+        )
+        numbers["percent"] = percent
     else:
         scale = 0.0
     expected, sigmas = (1 + scale) * body.prior, np.sqrt(np.diag(body.prior_covariance))
@@ -268,8 +290,13 @@ def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> I
         for name, found, prior, sigma in zip(body.names, body.posterior, expected, sigmas, strict=True)
         if abs(found - prior) > UNLIKELY * sigma
     ]
-    if unlikely:  # a wrong stature or zoom changes all lengths alike
-        yield Finding("body lengths", wearer, words={"lengths": ", ".join(unlikely)})
+    if unlikely:
+        told.append(
+            f"{', '.join(unlikely)}: either the wearer is built so, or the sensors there sit elsewhere than the "
+            "placement has them"
+        )
+    if told:
+        yield Finding("body size", wearer, numbers=numbers, words={"lengths": "; and about ".join(told)})
 
 
 def knee_findings(wearer: str, motion: Motion, on: Mapping[str, str]) -> Iterator[Finding]:
@@ -281,12 +308,19 @@ def knee_findings(wearer: str, motion: Motion, on: Mapping[str, str]) -> Iterato
         bend, turn, _ = vectors[:, joint_index(f"{side}_knee") - 1].T
         share = float(np.mean(bend < backwards_deg))
         if share > backwards_share:
-            yield Finding("knee backwards", wearer, subject=f"{side} knee", numbers={"percent": 100 * share})
+            check = "are the sensors of thigh and shank where the placement has them, and was the declared pose held?"
+            yield _posture("impossible posture", wearer, f"the {side} knee", "bends backwards", share, check)
         sensors = [on[bone] for bone in (f"{side}_hip", f"{side}_knee") if bone in on]
         degrees = float(np.median(np.abs(turn)))
         if len(sensors) == 2 and degrees > KNEE_TURNED_DEG:
-            words = {"sensors": "' or '".join(sensors)}
-            yield Finding("knee turned", wearer, subject=side, numbers={"degrees": degrees}, words=words)
+            wrong = "' or '".join(sensors)
+            words = {
+                "posture": f"is turned about itself against the thigh, by {degrees:.0f}° or more half of the time",
+                "check": f"the heading or mounting of '{wrong}' is wrong: was there metal close by, did one slip, or "
+                "was the pose not held?",
+            }
+            subject = f"the {side} shank"
+            yield Finding("impossible posture", wearer, subject=subject, numbers={"degrees": degrees}, words=words)
 
 
 def common_scale(body: BodyEstimate) -> tuple[float, float]:

@@ -61,15 +61,28 @@ class Floor:
 
     def findings(self, is_declared: bool) -> Iterator[Finding]:
         """What is odd about it, where z = 0 is declared to be the floor, and where it is put under the soles."""
-        numbers = {"height_cm": 100 * self.height, "sigma_cm": 100 * self.sigma}
+        height, sigma = 100 * self.height, 100 * self.sigma
+        told, numbers = list[str](), dict[str, float]()
         if is_declared and abs(self.height) > max(UNSURE_M, 2 * self.sigma):
-            yield Finding("floor elsewhere", numbers=numbers)
+            told.append(
+                f"soles stand {height:+.0f} cm (± {sigma:.0f}) from the floor that the camera's known pose tells"
+            )
+            numbers["height_cm"] = height
         if not is_declared and self.sigma > UNSURE_M:
-            yield Finding("floor uncertain", numbers=numbers)
+            told.append(
+                f"the height of the floor is uncertain by {sigma:.0f} cm: soles stand at different heights (stairs, "
+                "jumps, a slope), or hardly stand"
+            )
+            numbers["sigma_cm"] = sigma
         if self.uneven > UNEVEN_M or self.slope > max(SLOPED, 3 * self.slope_sigma):
             slope, sigma = np.rad2deg([self.slope, self.slope_sigma]).tolist()
-            numbers = {"uneven_cm": 100 * self.uneven, "slope_deg": slope, "sigma_deg": sigma}
-            yield Finding("floor not level", numbers=numbers)
+            told.append(
+                f"soles rest at heights that differ by ± {100 * self.uneven:.0f} cm, on ground that rises by "
+                f"{slope:.0f}° (± {sigma:.0f}): steps, stairs or a slope, or a camera that is not where it seems"
+            )
+            numbers |= {"uneven_cm": 100 * self.uneven, "slope_deg": slope}
+        if told:
+            yield Finding("floor", numbers=numbers, words={"what": "; ".join(told)})
 
 
 def floor_under(models: Sequence[WearerProblem], states: Sequence[WearerState]) -> Floor | None:

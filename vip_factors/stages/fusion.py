@@ -368,7 +368,12 @@ def _rival_findings(best: FusionSolution, rival: FusionSolution, margin: float) 
             if by > np.rad2deg(TURNED)
         }
         if far:
-            yield Finding("two calibrations", model.name, numbers=far, words={"times": f"{np.exp(margin):.1f}"})
+            each = ", ".join(f"{sensor} by {degrees:.0f}°" for sensor, degrees in far.items())
+            reason = (
+                f"another calibration, which turns {each} on their bones, explains the recording only "
+                f"{np.exp(margin):.1f} times less well"
+            )
+            yield Finding("not settled", model.name, subject="how sensors sat", numbers=far, words={"reason": reason})
 
 
 def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProblem:

@@ -42,7 +42,9 @@ from vip_factors.terms.registry import unfilmed_problem
 # Beyond its range in most frames: then limits and the declared pose contradict each other, and thousands of frames are
 # not to overrule what was declared.
 CONTRADICTION = np.deg2rad(60.0)
-UNDETERMINED = Finding("not determined", words={"also": " and mountings"})
+UNDETERMINED = Finding(
+    "not settled", subject="all headings and mountings", words={"reason": "in part they are guesses"}
+)
 
 
 @dataclass(frozen=True)

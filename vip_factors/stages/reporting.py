@@ -90,7 +90,8 @@ def filmed_estimate(
     if is_first_used:  # else nobody was found there, and it is nowhere
         camera = decode_camera(first.name, fine.model, fine.state, covariance, first.clock)
         camera, given = camera_with_sigmas(camera, coarse.model, shared), associated[0].association.wearer
-    undetermined = [Finding("not determined", words={"also": ", mountings and the camera"})]
+    guesses = {"reason": "in part they are guesses"}
+    undetermined = [Finding("not settled", subject="all headings, mountings and the camera", words=guesses)]
     findings = [
         *who_is_who(scene, associated),
         *undetermined[: shared is None],
@@ -176,8 +177,9 @@ def precision_findings(wearer: WearerEstimate, errors: ModelErrors, filmed: bool
     told += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
     if told:
         better = ["a camera"] * (not filmed) + ["a sensor on every limb's bone"] * (filmed or bool(unmeasured))
-        words = {"camera": "a" if filmed else "no", "told": " and ".join(told), "better": " and ".join(better)}
-        yield Finding("precision", wearer.motion.name, numbers={"sensors": len(wearer.calibration)}, words=words)
+        words = {"limit": f"tell {' and '.join(told)} only", "better": " and ".join(better)}
+        subject = f"{len(wearer.calibration)} sensors and {'a' if filmed else 'no'} camera"
+        yield Finding("limited set-up", wearer.motion.name, subject=subject, words=words)
 
 
 def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Settings) -> WearerEstimate:

@@ -147,9 +147,13 @@ def sensor_corrections(
         findings += _about_clocks(wearer, clocks.placed, delays, settings.sensor_clocks)
         if step is not None:
             sensor, late = step
-            words = {"late": "late" if late > 0 else "early"}
-            name, numbers = clocks.placed[sensor], {"seconds": abs(late)}
-            findings.append(Finding("sensor clock jumped", wearer, subject=name, numbers=numbers, words=words))
+            off = (
+                f"is {abs(late):.1f} s (or a stride more or less) too {'late' if late > 0 else 'early'} towards the "
+                "end, against the sensors beside it"
+            )
+            done = "some samples were lost before and the later ones moved up, or it jumped; it is left so"
+            numbers = {"seconds": abs(late)}
+            findings.append(_clock_finding("clock jumped", wearer, clocks.placed[sensor], off, done, numbers))
     return corrections, tuple(findings)
 
 
@@ -165,41 +169,45 @@ def _refuse_inverted(recording: Recording) -> None:
 
 
 def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, list[Finding]]:
-    least_gravity = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
-    findings, correction = list[Finding](), SensorCorrection(range_ends(stream))
+    findings, told, numbers = list[Finding](), list[str](), dict[str, float]()
+    correction = SensorCorrection(range_ends(stream))
     if correction.ends:
         largest = max(abs(end) for _, end in correction.ends)
-        count = np.count_nonzero(clipped_samples(stream, correction.ends))
-        findings.append(
-            _out_of_range(wearer, stream, f"stands at the end of its range ({largest:.0f} m/s²)", float(count))
+        numbers["clipped"] = float(np.count_nonzero(clipped_samples(stream, correction.ends)))
+        told.append(
+            f"stands at the end of its range ({largest:.0f} m/s²) in {numbers['clipped']:.0f} samples: "
+            "those are left out"
         )
     if stream.specific_force is not None and (spikes := np.count_nonzero(~stream.force_measured_mask)):
-        findings.append(_out_of_range(wearer, stream, f"gives more than {FORCE_LIMIT:.0f} m/s²", float(spikes)))
+        numbers["spikes"] = float(spikes)
+        told.append(f"gives more than {FORCE_LIMIT:.0f} m/s² in {spikes} samples: those are left out")
     axis = force_in_wrong_axes(stream)
     if axis is not None and axis != INVERTED:
         findings.append(Finding("accelerometer axis", wearer, subject=stream.name, words={"axis": axis}))
         correction = replace(correction, reversed_axis=axis)
         stream = replace(correction, ends=()).of(stream)
     measured = accelerometer_scale(stream)
-    if measured is None or not is_scale_wrong(*measured):
-        return correction, findings
-    scale, _ = measured
-    gravity = 9.81 * scale
+    if measured is not None and is_scale_wrong(*measured):
+        correction = replace(correction, scale=_usable_scale(wearer, stream.name, measured[0]))
+        numbers |= {"gravity": 9.81 * correction.scale, "percent": 100 * (correction.scale - 1)}
+        advice = "was it given in g?" if abs(numbers["gravity"] - 1) < 0.1 else "calibrate it"
+        told.append(
+            f"measures gravity as {numbers['gravity']:.2f} m/s², {numbers['percent']:+.0f} %: scaled to 9.81; {advice}"
+        )
+    if told:
+        words = {"what": ", and ".join(told)}
+        findings.append(Finding("accelerometer corrected", wearer, subject=stream.name, numbers=numbers, words=words))
+    return correction, findings
+
+
+def _usable_scale(wearer: str, sensor: str, scale: float) -> float:
+    least_gravity = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
     if abs(scale) < least_gravity:
         raise RecordingError(
-            f"wearer '{wearer}': the accelerometer of '{stream.name}' measures gravity as {gravity:.2f} m/s²: expected "
-            "9.81; give accelerations with gravity in them (specific force), not what is "
-            "left without it"
+            f"wearer '{wearer}': the accelerometer of '{sensor}' measures gravity as {9.81 * scale:.2f} m/s²: expected "
+            "9.81; give accelerations with gravity in them (specific force), not what is left without it"
         )
-    numbers = {"gravity": gravity, "percent": 100 * (scale - 1)}
-    words = {"advice": "was it given in g?" if abs(gravity - 1) < 0.1 else "calibrate it"}
-    findings.append(Finding("accelerometer scale", wearer, subject=stream.name, numbers=numbers, words=words))
-    return replace(correction, scale=scale), findings
-
-
-def _out_of_range(wearer: str, stream: ImuStream, what: str, samples: float) -> Finding:
-    numbers = {"samples": samples}
-    return Finding("accelerometer range", wearer, subject=stream.name, numbers=numbers, words={"what": what})
+    return scale
 
 
 def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay, ...], tuple[int, float] | None]:
@@ -214,15 +222,21 @@ def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay
 def _about_clocks(
     wearer: str, names: Sequence[str], delays: Sequence[SensorDelay], settings: SensorClockSettings
 ) -> Iterator[Finding]:
-    for one in delays:
-        name, words = names[one.sensor], {"late": "behind" if one.seconds > 0 else "ahead of"}
-        numbers = {"off_ms": 1e3 * abs(one.seconds), "sigma_ms": 1e3 * one.sigma}
-        if one.rival is not None:
-            words["rival"] = names[one.rival]
-            yield Finding("sensor clocks disagree", wearer, subject=name, numbers=numbers, words=words)
-            continue
-        words["done"] = "its times are shifted by as much" if settings.correct else "it is left so"
-        yield Finding("sensor clock", wearer, subject=name, numbers=numbers, words=words)
+    for delay in delays:
+        numbers = {"off_ms": 1e3 * abs(delay.seconds), "sigma_ms": 1e3 * delay.sigma}
+        late = "behind" if delay.seconds > 0 else "ahead of"
+        off = f"seems {numbers['off_ms']:.0f} ± {numbers['sigma_ms']:.0f} ms {late}"
+        if delay.rival is not None:
+            kind, against, done = "clocks disagree", f"that of '{names[delay.rival]}'", "nothing tells which is off"
+        else:
+            kind, against = "clock corrected", "those of its fellows"
+            done = "its times are shifted by as much" if settings.correct else "it is left so"
+        yield _clock_finding(kind, wearer, names[delay.sensor], f"{off} {against}", done, numbers)
+
+
+def _clock_finding(kind: str, wearer: str, sensor: str, off: str, done: str, numbers: Mapping[str, float]) -> Finding:
+    words = {"off": off, "others": "", "done": done}
+    return Finding(kind, wearer, subject=f"sensor '{sensor}'", numbers=numbers, words=words)
 
 
 def accelerometer_scale(stream: ImuStream) -> tuple[float, float] | None:

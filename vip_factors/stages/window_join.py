@@ -14,7 +14,7 @@ import numpy as np
 from vip_factors.display import ProgressCallback
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.estimate_chunks import EstimateChunks
-from vip_factors.findings import Finding, MergedFindings
+from vip_factors.findings import Finding, FindingLog
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.problem.state import WearerState
@@ -141,7 +141,8 @@ class SceneSummary:
 
     Attributes:
         source, plan: of the scene.
-        findings: on it.
+        known: findings that the calibrating frames tell.
+        log: of the windows' findings beside them.
         headings: by window, of each wearer.
         clocks: by window, seconds of the video in its middle, and how late it is there.
         labels: by chunk, whom each detection shows.
@@ -149,7 +150,8 @@ class SceneSummary:
 
     source: SceneSource
     plan: WindowPlan
-    findings: MergedFindings
+    known: tuple[Finding, ...]
+    log: FindingLog = field(default_factory=FindingLog)
     headings: list[tuple[Headings, ...]] = field(default_factory=list)
     clocks: list[tuple[float, float]] = field(default_factory=list)
     labels: list[np.ndarray] = field(default_factory=list)
@@ -157,15 +159,15 @@ class SceneSummary:
     @classmethod
     def of(cls, source: SceneSource, plan: WindowPlan, calibrated: Estimate) -> "SceneSummary":
         """Before the first window, given the estimate of the calibrating frames."""
-        of_windows = ("heading drift", "video clock off", "video clock drift")  # no frames of them all tell these
-        known = [finding for finding in calibrated.findings if finding.kind not in of_windows]
-        return cls(source, plan, MergedFindings(known))
+        of_windows = ("heading drift", "video clock")  # no frames of them all tell these
+        return cls(source, plan, tuple(one for one in calibrated.findings if one.kind not in of_windows))
 
     def add(self, window: SolvedWindow) -> None:
         """What one more window found."""
         assert window.camera is not None
         start, end = self.plan.time(window.frames)[[0, -1]].tolist()
-        self.findings.add(window.findings, start, end)
+        known = {finding.about for finding in self.known}
+        self.log.add_window((finding for finding in window.findings if finding.about not in known), start, end)
         self.headings.append(window.headings)
         clock = window.camera.clock
         middle = ((start + end) / 2 - clock.offset) / (1 + clock.drift)
@@ -182,12 +184,13 @@ class SceneSummary:
         before, after = (np.full(self.source.detected(*interval), -1) for interval in unseen)
         camera = _with_clock(head.camera, self.clocks)
         clock = () if camera is None else clock_findings(self.source.head.cameras[0], camera, (plan.start, last))
+        self.log.close()
         drifts = [finding for one in wearers for finding in drift_findings(one.motion.name, one.calibration)]
         return replace(
             head,
             wearers=wearers,
             wearer_of_detection=np.concatenate([before, *self.labels, after]).astype(int),
-            findings=(*self.findings.all(), *drifts, *clock),
+            findings=(*self.known, *self.log.take(), *drifts, *clock),
         )
 
 

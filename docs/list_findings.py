@@ -1,0 +1,36 @@
+"""Write the page that lists all kinds of findings, made of the table of kinds."""
+
+from pathlib import Path
+
+from vip_factors.findings import KINDS, TEXT, Kind, Severity
+from vip_factors.tables import Table, markdown
+
+HEAD = ("what is wrong", "what it affects", "what to do", "kind")
+SAYS = {
+    Severity.DOUBT: "Do not rely on the results before this is settled",
+    Severity.CARE: "Usable with care",
+    Severity.NOTE: "Notes: nothing speaks against the results",
+}
+
+
+def page() -> str:
+    """The page as Markdown."""
+    lines = [
+        "# Findings",
+        "",
+        "What `smooth`, `stream` and `report` may say of a recording or its estimate. The worst of them is the",
+        "estimate's [verdict](how-sure.md#the-verdict). In Python each has `kind`, `severity`, `wearer` and `subject`.",
+        "",
+    ]
+    for severity, title in SAYS.items():
+        kinds = {name: kind for name, kind in KINDS.items() if kind.severity is severity and name != TEXT}
+        lines += markdown(Table(HEAD, [_row(name, kind) for name, kind in kinds.items()], title, words=len(HEAD)))
+    return "\n".join(lines)
+
+
+def _row(name: str, kind: Kind) -> tuple[str, ...]:
+    return kind.headline, kind.affects, kind.advice, name
+
+
+if __name__ == "__main__":
+    Path(__file__).with_name("findings.md").write_text(page(), encoding="utf-8")

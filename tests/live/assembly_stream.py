@@ -8,7 +8,7 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import exp
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.measurement import LiveFrame
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
@@ -41,7 +41,7 @@ def video(time: float, people: int = 1) -> VideoFrame:
     return VideoFrame("phone", time, np.full((people, 18, 2), 300.0), np.ones((people, 18)))
 
 
-def assemble(samples: Iterable[LiveSample], assembler: FrameAssembler, flush: bool = True) -> list[FrameMeasurement]:
+def assemble(samples: Iterable[LiveSample], assembler: FrameAssembler, flush: bool = True) -> list[LiveFrame]:
     frames = [frame for one in samples for frame in assembler.push(one)]
     return frames + (assembler.flush() if flush else [])
 
@@ -56,8 +56,14 @@ def in_time(*parts: Iterable[LiveSample]) -> list[LiveSample]:
     return sorted((one for part in parts for one in part), key=lambda one: one.time)
 
 
-def assert_same(first: list[FrameMeasurement], second: list[FrameMeasurement], atol: float = 1e-12) -> None:
-    assert [one.frame for one in first] == [one.frame for one in second]
-    for name in ("time", "R_inertial_sensor", "orientation_valid", "specific_force_inertial", "acceleration_valid"):
-        a, b = (np.array([getattr(one, name) for one in frames]) for frames in (first, second))
+def assert_same(first: list[LiveFrame], second: list[LiveFrame], atol: float = 1e-12) -> None:
+    assert [frame.number for frame in first] == [frame.number for frame in second]
+    for name in (
+        "time",
+        "R_inertial_sensor",
+        "orientation_valid",
+        "specific_force_before",
+        "acceleration_valid_before",
+    ):
+        a, b = (np.array([getattr(frame, name) for frame in frames]) for frames in (first, second))
         np.testing.assert_allclose(a, b, atol=atol, err_msg=name)

@@ -52,7 +52,7 @@ def test_frames_equal_the_batch(imu_rate: float, loss: float, jitter: float) -> 
 
     batch = resample_streams(streams, np.array([one.time for one in frames]))
     seen = np.array([one.orientation_valid for one in frames])
-    whole = np.array([one.acceleration_valid for one in frames])[1:]
+    whole = np.array([one.acceleration_valid_before for one in frames])[1:]
     # A period that jitters is known to a percent or two: a frame at the very edge of a gap may fall on either side.
     odd = 0.005 if jitter else 0.0
     assert np.mean(seen != batch.orientation_valid) <= odd
@@ -62,7 +62,7 @@ def test_frames_equal_the_batch(imu_rate: float, loss: float, jitter: float) -> 
     R = np.array([one.R_inertial_sensor for one in frames])
     np.testing.assert_allclose(R[both], batch.R_inertial_sensor[both], atol=1e-9)
     both = whole & batch.acceleration_valid[:-1]
-    force = np.array([one.specific_force_inertial for one in frames])[1:]
+    force = np.array([one.specific_force_before for one in frames])[1:]
     np.testing.assert_allclose(force[both], batch.specific_force_inertial[:-1][both], atol=1e-6)
     assert np.all(force[~whole] == 0)
     assert np.all(R[~seen] == np.eye(3))
@@ -73,7 +73,7 @@ def test_each_video_frame_is_handed_out_once_with_its_frame() -> None:
     columns = [("anna", one.name) for one in streams[:-1]] + [("camera", streams[-1].name)]
     frames = assemble(live_samples(scene), FrameAssembler(columns, RATE, cameras=stream_head(scene).cameras))
     assert scene.camera is not None
-    handed = [(one.frame, one.video.time) for frame in frames for one in frame.video]
+    handed = [(video.frame, video.time) for frame in frames for video in frame.video]
     times = scene.camera.detections.time
     assert [time for _, time in handed] == [time for time in times if frames[0].time <= time <= frames[-1].time + 1e-9]
     for number, time in handed:
@@ -95,10 +95,10 @@ def test_frames_come_without_delay_when_sensors_are_in_step() -> None:
     assemble(stream(0.0, 1.0), assembler, flush=False)
     for period in range(60, 70):
         frames = [frame for one in stream(period / RATE, (period + 1) / RATE) for frame in assembler.push(one)]
-        assert [frame.frame for frame in frames] == [period]
+        assert [frame.number for frame in frames] == [period]
         assert frames[0].time == pytest.approx(period / RATE)
         assert np.all(frames[0].orientation_valid)
-        assert np.all(frames[0].acceleration_valid)
+        assert np.all(frames[0].acceleration_valid_before)
 
 
 def test_a_late_sensor_is_waited_for_as_long_as_patience_lasts() -> None:
@@ -119,7 +119,7 @@ def test_sensors_whose_specific_force_is_missing_have_orientations_all_the_same(
     samples = [replace(one, specific_force=None) if one.carrier == "Bo" else one for one in stream(0.0, 1.0)]
     frames = assemble(samples, FrameAssembler(COLUMNS, RATE))
     assert all(np.all(frame.orientation_valid) for frame in frames)
-    assert all(list(frame.acceleration_valid) == [True, True, False] for frame in frames[2:])
+    assert all(list(frame.acceleration_valid_before) == [True, True, False] for frame in frames[2:])
 
 
 def test_late_video_keeps_its_frame_and_is_dropped_beyond_the_lag() -> None:
@@ -128,7 +128,7 @@ def test_late_video_keeps_its_frame_and_is_dropped_beyond_the_lag() -> None:
     for time in (0.9, 0.72, 0.9):
         assembler.push(video(time))
     frame, *_ = assemble(stream(1.0, 1.0 + 1 / RATE), assembler, flush=False)
-    assert [(one.frame, one.video.time) for one in frame.video] == [(54, 0.9)]
+    assert [(video.frame, video.time) for video in frame.video] == [(54, 0.9)]
     assert assembler.counts["late"] == 1
     assert assembler.counts["duplicate"] == 1
     assert findings_of(assembler) == ("camera 'phone': 1 video frame came too late",)
@@ -139,7 +139,7 @@ def test_video_ahead_waits_for_its_frame() -> None:
     assemble(stream(0.0, 1.0), assembler, flush=False)
     assembler.push(video(1.1))
     frames = assemble(stream(1.0, 1.3), assembler)
-    assert [(frame.frame, one.frame) for frame in frames for one in frame.video] == [(66, 66)]
+    assert [(frame.number, video.frame) for frame in frames for video in frame.video] == [(66, 66)]
 
 
 def test_the_grid_is_in_step_with_a_video_that_begins_while_sensors_settle() -> None:
@@ -156,7 +156,7 @@ def test_time_stays_exact_and_memory_flat_over_hours() -> None:
     frames = assemble(stream(begin + 8.0, begin + 16.0), assembler)
     assert assembler._buffer._time.shape == size
     np.testing.assert_allclose([one.time for one in frames], begin + np.arange(480, 960) / RATE, atol=1e-9)
-    assert all(np.all(one.acceleration_valid) for one in frames)
+    assert all(np.all(one.acceleration_valid_before) for one in frames)
 
 
 @pytest.mark.parametrize("rate", [1000.0, 25.0])

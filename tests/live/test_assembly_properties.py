@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.measurement import LiveFrame
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.settings import AssemblySettings
 
@@ -16,13 +16,13 @@ SECONDS = 1.2
 WHOLE = in_time(stream(0.0, SECONDS, rate=100.0), [video(period / 30) for period in range(36)])
 
 
-def in_order_once(frames: list[FrameMeasurement]) -> None:
-    assert [one.frame for one in frames] == list(range(len(frames)))
-    handed = [(one.video.camera, one.video.time) for frame in frames for one in frame.video]
+def in_order_once(frames: list[LiveFrame]) -> None:
+    assert [frame.number for frame in frames] == list(range(len(frames)))
+    handed = [(video.camera, video.time) for frame in frames for video in frame.video]
     assert len(handed) == len(set(handed))
-    assert all(one.frame <= frame.frame for frame in frames for one in frame.video)
+    assert all(video.frame <= frame.number for frame in frames for video in frame.video)
     for frame in frames:
-        assert np.all(np.isfinite(frame.specific_force_inertial))
+        assert np.all(np.isfinite(frame.specific_force_before))
         np.testing.assert_allclose(frame.R_inertial_sensor @ np.swapaxes(frame.R_inertial_sensor, 1, 2)
                                    - np.eye(3), 0, atol=1e-9)  # fmt: skip
 
@@ -75,7 +75,7 @@ def test_sensors_may_come_in_any_order_within_a_frame(seed: int) -> None:
     frames = assemble(mixed, FrameAssembler(COLUMNS, RATE, cameras=[CAMERA]))
     plain = assemble(WHOLE, FrameAssembler(COLUMNS, RATE, cameras=[CAMERA]))
     assert_same(frames, plain)
-    videos = [{(one.frame, one.video.time) for frame in run for one in frame.video} for run in (frames, plain)]
+    videos = [{(video.frame, video.time) for frame in run for video in frame.video} for run in (frames, plain)]
     assert videos[0] == videos[1]
 
 

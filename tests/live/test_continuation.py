@@ -9,9 +9,9 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live import prediction
-from vip_factors.live.measurement import PlacedVideoFrame
 from vip_factors.live.prediction import corrections
 from vip_factors.live.problem import FrameState
+from vip_factors.sensors.live import VideoFrame
 from vip_factors.simulate.gestures import gestures
 
 
@@ -24,7 +24,7 @@ def test_two_sightings_of_one_frame_do_not_tell_how_fast_a_wearer_goes(monkeypat
         problem=SimpleNamespace(wearers=[motion]), shared=SimpleNamespace(camera=SimpleNamespace(poses=()))
     )
     state = FrameState(motion.R_parent_child[:1], np.zeros((1, 3)), np.eye(3), np.zeros(3))
-    placed = prediction._placed(found, [state] * 9, 20, None, [PlacedVideoFrame(23, None)] * 2)  # type: ignore[arg-type]
+    placed = prediction._placed(found, [state] * 9, 20, None, [VideoFrame("phone", 0.0, None, None, 23)] * 2)  # type: ignore[arg-type]
     assert placed is not None
     np.testing.assert_allclose([one.p_world_pelvis[0] for one in placed], [[1.0, 4.0, 0.9]] * 9, atol=1e-9)
 

@@ -9,8 +9,9 @@ import pytest
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import contact_points, joint_index
 from vip_factors.geometry.rotations import angle_between, rotation_x
+from vip_factors.live.measurement import LiveFrame
 from vip_factors.live.prediction import predicted
-from vip_factors.live.problem import FrameState, LagFrame, LagProblem
+from vip_factors.live.problem import FrameState, LagProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.frames import resample
@@ -57,12 +58,12 @@ def problem_of(use_acceleration: bool = True) -> tuple[LagProblem, SceneState]:
     return LagProblem([model], scene.camera, scene.views, (), columns, 1 / RATE, LiveSettings()), state
 
 
-def frames_at(numbers: range) -> list[LagFrame]:
+def frames_at(numbers: range) -> list[LiveFrame]:
     found = resample(recorded()[0], RATE)
     return [
-        LagFrame(
+        LiveFrame(
             t, found.time[t], found.R_inertial_sensor[t], found.orientation_valid[t],
-            found.specific_force_inertial[t], found.acceleration_valid[t],
+            found.specific_force_inertial[t - 1], found.acceleration_valid[t - 1],
         )
         for t in numbers
     ]  # fmt: skip
@@ -79,7 +80,7 @@ def root_error(at: int, push: bool) -> float:
     """Metres by which the root is beside the truth in a frame predicted from true ones."""
     (problem, shared), (older, last, new) = problem_of(), frames_at(range(at - 2, at + 1))
     if not push:
-        last = replace(last, acceleration_valid=np.zeros_like(last.acceleration_valid))
+        new = replace(new, acceleration_valid_before=np.zeros_like(new.acceleration_valid_before))
     before = [(one, truth_at(one.time)) for one in (older, last)]
     found = predicted(problem, before, new, shared)
     return float(np.linalg.norm(found.p_world_pelvis - truth_at(new.time).p_world_pelvis))

@@ -20,7 +20,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, wrap_angle, yaw_of
 from vip_factors.live import recalibrator
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch
+from vip_factors.live.measurement import LiveFrame, MeasuredStretch
 from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import RecalibrationProcess
 from vip_factors.live.start import TrackingStart
@@ -108,13 +108,11 @@ def test_who_does_not_move_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> Non
         begun.append(stretch.seconds)
         return Future()
 
-    def turned(frame: int, begin: tuple[int, int]) -> FrameMeasurement:
+    def turned(frame: int, begin: tuple[int, int]) -> LiveFrame:
         """Each of the two turns from a frame on."""
         R = np.repeat(rotation_z(np.where(frame < np.array(begin), 0.0, 0.5)), len(columns) // 2, axis=0)
         nothing = np.zeros((len(columns), 3))
-        return FrameMeasurement(
-            frame, frame / 30, R, np.ones(len(columns), bool), nothing, np.zeros(len(columns), bool)
-        )
+        return LiveFrame(frame, frame / 30, R, np.ones(len(columns), bool), nothing, np.zeros(len(columns), bool))
 
     one = filmed().wearers[0]
     other = replace(one, subject=replace(one.subject, name="other"), name="other")
@@ -246,7 +244,7 @@ def test_what_the_tracker_goes_on_changing_is_packed_before_it_does() -> None:
 
 def test_whatever_fails_is_an_answer() -> None:
     process, stretch = RecalibrationProcess(), MeasuredStretch(stream_head(filmed()), [])
-    stretch.measurements.append(lambda: "cannot be pickled")  # type: ignore[arg-type]
+    stretch.frames.append(lambda: "cannot be pickled")  # type: ignore[arg-type]
     with pytest.raises(SolveError, match="pickle"):
         process.submit(stretch, OFTEN).result(timeout=30)
     process.close()

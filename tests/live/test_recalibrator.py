@@ -12,7 +12,7 @@ from vip_factors.errors import SolveError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.live import recalibrator
-from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
+from vip_factors.live.measurement import LiveFrame, MeasuredStretch
 from vip_factors.live.problem import FrameState
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.start import EarlierCalibration, TrackingStart
@@ -59,10 +59,10 @@ def recalibrating() -> Recalibrator:
     return Recalibrator(stream_head(filmed()), SETTINGS, real_time=False)
 
 
-def turning(number: int) -> FrameMeasurement:
+def turning(number: int) -> LiveFrame:
     every, R = np.ones(SENSORS, bool), np.tile(rotation_z(number / RATE), (SENSORS, 1, 1))
     force: Array = np.zeros((SENSORS, 3))
-    return FrameMeasurement(number, number / RATE, R, every, force, every.copy())
+    return LiveFrame(number, number / RATE, R, every, force, every.copy())
 
 
 def feed(one: Recalibrator, first: int, frames: int) -> list[Finding]:
@@ -78,8 +78,8 @@ def feed(one: Recalibrator, first: int, frames: int) -> list[Finding]:
 
 def test_it_is_found_anew_with_twice_the_data_and_then_again_and_again(asked: list[Any]) -> None:
     assert len(feed(recalibrating(), 0, 85 * RATE)) == 6
-    assert [len(stretch.measurements) / RATE for stretch, _ in asked] == [2.5, 5, 10, 20, 40, 40]
-    assert [stretch.measurements[-1].frame + 1 for stretch, _ in asked[-2:]] == [40 * RATE, 80 * RATE]
+    assert [len(stretch.frames) / RATE for stretch, _ in asked] == [2.5, 5, 10, 20, 40, 40]
+    assert [stretch.frames[-1].number + 1 for stretch, _ in asked[-2:]] == [40 * RATE, 80 * RATE]
 
 
 def test_after_a_pause_it_begins_with_what_is_known(asked: list[Any]) -> None:
@@ -87,7 +87,7 @@ def test_after_a_pause_it_begins_with_what_is_known(asked: list[Any]) -> None:
     feed(one, 0, 4 * RATE)
     one.restart(KNOWN)
     feed(one, 4 * RATE, 3 * RATE)
-    assert [len(stretch.measurements) / RATE for stretch, _ in asked] == [2.5, 2.5]
+    assert [len(stretch.frames) / RATE for stretch, _ in asked] == [2.5, 2.5]
     assert asked[-1][0].first == 4 * RATE
     assert [earlier for _, earlier in asked] == [None, KNOWN]
 
@@ -106,8 +106,8 @@ def test_a_sensor_that_has_moved_is_used_from_then_on(asked: list[Any]) -> None:
     one.leave_out([1], 12 * RATE - 1)
     feed(one, 12 * RATE, 6 * RATE)
     stretch, _ = asked[-1]
-    seen = np.stack([measured.orientation_valid for measured in stretch.measurements])
-    number = np.array([measured.frame for measured in stretch.measurements])
+    seen = np.stack([frame.orientation_valid for frame in stretch.frames])
+    number = np.array([frame.number for frame in stretch.frames])
     assert number[-1] == 17 * RATE - 2
     assert number[0] == SETTINGS.coarse_factor  # a pose that was declared was held before
     assert np.array_equal(seen[:, 1], number >= 12 * RATE)
@@ -144,11 +144,11 @@ def test_the_next_one_goes_on_from_the_last_unless_a_sensor_has_moved(
 def test_of_each_camera_one_video_frame_is_kept_for_each_coarse_one(asked: list[Any], every: int, late: int) -> None:
     one, names = recalibrating(), ("a", "b")
     for number in range(3 * RATE):
-        seen = [VideoFrame(name, number / RATE, np.zeros((0, 18, 2)), np.zeros((0, 18))) for name in names]
-        video = tuple(PlacedVideoFrame(number, each) for each in seen) if number % every == late else ()
-        one.remember(replace(turning(number), video=video))
+        none = np.zeros((0, 18, 2)), np.zeros((0, 18))
+        video = tuple(VideoFrame(name, number / RATE, *none, number) for name in names)
+        one.remember(replace(turning(number), video=video if number % every == late else ()))
         one.begin(NEWEST)
     kept = asked[0][0].video
     for name in names:
-        frames = [each.frame for each in kept if each.video.camera == name]
-        assert frames == list(range(late, len(asked[0][0].measurements), SETTINGS.coarse_factor))
+        frames = [video.frame for video in kept if video.camera == name]
+        assert frames == list(range(late, len(asked[0][0].frames), SETTINGS.coarse_factor))

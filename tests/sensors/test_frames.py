@@ -31,7 +31,7 @@ def test_frames_of_a_gap_are_not_measured() -> None:
 def test_frames_of_a_gap_are_not_measured_in_a_stream_either() -> None:
     buffer = SensorBuffer(1)
     for time in HELD:
-        buffer.insert(0, float(time), np.eye(3).ravel().tolist(), (0.0, 0.0, 9.81))
+        buffer.insert(0, float(time), [*np.eye(3).ravel(), 0.0, 0.0, 9.81])
     for time, seen, whole in ((1.45, True, True), (2.0, False, False), (2.55, True, False), (2.75, True, True)):
         _, (found,), _, (all_found,) = buffer.measure(time, 0.1)
         assert (bool(found), bool(all_found)) == (seen, whole), time

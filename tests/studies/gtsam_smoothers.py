@@ -13,7 +13,8 @@ import gtsam
 from vip_factors.errors import RecordingError
 from vip_factors.factor_graph.graph import factor_graph_of
 from vip_factors.factor_graph.variables import values_of
-from vip_factors.live.problem import FrameState, LagFrame, LagProblem, stacked
+from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.problem import FrameState, LagProblem, stacked
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.problem.state import SceneState
@@ -52,7 +53,7 @@ class RecordedWindow:
     """
 
     problem: LagProblem
-    frames: tuple[LagFrame, ...]
+    frames: tuple[LiveFrame, ...]
     states: tuple[FrameState, ...]
     shared: SceneState
 
@@ -66,7 +67,7 @@ def recorded_window(samples: Iterable[LiveSample], setup: Scene, settings: LiveS
     """Run the tracker until ``count`` frames have left the lag without a new start, and keep these."""
     tracker = FixedLagTracker(setup, settings)
     smoother: LagSmoother | None = None
-    frames: list[LagFrame] = []
+    frames: list[LiveFrame] = []
     states: list[FrameState] = []
     for sample in samples:
         if not tracker.push(sample) or tracker._tracking is None:
@@ -83,7 +84,7 @@ def recorded_window(samples: Iterable[LiveSample], setup: Scene, settings: LiveS
 
 
 def _window(
-    problem: LagProblem, frames: Sequence[LagFrame], states: Sequence[FrameState], shared: SceneState,
+    problem: LagProblem, frames: Sequence[LiveFrame], states: Sequence[FrameState], shared: SceneState,
     settings: LiveSettings,
 ) -> RecordedWindow:  # fmt: skip
     frames = [replace(frame, number=number) for number, frame in enumerate(frames)]

@@ -9,8 +9,8 @@ from functools import partial
 
 from vip_factors.errors import InputError
 from vip_factors.findings import Finding, FindingLog
-from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
-from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video, oriented
+from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.sensor_samples import SensorBuffer, checked_imu, checked_video
 from vip_factors.live.source_clocks import Admitted, SensorPresence, StreamClocks
 from vip_factors.sensors.imu_stream import AttitudeFilter
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
@@ -122,7 +122,7 @@ class FrameAssembler:
         self._restart = False
         self._lost_at = -math.inf  # s, when samples were dropped last
 
-    def push(self, sample: LiveSample) -> list[FrameMeasurement]:
+    def push(self, sample: LiveSample) -> list[LiveFrame]:
         """Take one sample; the frames that can be made with it, in order.
 
         Raises:
@@ -140,7 +140,7 @@ class FrameAssembler:
         self._lost_at = self._clocks.present
         self._presence.note_loss(self._lost_at)
 
-    def flush(self) -> list[FrameMeasurement]:
+    def flush(self) -> list[LiveFrame]:
         """The end of the stream: the frames up to its newest sample, without waiting for anybody."""
         present = self._clocks.present
         if math.isfinite(present) and self._start is None:
@@ -153,18 +153,18 @@ class FrameAssembler:
         """What has happened since the last time."""
         return self._log.take(self._clocks.present)
 
-    def _push_imu(self, sample: ImuSample) -> list[FrameMeasurement]:
+    def _push_imu(self, sample: ImuSample) -> list[LiveFrame]:
         column = self._columns.get((sample.carrier, sample.sensor))
         if column is None:
             self._refuse_unknown(f"sensor '{_short(sample.sensor)}' of '{_short(sample.carrier)}'")
             return []
-        known = sample if sample.R_inertial_sensor is not None else oriented(sample, self._attitudes[column])
-        checked = checked_imu(known) if isinstance(known, ImuSample) else known
+        checked = checked_imu(sample, self._attitudes[column])
         if isinstance(checked, str):
             self._refuse("unusable", column, self._labels[column], "sample", checked)
             return []
+        time, values = checked
         past = self._clocks.present
-        admitted = self._clocks.admit(column, checked.time, self._presence.awaited)
+        admitted = self._clocks.admit(column, time, self._presence.awaited)
         self._remark_on_clock(column, self._labels[column], admitted)
         if admitted.time is None:
             return []
@@ -172,7 +172,7 @@ class FrameAssembler:
         if admitted.time <= self._too_late:
             self._refuse("late", column, self._labels[column], "sample")
             self._presence.note_late(column, admitted.time, self._clocks.present)
-        elif self._buffer.insert(column, admitted.time, checked.R_inertial_sensor, checked.specific_force_inertial):
+        elif self._buffer.insert(column, admitted.time, values):
             self._presence.note(column, admitted.time, self._clocks.present, self._start is not None)
         else:
             self.counts["duplicate"] += 1
@@ -204,7 +204,7 @@ class FrameAssembler:
         assert self._start is not None
         return self._start + point / self._rate
 
-    def _after_silence(self, past: float, now: float) -> list[FrameMeasurement]:
+    def _after_silence(self, past: float, now: float) -> list[LiveFrame]:
         """What a silence of all sensors between two times of the stream's present means."""
         if now > past - self._settings.jump:
             self._first_sample = min(self._first_sample, now)
@@ -235,7 +235,7 @@ class FrameAssembler:
         self._restart = True
         return frames
 
-    def _frames_due(self) -> list[FrameMeasurement]:
+    def _frames_due(self) -> list[LiveFrame]:
         """Make every frame that need not wait any longer."""
         present = self._clocks.present
         self._presence.find_silent(present)
@@ -248,7 +248,7 @@ class FrameAssembler:
             return []
         return self._frames_until(self._presence.complete_until())
 
-    def _frames_until(self, time: float) -> list[FrameMeasurement]:
+    def _frames_until(self, time: float) -> list[LiveFrame]:
         frames = []
         while self._start is not None and self._time(self._point) <= time + ROUNDING:
             frames.append(self._make_frame())
@@ -262,25 +262,23 @@ class FrameAssembler:
         self._start = start
         self._presence.report_missing(self._clocks.present)
 
-    def _make_frame(self) -> FrameMeasurement:
+    def _make_frame(self) -> LiveFrame:
         point, step = self._point, 1 / self._rate
         time = self._time(point)
         measured = self._buffer.measure(time, step)
-        frame = FrameMeasurement(
-            point - self._left_out, time, *measured, video=self._take_videos(point), restart=self._restart
-        )
+        frame = LiveFrame(point - self._left_out, time, *measured, self._take_videos(point), self._restart)
         self._restart = False
         self._point += 1
         self._buffer.needed_from = time - step  # where the next frame's window begins
         return frame
 
-    def _take_videos(self, point: int) -> tuple[PlacedVideoFrame, ...]:
+    def _take_videos(self, point: int) -> tuple[VideoFrame, ...]:
         assert self._start is not None
         taken = []
         for time, video in self._videos.take(self._time(point) + 0.5 / self._rate):
             nearest = min(round((time - self._start) * self._rate), point)
             if nearest >= max(self._first_point, point - self._lag_frames):
-                taken.append(PlacedVideoFrame(nearest - self._left_out, video))
+                taken.append(replace(video, frame=nearest - self._left_out))
             elif self._first_point > nearest:
                 self.counts["early"] += 1  # of before the first frame: nobody has lost anything
             else:

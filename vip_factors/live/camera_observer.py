@@ -11,7 +11,7 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.factor_settings import CameraFactorSettings, ContactFrom, GroundContactSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.association import NOBODY, Belief, OnlineAssociation
-from vip_factors.live.problem import LagFrame
+from vip_factors.live.measurement import LiveFrame
 from vip_factors.problem.scene import Foot, KeypointView
 from vip_factors.problem.state import CameraPoses
 from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem
@@ -29,7 +29,7 @@ from vip_factors.terms.reprojection import adaptive_biweight
 
 
 def standing_feet(
-    wearer: WearerProblem, sensors: np.ndarray, feet: tuple[Foot, ...], body: BodyState, frames: Sequence[LagFrame],
+    wearer: WearerProblem, sensors: np.ndarray, feet: tuple[Foot, ...], body: BodyState, frames: Sequence[LiveFrame],
     at: int, settings: GroundContactSettings,
 ) -> Array:  # fmt: skip
     """How surely each foot stands, ``(G,)``, as :func:`~vip_factors.stages.floor.standing_confidence` has it.
@@ -43,13 +43,12 @@ def standing_feet(
         at: which of them is meant.
         settings: of the factor.
     """
-    # Frames: that of the newest frame is measured by the next one, so the last known one counts
-    acceleration_holds = 3
+    acceleration_holds = 3  # frames: that of the newest frame is measured by the next one, so the last known one counts
     if settings.contact_from is ContactFrom.JOINT_STATE:
         return joint_state_confidence(wearer.skeleton, body, feet, wearer.frames.step)[at]
-    last = frames[max(0, at + 1 - acceleration_holds) : at + 1]
-    force = np.stack([one.specific_force_inertial[sensors] for one in last])
-    valid = np.stack([one.acceleration_valid[sensors] for one in last])
+    following = frames[max(0, at + 1 - acceleration_holds) + 1 : at + 2]
+    force = np.array([frame.specific_force_before[sensors] for frame in following]).reshape(-1, len(sensors), 3)
+    valid = np.array([frame.acceleration_valid_before[sensors] for frame in following], bool).reshape(-1, len(sensors))
     newest = np.full(len(feet), np.nan)
     for free in free_accelerations(wearer.sensors, feet, force, valid):
         newest = np.where(np.isnan(free), newest, free)
@@ -80,7 +79,6 @@ class _Wearer:
 
 @dataclass
 class _Decided:
-    number: int
     video: VideoFrame
     chosen: np.ndarray
 
@@ -113,36 +111,32 @@ class CameraObserver:
         self._decided: list[_Decided] = []
         self.chosen = np.full(len(skeletons), NOBODY)  # in the newest video frame
 
-    def remember(self, number: int, video: VideoFrame, chosen: np.ndarray) -> None:
+    def remember(self, video: VideoFrame, chosen: np.ndarray) -> None:
         """A video frame that was decided at the start."""
         self._association.remember(video, chosen)
-        self._decided.append(_Decided(number, video, chosen))
+        self._decided.append(_Decided(video, chosen))
         self.chosen = chosen
 
-    def observe(
-        self, number: int, video: VideoFrame, belief: Belief, feet: FootContacts
-    ) -> tuple[KeypointView, ...]:  # fmt: skip
-        """Who is who in a video frame of the frame ``number``, which is one of those of which something is believed."""
-        belief = belief.at([number])
+    def observe(self, video: VideoFrame, belief: Belief, feet: FootContacts) -> tuple[KeypointView, ...]:
+        """What is seen of each wearer in a video frame of one of the frames of which something is believed."""
+        belief = belief.at([video.frame])
         chosen = self._association.choose(video, belief)
-        self._decided.append(_Decided(number, video, chosen))
+        self._decided.append(_Decided(video, chosen))
         self._decided.sort(key=lambda one: one.video.time)
         self.chosen = self._decided[-1].chosen
-        return self._views(video, chosen, belief, feet(number))
+        return self._views(video, chosen, belief, feet(video.frame))
 
     def revise(self, belief: Belief, feet: FootContacts) -> dict[int, tuple[KeypointView, ...]]:
         """Frames in which somebody else is the wearer than was thought, and what is seen in them."""
-        self._decided = [one for one in self._decided if one.number >= belief.first]
+        self._decided = [decided for decided in self._decided if decided.video.frame >= belief.first]
         if len(self._decided) < 2:
             return {}
-        there = belief.at([one.number for one in self._decided])
-        changed = {}
-        for one, chosen in zip(
-            self._decided, self._association.revise([one.video for one in self._decided], there), strict=True
-        ):
-            if np.any(chosen != one.chosen):
-                one.chosen = chosen
-                changed[one.number] = self._views(one.video, chosen, belief.at([one.number]), feet(one.number))
+        videos, changed = [decided.video for decided in self._decided], {}
+        choices = self._association.revise(videos, belief.at([video.frame for video in videos]))
+        for decided, video, chosen in zip(self._decided, videos, choices, strict=True):
+            if np.any(chosen != decided.chosen):
+                decided.chosen, number = chosen, video.frame
+                changed[number] = self._views(video, chosen, belief.at([number]), feet(number))
         self.chosen = self._decided[-1].chosen
         return changed
 

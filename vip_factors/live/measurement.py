@@ -1,12 +1,13 @@
-"""What was measured in one frame of a stream, and in consecutive ones: these as a scene for the batch stages."""
+"""One frame of a stream, and consecutive ones: these as a scene for the batch stages."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from vip_factors.geometry.rotations import Array, transpose
+from vip_factors.problem.scene import KeypointView
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.imu_stream import ImuStream
@@ -15,39 +16,46 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.scene_solution import SceneSolution
 
 
-@dataclass(frozen=True)
-class PlacedVideoFrame:
-    """A video frame and the number of the frame nearest to it in time (half a frame off at most)."""
-
-    frame: int
-    video: VideoFrame
-
-
-@dataclass(frozen=True)
-class FrameMeasurement:
-    """Measurements of ``S`` sensors in one frame: what :class:`~vip_factors.sensors.frames.ImuFrames` has in a row.
+@dataclass
+class LiveFrame:
+    """One frame of a stream with ``S`` sensors: what :class:`~vip_factors.sensors.frames.ImuFrames` has in a row.
 
     Attributes:
-        frame: number, from 0, without holes.
+        number: from 0, without holes.
         time: seconds from the start of the stream; evenly spaced, but for restarts.
         R_inertial_sensor: ``(S, 3, 3)``; identity where not valid.
         orientation_valid: ``(S,)`` whether the orientation was measured here.
-        specific_force_inertial: ``(S, 3)`` m/s² of the frame *before* this one, in each sensor's inertial frame
-            (gravity included): its triangular window, of half-width one frame, ends only here. Zero where not valid.
-        acceleration_valid: ``(S,)`` whether all of that window was measured.
-        video: what has become available since the frame before; each with its own frame, this one or an earlier one
-            within the lag. A frame may get several, of several cameras or of a fast one.
+        specific_force_before: ``(S, 3)`` m/s² of the frame *before* this one, in each sensor's inertial frame (gravity
+            included): its triangular window, of half-width one frame, ends only here. Zero where not valid.
+        acceleration_valid_before: ``(S,)`` whether all of that window was measured.
+        video: what has become available since the frame before, of this one or an earlier one within the lag. A frame
+            may get several, of several cameras or of a fast one.
         restart: whether frames have been left out before this one: track anew from here.
+        views: by camera, then wearer, of this frame alone; None where the camera gave no frame.
+        contacts: of each wearer ``(C,)``, confidences that the contact points hold until the next frame.
     """
 
-    frame: int
+    number: int
     time: float
     R_inertial_sensor: Array
     orientation_valid: np.ndarray
-    specific_force_inertial: Array
-    acceleration_valid: np.ndarray
-    video: tuple[PlacedVideoFrame, ...] = ()
+    specific_force_before: Array
+    acceleration_valid_before: np.ndarray
+    video: tuple[VideoFrame, ...] = ()
     restart: bool = False
+    views: list[tuple[KeypointView, ...] | None] = field(default_factory=list)
+    contacts: list[Array] = field(default_factory=list)
+
+
+def imu_arrays(frames: Sequence[LiveFrame]) -> tuple[Array, np.ndarray, Array, np.ndarray]:
+    """All sensors at consecutive frames, as in ImuFrames; accelerations of the last one are not measured yet."""
+    R, seen = (
+        np.array([getattr(frame, name) for frame in frames]) for name in ("R_inertial_sensor", "orientation_valid")
+    )
+    force, whole = np.zeros((*seen.shape, 3)), np.zeros(seen.shape, bool)
+    for t, frame in enumerate(frames[1:]):
+        force[t], whole[t] = frame.specific_force_before, frame.acceleration_valid_before
+    return R, seen, force, whole
 
 
 MEASURES = 0.3  # of the frames: a third of its packets is enough to start with a sensor
@@ -58,14 +66,14 @@ class MeasuredStretch:
 
     Attributes:
         head: of the stream.
-        measurements: of the frames.
-        columns: carrier and name of each sensor in the measurements.
+        frames: consecutive ones.
+        columns: carrier and name of each sensor in the frames.
         time: ``(T,)`` seconds of the frames.
     """
 
-    def __init__(self, head: Scene, measurements: Sequence[FrameMeasurement]) -> None:
-        self.head, self.measurements, self.columns = head, list(measurements), sensor_columns(head)
-        self.time = np.array([one.time for one in self.measurements])
+    def __init__(self, head: Scene, frames: Sequence[LiveFrame]) -> None:
+        self.head, self.frames, self.columns = head, list(frames), sensor_columns(head)
+        self.time = np.array([frame.time for frame in self.frames])
 
     @property
     def seconds(self) -> float:
@@ -75,16 +83,16 @@ class MeasuredStretch:
     @property
     def first(self) -> int:
         """Number of its first frame."""
-        return self.measurements[0].frame
+        return self.frames[0].number
 
     @property
-    def video(self) -> list[PlacedVideoFrame]:
+    def video(self) -> list[VideoFrame]:
         """Video of these frames."""
-        return video_of(self.measurements)
+        return video_of(self.frames)
 
     def tail(self, frames: int) -> "MeasuredStretch":
         """The last ``frames`` of it."""
-        return MeasuredStretch(self.head, self.measurements[-frames:])
+        return MeasuredStretch(self.head, self.frames[-frames:])
 
     def measuring(self, carrier: str) -> list[str]:
         """Names of a carrier's sensors that measured orientations throughout, or of late, or nearly so."""
@@ -98,7 +106,7 @@ class MeasuredStretch:
         """Where a sensor's measurements are."""
         return self.columns.index((carrier, sensor))
 
-    def frames(self, carrier: str, sensors: Sequence[str]) -> ImuFrames:
+    def imu_frames(self, carrier: str, sensors: Sequence[str]) -> ImuFrames:
         """Some of a carrier's sensors at all frames."""
         columns = np.array([self.column(carrier, sensor) for sensor in sensors], dtype=int)
         R, seen, force, whole = (values[:, columns] for values in self._stacked)
@@ -107,17 +115,14 @@ class MeasuredStretch:
     def frames_of(self, solution: SceneSolution) -> tuple[ImuFrames, ...]:
         """Of each wearer, the sensors that were solved at all frames."""
         return tuple(
-            self.frames(recording.subject.name, wearer.frames.sensors)
+            self.imu_frames(recording.subject.name, wearer.frames.sensors)
             for recording, wearer in zip(solution.scene.wearers, solution.fused.model.wearers, strict=True)
         )
 
     @cached_property
     def _stacked(self) -> tuple[Array, ...]:
         """All sensors at all frames: orientations, whether they were measured, specific forces, whether they were."""
-        names = ("R_inertial_sensor", "orientation_valid", "specific_force_inertial", "acceleration_valid")
-        R, seen, *late = (np.stack([getattr(one, name) for one in self.measurements]) for name in names)
-        # A measurement holds the specific force of the frame before it.
-        return R, seen, *(np.concatenate([values[1:], np.zeros_like(values[:1])]) for values in late)
+        return imu_arrays(self.frames)
 
     def scene(self) -> Scene:
         """The head with what was measured, frames as if they were samples."""
@@ -129,7 +134,7 @@ class MeasuredStretch:
             pose = wearer.initial_pose if self.first == 0 else "none"
             wearers.append(replace(wearer, imus=imus, initial_pose=pose))
         cameras = [
-            self._camera(one, [v.video for v in video if v.video.camera == one.name]) for one in self.head.cameras
+            self._camera(one, [frame for frame in video if frame.camera == one.name]) for one in self.head.cameras
         ]
         return replace(
             self.head, wearers=tuple(wearers), camera=next(iter(cameras), None), further_cameras=tuple(cameras[1:])
@@ -150,14 +155,14 @@ class MeasuredStretch:
         return replace(camera, detections=detections, mount=mount)
 
     def _stream(self, carrier: str, sensor: str) -> ImuStream:
-        frames = self.frames(carrier, [sensor])
+        frames = self.imu_frames(carrier, [sensor])
         seen = frames.orientation_valid[:, 0]
         R = frames.R_inertial_sensor[seen, 0]
         force: Array = (transpose(R) @ frames.specific_force_inertial[seen, 0, :, None])[..., 0]
         return ImuStream(sensor, frames.time[seen], force, R)
 
 
-def video_of(measurements: Sequence[FrameMeasurement]) -> list[PlacedVideoFrame]:
+def video_of(frames: Sequence[LiveFrame]) -> list[VideoFrame]:
     """Video of consecutive frames, in the order of its arrival."""
-    first = measurements[0].frame if measurements else 0
-    return [one for measured in measurements for one in measured.video if one.frame >= first]
+    first = frames[0].number if frames else 0
+    return [video for frame in frames for video in frame.video if video.frame >= first]

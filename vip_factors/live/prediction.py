@@ -15,8 +15,8 @@ from vip_factors.body.skeleton import PARENTS, Skeleton, contact_points
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
 from vip_factors.live.association_evidence import people_of, together
-from vip_factors.live.measurement import PlacedVideoFrame
-from vip_factors.live.problem import FrameState, LagFrame, LagProblem
+from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.problem import FrameState, LagProblem
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
 from vip_factors.problem.state import CameraPoses, SceneState
@@ -31,7 +31,7 @@ CAMERA_KEEPS = 0.95
 
 
 def predicted(
-    problem: LagProblem, before: Sequence[tuple[LagFrame, FrameState]], frame: LagFrame, shared: SceneState,
+    problem: LagProblem, before: Sequence[tuple[LiveFrame, FrameState]], frame: LiveFrame, shared: SceneState,
     knocked: Sequence[int] = (),
 ) -> FrameState:  # fmt: skip
     """A frame from the one or two ``before`` it, oldest first, and its own measured orientations.
@@ -49,7 +49,7 @@ def predicted(
         went = R_world_bone[1, bones] @ transpose(R_world_bone[0, bones])
         turns = exp((log(turns) + log(went)) / 2)  # half as measured and half as they went: one measurement trembles
         R_parent_child[number] = _with_turned_bones(R_world_bone[1], bones, turns, seen)
-    pushed = [_pushed(problem, number, last, shared) for number in range(len(problem.wearers))]
+    pushed = [_pushed(problem, number, frame, shared) for number in range(len(problem.wearers))]
     p_world_pelvis = 2 * state.p_world_pelvis - older.p_world_pelvis + pushed
     turned = FrameState(R_parent_child, p_world_pelvis, state.R_world_camera, state.p_world_camera)
     for number, wearer in enumerate(problem.wearers):
@@ -66,7 +66,7 @@ def predicted(
 
 
 def turned_to(
-    problem: LagProblem, last: LagFrame, state: FrameState, frame: LagFrame, shared: SceneState
+    problem: LagProblem, last: LiveFrame, state: FrameState, frame: LiveFrame, shared: SceneState
 ) -> Array:  # fmt: skip
     """Joint rotations ``(W, 24, 3, 3)`` of a ``frame`` after the ``last`` one: bones turned as their sensors."""
     R_parent_child = state.R_parent_child.copy()
@@ -78,7 +78,7 @@ def turned_to(
     return R_parent_child
 
 
-def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SceneState) -> Array:
+def _pushed(problem: LagProblem, number: int, frame: LiveFrame, shared: SceneState) -> Array:
     """Second difference ``(3,)`` of a wearer's path in metres, by the accelerometer on the pelvis; zero without one."""
     pelvis = 0  # bone
     bones = [sensor.bone for sensor in problem.wearers[number].sensors]
@@ -86,9 +86,9 @@ def _pushed(problem: LagProblem, number: int, last: LagFrame, shared: SceneState
         return np.zeros(3)
     sensor = bones.index(pelvis)
     column = problem.sensors[number][sensor]
-    if not last.acceleration_valid[column]:
+    if not frame.acceleration_valid_before[column]:
         return np.zeros(3)
-    heading, force = shared.wearers[number].headings[sensor], last.specific_force_inertial[column]
+    heading, force = shared.wearers[number].headings[sensor], frame.specific_force_before[column]
     return np.asarray(problem.step**2 * (rotation_z(heading) @ force + GRAVITY))
 
 
@@ -110,7 +110,7 @@ def _on_standing_foot(
 
 
 def _turns(
-    last: LagFrame, frame: LagFrame, columns: np.ndarray, headings: Array, knocked: Sequence[int] = ()
+    last: LiveFrame, frame: LiveFrame, columns: np.ndarray, headings: Array, knocked: Sequence[int] = ()
 ) -> tuple[Array, np.ndarray]:
     """How each sensor has turned since the last frame ``(S, 3, 3)``, in the world, and whether that was measured."""
     both = last.orientation_valid[columns] & frame.orientation_valid[columns]
@@ -136,7 +136,7 @@ def _with_turned_bones(R_world_bone: Array, bones: Sequence[int], turns: Array, 
 
 
 def _with_camera(
-    problem: LagProblem, state: FrameState, older: FrameState, newer: FrameState, last: LagFrame, frame: LagFrame,
+    problem: LagProblem, state: FrameState, older: FrameState, newer: FrameState, last: LiveFrame, frame: LiveFrame,
     shared: SceneState,
 ) -> FrameState:  # fmt: skip
     """The camera goes on; turned as its IMU was, if it has one."""
@@ -234,7 +234,7 @@ def _span(values: Array, known: np.ndarray) -> Array:
 
 def continued(
     start: TrackingStart, at_find: FrameState, before: LagSmoother, cameras: Sequence[Camera],
-    video: Sequence[PlacedVideoFrame],
+    video: Sequence[VideoFrame],
 ) -> TrackingStart | None:  # fmt: skip
     """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world they were tracked in.
 
@@ -269,7 +269,7 @@ def continued(
         states.append(FrameState(R, state.p_world_pelvis + gone, *_camera(float(yaw[0]), state, at_find, tracked)))
     if start.has_views:
         camera = next(one for one in cameras if one.name == start.associated[0].camera.name)
-        own = [one for one in video if one.video.camera == camera.name and one.frame in before.numbers]
+        own = [frame for frame in video if frame.camera == camera.name and frame.frame in before.numbers]
         placed = _placed(start, states, before.numbers[0], camera, own)
         if placed is None:
             return None
@@ -308,19 +308,19 @@ def _in_tracked_world(start: TrackingStart, at_find: FrameState) -> TrackingStar
 
 def _placed(
     start: TrackingStart, states: Sequence[FrameState], first: int, camera: Camera,
-    video: Sequence[PlacedVideoFrame],
+    video: Sequence[VideoFrame],
 ) -> list[FrameState] | None:  # fmt: skip
     """The frames from ``first`` on with the wearers where the camera saw them; None if it did not see any."""
     if not video:
         return None
     skeletons, standing = [wearer.skeleton for wearer in start.problem.wearers], start.shared.camera.poses
-    at = np.array([one.frame - first for one in video])
+    at = np.array([frame.frame - first for frame in video])
     R, p = (np.stack([getattr(states[t], name) for t in at]) for name in ("R_parent_child", "p_world_pelvis"))
     bodies = [forward_kinematics(skeleton, R[:, w], p[:, w]) for w, skeleton in enumerate(skeletons)]
     pose = [np.stack([getattr(states[t], name) for t in at]) for name in ("R_world_camera", "p_world_camera")]
     if len(standing):
         pose = [np.stack([one] * len(at)) for one in (standing.R_world_camera[0], standing.p_world_camera[0])]
-    places = locate_wearers(camera, (pose[0], pose[1]), bodies, skeletons, [one.video for one in video])
+    places = locate_wearers(camera, (pose[0], pose[1]), bodies, skeletons, video)
     seen, p_world_pelvis = np.isfinite(places[..., 0]), np.stack([state.p_world_pelvis for state in states])
     if not seen.any():
         return None

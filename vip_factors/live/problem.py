@@ -1,14 +1,14 @@
 """The frames of the lag: their measurements, their variables, and the least-squares problem of any stretch of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.poses import retract_pose
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.live.measurement import FrameMeasurement
+from vip_factors.live.measurement import LiveFrame, imu_arrays
 from vip_factors.problem.layout import ROOT, Layout, Owner
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, SceneState
@@ -69,39 +69,6 @@ def without_frames(state: SceneState) -> SceneState:
     return state.window(slice(0, 0))
 
 
-@dataclass
-class LagFrame:
-    """A frame within the lag.
-
-    Attributes:
-        number, time: of the frame, seconds.
-        R_inertial_sensor, orientation_valid: ``(S, 3, 3)`` and ``(S,)`` of all carriers' sensors.
-        specific_force_inertial, acceleration_valid: ``(S, 3)`` and ``(S,)``; known once the next frame is.
-        views: by camera, then wearer, of this frame alone; None where the camera gave no frame.
-        contacts: of each wearer ``(C,)``, confidences that the contact points hold until the next frame.
-    """
-
-    number: int
-    time: float
-    R_inertial_sensor: Array
-    orientation_valid: np.ndarray
-    specific_force_inertial: Array
-    acceleration_valid: np.ndarray
-    views: list[tuple[KeypointView, ...] | None] = field(default_factory=list)
-    contacts: list[Array] = field(default_factory=list)
-
-    def take_accelerations(self, after: FrameMeasurement) -> None:
-        """What the next frame's measurement brings: the window of accelerations reaches into it."""
-        self.specific_force_inertial, self.acceleration_valid = after.specific_force_inertial, after.acceleration_valid
-
-
-def lag_frame(measured: FrameMeasurement, views: list[tuple[KeypointView, ...] | None]) -> LagFrame:
-    """The newest frame: its accelerations are measured by the next one."""
-    seen = measured.orientation_valid.copy()
-    force, whole = np.zeros((len(seen), 3)), np.zeros(len(seen), bool)
-    return LagFrame(measured.frame, measured.time, measured.R_inertial_sensor, seen, force, whole, views)
-
-
 class LagProblem:
     """Makes the problem of any stretch of frames.
 
@@ -149,15 +116,10 @@ class LagProblem:
         """Whether the first camera's pose belongs to the frame."""
         return self.camera.moving
 
-    def model(self, frames: Sequence[LagFrame], beginning: bool) -> SceneProblem:
+    def model(self, frames: Sequence[LiveFrame], beginning: bool) -> SceneProblem:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
         time = frames[0].time + self.step * np.arange(len(frames))
-        parts: tuple[Array, ...] = (
-            np.array([frame.R_inertial_sensor for frame in frames]),
-            np.array([frame.orientation_valid for frame in frames]),
-            np.array([frame.specific_force_inertial for frame in frames]),
-            np.array([frame.acceleration_valid for frame in frames]),
-        )
+        parts = imu_arrays(frames)
         wearers = []
         for number, wearer in enumerate(self.wearers):
             contacts = np.array([frame.contacts[number] for frame in frames])
@@ -185,7 +147,7 @@ class LagProblem:
         """Whether there is a camera that sees anybody."""
         return any(len(points) for camera in self._points for points in camera)
 
-    def _views(self, frames: Sequence[LagFrame], camera: int) -> tuple[KeypointView, ...]:
+    def _views(self, frames: Sequence[LiveFrame], camera: int) -> tuple[KeypointView, ...]:
         views = [frame.views[camera] for frame in frames]
         return tuple(
             KeypointView.joined(points, [None if one is None else one[wearer] for one in views], feet)

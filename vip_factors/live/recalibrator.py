@@ -30,12 +30,13 @@ from vip_factors.errors import SolveError, VipFactorsError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.sensor_assignment import LEAST_NATS
-from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, PlacedVideoFrame
+from vip_factors.live.measurement import LiveFrame, MeasuredStretch
 from vip_factors.live.problem import FrameState
 from vip_factors.live.start import EarlierCalibration, TrackingStart, solve_stretch, tracking_start, unsettled_starts
 from vip_factors.problem.layout import Layout
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
+from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings, Settings
 from vip_factors.stages.fusion import FusionSolution
@@ -161,7 +162,7 @@ class RecalibrationProcess:
     ) -> "Future[TrackingStart]":  # fmt: skip
         """Have a stretch solved; one at a time. The answer raises :class:`SolveError` where there is none."""
         answer: Future[TrackingStart] = Future()
-        frames = stretch.measurements
+        frames = stretch.frames
         # Packed here: the tracker goes on using these objects, and what they cache would change under the thread.
         known = pickle.dumps((stretch.head, len(frames), (settings, earlier, before)), pickle.HIGHEST_PROTOCOL)
         threading.Thread(target=_exchange, args=(self._process, known, frames, answer), daemon=True).start()
@@ -173,7 +174,7 @@ class RecalibrationProcess:
 
 
 def _exchange(
-    process: "subprocess.Popen[bytes]", known: bytes, frames: Sequence[FrameMeasurement],
+    process: "subprocess.Popen[bytes]", known: bytes, frames: Sequence[LiveFrame],
     answer: "Future[TrackingStart]",
 ) -> None:  # fmt: skip
     """Hand work over, piece by piece, and wait for what comes back; the answer is set whatever happens."""
@@ -221,7 +222,7 @@ def main() -> None:
     while True:
         try:
             head, count, known = pickle.load(sys.stdin.buffer)
-            frames = list[FrameMeasurement]()
+            frames = list[LiveFrame]()
             while len(frames) < count:
                 frames += pickle.load(sys.stdin.buffer)
         except EOFError:
@@ -259,7 +260,7 @@ class Recalibration:
     start: TrackingStart
     at_find: FrameState
     seconds: float
-    video: list[PlacedVideoFrame]
+    video: list[VideoFrame]
     moved: tuple[int, ...] = ()
 
 
@@ -292,7 +293,7 @@ class Recalibrator:
     def __init__(self, head: Scene, settings: LiveSettings, real_time: bool) -> None:
         self._head, self._settings, self._real_time = head, settings, real_time
         own = settings.recalibration
-        self._measurements: deque[FrameMeasurement] = deque(maxlen=round(own.longest_s * settings.frame_rate))
+        self._measurements: deque[LiveFrame] = deque(maxlen=round(own.longest_s * settings.frame_rate))
         self._due_s, self._over = own.first_s, not own.use
         self._began = 0  # number of the first frame, of the stream or after a pause
         self._since = 0  # number of the frame from which on nothing has changed
@@ -310,13 +311,13 @@ class Recalibrator:
         self._moved: set[int] = set()  # since its data
         self._is_urgent = False  # whether a sensor has moved and nothing was found anew since
 
-    def remember(self, measured: FrameMeasurement) -> None:
+    def remember(self, measured: LiveFrame) -> None:
         """One frame more."""
         moving_s = 0.2  # of motion, before anything is found from it
         if self._over:
             return
         if not self._measurements:
-            self._since = self._began = measured.frame
+            self._since = self._began = measured.number
             self._still = set(range(len(self._columns)))
         if measured.video:
             measured = replace(measured, video=tuple(filter(self._is_needed, measured.video)))
@@ -324,16 +325,16 @@ class Recalibrator:
         if self._still:
             first = self._measurements[0]
             self._still -= {one for one in self._still if self._has_turned(self._columns[one], first, measured)}
-            self._moving_from = measured.frame + round(moving_s * self._settings.frame_rate)
+            self._moving_from = measured.number + round(moving_s * self._settings.frame_rate)
 
-    def _is_needed(self, one: PlacedVideoFrame) -> bool:
+    def _is_needed(self, video: VideoFrame) -> bool:
         """Whether it is the first of its camera's since a coarse frame: more of them tell that one hardly more."""
-        camera, coarse = one.video.camera, one.frame // self._settings.coarse_factor
+        camera, coarse = video.camera, video.frame // self._settings.coarse_factor
         is_first = coarse > self._filmed.get(camera, -1)
         self._filmed[camera] = max(coarse, self._filmed.get(camera, -1))
         return is_first
 
-    def _has_turned(self, columns: np.ndarray, first: FrameMeasurement, now: FrameMeasurement) -> bool:
+    def _has_turned(self, columns: np.ndarray, first: LiveFrame, now: LiveFrame) -> bool:
         """Whether a quarter of the sensors has."""
         moving_share = 0.25  # of a wearer's sensors: both arms
         both = columns[first.orientation_valid[columns] & now.orientation_valid[columns]]
@@ -365,12 +366,12 @@ class Recalibrator:
         own, rate = self._settings.recalibration, self._settings.frame_rate
         if self._over or self._job is not None or not self._measurements:
             return
-        unchanged_s = (self._measurements[-1].frame + 1 - self._since) / rate
+        unchanged_s = (self._measurements[-1].number + 1 - self._since) / rate
         if unchanged_s < ready * self._due_s:
             return
         if self._process is None:
             self._process = RecalibrationProcess()
-        is_moving = not self._still and self._measurements[-1].frame >= self._moving_from
+        is_moving = not self._still and self._measurements[-1].number >= self._moving_from
         if unchanged_s < self._due_s or (not is_moving and unchanged_s < self.STILL_S):
             return
         stretch = self._stretch()
@@ -382,19 +383,19 @@ class Recalibrator:
 
     def _stretch(self) -> MeasuredStretch:
         measurements = [self._without_moved(one) for one in self._measurements]
-        first = measurements[0].frame
+        first = measurements[0].number
         if first == 0 and self._usable_from:
             first = 1  # sensors that have moved did not sit so while the declared pose was held
         video = -first % self._settings.coarse_factor  # is kept from coarse frames on
-        return MeasuredStretch(self._head, measurements[first + video - measurements[0].frame :])
+        return MeasuredStretch(self._head, measurements[first + video - measurements[0].number :])
 
-    def _without_moved(self, measured: FrameMeasurement) -> FrameMeasurement:
-        moved = [column for column, first in self._usable_from.items() if measured.frame < first]
+    def _without_moved(self, measured: LiveFrame) -> LiveFrame:
+        moved = [column for column, first in self._usable_from.items() if measured.number < first]
         if not moved:
             return measured
-        seen, whole = measured.orientation_valid.copy(), measured.acceleration_valid.copy()
+        seen, whole = measured.orientation_valid.copy(), measured.acceleration_valid_before.copy()
         seen[moved] = whole[moved] = False
-        return replace(measured, orientation_valid=seen, acceleration_valid=whole)
+        return replace(measured, orientation_valid=seen, acceleration_valid_before=whole)
 
     def answer(self, newest: int) -> Recalibration | Finding | None:
         """The calibration found anew, or why there is none; None as long as it is not time.
@@ -407,7 +408,7 @@ class Recalibrator:
         if job is None:
             return None
         delay_s = min(own.delay_s, self.DELAY_SHARE * job.stretch.seconds)
-        if newest < job.stretch.measurements[-1].frame + delay_s * self._settings.frame_rate:
+        if newest < job.stretch.frames[-1].number + delay_s * self._settings.frame_rate:
             return None
         if self._real_time and not job.answer.done():
             return None

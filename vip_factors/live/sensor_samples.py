@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,51 +18,20 @@ from vip_factors.sensors.live import ImuSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 
 
-class CheckedImu(NamedTuple):
-    """A usable IMU sample.
+def checked_imu(sample: ImuSample, attitude: AttitudeFilter) -> tuple[float, list[float]] | str:
+    """Time and values of a usable sample, or what is wrong with it.
 
-    Attributes:
-        time: seconds, on the sensor's clock.
-        R_inertial_sensor: nine numbers, row by row.
-        specific_force_inertial: three numbers, m/s² in the inertial frame; NaN if not measured.
+    Values are R_inertial_sensor row by row, and the specific force in m/s² in the inertial frame, NaN if not measured.
+    An orientation that is not measured is found from specific force and angular rate by the sensor's ``attitude``.
     """
-
-    time: float
-    R_inertial_sensor: list[float]
-    specific_force_inertial: tuple[float, float, float]
-
-
-def oriented(sample: ImuSample, attitude: AttitudeFilter) -> ImuSample | str:
-    """A sample that has none with an orientation, if its angular rate tells it; or what is wrong with it."""
-    if sample.angular_rate is None or sample.specific_force is None:
-        return sample
     time = _checked_time(sample.time)
     if isinstance(time, str):
         return time
-    rate, force = _numbers(sample.angular_rate, (3,)), _numbers(sample.specific_force, (3,))
-    if rate is None or force is None:
-        return f"{'an angular rate' if rate is None else 'a specific force'} is not three finite numbers"
-    if max(map(abs, rate)) > RATE_LIMIT:
-        fastest = f"an angular rate of {max(map(abs, rate)):.3g} rad/s: expected at most {RATE_LIMIT:g}"
-        return f"{fastest}; check the unit (rad/s, not degrees per second)"
-    R = attitude.orientation(time, np.array(force), np.array(rate))
-    return "they came after newer ones" if R is None else replace(sample, R_inertial_sensor=R)
-
-
-def checked_imu(sample: ImuSample) -> CheckedImu | str:
-    """The sample's numbers, or what is wrong with them."""
-    time = _checked_time(sample.time)
-    if isinstance(time, str):
-        return time
-    if sample.R_inertial_sensor is None:
-        return "they carry no orientation, nor angular rate and specific force to find it from"
-    R = _numbers(sample.R_inertial_sensor, (3, 3))
-    if R is None:
-        return "an orientation is not a (3, 3) matrix of finite numbers"
-    if not _is_rotation(R):
-        return "an orientation is not a rotation matrix"
+    R = _checked_orientation(sample, time, attitude)
+    if isinstance(R, str):
+        return R
     if sample.specific_force is None:
-        return CheckedImu(time, R, (math.nan, math.nan, math.nan))
+        return time, [*R, math.nan, math.nan, math.nan]
     force = _numbers(sample.specific_force, (3,))
     if force is None:
         return "a specific force is not three finite numbers"
@@ -72,7 +40,25 @@ def checked_imu(sample: ImuSample) -> CheckedImu | str:
         return f"a specific force of {most:.3g} m/s²: expected at most {FORCE_LIMIT:g}; check the unit (m/s², not mg)"
     x, y, z = force
     a, b, c, d, e, f, g, h, i = R
-    return CheckedImu(time, R, (a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z))
+    return time, [*R, a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z]
+
+
+def _checked_orientation(sample: ImuSample, time: float, attitude: AttitudeFilter) -> list[float] | str:
+    if sample.R_inertial_sensor is not None:
+        R = _numbers(sample.R_inertial_sensor, (3, 3))
+        if R is None:
+            return "an orientation is not a (3, 3) matrix of finite numbers"
+        return R if _is_rotation(R) else "an orientation is not a rotation matrix"
+    if sample.angular_rate is None or sample.specific_force is None:
+        return "they carry no orientation, nor angular rate and specific force to find it from"
+    rate, force = _numbers(sample.angular_rate, (3,)), _numbers(sample.specific_force, (3,))
+    if rate is None or force is None:
+        return f"{'an angular rate' if rate is None else 'a specific force'} is not three finite numbers"
+    if max(map(abs, rate)) > RATE_LIMIT:
+        fastest = f"an angular rate of {max(map(abs, rate)):.3g} rad/s: expected at most {RATE_LIMIT:g}"
+        return f"{fastest}; check the unit (rad/s, not degrees per second)"
+    oriented = attitude.orientation(time, np.array(force), np.array(rate))
+    return "they came after newer ones" if oriented is None else oriented.ravel().tolist()
 
 
 def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame | str:
@@ -194,13 +180,10 @@ class SensorBuffer:
         self._period = np.zeros(sensors)
         self._column = np.arange(sensors)[:, None]
         self._time = np.full((sensors, capacity), np.inf)
-        self._R = np.tile(np.eye(3).ravel(), (sensors, capacity, 1))
-        self._force = np.zeros((sensors, capacity, 3))
+        self._values = np.tile([*np.eye(3).ravel(), 0.0, 0.0, 0.0], (sensors, capacity, 1))
 
-    def insert(
-        self, sensor: int, time: float, R_inertial_sensor: list[float], force: tuple[float, float, float]
-    ) -> bool:
-        """Put a sample in its place; False if there is one of this time already."""
+    def insert(self, sensor: int, time: float, values: list[float]) -> bool:
+        """Put a sample's :func:`checked_imu` values in their place; False if there is one of this time already."""
         rate_every = 32  # samples: so often the rate is found anew
         if self._count[sensor] == self._time.shape[1]:
             self._make_room()
@@ -212,11 +195,10 @@ class SensorBuffer:
             for neighbour in (place - 1, place):
                 if 0 <= neighbour < count and abs(row[neighbour] - time) <= SAME_TIME:
                     return False
-            for values in (row, self._R[sensor], self._force[sensor]):
-                values[place + 1 : count + 1] = values[place:count].copy()
+            for later in (row, self._values[sensor]):
+                later[place + 1 : count + 1] = later[place:count].copy()
         row[place] = time
-        self._R[sensor, place] = R_inertial_sensor
-        self._force[sensor, place] = force
+        self._values[sensor, place] = values
         self._count[sensor] = count + 1
         self._inserted[sensor] += 1
         # Of sensors that send alike one at a time: all of them in one update made it a longer one.
@@ -242,7 +224,7 @@ class SensorBuffer:
         force = np.zeros((len(span), 3))
         if np.any(whole):
             rows = np.flatnonzero(whole)
-            values = self._force[rows[:, None], sample[rows]]
+            values = self._values[rows[:, None], sample[rows], 9:]
             force[rows] = triangular_average_of_samples(span[rows] - (time - step), values, step)
             whole &= np.isfinite(force).all(axis=1)  # NaN where a sample had no specific force
             force[~whole] = 0.0
@@ -279,7 +261,7 @@ class SensorBuffer:
         rows = self._column[:, 0]
         step = span[rows, right] - span[rows, left]
         fraction = np.clip((time - span[rows, left]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
-        R_left, R_right = (self._R[rows, sample[rows, at]].reshape(-1, 3, 3) for at in (left, right))
+        R_left, R_right = (self._values[rows, sample[rows, at], :9].reshape(-1, 3, 3) for at in (left, right))
         R = R_left @ exp(fraction[:, None] * log(transpose(R_left) @ R_right))
         R[~seen] = np.eye(3)
         return R
@@ -295,8 +277,7 @@ class SensorBuffer:
         if size < MOST:
             grown = np.full((len(self._time), size), np.inf)
             self._time = np.concatenate([self._time, grown], axis=1)
-            self._R = np.concatenate([self._R, np.zeros_like(self._R)], axis=1)
-            self._force = np.concatenate([self._force, np.zeros_like(self._force)], axis=1)
+            self._values = np.concatenate([self._values, np.zeros_like(self._values)], axis=1)
             return
         for sensor, count in enumerate(self._count):
             self._drop_before(sensor, max(int(count) - size // 2, 0))
@@ -304,7 +285,7 @@ class SensorBuffer:
     def _drop_before(self, sensor: int, oldest: int) -> None:
         count = int(self._count[sensor])
         kept = count - oldest
-        for values in (self._time[sensor], self._R[sensor], self._force[sensor]):
+        for values in (self._time[sensor], self._values[sensor]):
             values[:kept] = values[oldest:count].copy()
         self._time[sensor, kept:] = np.inf
         self._count[sensor] = kept

@@ -11,7 +11,8 @@ from vip_factors.assembly.objective import joined_slices
 from vip_factors.assembly.system import far_columns
 from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
-from vip_factors.live.problem import FrameState, LagFrame, LagProblem, moved_frames, stacked
+from vip_factors.live.measurement import LiveFrame
+from vip_factors.live.problem import FrameState, LagProblem, moved_frames, stacked
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
@@ -24,7 +25,7 @@ from vip_factors.solve.slices import REACH, Slices
 class _LagEntry:
     """A frame of the lag: measurements, the point its coordinates start from, and where they are and were."""
 
-    frame: LagFrame
+    frame: LiveFrame
     origin: FrameState
     coordinates: Array
     state: FrameState
@@ -83,7 +84,7 @@ class LagSmoother:
         """Numbers of the frames of the lag."""
         return range(self._frames[0].frame.number, self._frames[-1].frame.number + 1) if self._frames else range(0)
 
-    def frame(self, number: int) -> LagFrame:
+    def frame(self, number: int) -> LiveFrame:
         """The measurements of a frame of the lag."""
         return self._at(number).frame
 
@@ -100,7 +101,7 @@ class LagSmoother:
 
     # Steps
 
-    def append(self, frame: LagFrame, guess: FrameState) -> None:
+    def append(self, frame: LiveFrame, guess: FrameState) -> None:
         """A new frame behind the newest one; it counts from the next update on."""
         least_step = 1e-5  # of shared variables that do not step: no information is infinite
         if frame.number - 1 in self._epoch:

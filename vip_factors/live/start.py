@@ -1,6 +1,6 @@
 """How tracking begins, and begins again: the stages of the batch pipeline over the last second or so."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,8 +13,8 @@ from vip_factors.geometry.rotations import Array, angle_between, wrap_angle
 from vip_factors.initialise.calibration import InitialCalibration
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.initialise.start_search import Starts
-from vip_factors.live.measurement import MeasuredStretch
-from vip_factors.live.problem import FrameState, LagFrame, LagProblem, lag_frame, without_frames
+from vip_factors.live.measurement import LiveFrame, MeasuredStretch
+from vip_factors.live.problem import FrameState, LagProblem, without_frames
 from vip_factors.problem.scene import KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
@@ -78,7 +78,8 @@ def solve_stretch(
     if earlier is not None:
         scene = replace(scene, wearers=tuple(earlier.embodied(one) for one in scene.wearers))
     each = [
-        (one, coarser(stretch.frames(one.subject.name, one.placed), settings.coarse_factor)) for one in scene.wearers
+        (one, coarser(stretch.imu_frames(one.subject.name, one.placed), settings.coarse_factor))
+        for one in scene.wearers
     ]
     is_calibrated = False
     if earlier is not None:
@@ -162,7 +163,7 @@ class TrackingStart:
 
     problem: LagProblem
     shared: SceneState
-    frames: list[LagFrame]
+    frames: list[LiveFrame]
     states: list[FrameState]
     associated: tuple[AssociatedCamera, ...]
     spreads: tuple[tuple[float, ...], ...]
@@ -259,18 +260,13 @@ def _lag_problem(
     return LagProblem(model.wearers, model.camera, views, model.further, sensors, step, settings)
 
 
-def _lag_frames(stretch: MeasuredStretch, model: SceneProblem, state: SceneState) -> list[LagFrame]:
-    cameras, frames = model.viewpoints(state.camera), list[LagFrame]()
-    after: Sequence = [*stretch.measurements[1:], None]
-    for t, (one, following) in enumerate(zip(stretch.measurements, after, strict=True)):
-        seen: list[tuple[KeypointView, ...] | None] = [
+def _lag_frames(stretch: MeasuredStretch, model: SceneProblem, state: SceneState) -> list[LiveFrame]:
+    cameras, frames = model.viewpoints(state.camera), list[LiveFrame]()
+    for t, frame in enumerate(stretch.frames):
+        views: list[tuple[KeypointView, ...] | None] = [
             tuple(view.at_frames(slice(t, t + 1)) for view in camera.views) for camera in cameras
         ]
-        frame = lag_frame(one, seen)
-        if following is not None:
-            frame.take_accelerations(following)
-        frame.contacts = [own.contact_confidence[t] for own in model.wearers]
-        frames.append(frame)
+        frames.append(replace(frame, views=views, contacts=[wearer.contact_confidence[t] for wearer in model.wearers]))
     return frames
 
 

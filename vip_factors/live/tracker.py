@@ -15,7 +15,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.estimates import EstimateBuilder
-from vip_factors.live.measurement import FrameMeasurement, MeasuredStretch, video_of
+from vip_factors.live.measurement import LiveFrame, MeasuredStretch, video_of
 from vip_factors.live.prediction import continued, corrections
 from vip_factors.live.recalibrator import Recalibration, Recalibrator
 from vip_factors.live.sensor_slips import SlipTest
@@ -123,7 +123,7 @@ class FixedLagTracker:
         self._lag = max(1, round(settings.lag_s * rate))
         self._assembler = FrameAssembler(sensor_columns(head), rate, settings.assembly, head.cameras, self._lag)
         self._start_frames = max(self._lag + 3, round(settings.start_s * rate))
-        self._recent: deque[FrameMeasurement] = deque(maxlen=self._start_frames)
+        self._recent: deque[LiveFrame] = deque(maxlen=self._start_frames)
         self._paths: deque[tuple[int, Array]] = deque(maxlen=self._start_frames)  # of the pelvises, as smoothed
         self._tracking: Tracking | None = None
         self._earlier: EarlierCalibration | None = None
@@ -168,7 +168,7 @@ class FixedLagTracker:
         self._recalibrator.close()
         return answers
 
-    def _answer(self, measurements: list[FrameMeasurement]) -> list[LiveEstimate]:
+    def _answer(self, measurements: list[LiveFrame]) -> list[LiveEstimate]:
         if not measurements:
             return []
         answers: list[LiveEstimate] = []
@@ -183,7 +183,7 @@ class FixedLagTracker:
             self._answered = answers[-1].frame
         return answers
 
-    def _take(self, measured: FrameMeasurement, begin: float) -> list[LiveEstimate]:
+    def _take(self, measured: LiveFrame, begin: float) -> list[LiveEstimate]:
         if measured.restart:
             self._lose("the stream has paused")
             self._recent.clear()
@@ -198,10 +198,10 @@ class FixedLagTracker:
             self._estimates.add_findings(*self._pace.step(measured.time, self._behind_s, tracking.solved))
             self._estimates.add_findings(*tracking.step(measured, self._lag, covariance, self._pace.solve_every))
             if tracking.moved:
-                self._recalibrator.leave_out(tracking.moved, measured.frame)
+                self._recalibrator.leave_out(tracking.moved, measured.number)
                 if self._found is not None:
                     self._found = replace(self._found, moved=(*self._found.moved, *tracking.moved))
-            if self._is_worth_another_start(tracking, measured.frame):
+            if self._is_worth_another_start(tracking, measured.number):
                 tracking = self._tracking = self._started_again(tracking)
             tracking = self._tracking = self._recalibrated(tracking)
         except SolveError as error:
@@ -279,7 +279,7 @@ class FixedLagTracker:
     # Beginning
 
     def _begin(self, begin: float) -> list[LiveEstimate]:
-        newest = self._recent[-1].frame
+        newest = self._recent[-1].number
         if len(self._recent) < self._start_frames or newest < self._next_try:
             return []
         try:
@@ -319,7 +319,7 @@ class FixedLagTracker:
             return False
         problem = tracking.smoother.problem
         unseen = self.settings.fusion.use_camera and not problem.has_views
-        if unseen and sum(len(one.video.pixels) > 0 for one in video_of(self._recent)) > some_video:
+        if unseen and sum(len(frame.pixels) > 0 for frame in video_of(self._recent)) > some_video:
             return True
         unused = sorted(set(range(self._worn)) - {column for columns in problem.sensors for column in columns})
         if not unused:
@@ -329,10 +329,10 @@ class FixedLagTracker:
 
     def _started_again(self, tracking: Tracking) -> Tracking:
         """Tracking anew with the last second and all that is known; as it was, if that brings nothing."""
-        newest, before = self._recent[-1].frame, tracking.smoother.problem
+        newest, before = self._recent[-1].number, tracking.smoother.problem
         self._next_try = newest + round(self._patience * self.settings.frame_rate)
         self._patience *= 2
-        path = dict(self._paths).get(self._recent[0].frame)
+        path = dict(self._paths).get(self._recent[0].number)
         if path is None:
             return tracking
         try:

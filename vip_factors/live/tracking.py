@@ -13,14 +13,14 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import contact_confidence
 from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver, standing_feet
-from vip_factors.live.measurement import FrameMeasurement, PlacedVideoFrame
+from vip_factors.live.measurement import LiveFrame
 from vip_factors.live.prediction import predicted
-from vip_factors.live.problem import LagFrame, lag_frame
 from vip_factors.live.sensor_slips import KnockDetector, SlipTest
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
 from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.variables import CAMERA
+from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
@@ -46,8 +46,8 @@ class Tracking:
     START_ITERATIONS = 2  # over the first frames, from where the batch stages put them
 
     def __init__(
-        self, head: Scene, settings: LiveSettings, start: TrackingStart, video: Sequence[PlacedVideoFrame],
-        extra: ExtraFactors | None = None, unseen: Sequence[PlacedVideoFrame] = (),
+        self, head: Scene, settings: LiveSettings, start: TrackingStart, video: Sequence[VideoFrame],
+        extra: ExtraFactors | None = None, unseen: Sequence[VideoFrame] = (),
         learnt_s: float = 0.0,
     ) -> None:  # fmt: skip
         """Begin.
@@ -107,7 +107,7 @@ class Tracking:
         wander = layout.per_column("process_noise")[columns[0]]
         return SlipTest(np.stack(columns), wander, self._settings.frame_rate, begin)
 
-    def _gathered(self, start: TrackingStart, video: Sequence[PlacedVideoFrame]) -> list[CameraObserver]:
+    def _gathered(self, start: TrackingStart, video: Sequence[VideoFrame]) -> list[CameraObserver]:
         """The observers, told who is who in the frames of the start."""
         skeletons, observers = [wearer.skeleton for wearer in start.problem.wearers], []
         for each, spreads in zip(start.associated, start.spreads, strict=True):
@@ -115,16 +115,16 @@ class Tracking:
             settings = self._settings
             soles = [settings.factors.sole.of(one.sole) for one in start.shared.wearers]
             observer = CameraObserver(camera, skeletons, soles, spreads, settings.camera)
-            own = [one for one in video if one.video.camera == camera.name]
-            for one in sorted(own, key=lambda one: one.video.time):
-                index = int(np.searchsorted(each.detections.time, one.video.time))
+            filmed = [frame for frame in video if frame.camera == camera.name]
+            for frame in sorted(filmed, key=lambda frame: frame.time):
+                index = int(np.searchsorted(each.detections.time, frame.time))
                 who = each.association.wearer[each.detections.of_frame(index)]
                 chosen = [int(np.flatnonzero(who == w)[0]) if np.any(who == w) else -1 for w in range(len(skeletons))]
-                observer.remember(one.frame, one.video, np.array(chosen))
+                observer.remember(frame, np.array(chosen))
             observers.append(observer)
         return observers
 
-    def _look(self, video: Sequence[PlacedVideoFrame]) -> None:
+    def _look(self, video: Sequence[VideoFrame]) -> None:
         """Look for the wearers in the video of frames that are there already."""
         sure_root = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
         surely = np.stack([sure_root] * len(self.smoother.problem.wearers))
@@ -136,7 +136,7 @@ class Tracking:
         frames = [self.smoother.frame(number) for number in self.smoother.numbers]
         return any(view.seen.any() for frame in frames for views in frame.views if views is not None for view in views)
 
-    def step(self, measured: FrameMeasurement, lag: int, root_covariance: Array, solve_every: int) -> list[Finding]:
+    def step(self, measured: LiveFrame, lag: int, root_covariance: Array, solve_every: int) -> list[Finding]:
         """One frame more.
 
         Args:
@@ -153,14 +153,17 @@ class Tracking:
         """
         smoother, problem = self.smoother, self.smoother.problem
         numbers, findings, self.moved = smoother.numbers, list[Finding](), []
-        smoother.frame(numbers[-1]).take_accelerations(measured)
-        frame = lag_frame(measured, [None] * (1 + len(problem.further)))
-        frame.contacts = [np.zeros(len(wearer.contacts)) for wearer in problem.wearers]
+        frame = replace(
+            measured,
+            orientation_valid=measured.orientation_valid.copy(),
+            views=[None] * (1 + len(problem.further)),
+            contacts=[np.zeros(len(wearer.contacts)) for wearer in problem.wearers],
+        )
         before = [(smoother.frame(n), smoother.state(n)) for n in numbers[-2:]]
         knocked = self._notice_jumps(smoother.frame(numbers[-1]), frame)
         smoother.append(frame, predicted(problem, before, frame, smoother.shared, knocked))
-        news = [one for one in measured.video if one.frame in smoother.numbers]
-        belief = self._belief(smoother.numbers[0] if news else measured.frame - CONTACT_FRAMES, root_covariance)
+        news = [video for video in measured.video if video.frame in smoother.numbers]
+        belief = self._belief(smoother.numbers[0] if news else measured.number - CONTACT_FRAMES, root_covariance)
         self._find_contacts(belief)
         changed = [
             frame
@@ -176,10 +179,10 @@ class Tracking:
             self._learn()
             findings = self._notice_slips()
             self._changed, self._unsolved, self._was_seen = [], 0, bool(changed)
-        smoother.marginalise_before(measured.frame - lag - 1)  # the frame told last stays for its successor to follow
+        smoother.marginalise_before(measured.number - lag - 1)  # the frame told last stays for its successor to follow
         return findings
 
-    def _notice_jumps(self, last: LagFrame, frame: LagFrame) -> list[int]:
+    def _notice_jumps(self, last: LiveFrame, frame: LiveFrame) -> list[int]:
         """Columns of sensors not to be listened to: they turn on their bone just now, or have done so."""
         knocked = list[int]()
         measured = frame.orientation_valid.copy()
@@ -248,14 +251,15 @@ class Tracking:
             smoother.frame(newest).contacts[number] = confidence[-1]
 
     def _see(
-        self, camera: int, observer: CameraObserver, video: Sequence[PlacedVideoFrame], belief: Belief,
+        self, camera: int, observer: CameraObserver, video: Sequence[VideoFrame], belief: Belief,
         again: bool = True,
     ) -> list[int]:  # fmt: skip
         """Put in what one camera saw, and decide ``again`` who is who in earlier frames; those that change by it.
 
         They are decided again when the smoother waits, or the longest updates would be longer.
         """
-        news = [one for one in video if one.video.camera == observer.camera.name and one.frame in self.smoother.numbers]
+        numbers, name = self.smoother.numbers, observer.camera.name
+        news = [frame for frame in video if frame.camera == name and frame.frame in numbers]
         if not news:
             return []
         pose = self._fixed_pose(camera)
@@ -266,7 +270,7 @@ class Tracking:
         def feet(number: int) -> list[Array | None]:
             return self._stance_confidence(camera, belief, number)
 
-        seen = [(one.frame, observer.observe(one.frame, one.video, belief, feet)) for one in news]
+        seen = [(frame.frame, observer.observe(frame, belief, feet)) for frame in news]
         seen += (observer.revise(belief, feet) if again and not self.smoother.waited else {}).items()
         for number, views in seen:
             self.smoother.frame(number).views[camera] = views

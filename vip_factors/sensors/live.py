@@ -43,12 +43,14 @@ class VideoFrame:
         time: seconds from the start of the stream, on the IMUs' clock.
         pixels: ``(N, K, 2)``, distorted as in the image; NaN where a keypoint was not found.
         confidence: ``(N, K)`` in [0, 1]; 0 where a keypoint was not found.
+        frame: number of the stream's frame nearest in time, half a frame off at most; −1 before that is known.
     """
 
     camera: str
     time: float
     pixels: Array
     confidence: Array
+    frame: int = -1
 
 
 LiveSample = ImuSample | VideoFrame

@@ -233,17 +233,15 @@ def _span(values: Array, known: np.ndarray) -> Array:
 
 
 def continued(
-    start: TrackingStart, at_find: FrameState, before: LagSmoother, cameras: Sequence[Camera],
-    video: Sequence[VideoFrame],
-) -> TrackingStart | None:  # fmt: skip
+    start: TrackingStart, before: LagSmoother, cameras: Sequence[Camera], video: Sequence[VideoFrame]
+) -> TrackingStart | None:
     """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world they were tracked in.
 
     Bones are turned from the last found frame as their sensors were. Wearers are where the video of these frames shows
     them; without cameras they, and a camera that moves, went from there as they had been tracked.
 
     Args:
-        start: from a calibration found in frames up to some time ago.
-        at_find: the last of those frames as it was tracked.
+        start: from a calibration found in frames up to some time ago, the last of which was tracked.
         before: the smoother that has tracked since.
         cameras: all.
         video: of late.
@@ -251,6 +249,8 @@ def continued(
     Returns:
         None if the video shows no wearer, though a camera was found to.
     """
+    at_find = start.tracked
+    assert at_find is not None
     start = _in_tracked_world(start, at_find)
     last, state = start.frames[-1], start.states[-1]
     problem, shared = start.problem, start.shared

@@ -87,7 +87,7 @@ def recalibrate(
             coarse = coarse.with_rivals_solved(batch, Solver(batch.solve, silent))
             exchanges, in_place = ([], True) if in_place else _exchanges(coarse, settings)
         findings = (*unsettled_starts(coarse), *exchanges)
-        return replace(found, information=information, findings=findings, in_place=in_place)
+        return replace(found, information=information, seconds=stretch.seconds, findings=findings, in_place=in_place)
 
 
 def _exchanges(coarse: SceneSolution, settings: LiveSettings) -> tuple[list[Finding], bool]:
@@ -246,28 +246,9 @@ if __name__ == "__main__":
 
 
 @dataclass(frozen=True)
-class Recalibration:
-    """A calibration found anew.
-
-    Attributes:
-        start: where tracking goes on from.
-        at_find: the last frame of its data, as it was tracked.
-        seconds: of data.
-        video: of the frames of ``start``.
-        moved: columns of sensors that have moved since.
-    """
-
-    start: TrackingStart
-    at_find: FrameState
-    seconds: float
-    video: list[VideoFrame]
-    moved: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True)
 class _Job:
     stretch: MeasuredStretch
-    at_find: FrameState
+    newest: FrameState  # as it was tracked
     answer: "Future[TrackingStart]"
 
 
@@ -397,7 +378,7 @@ class Recalibrator:
         seen[moved] = whole[moved] = False
         return replace(measured, orientation_valid=seen, acceleration_valid_before=whole)
 
-    def answer(self, newest: int) -> Recalibration | Finding | None:
+    def answer(self, newest: int) -> TrackingStart | Finding | None:
         """The calibration found anew, or why there is none; None as long as it is not time.
 
         Args:
@@ -427,9 +408,8 @@ class Recalibrator:
         if self._is_stale:
             return None
         if not self._moved:
-            self._before = replace(start, frames=[], states=[], associated=(), information=None)
-        video = job.stretch.tail(FRAMES).video
-        return Recalibration(start, job.at_find, job.stretch.seconds, video, tuple(self._moved))
+            self._before = replace(start, frames=[], states=[], associated=(), information=None, video=())
+        return replace(start, tracked=job.newest, moved=tuple(self._moved))
 
     def give_up(self) -> None:
         """Solve nothing more, and wait for nothing that is being solved; a signal handler may call it."""

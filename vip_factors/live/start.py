@@ -20,6 +20,7 @@ from vip_factors.problem.state import CameraPoses, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames, coarser
+from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import LiveSettings
 from vip_factors.stages.association import AssociatedCamera
@@ -157,8 +158,12 @@ class TrackingStart:
         associated: of the cameras that are of use: who is who in each of their video frames.
         spreads: by camera and wearer, scatter of the detections in OKS sigmas.
         information: ``(s, s)`` about ``shared``, from frames that are not here; None without any.
+        seconds: of data that what frames share was found from.
+        video: of the frames.
         findings: about a start that the stretch does not settle.
         in_place: whether it was shown that no sensors are in each other's places.
+        tracked: the last of the frames, as it was tracked meanwhile; None where nothing was.
+        moved: columns of sensors that have moved since.
     """
 
     problem: LagProblem
@@ -168,8 +173,12 @@ class TrackingStart:
     associated: tuple[AssociatedCamera, ...]
     spreads: tuple[tuple[float, ...], ...]
     information: Array | None = None
+    seconds: float = 0.0
+    video: tuple[VideoFrame, ...] = ()
     findings: tuple[Finding, ...] = ()
     in_place: bool = False
+    tracked: FrameState | None = None
+    moved: tuple[int, ...] = ()
 
     @property
     def has_views(self) -> bool:
@@ -242,8 +251,8 @@ def tracking_start(
     model, state, spreads = fine.model, fine.state, fine.spreads
     frames = _lag_frames(stretch, model, state)
     states = [_frame_state(state, t) for t in range(len(frames))]
-    problem = _lag_problem(stretch, coarse, model, state, settings)
-    return TrackingStart(problem, without_frames(state), frames, states, coarse.associated, spreads)
+    problem, video = _lag_problem(stretch, coarse, model, state, settings), tuple(stretch.video)
+    return TrackingStart(problem, without_frames(state), frames, states, coarse.associated, spreads, video=video)
 
 
 def _lag_problem(

@@ -17,7 +17,7 @@ from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.estimates import EstimateBuilder
 from vip_factors.live.measurement import LiveFrame, MeasuredStretch, video_of
 from vip_factors.live.prediction import continued, corrections
-from vip_factors.live.recalibrator import Recalibration, Recalibrator
+from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.sensor_slips import SlipTest
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import EarlierCalibration, TrackingStart, start_tracking
@@ -132,7 +132,7 @@ class FixedLagTracker:
         self._next_try, self._patience = 0, 0.5  # frame, seconds; rarer with every try in vain
         self._doubts: set[tuple[str, ...]] = set()  # of the last calibration found anew
         self._doubts_told: set[tuple[str, ...]] = set()
-        self._found: Recalibration | None = None  # a calibration to go on with as soon as the wearers are seen
+        self._found: TrackingStart | None = None  # a calibration to go on with as soon as the wearers are seen
         # How many seconds the last one was found from, and what was tracked before it, until they are compared.
         self._before_recalibration: tuple[float, LagSmoother] | None = None
         self._next_continuation = 0  # frame
@@ -222,7 +222,7 @@ class FixedLagTracker:
         answer = self._recalibrator.answer(newest)
         if isinstance(answer, Finding):
             self._estimates.add_findings(answer)
-        elif answer is not None and (answer.start.has_views or not smoother.problem.has_views):
+        elif answer is not None and (answer.has_views or not smoother.problem.has_views):
             if self._found is not None:
                 self._estimates.add_findings(Finding("calibration not renewed", words={"reason": NOT_SEEN}))
             self._found, self._next_continuation = answer, newest
@@ -234,24 +234,24 @@ class FixedLagTracker:
                 if not self._is_preliminary:  # after the next update: tracking has gone on by one iteration so far
                     self._before_recalibration = self._found.seconds, smoother
                 if self._found.seconds >= SlipTest.LEARNT_S:
-                    self._tell_of_doubts(self._found.start)
+                    self._tell_of_doubts(self._found)
                 self._learnt_s = max(self._learnt_s, self._found.seconds)
                 tracking, self._found = again, None
         self._recalibrator.begin(tracking.smoother.state(newest))
         return tracking
 
-    def _continued(self, tracking: Tracking, recalibration: Recalibration) -> Tracking | None:
+    def _continued(self, tracking: Tracking, found: TrackingStart) -> Tracking | None:
         """Tracking with the calibration that was found; None where that does not succeed yet."""
         video = video_of(self._recent)
-        start = continued(recalibration.start, recalibration.at_find, tracking.smoother, self.head.cameras, video)
+        start = continued(found, tracking.smoother, self.head.cameras, video)
         if start is None:
             return None
         try:
-            learnt_s = max(recalibration.seconds, self._learnt_s)
-            tracking = Tracking(self.head, self.settings, start, recalibration.video, self._extra, video, learnt_s)
+            learnt_s = max(found.seconds, self._learnt_s)
+            tracking = Tracking(self.head, self.settings, start, self._extra, video, learnt_s)
         except SolveError:
             return None
-        tracking.let_go(recalibration.moved)
+        tracking.let_go(found.moved)
         return tracking
 
     @property
@@ -309,7 +309,7 @@ class FixedLagTracker:
     def _fresh_tracking(self, earlier: EarlierCalibration | None) -> tuple[TrackingStart, Tracking]:
         """Tracking with nothing but the last second and what was known earlier."""
         start = start_tracking(MeasuredStretch(self.head, self._recent), self.settings, earlier)
-        return start, Tracking(self.head, self.settings, start, video_of(self._recent), self._extra)
+        return start, Tracking(self.head, self.settings, start, self._extra)
 
     def _is_worth_another_start(self, tracking: Tracking, newest: int) -> bool:
         """Whether a sensor has come, or a camera shows people and no wearer has been found by it yet."""

@@ -46,17 +46,20 @@ class Tracking:
     START_ITERATIONS = 2  # over the first frames, from where the batch stages put them
 
     def __init__(
-        self, head: Scene, settings: LiveSettings, start: TrackingStart, video: Sequence[VideoFrame],
-        extra: ExtraFactors | None = None, unseen: Sequence[VideoFrame] = (),
+        self,
+        head: Scene,
+        settings: LiveSettings,
+        start: TrackingStart,
+        extra: ExtraFactors | None = None,
+        unseen: Sequence[VideoFrame] = (),
         learnt_s: float = 0.0,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Begin.
 
         Args:
             head: of the stream.
             settings: of all rooms.
             start: where tracking begins.
-            video: frames of all cameras in that time.
             extra: makes GTSAM factors of a user's own.
             unseen: video of the frames that tracking begins with in which nobody has looked for wearers yet.
             learnt_s: seconds of data that the calibration was found from.
@@ -69,7 +72,7 @@ class Tracking:
         self.smoother = LagSmoother(start.problem, start.shared, settings, extra, start.information)
         for frame, state in zip(start.frames, start.states, strict=True):
             self.smoother.append(frame, state)
-        self.observers = self._gathered(start, video)
+        self.observers = self._gathered(start)
         self._look(unseen)
         is_continued, standing = start.information is not None, bool(self.observers) and not start.problem.moving
         if is_continued and standing and not self._is_anybody_seen():
@@ -107,7 +110,7 @@ class Tracking:
         wander = layout.per_column("process_noise")[columns[0]]
         return SlipTest(np.stack(columns), wander, self._settings.frame_rate, begin)
 
-    def _gathered(self, start: TrackingStart, video: Sequence[VideoFrame]) -> list[CameraObserver]:
+    def _gathered(self, start: TrackingStart) -> list[CameraObserver]:
         """The observers, told who is who in the frames of the start."""
         skeletons, observers = [wearer.skeleton for wearer in start.problem.wearers], []
         for each, spreads in zip(start.associated, start.spreads, strict=True):
@@ -115,7 +118,7 @@ class Tracking:
             settings = self._settings
             soles = [settings.factors.sole.of(one.sole) for one in start.shared.wearers]
             observer = CameraObserver(camera, skeletons, soles, spreads, settings.camera)
-            filmed = [frame for frame in video if frame.camera == camera.name]
+            filmed = [frame for frame in start.video if frame.camera == camera.name]
             for frame in sorted(filmed, key=lambda frame: frame.time):
                 index = int(np.searchsorted(each.detections.time, frame.time))
                 who = each.association.wearer[each.detections.of_frame(index)]

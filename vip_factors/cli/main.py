@@ -2,17 +2,13 @@
 
 import io
 import os
-import signal
 import sys
-import threading
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from types import FrameType
+from collections.abc import Sequence
 from typing import NoReturn
 
 from vip_factors import __version__
-from vip_factors.cli.terminal import STANDARD_OUTPUT, give_up_output, printable, say
+from vip_factors.cli.terminal import STANDARD_OUTPUT, Ending, give_up_output, printable, say
 from vip_factors.errors import VipFactorsError, naming_file
 
 PROGRAM = "vip-factors"
@@ -54,16 +50,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     open_streams()
-    with ending() as signalled:
+    with Ending() as ending:
         try:
             return _run(words)
         except KeyboardInterrupt:
             pass
         except ImportError:  # what compiled modules make of a signal that comes while they are loaded
-            if not signalled.number:
+            if not ending.number:
                 raise
     print(f"{PROGRAM}: interrupted; nothing half-written is left", file=sys.stderr)
-    return signalled.exit_code
+    return ending.exit_code
 
 
 def _run(words: list[str]) -> int:
@@ -140,53 +136,6 @@ def _sentence(error: Exception) -> str:
     else:
         text = str(error) or type(error).__name__
     return printable(" ".join(text.split()))
-
-
-ENDING = (signal.SIGINT, signal.SIGTERM)
-
-
-class Ending:
-    """Which signal has asked for the end, if any has.
-
-    Attributes:
-        number: of the signal; 0 without one.
-    """
-
-    def __init__(self) -> None:
-        self.number = 0
-        self._process = os.getpid()
-
-    @property
-    def exit_code(self) -> int:
-        """What shells report for a program that the signal stopped; 130 for Ctrl-C."""
-        return 128 + (self.number or signal.SIGINT)
-
-    def ask(self, number: int, frame: FrameType | None) -> None:
-        """As a handler: the end comes as KeyboardInterrupt, so that everything half-written is removed.
-
-        Raises:
-            KeyboardInterrupt: always, in this process; its forks end as without a handler.
-        """
-        if os.getpid() != self._process and number == signal.SIGTERM:
-            signal.signal(number, signal.SIG_DFL)
-            os.kill(os.getpid(), number)
-        self.number = number
-        raise KeyboardInterrupt
-
-
-@contextmanager
-def ending() -> Iterator[Ending]:
-    """Take the signals that ask for the end; those that somebody else takes, or ignores, are left to them."""
-    end, handlers = Ending(), {}
-    if threading.current_thread() is threading.main_thread():
-        for number in ENDING:
-            if signal.getsignal(number) in (signal.SIG_DFL, signal.default_int_handler):
-                handlers[number] = signal.signal(number, end.ask)
-    try:
-        yield end
-    finally:
-        for number, handler in handlers.items():
-            signal.signal(number, handler)
 
 
 def open_streams() -> None:

@@ -1,7 +1,6 @@
 """A stream at the command line: its outputs, its status, and an orderly end whatever ends it."""
 
 import signal
-import threading
 import time
 from array import array
 from collections.abc import Callable, Iterator, Sequence
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
-from vip_factors.cli.terminal import StatusLine
+from vip_factors.cli.terminal import Ending, StatusLine
 from vip_factors.findings import Finding
 from vip_factors.live_estimate import LiveEstimate
 from vip_factors.sensors.live import LiveItem, VideoFrame
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
     from vip_factors.viz.live_rerun import LiveRerunSink
 
 T = TypeVar("T")
-ENDING = (signal.SIGINT, signal.SIGTERM)
 RECENT = 600  # updates, ten seconds, that the line's figures are of
 LINE_S = 0.25  # seconds between looks of the line: it is read, not watched
 
@@ -31,32 +29,26 @@ class Sink(Protocol):
         """Take in the answer to one frame."""
 
 
-class Interrupts:
-    """Ctrl-C or SIGTERM end a stream between two samples, not within an update or half a line. A context manager.
+class Interrupts(Ending):
+    """Ctrl-C or SIGTERM end a stream between two samples, not within an update or half a line.
 
     A second one interrupts whatever goes on.
 
     Attributes:
-        asked: whether one has come.
-        exit_code: what shells report for a program that the signal ended.
         on_asked: called by the first one, wherever the program is.
     """
 
+    is_exclusive = True
+
     def __init__(self) -> None:
-        self.asked = False
+        super().__init__()
         self.on_asked: Callable[[], None] = lambda: None
-        self.exit_code = 128 + signal.SIGINT
         self._waiting = False
 
-    def __enter__(self) -> "Interrupts":
-        # Only the main thread may set handlers; elsewhere whoever runs us takes care of signals.
-        mine = threading.current_thread() is threading.main_thread()
-        self._before = {one: signal.signal(one, self._handle) for one in ENDING} if mine else {}
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for one, before in self._before.items():
-            signal.signal(one, before)
+    @property
+    def asked(self) -> bool:
+        """Whether a signal has come."""
+        return self.number != 0
 
     def until_asked(self, source: Iterator[LiveItem]) -> Iterator[LiveItem]:
         """The items of a source, until it ends or one of the signals comes."""
@@ -66,7 +58,7 @@ class Interrupts:
             except StopIteration:
                 return
             except KeyboardInterrupt:
-                self.asked = True
+                self.number = self.number or signal.SIGINT
                 return
             yield item
 
@@ -84,8 +76,9 @@ class Interrupts:
         finally:
             self._waiting = False
 
-    def _handle(self, number: int, frame: FrameType | None) -> None:
-        again, self.asked, self.exit_code = self.asked, True, 128 + number
+    def ask(self, number: int, frame: FrameType | None) -> None:
+        """As a handler."""
+        again, self.number = self.asked, number
         if not again:
             self.on_asked()
         if self._waiting or again:

@@ -1,14 +1,17 @@
-"""What a person sees: results and tables on stdout; on stderr progress, as bars at a terminal, else as lines."""
+"""A command at a terminal: results on stdout, progress on stderr as bars or lines, and the signals that end it."""
 
 import os
 import re
 import shutil
+import signal
 import sys
+import threading
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from io import StringIO
-from typing import TYPE_CHECKING
+from types import FrameType
+from typing import TYPE_CHECKING, Self
 
 from vip_factors.display import ProgressCallback
 from vip_factors.errors import naming_file
@@ -188,3 +191,50 @@ class StatusLine:
 def give_up_output() -> None:
     """Forget what could not be written to standard output, or Python would try once more at its end."""
     sys.stdout = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115  # for as long as we live
+
+
+class Ending:
+    """Takes Ctrl-C and SIGTERM: the end comes as KeyboardInterrupt, so that everything half-written is removed.
+
+    A context manager. Signals that somebody else takes, or ignores, are left to them.
+
+    Attributes:
+        number: of the signal that has asked for the end; 0 without one.
+    """
+
+    is_exclusive = False  # whether signals are taken from whoever took or ignored them
+
+    def __init__(self) -> None:
+        self.number = 0
+        self._process = os.getpid()
+
+    def __enter__(self) -> Self:
+        # Only the main thread may set handlers; elsewhere whoever runs us takes care of signals.
+        is_main = threading.current_thread() is threading.main_thread()
+        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM) if is_main}
+        free = (signal.SIG_DFL, signal.default_int_handler)
+        self._before = {number: handler for number, handler in before.items() if self.is_exclusive or handler in free}
+        for number in self._before:
+            signal.signal(number, self.ask)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    @property
+    def exit_code(self) -> int:
+        """What shells report for a program that the signal stopped; 130 for Ctrl-C."""
+        return 128 + (self.number or signal.SIGINT)
+
+    def ask(self, number: int, frame: FrameType | None) -> None:
+        """As a handler.
+
+        Raises:
+            KeyboardInterrupt: always, in this process; its forks end as without a handler.
+        """
+        if os.getpid() != self._process and number == signal.SIGTERM:
+            signal.signal(number, signal.SIG_DFL)
+            os.kill(os.getpid(), number)
+        self.number = number
+        raise KeyboardInterrupt

@@ -11,7 +11,7 @@ import pytest
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.compiled import kernels
 from vip_factors.geometry import rotations
-from vip_factors.solve import slices  # noqa: F401  (hands SciPy's BLAS to the kernels)
+from vip_factors.solve import elimination  # noqa: F401  (hands SciPy's BLAS to the kernels)
 
 pytestmark = pytest.mark.skipif(kernels is None, reason="no kernels were built")
 

@@ -9,12 +9,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.blas import dtrsv
 
 from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array
 from vip_factors.solve.band import Band, BandElimination, Shape
-from vip_factors.solve.fixed_lag import eliminate
+from vip_factors.solve.elimination import Conditional, eliminate
 from vip_factors.solve.slices import REACH
 
 
@@ -28,10 +27,9 @@ class Chain:
 
 @dataclass(frozen=True)
 class _Kept:
-    """Of a stretch ``R x + S y = d`` of what goes last, and the eliminations of chains."""
+    """Of a stretch what goes last, given all that is left, and the eliminations of chains."""
 
-    rows: Array
-    d: Array
+    last: Conditional
     chains: list[BandElimination]
 
 
@@ -79,8 +77,8 @@ class EliminationApart(BandElimination):
             places = [*after, border[chain.border], frames[0][own], frames[1][own], np.arange(REACH * w, n)]
             self._add(elimination.information, elimination.vector, np.concatenate(places), H, v)
             eliminations.append(elimination)
-        eliminate(H, v, 0, n)
-        self._apart[number] = _Kept(H[:n].copy(), v[:n].copy(), eliminations)
+        eliminate(H, v, 0, n, self._kernels)
+        self._apart[number] = _Kept(Conditional(H[:n].copy(), v[:n].copy()), eliminations)
         self._kept.append((np.zeros((0, 0, 0)), np.zeros((L, w))))
         self.information[:], self.vector[:] = H[n:, n:], v[n:]
 
@@ -146,9 +144,7 @@ class EliminationApart(BandElimination):
         if number not in self._apart:
             return super().substituted(number, behind, border)
         kept, steps, w, c = self._apart[number], self._kept[number][1], self.shape.frame, self._meeting
-        ahead = np.concatenate([behind[0], behind[1, self.shape.far], border])
-        n = len(kept.d)
-        x = dtrsv(kept.rows[:, :n], kept.d - kept.rows[:, n:] @ ahead)
+        x = kept.last.given(np.concatenate([behind[0], behind[1, self.shape.far], border]))
         steps[:REACH] = x[: REACH * w].reshape(REACH, w)
         steps[REACH:, w - c :] = x[REACH * w :].reshape(-1, c)
         for chain, elimination in zip(self._chains, kept.chains, strict=True):

@@ -12,12 +12,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import as_strided
 from scipy.linalg import solve_triangular
-from scipy.linalg.blas import dtrsm, dtrsv
+from scipy.linalg.blas import dtrsv
 
 from vip_factors.compiled import Kernels, kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.slices import REACH, Blocks, eliminated
+from vip_factors.solve.elimination import Conditional, add_process_noise, eliminated
+from vip_factors.solve.slices import REACH, Blocks
 
 
 @dataclass(frozen=True)
@@ -101,16 +102,6 @@ class Band:
         return Blocks(of_frames, coupling, gradient, self.static[None], self.static_gradient[None], target)
 
 
-@dataclass(frozen=True)
-class _Step:
-    """Border columns that step behind a stretch: ``R x + S y = d`` of them before, ``y`` being all that is left."""
-
-    columns: np.ndarray
-    R: Array
-    S: Array
-    d: Array
-
-
 class BandElimination:
     """The frames of a chain eliminated, stretch by stretch.
 
@@ -132,7 +123,8 @@ class BandElimination:
         self.information, self.vector = np.zeros((shape.rest, shape.rest)), np.zeros(shape.rest)
         self._kept = list[tuple[Array, Array]]()  # of each stretch R and S (T, w, n), and d (T, w)
         self._memory = memory._kept[::-1] if memory is not None else []
-        self._steps = dict[int, _Step]()  # by the stretch that they come behind
+        # Columns of the border that step behind a stretch, and what is known of those of before.
+        self._steps = dict[int, tuple[np.ndarray, Conditional]]()
 
     def eliminate(self, *bands: Band) -> None:
         """Eliminate the frames of the next stretch, of which this class has a single band.
@@ -197,17 +189,9 @@ class BandElimination:
         """
         if not len(columns):
             return
-        at, weight, M = self.shape.ahead + columns, sigmas**-2.0, self.information
-        S = np.where(np.arange(len(M)) < at[:, None], M[:, at].T, M[at])  # of the upper triangle
-        own = S[:, at] + np.diag(weight)
-        v = self.vector[at] + weight * differences
-        S[:, at] = -np.diag(weight)
-        M[at], M[:, at] = 0.0, 0.0
-        M[at, at], self.vector[at] = weight, -weight * differences
-        R, S_transposed = eliminated(own, S, M)
-        d = dtrsv(R, v, trans=1)
-        self.vector -= S_transposed @ d
-        self._steps[len(self._kept) - 1] = _Step(columns, R, S_transposed.T, d)
+        at = self.shape.ahead + columns
+        step = add_process_noise(self.information, self.vector, at, sigmas, differences)
+        self._steps[len(self._kept) - 1] = columns, step
 
     @property
     def border(self) -> tuple[Array, Array]:
@@ -220,11 +204,11 @@ class BandElimination:
         up to each step of it, and last."""
         shape, behind, borders, parts = self.shape, np.zeros((REACH, self.shape.frame)), [border], list[Array]()
         for number in range(len(self._kept) - 1, -1, -1):
-            step = self._steps.get(number)
-            if step is not None:
+            if number in self._steps:
+                columns, step = self._steps[number]
                 ahead = np.concatenate([behind[0], behind[1, shape.far]])[: shape.ahead]
                 border = borders[-1].copy()
-                border[step.columns] = dtrsv(step.R, step.d - step.S @ np.concatenate([ahead, borders[-1]]))
+                border[columns] = step.given(np.concatenate([ahead, borders[-1]]))
                 borders.append(border)
             steps = self.substituted(number, behind, border)
             parts.append(steps)
@@ -243,29 +227,29 @@ class BandElimination:
         return steps
 
     def _substitute_purely(self, kept: Array, behind: Array, border: Array, steps: Array) -> None:
-        w, later = self.shape.frame, behind
+        later = behind
         for t in range(len(steps) - 1, -1, -1):
             ahead = np.concatenate([later[0], later[1, self.shape.far]])[: self.shape.ahead]
-            steps[t] = dtrsv(kept[t, :, :w], steps[t] - kept[t, :, w:] @ np.concatenate([ahead, border]))
+            steps[t] = Conditional(kept[t], steps[t]).given(np.concatenate([ahead, border]))
             later = np.stack([steps[t], later[0]])
 
     def marginals(self, border: Array) -> Iterator[tuple[Array | None, Array]]:
         """Covariances, the last first, of the border's joint one ``(s, s)``: ``(w, w)`` of each frame with that of
         the border then; where the border steps, None with that of the border before.
-
-        With ``K = −R⁻¹S``, ``Σ_xy = K Σ_yy`` and ``Σ_xx = R⁻¹R⁻ᵀ + Σ_xy Kᵀ``: all that a later frame asks for stands in
-        the rows of this one (Takahashi, Fagan and Chen 1973).
         """
         shape, w, ahead = self.shape, self.shape.frame, self.shape.ahead
         joint = np.zeros((shape.rest, shape.rest))  # of the next frame, far columns of the one after it, and the border
         joint[ahead:, ahead:] = border
         for number in range(len(self._kept) - 1, -1, -1):
-            step = self._steps.get(number)
-            if step is not None:
-                self._before_step(step, joint)
+            if number in self._steps:
+                columns, step = self._steps[number]
+                at = ahead + columns
+                own, across = step.covariance(joint)
+                joint[at], joint[:, at] = across, across.T
+                joint[np.ix_(at, at)] = own
                 yield None, joint[ahead:, ahead:]
-            for rows in self._kept[number][0][::-1]:
-                own, across = _before(rows[:, :w], rows[:, w:], joint)
+            for rows, d in zip(*(one[::-1] for one in self._kept[number]), strict=True):
+                own, across = Conditional(rows, d).covariance(joint)
                 yield own, joint[ahead:, ahead:]
                 if shape.tied:
                     after, others = slice(w, ahead), slice(ahead, None)
@@ -275,21 +259,6 @@ class BandElimination:
                     )
                     joint[:w, :w], joint[:w, after], joint[:w, others] = own, across[:, shape.far], across[:, ahead:]
                     joint[after, :w], joint[others, :ahead] = joint[:w, after].T, joint[:ahead, others].T
-
-    def _before_step(self, step: _Step, joint: Array) -> None:
-        at = self.shape.ahead + step.columns
-        own, across = _before(step.R, step.S, joint)
-        joint[at], joint[:, at] = across, across.T
-        joint[np.ix_(at, at)] = own
-
-
-def _before(R: Array, S: Array, joint: Array) -> tuple[Array, Array]:
-    """Covariance of ``x`` of ``R x + S y = d``, and that of ``x`` with ``y``, whose own is ``joint``."""
-    solved = dtrsm(1.0, R, np.concatenate([np.eye(len(R)), -S], axis=1))
-    inverse, K = solved[:, : len(R)], solved[:, len(R) :]
-    across = K @ joint
-    own = inverse @ inverse.T + across @ K.T
-    return (own + own.T) / 2, across  # what is not symmetric would grow from frame to frame
 
 
 @dataclass(frozen=True)

@@ -11,86 +11,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg.blas import dtrsm, dtrsv
 
 from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.slices import REACH, eliminated
-
-
-@dataclass(frozen=True)
-class _Conditional:
-    """``R x + S y = d`` of some variables ``x`` and all that are eliminated after them, ``y``.
-
-    ``rows`` hold ``R``, of which only what lies on and above the diagonal counts, and ``S``.
-    """
-
-    rows: Array
-    d: Array
-
-    @property
-    def R(self) -> Array:
-        """``(w, w)``."""
-        return self.rows[:, : len(self.d)]
-
-    @property
-    def S(self) -> Array:
-        """``(w, m)``."""
-        return self.rows[:, len(self.d) :]
-
-    def given(self, later: Array) -> Array:
-        """The variables, of the values of the later ones."""
-        right = self.d - self.S @ later
-        solved: Array = dtrsv(self.R, right) if len(right) else right  # of nothing at all it complains
-        return solved
-
-
-def eliminate(information: Array, vector: Array, first: int, width: int) -> None:
-    """Eliminate ``width`` variables of ``½ xᵀ H x − vᵀ x`` from ``first`` on, those before being so already, in place.
-
-    Their rows become those of the conditional, those behind what is known of the others; of ``H``, ``(n, n)`` in C's
-    order, what lies on and above the diagonal counts.
-
-    Raises:
-        SolveError: if they are not determined.
-    """
-    if kernels is not None:
-        if not kernels.eliminate(information, vector, first, width):
-            raise SolveError("the linear system is not determined")
-        return
-    own, others = slice(first, first + width), slice(first + width, None)
-    rest = np.array(information[others, others])
-    R, S_transposed = eliminated(information[own, own], np.array(information[own, others]), rest)
-    if width:
-        vector[own] = dtrsv(R, vector[own], trans=1)
-    information[own, own], information[own, others], information[others, others] = R, S_transposed.T, rest
-    vector[others] -= S_transposed @ vector[own]
-
-
-@dataclass(frozen=True)
-class _Quadratic:
-    """``½ xᵀ information x − vectorᵀ x``, of which only what lies on and above the diagonal counts."""
-
-    information: Array
-    vector: Array
-
-    def without(self, width: int, already: int = 0) -> tuple[_Conditional, "_Quadratic"]:
-        """Its first variables, given all others, and what it says of those; what there was is changed.
-
-        Args:
-            width: of the first variables.
-            already: how many of them :func:`eliminate` has been called for.
-
-        Raises:
-            SolveError: if they are not determined.
-        """
-        eliminate(self.information, self.vector, already, width - already)
-        own, others = slice(0, width), slice(width, None)
-        return (
-            _Conditional(self.information[own], self.vector[own]),
-            _Quadratic(self.information[others, others], self.vector[others]),
-        )
+from vip_factors.solve.elimination import Conditional, add_process_noise, eliminate
+from vip_factors.solve.slices import REACH
 
 
 @dataclass(frozen=True)
@@ -99,9 +25,10 @@ class _Eliminated:
     what is known from it and all before of the two frames after it and what frames to come share.
     """
 
-    frame: _Conditional
-    shared: _Conditional | None
-    rest: _Quadratic
+    frame: Conditional
+    shared: Conditional | None
+    information: Array
+    vector: Array
 
 
 class FixedLagChain:
@@ -118,7 +45,7 @@ class FixedLagChain:
     def __init__(self, frame: int, static: int, far: np.ndarray | None = None) -> None:
         self.width, self.static, self.far = frame, static, np.arange(frame) if far is None else far
         self._frames: dict[int, _Eliminated] = {}
-        self._past: _Quadratic | None = None  # what is known from the frames that were marginalised
+        self._past: _Eliminated | None = None  # what is known from the frames that were marginalised
 
     @property
     def numbers(self) -> range:
@@ -145,7 +72,7 @@ class FixedLagChain:
         kept = self.numbers
         if kept and not kept[0] <= number <= kept[-1] + 1:
             raise SolveError(f"frame {number} does not follow one of the frames {kept[0]} to {kept[-1]}")
-        before = self._frames[number - 1].rest if number - 1 in self._frames else self._past
+        before = self._frames.get(number - 1, self._past)
         for later in range(number, kept.stop):
             del self._frames[later]
         if before is not None:
@@ -153,13 +80,15 @@ class FixedLagChain:
 
     def end(self, number: int, information: Array, vector: Array, already: int, sigmas: Array | None = None) -> None:
         """The rest of it, once :func:`eliminate` has been called for the first ``already`` columns of the frame."""
-        frame, rest = _Quadratic(information, vector).without(self.width, already)
-        shared = None
+        eliminate(information, vector, already, self.width - already)
+        frame, others = Conditional(information[: self.width], vector[: self.width]), slice(self.width, None)
+        shared, rest, left = None, information[others, others], vector[others]
         if sigmas is not None and len(sigmas):
-            shared, rest = self._wandered(rest, sigmas)
-        self._frames[number] = _Eliminated(frame, shared, rest)
+            rest, columns = rest.copy(), np.arange(len(left) - self.static, len(left))
+            shared = add_process_noise(rest, left, columns, sigmas, np.zeros(self.static))
+        self._frames[number] = _Eliminated(frame, shared, rest, left)
 
-    def _add(self, before: _Quadratic, information: Array, vector: Array) -> None:
+    def _add(self, before: _Eliminated, information: Array, vector: Array) -> None:
         """What the frames before say of the first ones of a slice, and of what is shared."""
         ahead, shared = len(before.vector) - self.static, np.arange(len(vector) - self.static, len(vector))
         frames = np.concatenate([np.arange(self.width), self.width + self.far])[:ahead]
@@ -170,23 +99,10 @@ class FixedLagChain:
         vector[places] += before.vector
         information[np.ix_(places, places)] += np.triu(before.information)
 
-    def _wandered(self, rest: _Quadratic, sigmas: Array) -> tuple[_Conditional, _Quadratic]:
-        """The shared variables eliminated, and what is known of those that stepped on from them."""
-        s, weight = self.static, np.diag(sigmas**-2.0)
-        frames, old = slice(s, -s), slice(-s, None)  # of the shared ones first, then the frames, then their successors
-        n = len(rest.vector)
-        H, vector = np.zeros((n + s, n + s)), np.zeros(n + s)
-        H[frames, frames], vector[frames] = rest.information[:-s, :-s], rest.vector[:-s]
-        H[:s, frames] = rest.information[:-s, old].T
-        H[:s, :s], vector[:s] = rest.information[old, old], rest.vector[old]
-        H[:s, :s][np.diag_indices(s)] += sigmas**-2.0  # below the diagonal is anything: a sum would warn of it
-        H[:s, old], H[old, old] = -weight, weight
-        return _Quadratic(H, vector).without(s)
-
     def marginalise_before(self, number: int) -> None:
         """Marginalise the frames with a smaller number: what is known from them stays."""
-        for kept in [one for one in self._frames if one < number]:
-            self._past = self._frames.pop(kept).rest
+        for gone in [one for one in self._frames if one < number]:
+            self._past = self._frames.pop(gone)
 
     def solution(self) -> "LagSolution":
         """All variables of the lag.
@@ -194,10 +110,11 @@ class FixedLagChain:
         Raises:
             SolveError: if what the newest frame shares with those to come is not determined.
         """
-        rest = self._frames[max(self._frames)].rest
-        ahead = len(rest.vector) - self.static
-        last, _ = _Quadratic(rest.information[ahead:, ahead:].copy(), rest.vector[ahead:].copy()).without(self.static)
-        return LagSolution(self._frames, last, self.width, self.far)
+        newest = self._frames[max(self._frames)]
+        ahead = len(newest.vector) - self.static
+        information, vector = newest.information[ahead:, ahead:].copy(), newest.vector[ahead:].copy()
+        eliminate(information, vector, 0, self.static)
+        return LagSolution(self._frames, Conditional(information, vector), self.width, self.far)
 
 
 class LagSolution:
@@ -208,7 +125,7 @@ class LagSolution:
         shared: ``(s,)``, what the newest frame shares with those to come.
     """
 
-    def __init__(self, eliminated: dict[int, _Eliminated], last: _Conditional, width: int, far: np.ndarray) -> None:
+    def __init__(self, eliminated: dict[int, _Eliminated], last: Conditional, width: int, far: np.ndarray) -> None:
         self._eliminated, self._last, self.width, self._far = dict(eliminated), last, width, far
         self.shared = last.given(np.zeros(0))
         self.values = _substituted(list(eliminated.values()), far, self.shared, width)
@@ -221,7 +138,7 @@ class LagSolution:
     def shared_covariance(self) -> Array:
         """Marginal covariance ``(s, s)`` of what the newest frame shares with those to come."""
         s = len(self.shared)
-        half = _forward(self._last, np.eye(s), np.zeros((0, s)))
+        half = self._last.forward(np.eye(s), np.zeros((0, s)))
         return np.asarray(half.T @ half)
 
     def covariance(self, number: int) -> Array:
@@ -243,19 +160,19 @@ class LagSolution:
         behind = np.zeros((seen + s, w))  # of the frames ahead, and of what is shared
         for at in range(number, newest + 1):
             one, ahead = self._eliminated[at], len(behind) - s
-            Y = _forward(one.frame, own, behind)
+            Y = one.frame.forward(own, behind)
             total += Y.T @ Y
             if one.shared is not None:
                 stepped = behind[ahead:].copy()
                 behind[ahead:] = 0.0
-                Y = _forward(one.shared, stepped, behind)
+                Y = one.shared.forward(stepped, behind)
                 total += Y.T @ Y
             yield None
             if at < newest:
                 own, left = behind[:w], behind[w:]
                 behind = np.zeros(((0, w, w + far)[min(REACH, newest - at - 1)] + s, w))
                 behind[self._far[: ahead - w]], behind[len(behind) - s :] = left[: ahead - w], left[ahead - w :]
-        Y = _forward(self._last, behind, np.zeros((0, w)))
+        Y = self._last.forward(behind, np.zeros((0, w)))
         yield total + Y.T @ Y
 
 
@@ -273,13 +190,3 @@ def _substituted(frames: list[_Eliminated], far: np.ndarray, shared: Array, widt
             shared = one.shared.given(np.concatenate([ahead, shared]))
         values[t] = one.frame.given(np.concatenate([ahead, shared]))
     return values
-
-
-def _forward(conditional: _Conditional, right: Array, behind: Array) -> Array:
-    """``Y`` of ``Rᵀ Y = right``, in its place; ``Sᵀ Y`` is taken from ``behind``."""
-    if kernels is not None:
-        kernels.forward(conditional.rows, right, behind)
-        return right
-    found: Array = dtrsm(1.0, conditional.R, right, trans_a=1) if right.size else right
-    behind -= conditional.S.T @ found
-    return found

@@ -17,7 +17,8 @@ import numpy as np
 
 from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution, eliminate
+from vip_factors.solve.elimination import eliminate
+from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
 
 Quadratic = tuple[Array, Array]  # information and vector of ½ xᵀ H x − vᵀ x; of H what lies on and above the diagonal
 BARELY = 1e-4  # information, in 1/rad² or 1/m²: frames ahead are not determined by what is known so far

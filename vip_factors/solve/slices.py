@@ -7,39 +7,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.linalg import cython_blas, cython_lapack
-from scipy.linalg.blas import dsymv, dsyrk, dtrsm
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.blas import dsymv
 
 from vip_factors.compiled import kernels
-from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 
 REACH = 2  # frames that a factor sees after its first one
-
-if kernels is not None:
-    kernels.use_blas({**cython_lapack.__pyx_capi__, **cython_blas.__pyx_capi__})
-
-
-def eliminated(own: Array, others: Array, rest: Array) -> tuple[Array, Array]:
-    """The first variables of a quadratic eliminated: ``R`` ``(w, w)``, and ``Sᵀ`` ``(n, w)``, of ``R x + S y``.
-
-    Args:
-        own, others: ``(w, w)`` and ``(w, n)`` of the variables with themselves, of which the upper triangle counts, and
-            with the others; ``others`` is changed.
-        rest: ``(n, n)`` in C's order: what is known of the others beside; its upper triangle becomes what is left.
-
-    Raises:
-        SolveError: if the variables are not determined.
-    """
-    R, failed = dpotrf(own)
-    if failed:
-        raise SolveError("the linear system is not determined")
-    if not others.size:  # of which BLAS complains
-        return R, others.T
-    S_transposed = dtrsm(1.0, R, others.T, side=1, overwrite_b=1)
-    dsyrk(-1.0, S_transposed, 1.0, rest.T, lower=1, overwrite_c=1)
-    return R, S_transposed
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from vip_factors.sensors.frames import resample_streams
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
-from vip_factors.stages.findings import leap_findings
+from vip_factors.stages.drift import slip_findings
 
 SHANK = "left_shank"
 
@@ -31,7 +31,7 @@ def leaps(heading: Array, slip: Array) -> tuple[Finding, ...]:
     imus = {**recording.imus, SHANK: turned}
     frames = resample_streams([imus[name] for name in truth.calibration], truth.motion.time)
     bones = truth.motion.state.R_world_bone
-    return tuple(leap_findings("anna", recording, frames, bones, truth.calibration))
+    return tuple(slip_findings("anna", recording, frames, bones, truth.calibration))
 
 
 @pytest.mark.parametrize(

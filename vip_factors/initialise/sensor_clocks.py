@@ -120,9 +120,8 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
     """
     least_blocks = 8
     margin = REACH + 2 * STEP
-    time = np.arange(
-        max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin, APART
-    )  # fmt: skip
+    start, end = max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin
+    time = np.arange(start, end, APART)
     time = time[parent.complete(time, STEP) & child.complete(time, margin)] if len(time) else time
     if len(time) * APART < least_blocks * BLOCK:
         return None

@@ -153,37 +153,38 @@ class SlipTest:
             shared: ``(s,)`` what all frames share, as estimated now.
             covariance: ``(s, s)`` of it.
         """
-        found, now = list[int](), self._estimate(number, shared, covariance)
-        for sensor, (since, before) in list(self._suspects.items()):
+        moved, newest = list[int](), self._estimate(number, shared, covariance)
+        for sensor, (since, past) in list(self._suspects.items()):
             if number < since + self.CONFIRMED_S * self._rate:
                 continue
             del self._suspects[sensor]
-            turn, both = now.value[sensor] - before.value[sensor], now.covariance[sensor] + before.covariance[sensor]
+            turn = newest.value[sensor] - past.value[sensor]
+            noise = newest.covariance[sensor] + past.covariance[sensor] + self._model
             angle = max(abs(turn[0]), float(np.linalg.norm(turn[1:])))
-            evidence = turn @ np.linalg.solve(both + self._model, turn)
+            evidence = turn @ np.linalg.solve(noise, turn)
             if angle > np.deg2rad(self.ANGLE_DEG) and evidence > self.CONFIRMING:
-                found.append(sensor)
-        return found
+                moved.append(sensor)
+        return moved
 
     def slipped(self, number: int, shared: Array, covariance: Array) -> int | None:
         """The sensor that seems to have slipped, if there is one, a suspect now: the surest. Arguments as above."""
         newest = self._estimate(number, shared, covariance)
-        evidence, before = np.zeros(len(self._columns)), [newest] * len(self._columns)
+        evidence, trusted = np.zeros(len(self._columns)), [newest] * len(self._columns)
         for seconds in self.WINDOWS_S:
             begin = number - round(seconds * self._rate)
-            past = next((one for one in reversed(self._past) if one.number <= begin), None)
+            past = next((estimate for estimate in reversed(self._past) if estimate.number <= begin), None)
             if past is not None:
-                judged = self._since <= past.number
-                own = np.where(judged, self._evidence(past, newest), 0.0)
-                before = [past if more else one for more, one in zip(own > evidence, before, strict=True)]
-                evidence = np.maximum(evidence, own)
+                of_window = np.where(self._since <= past.number, self._evidence(past, newest), 0.0)
+                for sensor in np.flatnonzero(of_window > evidence):
+                    trusted[sensor] = past
+                evidence = np.maximum(evidence, of_window)
         self._past.append(newest)
         while self._past[0].number < number - (max(self.WINDOWS_S) + 1.0) * self._rate:
             self._past.popleft()
         surest = int(np.argmax(evidence))
         if evidence[surest] <= self.EVIDENCE:
             return None
-        self._suspects.setdefault(surest, (number, before[surest]))
+        self._suspects.setdefault(surest, (number, trusted[surest]))
         return surest
 
     def _estimate(self, number: int, shared: Array, covariance: Array) -> _Estimate:
@@ -192,15 +193,15 @@ class SlipTest:
 
     def _evidence(self, past: _Estimate, newest: _Estimate) -> Array:
         """Squared standard deviations ``(n,)`` between two estimates; 0 of turns too small to be a slip's."""
-        before = past.covariance + self._wander * (newest.number - past.number) / self._rate
-        root = np.linalg.cholesky(before)
+        prior = past.covariance + self._wander * (newest.number - past.number) / self._rate
+        root = np.linalg.cholesky(prior)
         step = np.linalg.solve(root, (newest.value - past.value)[..., None])[..., 0]
-        left = np.linalg.solve(root, np.linalg.solve(root, newest.covariance).swapaxes(1, 2))
-        learnt, axes = np.linalg.eigh(np.eye(root.shape[1]) - (left + left.swapaxes(1, 2)) / 2)
+        posterior = np.linalg.solve(root, np.linalg.solve(root, newest.covariance).swapaxes(1, 2))
+        learnt, axes = np.linalg.eigh(np.eye(root.shape[1]) - (posterior + posterior.swapaxes(1, 2)) / 2)
         share = np.maximum(learnt, self.LEAST_SHARE)
-        alone = np.where(learnt > self.LEAST_SHARE, np.einsum("nij,ni->nj", axes, step) / share, 0.0)
+        innovation = np.where(learnt > self.LEAST_SHARE, np.einsum("nij,ni->nj", axes, step) / share, 0.0)
         axes = root @ axes
-        turn = np.einsum("nij,nj->ni", axes, alone)
+        turn = np.einsum("nij,nj->ni", axes, innovation)
         noise = (axes / share[:, None, :]) @ axes.swapaxes(1, 2)
         angle = np.maximum(np.abs(turn[:, 0]), np.linalg.norm(turn[:, 1:], axis=1))
         sure = np.einsum("ni,ni->n", turn, np.linalg.solve(noise + self._model, turn[..., None])[..., 0])

@@ -16,14 +16,14 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import RecordingError
 from vip_factors.estimate import BodyEstimate, WearerEstimate
 from vip_factors.findings import Finding
-from vip_factors.geometry.rotations import Array, angle_between, log, rotation_z, transpose
+from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.initialise.camera import LEAP_WINDOW, Sightings, leaps
 from vip_factors.initialise.clock import film_finding
 from vip_factors.sensors.calibration import Calibration
-from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.association import AssociatedCamera
+from vip_factors.stages.drift import drift_findings, slip_findings
 from vip_factors.stages.fusion import TURNED, FusionSolution
 
 # Scatter of the detections about the skeleton in OKS sigmas: 0.3–0.45 with everything right, OpenPose's own is 0.5; 0.7
@@ -111,7 +111,7 @@ def _wearer_findings(
     if estimate.body is not None:
         yield from body_findings(wearer, estimate.body, recording.subject.stature_m)
     bones, frames = estimate.motion.state.R_world_bone, fine.model.wearers[number].frames
-    yield from leap_findings(wearer, recording, frames, bones, estimate.calibration)
+    yield from slip_findings(wearer, recording, frames, bones, estimate.calibration)
     start = fine.model.wearers[number].prior_R_bone_sensor
     yield from posture_findings(wearer, recording, estimate.motion, estimate.calibration, start)
     yield from drift_findings(wearer, estimate.calibration)
@@ -328,66 +328,3 @@ def common_scale(body: BodyEstimate) -> tuple[float, float]:
     weighed = np.linalg.solve(body.prior_covariance, body.prior)
     variance = 1 / float(weighed @ body.prior)
     return variance * float(weighed @ (body.posterior - body.prior)), float(np.sqrt(variance))
-
-
-def drift_findings(
-    wearer: str, calibration: Calibration, restarts: Sequence[tuple[float, float]] = ()
-) -> Iterator[Finding]:
-    """The headings that drifted far, but for what they did over pauses from and until some seconds."""
-    told_deg = 10.0  # over a recording: more than mountings and tissue leave open
-    pauses = [start for start, _ in restarts]
-    drifted = {
-        name: float(np.rad2deg(np.diff(one.heading_path)[~np.isin(one.heading_time[:-1], pauses)].sum()))
-        for name, one in calibration.items()
-        if len(one.heading_path)
-    }
-    far = {name: degrees for name, degrees in drifted.items() if abs(degrees) > told_deg}
-    if far:
-        yield Finding("heading drift", wearer, numbers=far)
-
-
-EDGE, LEAST_LEAP_FRAMES = 0.15, 60  # of the frames, before and after
-
-
-def leap_findings(
-    wearer: str, recording: Recording, frames: ImuFrames, bones: Array, calibration: Calibration
-) -> Iterator[Finding]:
-    """The sensor that from some instant on sits otherwise on its bone, or has another heading, if there is one.
-
-    The body gives way to such a sensor, and its neighbours' bones do: the one that leaps furthest is told. A slip is
-    the same in the sensor's axes, a heading in the world's, about the vertical. ``bones`` is ``(T, 24, 3, 3)``
-    ``R_world_bone`` at the frames.
-    """
-    upright = 0.9  # cosine to the vertical of a turn that is the heading's
-    # Degrees by which a sensor's mean turn against its bone differs before and after an instant: up to 5.4 in 13
-    # foreign scenes and 9 walks, but for one that was solved wrongly (61); seven slips and heading jumps of 50° left
-    # 6.4 to 14.
-    leapt_deg = 6.0
-    found = list[tuple[float, str, float, bool]]()
-    for column, (name, one) in enumerate(calibration.items()):
-        known = frames.orientation_valid[:, column]
-        time = frames.time[known]
-        if len(time) < LEAST_LEAP_FRAMES:
-            continue
-        R_world_sensor = rotation_z(one.heading_at(time)) @ frames.R_inertial_sensor[known, column]
-        expected = bones[known, recording.placement.site(name).bone_index] @ one.R_bone_sensor
-        slip, jump = log(transpose(expected) @ R_world_sensor), log(R_world_sensor @ transpose(expected))
-        for vectors, in_world in ((slip, False), (jump, True)):
-            frame, leap = _largest_leap(vectors)
-            size = float(np.linalg.norm(leap))
-            if not in_world or abs(leap[2]) > upright * size:
-                found.append((float(np.rad2deg(size)), name, float(time[frame]), in_world))
-    degrees, name, at, in_world = max(found, default=(0.0, "", 0.0, False))
-    if degrees > leapt_deg:
-        words = {"how": "its heading jumped" if in_world else "it slipped or was turned on its bone"}
-        yield Finding("sensor turned", wearer, subject=name, numbers={"degrees": degrees, "time": at}, words=words)
-
-
-def _largest_leap(vectors: Array) -> tuple[int, Array]:
-    """The frame from which on the mean of vectors ``(T, 3)`` is most surely another one, and by what ``(3,)``."""
-    count = len(vectors)
-    at = np.arange(count)[round(EDGE * count) : count - round(EDGE * count)]
-    before = np.cumsum(vectors, axis=0)[at - 1]
-    leaps = (vectors.sum(axis=0) - before) / (count - at)[:, None] - before / at[:, None]
-    best = int(np.argmax(np.linalg.norm(leaps, axis=1) * np.sqrt(at * (count - at))))
-    return int(at[best]), leaps[best]

@@ -42,15 +42,8 @@ from vip_factors.stages.decode import (
     static_covariance,
     with_sigmas,
 )
-from vip_factors.stages.drift import clock_findings
-from vip_factors.stages.findings import (
-    drift_findings,
-    film_findings,
-    leap_findings,
-    posture_findings,
-    quality_checks,
-    who_is_who,
-)
+from vip_factors.stages.drift import clock_findings, drift_findings, slip_findings
+from vip_factors.stages.findings import film_findings, posture_findings, quality_checks, who_is_who
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.inertial import with_calibration_sigmas
 from vip_factors.stages.inertial_model import method_of
@@ -117,7 +110,7 @@ def unfilmed_estimate(calibration: Calibration, settings: Settings, fine: Wearer
     name, mountings = recording.subject.name, model.prior_R_bone_sensor
     findings = (
         *calibration.about_sensors,
-        *leap_findings(name, recording, model.frames, bones, fine.calibration),
+        *slip_findings(name, recording, model.frames, bones, fine.calibration),
         *solution.about_starts(),
         *posture_findings(name, recording, fine.motion, fine.calibration, mountings),
         *drift_findings(name, fine.calibration, recording.restarts),

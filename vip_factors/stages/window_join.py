@@ -23,8 +23,7 @@ from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.solve.levenberg_marquardt import SolveReport
-from vip_factors.stages.drift import clock_findings
-from vip_factors.stages.findings import drift_findings
+from vip_factors.stages.drift import clock_findings, drift_findings
 from vip_factors.stages.windows import WindowPlan
 
 

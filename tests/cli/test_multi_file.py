@@ -165,11 +165,11 @@ def test_an_interrupt_ends_the_children_and_leaves_nothing(folder: Path, tmp_pat
 
 def test_a_child_ends_with_its_parent() -> None:
     read, write = os.pipe()
-    program = "import time, threading; from vip_factors.cli import main as m; m.main = lambda w: time.sleep(60);"
+    program = "import time, threading; from vip_factors.cli import main as m; m.main = lambda: time.sleep(60);"
     child = subprocess.Popen([sys.executable, "-c", program + workers.CHILD], stdin=read)
     os.close(read)
     os.close(write)
-    assert child.wait(timeout=30) != 0
+    assert child.wait(timeout=30) == -signal.SIGTERM
 
 
 def test_folders_of_a_killed_run_are_cleared_by_the_next(

@@ -1,5 +1,5 @@
-// Equations of terms summed into slices, or into the frames of a stretch: vip_factors/assembly/accumulator.py and
-// bone_blocks.py, factor by factor.
+// Equations of terms summed into slices, or into the frames of a stretch: vip_factors/assembly/accumulator.py,
+// factor by factor.
 //
 // A row of a factor has columns by the twists of one bone, in one to three frames, and columns of the slice. Products
 // of the first are summed bone by bone, carried down the skeleton, and meet the screws of the joints last (composite

@@ -5,19 +5,19 @@ from typing import Any
 
 import numpy as np
 
-from vip_factors.assembly.bone_blocks import BoneBlocks
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.scatter import PlacedBlock, Scatter
-from vip_factors.body.kinematics import BodyState
+from vip_factors.body.kinematics import MOVES, BodyState, twists_at
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.problem.layout import ROOT, Layout, OwnerId
+from vip_factors.problem.layout import FRAME, ROOT, ColumnRange, Layout
 from vip_factors.solve.slices import Blocks
 from vip_factors.terms.equations import (
     BoneEquations,
     DenseEquations,
     DifferenceEquations,
     Equations,
+    JacobianBlock,
     JointEquations,
     Residuals,
     Term,
@@ -29,11 +29,18 @@ _EACH = np.arange(POSE_SIZE).reshape(-1, 3) + JOINTS.start
 
 
 class Accumulator(Scatter):
-    """Sums equations over a stretch of frames; arguments as of :class:`~vip_factors.assembly.scatter.Scatter`."""
+    """Sums equations over a stretch of frames.
 
-    def __init__(self, layout: Layout, blocks: Blocks, begin: int, charts: Charts | None = None) -> None:
+    Args:
+        layout, blocks, begin, charts: as of :class:`~vip_factors.assembly.scatter.Scatter`.
+        bodies: of the wearers, in all frames.
+    """
+
+    def __init__(
+        self, layout: Layout, blocks: Blocks, begin: int, bodies: Sequence[BodyState], charts: Charts | None = None
+    ) -> None:
         super().__init__(layout, blocks, begin, charts)
-        self._bones: dict[int, BoneBlocks] = {}
+        self._bodies, self._screws = bodies, dict[tuple[int, int, int], Array]()
 
     def add_term(self, term: Term[Any], at: Any) -> None:
         """Take in a term at a state: the factors whose first frame is in the stretch."""
@@ -54,51 +61,45 @@ class Accumulator(Scatter):
             case WalkEquations():
                 pass  # process noise, which comes in where frames are eliminated
 
-    def finish(self, bodies: Sequence[BodyState]) -> None:
-        """Carry what is known of bones over to the joints that move them; ``bodies`` of the wearers, in all frames."""
-        for chain, blocks in self._bones.items():
-            blocks.expand(self, chain, bodies[self.layout.chains[chain].owner.number])
-
-    def bones_of(self, owner: OwnerId) -> BoneBlocks | None:
-        """Where an owner's bones are summed; None where they are kept."""
-        chain = self.layout.chain_of(owner)
-        return None if chain is None else self._bones.setdefault(chain, BoneBlocks(self.count))
+    def finish(self) -> None:
+        """Take in what was put off until all terms are there."""
 
     def _add_bones(self, eq: BoneEquations) -> None:
         by_twist, others = eq.derivatives()
-        placed, own = self.placed(others, eq), self.bones_of(eq.owner)
-        # One product for all: the residual as one more column gives the gradient.
-        columns = [*([by_twist] if own is not None else []), *(one.jacobian for one in placed)]
-        if not columns:
-            return
-        J = np.concatenate([*columns, eq.residual[..., None]], axis=3)
-        blocks = (eq.weight[..., None, None] * J[..., :-1]).swapaxes(2, 3) @ J
-        start = by_twist.shape[3] if own is not None else 0
-        if own is not None:
-            own.add_frame(self, eq, blocks[:, :, :start], placed)
-        for number, one in enumerate(placed):
-            stop = start + one.jacobian.shape[3]
-            self.scatter_gradient(one, blocks[:, :, start:stop, -1], eq)
-            to = start
-            for other in placed[number:]:
-                self.scatter(one, other, blocks[:, :, start:stop, to : to + other.jacobian.shape[3]], eq)
-                to += other.jacobian.shape[3]
-            start = stop
+        self._add_blocks([*self._by_joints(eq, by_twist, 0), *self.placed(others, eq)], eq)
 
     def _add_differences(self, eq: DifferenceEquations) -> None:
-        placed, own = self.placed(eq.blocks(), eq), self.bones_of(eq.owner)
-        weight = eq.weight
-        if own is not None:
-            own.add_differences(self, eq, weight, placed)
-        self._add_blocks(placed, eq, weight)
+        by_twist, t = twists_at(eq.arms), len(eq.residual)
+        blocks = self.placed(eq.blocks(), eq)
+        for ahead, c in enumerate(eq.coefficients):
+            blocks += self._by_joints(eq, c * by_twist[ahead : ahead + t], ahead)
+        self._add_blocks(blocks, eq)
 
-    def _add_blocks(self, placed: Sequence[PlacedBlock], at: Residuals, weight: Array | None = None) -> None:
-        weight = at.weight if weight is None else weight
+    def _by_joints(self, eq: BoneEquations | DifferenceEquations, by_twist: Array, ahead: int) -> list[PlacedBlock]:
+        """What sees the twists of bones, or their turns alone, by the joints that move them: a twist is the sum of
+        their screws. Nothing of a body that is kept."""
+        chain, (t, _, _, k) = self.layout.chain_of(eq.owner), by_twist.shape
+        if chain is None:
+            return []
+        key = eq.owner.number, eq.first + ahead, t
+        if key not in self._screws:
+            screws = self._bodies[eq.owner.number].at(slice(key[1], key[1] + t)).screws
+            screws = screws if self.charts is None else self.charts.screws(eq.owner.number, key[1], screws)
+            self._screws[key] = screws.swapaxes(1, 2).reshape(t, 1, -1, FRAME)
+        moved = np.repeat(MOVES[:, list(eq.bones)].T, 3, axis=1)
+        block = JacobianBlock(eq.owner, "joints", by_twist @ self._screws[key][:, :, :k] * moved[:, None], ahead=ahead)
+        return [PlacedBlock(block, ColumnRange(chain, 0, FRAME), block.jacobian)]
+
+    def _add_blocks(self, placed: Sequence[PlacedBlock], at: Residuals) -> None:
+        t, weight = len(at.residual), at.weight[..., None, None]
         for number, one in enumerate(placed):
-            pushed = (weight[..., None, None] * one.jacobian).swapaxes(2, 3)
-            self.scatter_gradient(one, (pushed @ at.residual[..., None])[..., 0], at)
+            pushed = weight * one.jacobian
+            self.scatter_gradient(one, (pushed.swapaxes(2, 3) @ at.residual[..., None])[..., 0], at)
             for other in placed[number:]:
-                self.scatter(one, other, pushed @ other.jacobian, at)
+                first, second = pushed, other.jacobian
+                if not (one.block.each or other.block.each):  # summed over factors at once
+                    first, second = (J.reshape(t, 1, -1, J.shape[3]) for J in (first, second))
+                self.scatter(one, other, first.swapaxes(2, 3) @ second, at)
 
 
 def add_joints(sums: Scatter, eq: JointEquations) -> None:

@@ -55,9 +55,9 @@ class Charts:
         """Of joints 1 … 23 of a body in a stretch of frames ``(count, 23, 3, 3)``."""
         return self.turns[wearer][first : first + count, 1:]
 
-    def screws(self, wearer: int, screws: Array) -> Array:
-        """Screws ``(T, 25, 6, 3)`` by the coordinates."""
-        by_joints = screws[:, :-1] @ self.turns[wearer][: len(screws)]
+    def screws(self, wearer: int, first: int, screws: Array) -> Array:
+        """Screws ``(t, 25, 6, 3)`` of a stretch of frames by the coordinates."""
+        by_joints = screws[:, :-1] @ self.turns[wearer][first : first + len(screws)]
         return np.concatenate([by_joints, screws[:, -1:]], axis=1)
 
     def of_item(self, owner: OwnerId, block: str, item: int, frame: int) -> Array | None:

@@ -37,10 +37,12 @@ _NO_FRAME = np.zeros(0, bool)
 class CompiledAccumulator(Accumulator):
     """Sums by compiled code what has a twin there; arguments as of the base."""
 
-    def __init__(self, layout: Layout, blocks: Blocks, begin: int, charts: Charts | None = None) -> None:
-        super().__init__(layout, blocks, begin, charts)
+    def __init__(
+        self, layout: Layout, blocks: Blocks, begin: int, bodies: Sequence[BodyState], charts: Charts | None = None
+    ) -> None:
+        super().__init__(layout, blocks, begin, bodies, charts)
         self._target = blocks.target
-        self._bodies = dict[int, Any]()  # by wearer; and the camera
+        self._sums = dict[int, Any]()  # by wearer; and the camera
 
     def add_term(self, term: Term[Any], at: Any) -> None:
         """See the base."""
@@ -52,34 +54,33 @@ class CompiledAccumulator(Accumulator):
         else:
             twin(self._body(at.wearer if isinstance(at, ViewEvaluation) else at), at, self)
 
-    def finish(self, bodies: Sequence[BodyState]) -> None:
+    def finish(self) -> None:
         """See the base."""
-        super().finish(bodies)
-        for sums in self._bodies.values():
+        for sums in self._sums.values():
             sums.expand()
 
     def _body(self, at: WearerEvaluation) -> Any:
         """Where a wearer's terms are summed."""
-        if at.number not in self._bodies:
+        if at.number not in self._sums:
             chain, variation = self.layout.chain_of(at.owner), at.problem.variation
             first = -1 if chain is None else self.layout.chain_columns[chain].start
             turns = _NEVER if self.charts is None or chain is None else self.charts.turns[at.number]
             directions = variation.directions if at.problem.body_moves and variation is not None else _NONE
-            self._bodies[at.number] = kernels.BodySums(
+            self._sums[at.number] = kernels.BodySums(
                 self._target, self.begin, at.body.R_world_bone, at.body.p_world_joint, turns, first,
                 self.layout.frame_width, _PARENTS, self.first_columns(at.number), directions,
             )  # fmt: skip
-        return self._bodies[at.number]
+        return self._sums[at.number]
 
     def _camera(self, at: CameraEvaluation) -> Any:
         """Where the terms of the camera alone are summed."""
-        if CAMERA not in self._bodies:
+        if CAMERA not in self._sums:
             R, p = np.zeros((at.frames, 0, 3, 3)), np.zeros((at.frames, 0, 3))
             width, columns = self.layout.frame_width, self.first_columns(CAMERA)
-            self._bodies[CAMERA] = kernels.BodySums(
+            self._sums[CAMERA] = kernels.BodySums(
                 self._target, self.begin, R, p, _NEVER, -1, width, _PARENTS, columns, _NONE
             )
-        return self._bodies[CAMERA]
+        return self._sums[CAMERA]
 
     def first_columns(self, wearer: int) -> np.ndarray:
         """First columns of all blocks in a slice, as one wearer sees them; below nought of one that does not move."""

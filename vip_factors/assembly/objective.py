@@ -9,6 +9,7 @@ from vip_factors.assembly.accumulator import Accumulator
 from vip_factors.assembly.charts import Charts
 from vip_factors.assembly.compiled_sums import CompiledAccumulator
 from vip_factors.assembly.system import Part, SceneSystem, Steps, parts_of
+from vip_factors.body.kinematics import BodyState
 from vip_factors.compiled import Kernels, kernels
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
@@ -67,6 +68,7 @@ class SceneEvaluation:
         for number in wearers:
             for term, at in self.of_body(number):
                 sums.add_term(term, at)
+        sums.finish()
 
 
 class SceneObjective:
@@ -101,9 +103,8 @@ class SceneObjective:
         extra = None if problem.extra is None else problem.extra.linearised(problem, self.layout, state)
 
         def add(blocks: Blocks, part: Part, begin: int) -> None:
-            sums = accumulator(part.layout, blocks, begin, kernels=self._kernels)
+            sums = accumulator(part.layout, blocks, begin, evaluation.bodies, kernels=self._kernels)
             evaluation.add_to(sums, part.wearers, part.has_camera)
-            sums.finish(evaluation.bodies)
             if extra is not None:
                 extra.add_to(blocks, begin)
 
@@ -123,10 +124,11 @@ class SceneObjective:
 
 
 def accumulator(
-    layout: Layout, blocks: Blocks, begin: int, charts: Charts | None = None, kernels: Kernels = kernels
-) -> Accumulator:
+    layout: Layout, blocks: Blocks, begin: int, bodies: Sequence[BodyState], charts: Charts | None = None,
+    kernels: Kernels = kernels,
+) -> Accumulator:  # fmt: skip
     """Sums of terms, by compiled code where it was built."""
-    return (Accumulator if kernels is None else CompiledAccumulator)(layout, blocks, begin, charts)
+    return (Accumulator if kernels is None else CompiledAccumulator)(layout, blocks, begin, bodies, charts)
 
 
 def joined_slices(
@@ -142,7 +144,6 @@ def joined_slices(
     evaluation, wearers = SceneEvaluation(problem, state), range(len(problem.wearers))
     apart = [[number] for number in wearers] + [[]] if len(layouts) > 1 else [list(wearers)]
     for layout, one, own in zip(layouts, slices, apart, strict=True):
-        sums = accumulator(layout, one.blocks(problem.frames), 0, charts, kernels)
+        sums = accumulator(layout, one.blocks(problem.frames), 0, evaluation.bodies, charts, kernels)
         evaluation.add_to(sums, own, with_camera=one is slices[-1])
-        sums.finish(evaluation.bodies)
     return slices

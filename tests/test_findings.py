@@ -65,6 +65,18 @@ def test_findings_of_windows_are_told_once() -> None:
     assert "'Cem'" in told[2]
 
 
+def test_what_is_known_of_the_whole_is_told_of_a_window_only_with_something_more() -> None:
+    def wrong(**numbers: float) -> Finding:
+        return Finding("accelerometer corrected", "Ada", subject="LS", numbers=numbers, words={"what": str([*numbers])})
+
+    log = FindingLog()
+    log.add_window([wrong(gravity=9.0)], 0.0, 60.0, known=[wrong(gravity=9.0)])
+    log.add_window([wrong(clipped=20.0)], 54.0, 114.0, known=[wrong(gravity=9.0)])
+    log.close()
+    (told,) = log.take()
+    assert told.numbers == {"clipped": 20.0}
+
+
 def test_what_happens_again_is_counted_until_it_is_due() -> None:
     def told(count: int) -> Finding:
         return bare(f"{count} lost")

@@ -208,13 +208,16 @@ class FindingLog:
         if now >= tally.due:
             self._add(tally, now)
 
-    def add_window(self, findings: Iterable[Finding], start: float, end: float) -> None:
+    def add_window(self, findings: Iterable[Finding], start: float, end: float, known: Iterable[Finding] = ()) -> None:
         """Findings of a window of a recording, from ``start`` to ``end`` (s).
 
-        Each is told once, by :meth:`close`: as in its first window, and in how many more there were.
+        Each is told once, by :meth:`close`: as in its first window, and in how many more there were. What is ``known``
+        of the whole recording is told of a window only if that measured something more.
         """
+        measured = {finding.about: finding.numbers.keys() for finding in known}
         for about, finding in {finding.about: replace(finding, during=(start, end)) for finding in findings}.items():
-            self.tally(about, start, partial(_in_windows, finding), wait=math.inf)
+            if about not in measured or not finding.numbers.keys() <= measured[about]:
+                self.tally(about, start, partial(_in_windows, finding), wait=math.inf)
 
     def close(self) -> None:
         """Tell what was only counted."""

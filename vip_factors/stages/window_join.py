@@ -165,8 +165,7 @@ class SceneSummary:
         """What one more window found."""
         assert window.camera is not None
         start, end = self.plan.time(window.frames)[[0, -1]].tolist()
-        known = {finding.about for finding in self.known}
-        self.log.add_window((finding for finding in window.findings if finding.about not in known), start, end)
+        self.log.add_window(window.findings, start, end, self.known)
         self.headings.append(window.headings)
         clock = window.camera.clock
         middle = ((start + end) / 2 - clock.offset) / (1 + clock.drift)

@@ -3,13 +3,14 @@
 ``vip_factors/io/schemas`` comes from the .proto files beside this script, ``live_answer.schema.json`` from the classes
 in ``vip_factors/io/live_json.py``.
 
-Generated modules run with the protobuf they were made for and later ones, so the oldest grpcio-tools that
-pyproject.toml allows is the one to commit from: ``pip install grpcio-tools==1.66.2`` in an environment of its own.
+Generated modules run with the protobuf they were made for and later ones, so only the oldest grpcio-tools that
+pyproject.toml allows writes them: ``pip install . grpcio-tools==1.66.2`` in an environment of its own.
 """
 
 import json
 import re
 import sys
+from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from grpc_tools import protoc
 from vip_factors.io.live_json import Answer
 
 SCHEMAS = Path(__file__).parent
+OLDEST_TOOLS = "1.66.2"
 TARGET = SCHEMAS.parent / "vip_factors" / "io" / "schemas"
 # protoc derives Python imports from the schemas' folder; the modules live elsewhere in the package.
 IMPORT = re.compile(r"^from vip_factors import (\w+_pb2)", re.MULTILINE)
@@ -59,5 +61,9 @@ def answer_schema() -> str:
 
 
 if __name__ == "__main__":
-    generate(TARGET)
+    tools = version("grpcio-tools")
+    if tools == OLDEST_TOOLS:
+        generate(TARGET)
+    else:
+        print(f"grpcio-tools is {tools}: the schema modules stay as they are; {OLDEST_TOOLS} alone writes them")
     ANSWER_SCHEMA.write_text(answer_schema(), encoding="utf-8")

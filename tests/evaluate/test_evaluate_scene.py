@@ -49,7 +49,9 @@ def test_honesty_is_judged_by_the_sensor_that_is_surest(scene: Scene) -> None:
     wrong = calibration["head"]
     calibration["head"] = replace(wrong, heading=wrong.heading + 0.1, heading_sigma=0.001)
     anchored = replace(estimate, wearers=(estimate.wearers[0], replace(estimate.wearers[1], calibration=calibration)))
-    assert evaluate_scene(anchored, scene)["nees_heading"] == pytest.approx((0.1 / 0.05) ** 2)  # of all the others
+    result = evaluate_scene(anchored, scene)
+    assert result["nees_heading"] == pytest.approx((0.1 / 0.05) ** 2)  # of all the others
+    assert not any("nees_heading" in wearer.metrics for wearer in result.wearers.values())  # against the scene's alone
     known = replace(scene, camera=replace(scene.camera, known_path=scene.truth.camera))
     result = evaluate_scene(estimate_of(known, Injected(yaw=0.1)), known)
     assert result["nees_heading"] == pytest.approx((0.1 / 0.05) ** 2)  # a world that was given has no gauge

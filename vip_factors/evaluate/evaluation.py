@@ -212,9 +212,10 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
     elif estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
         pairs = {0: (error, estimate.calibration)}
-        # Where the mean was taken for the gauge, sigmas are against the heading that defines the estimate's world.
-        anchor = surest_heading(pairs) if gauge is None else None
-        table |= error_metrics([error]) | sensor_consistency(pairs, anchor)
+        consistency = sensor_consistency(pairs, surest_heading(pairs))
+        if gauge is not None:  # sigmas are against the heading that defines the scene's world: its table judges them
+            consistency.pop("nees_heading", None)
+        table |= error_metrics([error]) | consistency
         sensors = sensor_table(error)
     told = Estimate.of_one(estimate).verdict.severity
     return Evaluation(estimate.name, estimate.method, table, told, len(motion), joints, sensors, lengths)

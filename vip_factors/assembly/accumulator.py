@@ -1,16 +1,19 @@
-"""From the equations of terms to blocks of normal equations: shape by shape, knowing no term by its name."""
+"""From the equations of terms to blocks of normal equations: shape by shape, knowing no term by its name.
+
+Blocks go by the first frame of a factor, and by the columns of the frames that it sees.
+"""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from vip_factors.assembly.charts import Charts
-from vip_factors.assembly.scatter import PlacedBlock, Scatter
 from vip_factors.body.kinematics import MOVES, BodyState, twists_at
 from vip_factors.body.pose_prior import POSE_SIZE
-from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.problem.layout import FRAME, ROOT, ColumnRange, Layout
+from vip_factors.geometry.rotations import Array
+from vip_factors.problem.layout import FRAME, ROOT, STATIC, ColumnRange, Layout
 from vip_factors.solve.slices import Blocks
 from vip_factors.terms.equations import (
     BoneEquations,
@@ -24,58 +27,84 @@ from vip_factors.terms.equations import (
     WalkEquations,
 )
 
-JOINTS = slice(3, ROOT)  # columns of joints 1 … 23 in a body's frame
-_EACH = np.arange(POSE_SIZE).reshape(-1, 3) + JOINTS.start
+
+@dataclass(frozen=True)
+class PlacedBlock:
+    """A Jacobian block of variables that move, by coordinates where there are charts."""
+
+    block: JacobianBlock
+    range: ColumnRange
+    jacobian: Array
+
+    @property
+    def ahead(self) -> int:
+        """Frames after the factor's first one."""
+        return self.block.ahead
+
+    @property
+    def columns(self) -> np.ndarray:
+        """``(n, c)`` of each factor, or ``(1, c)`` of all."""
+        width = self.jacobian.shape[3]
+        return np.arange(self.range.start, self.range.stop).reshape(-1, width)
 
 
-class Accumulator(Scatter):
+class Accumulator:
     """Sums equations over a stretch of frames.
 
     Args:
-        layout, blocks, begin, charts: as of :class:`~vip_factors.assembly.scatter.Scatter`.
+        layout: where columns are.
+        blocks: of the stretch.
+        begin: its first frame.
         bodies: of the wearers, in all frames.
+        charts: of coordinates, where steps are not what is solved for.
     """
 
     def __init__(
         self, layout: Layout, blocks: Blocks, begin: int, bodies: Sequence[BodyState], charts: Charts | None = None
     ) -> None:
-        super().__init__(layout, blocks, begin, charts)
-        self._bodies, self._screws = bodies, dict[tuple[int, int, int], Array]()
+        self.layout, self.begin, self.count, self.charts = layout, begin, len(blocks.frames), charts
+        self._blocks, self._bodies, self._screws = blocks, bodies, dict[tuple[int, int, int], Array]()
 
     def add_term(self, term: Term[Any], at: Any) -> None:
         """Take in a term at a state: the factors whose first frame is in the stretch."""
-        for equations in term.of_first_in(at, self.stretch):
+        for equations in term.of_first_in(at, slice(self.begin, self.begin + self.count)):
             self.add(equations)
 
     def add(self, equations: Equations) -> None:
         """Take in the equations of one term."""
         match equations:
             case BoneEquations():
-                self._add_bones(equations)
+                by_twist, others = equations.derivatives()
+                self._add_blocks([*self._by_bones(equations, by_twist, 0), *self._placed(others, equations)], equations)
             case DifferenceEquations():
-                self._add_differences(equations)
+                by_twist, t = twists_at(equations.arms), len(equations.residual)
+                blocks = self._placed(equations.blocks(), equations)
+                for ahead, c in enumerate(equations.coefficients):
+                    blocks += self._by_bones(equations, c * by_twist[ahead : ahead + t], ahead)
+                self._add_blocks(blocks, equations)
             case JointEquations():
-                add_joints(self, equations)
+                self._add_blocks(self._by_joints(equations), equations)
             case DenseEquations():
-                self._add_blocks(self.placed(equations.blocks(), equations), equations)
+                self._add_blocks(self._placed(equations.blocks(), equations), equations)
             case WalkEquations():
                 pass  # process noise, which comes in where frames are eliminated
 
     def finish(self) -> None:
         """Take in what was put off until all terms are there."""
 
-    def _add_bones(self, eq: BoneEquations) -> None:
-        by_twist, others = eq.derivatives()
-        self._add_blocks([*self._by_joints(eq, by_twist, 0), *self.placed(others, eq)], eq)
+    # Derivatives
 
-    def _add_differences(self, eq: DifferenceEquations) -> None:
-        by_twist, t = twists_at(eq.arms), len(eq.residual)
-        blocks = self.placed(eq.blocks(), eq)
-        for ahead, c in enumerate(eq.coefficients):
-            blocks += self._by_joints(eq, c * by_twist[ahead : ahead + t], ahead)
-        self._add_blocks(blocks, eq)
+    def _placed(self, blocks: Sequence[JacobianBlock], at: Residuals) -> list[PlacedBlock]:
+        """Those blocks whose variables move."""
+        placed = []
+        for block in blocks:
+            columns = self.layout.columns_of(block.owner, block.block)
+            if columns is not None:
+                jacobian = block.jacobian if self.charts is None else self.charts.jacobian(block, at.first)
+                placed.append(PlacedBlock(block, columns, jacobian))
+        return placed
 
-    def _by_joints(self, eq: BoneEquations | DifferenceEquations, by_twist: Array, ahead: int) -> list[PlacedBlock]:
+    def _by_bones(self, eq: BoneEquations | DifferenceEquations, by_twist: Array, ahead: int) -> list[PlacedBlock]:
         """What sees the twists of bones, or their turns alone, by the joints that move them: a twist is the sum of
         their screws. Nothing of a body that is kept."""
         chain, (t, _, _, k) = self.layout.chain_of(eq.owner), by_twist.shape
@@ -90,87 +119,99 @@ class Accumulator(Scatter):
         block = JacobianBlock(eq.owner, "joints", by_twist @ self._screws[key][:, :, :k] * moved[:, None], ahead=ahead)
         return [PlacedBlock(block, ColumnRange(chain, 0, FRAME), block.jacobian)]
 
+    def _by_joints(self, eq: JointEquations) -> list[PlacedBlock]:
+        """What sees joints 1 … 23, and the block that their coordinates are compared with."""
+        chain, placed, (t, n, m) = self.layout.chain_of(eq.owner), list[PlacedBlock](), eq.residual.shape
+        if chain is None or not eq.acts:
+            return placed
+        columns, each = ColumnRange(chain, ROOT - POSE_SIZE, ROOT), np.arange(POSE_SIZE // 3)
+        for ahead, D in enumerate(eq.by_joints()):
+            if self.charts is not None:
+                D = D @ self.charts.joints(eq.owner.number, eq.first + ahead, t)
+            diagonal = np.zeros((t, len(each), 3, len(each), 3))
+            diagonal[:, each, :, each] = D.swapaxes(0, 1)
+            J: Array = diagonal.reshape(t, POSE_SIZE, POSE_SIZE)
+            J = (J if eq.whitening is None else eq.whitening @ J).reshape(t, n, m, POSE_SIZE)
+            placed.append(PlacedBlock(JacobianBlock(eq.owner, "joints", J, ahead=ahead), columns, J))
+        if eq.mean is not None and eq.whitening is not None:
+            by_mean = np.broadcast_to(-eq.whitening, (t, 1, *eq.whitening.shape))
+            placed += self._placed([JacobianBlock(eq.owner, eq.mean, by_mean)], eq)
+        return placed
+
+    # Sums
+
     def _add_blocks(self, placed: Sequence[PlacedBlock], at: Residuals) -> None:
         t, weight = len(at.residual), at.weight[..., None, None]
         for number, one in enumerate(placed):
             pushed = weight * one.jacobian
-            self.scatter_gradient(one, (pushed.swapaxes(2, 3) @ at.residual[..., None])[..., 0], at)
+            self._add_gradient(one, (pushed.swapaxes(2, 3) @ at.residual[..., None])[..., 0], at)
             for other in placed[number:]:
                 first, second = pushed, other.jacobian
                 if not (one.block.each or other.block.each):  # summed over factors at once
                     first, second = (J.reshape(t, 1, -1, J.shape[3]) for J in (first, second))
-                self.scatter(one, other, first.swapaxes(2, 3) @ second, at)
+                self._add_block(one, other, first.swapaxes(2, 3) @ second, at)
 
+    def _rows(self, at: Residuals) -> tuple[slice, slice]:
+        """Which of the factors begin in the stretch, and in which of its frames."""
+        start = at.first - self.begin
+        low, high = max(start, 0), min(start + len(at.residual), self.count)
+        return slice(low - start, max(high, low) - start), slice(low, max(high, low))
 
-def add_joints(sums: Scatter, eq: JointEquations) -> None:
-    """Take in the equations of one term."""
-    chain = sums.layout.chain_of(eq.owner)
-    if chain is None or not eq.acts:
-        return
-    by_joints = [
-        D if sums.charts is None else D @ sums.charts.joints(eq.owner.number, eq.first + ahead, len(D))
-        for ahead, D in enumerate(eq.by_joints())
-    ]
-    if eq.whitening is None:
-        _add_separate(sums, eq, chain, by_joints[0])
-    else:
-        _add_together(sums, eq, chain, by_joints)
+    def _of_each(self, into: Array, values: Array, at: Residuals) -> tuple[Array, Array]:
+        """Where what is said of static columns goes: each frame's, or all together where there is one for all."""
+        source, target = self._rows(at)
+        if len(into) == self.count and self.count > 1:
+            return into[target], values[source]
+        return into, values[source].sum(axis=0, keepdims=True)
 
+    def _frame_columns(self, one: PlacedBlock) -> slice:
+        start = self.layout.chain_columns[one.range.chain].start
+        return slice(start + one.range.start, start + one.range.stop)
 
-def _add_separate(sums: Scatter, eq: JointEquations, chain: int, D: Array) -> None:
-    """Each joint by itself, or each of its coordinates."""
-    source, target = sums.rows(eq)
-    weighted = transpose(eq.weight.reshape(*D.shape[:2], -1, 1) * D)[source]
-    into = sums.frame_frame(chain, 0, chain, 0)[target]
-    into[:, _EACH[:, :, None], _EACH[:, None, :]] += weighted @ D[source]
-    sums.frame_gradient(chain, 0)[target, JOINTS] += _blocks_apply(weighted, eq.residual[source])
+    def _add_block(self, one: PlacedBlock, other: PlacedBlock, block: Array, at: Residuals) -> None:
+        """Add the block ``(t, n, c, c')`` between two sets of variables."""
+        first, second = one.range.chain != STATIC, other.range.chain != STATIC
+        if first and second:
+            self._add_frames(one, other, block.sum(axis=1), at)
+        elif first:
+            self._add_coupling(one, other, block, at)
+        elif second:
+            self._add_coupling(other, one, block.swapaxes(2, 3), at)
+        else:
+            if not (one.block.each or other.block.each):
+                block = block.sum(axis=1, keepdims=True)
+            into, block = self._of_each(self._blocks.static, block, at)
+            into[:, one.columns[:, :, None], other.columns[:, None, :]] += block
+            if one is not other:
+                into[:, other.columns[:, :, None], one.columns[:, None, :]] += block.swapaxes(2, 3)
 
+    def _add_frames(self, one: PlacedBlock, other: PlacedBlock, block: Array, at: Residuals) -> None:
+        if (other.ahead, other.range.chain) < (one.ahead, one.range.chain):
+            one, other, block = other, one, block.swapaxes(1, 2)
+        rows, columns, start = (
+            self._frame_columns(one),
+            self._frame_columns(other),
+            other.ahead * self.layout.frame_width,
+        )
+        source, target = self._rows(at)
+        into = self._blocks.frames[:, one.ahead, :, start : start + self.layout.frame_width]
+        into[target, rows, columns] += block[source]
+        if one is not other and one.ahead == other.ahead and one.range.chain == other.range.chain:
+            into[target, columns, rows] += block[source].swapaxes(1, 2)
 
-def _add_together(sums: Scatter, eq: JointEquations, chain: int, by_joints: list[Array]) -> None:
-    """All coordinates at once: ``P`` between block-diagonal ``D``."""
-    assert eq.whitening is not None
-    P, force, weight = eq.information, force_of(eq), eq.weight[..., None, None]
-    assert P is not None
-    source, target = sums.rows(eq)
-    for i, D in enumerate(by_joints):
-        Dt = transpose(D[source])
-        half = _blocks_times(weight[source] * Dt, P)  # Dᵀ P
-        sums.frame_frame(chain, i, chain, i)[target, JOINTS, JOINTS] += _blocks_times(Dt, transpose(half))
-        sums.frame_gradient(chain, i)[target, JOINTS] += _blocks_apply(Dt, force[source])
-        for j in range(i + 1, len(by_joints)):
-            block = transpose(_blocks_times(transpose(by_joints[j][source]), transpose(half)))
-            sums.frame_frame(chain, i, chain, j)[target, JOINTS, JOINTS] += block
-        if eq.mean is not None:
-            add_mean(sums, eq, chain, i, D, force)
+    def _add_coupling(self, frame: PlacedBlock, static: PlacedBlock, block: Array, at: Residuals) -> None:
+        source, target = self._rows(at)
+        of_each = block.swapaxes(1, 2).reshape(len(block), block.shape[2], -1)
+        block = of_each if static.block.each else block.sum(axis=1)
+        into = self._blocks.coupling[:, frame.ahead, :, static.range.columns]
+        into[target, self._frame_columns(frame)] += block[source]
 
-
-def force_of(eq: JointEquations) -> Array:
-    """What pulls at the coordinates ``(t, 69)`` of all joints together."""
-    assert eq.whitening is not None
-    return eq.weight * (eq.residual[:, 0] @ eq.whitening)
-
-
-def add_mean(sums: Scatter, eq: JointEquations, chain: int, i: int, D: Array, force: Array) -> None:
-    """The block that coordinates are compared with: its derivative is theirs, turned round."""
-    assert eq.mean is not None
-    mean, P = sums.layout.columns_of(eq.owner, eq.mean), eq.information
-    if mean is None:
-        return
-    assert P is not None
-    source, target = sums.rows(eq)
-    weight = eq.weight[..., None, None]
-    sums.frame_static(chain, i, mean.columns)[target, JOINTS] -= _blocks_times(weight[source] * transpose(D[source]), P)
-    columns = np.arange(mean.start, mean.stop)[None]
-    sums.add_static(columns, columns, weight * P, eq, mirror=False)
-    sums.add_static_gradient(columns, -force[:, None], eq)
-
-
-def _blocks_times(blocks: Array, matrix: Array) -> Array:
-    """``B M`` ``(t, 69, 69)`` for block-diagonal ``B``, given as ``(t, 23, 3, 3)``; ``M`` ``(69, 69)`` or stacked."""
-    rows = matrix.reshape(*matrix.shape[:-2], POSE_SIZE // 3, 3, matrix.shape[-1])
-    return (blocks @ rows).reshape(len(blocks), POSE_SIZE, POSE_SIZE)
-
-
-def _blocks_apply(blocks: Array, vector: Array) -> Array:
-    """``B v`` ``(t, 69)`` for block-diagonal ``B``."""
-    return (blocks @ vector.reshape(len(blocks), POSE_SIZE // 3, 3, 1)).reshape(len(blocks), POSE_SIZE)
+    def _add_gradient(self, one: PlacedBlock, vector: Array, at: Residuals) -> None:
+        """Add ``(t, n, c)`` of a set of variables."""
+        if one.range.chain == STATIC:
+            vector = vector if one.block.each else vector.sum(axis=1, keepdims=True)
+            into, vector = self._of_each(self._blocks.static_gradient, vector, at)
+            into[:, one.columns] += vector
+            return
+        source, target = self._rows(at)
+        self._blocks.gradient[:, one.ahead, self._frame_columns(one)][target] += vector[source].sum(axis=1)

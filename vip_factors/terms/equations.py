@@ -144,7 +144,6 @@ class JointEquations(Residuals):
         by_joints: of each frame ``(t, 23, 3, 3)``: how a joint's three coordinates change with its rotation.
         whitening: ``(69, 69)`` where one factor a frame sees all coordinates together; None where each joint (or each
             of its coordinates) is a factor, and coordinates are whitened already.
-        information: ``whitening`` squared.
         mean: a block that the coordinates are compared with.
         acts: False where no factor has a derivative.
     """
@@ -152,7 +151,6 @@ class JointEquations(Residuals):
     owner: OwnerId
     by_joints: Callable[[], tuple[Array, ...]]
     whitening: Array | None = None
-    information: Array | None = None
     mean: str | None = None
     acts: bool = True
 

@@ -23,7 +23,7 @@ def pose_equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquation
     residual = settings.scale * (x.reshape(len(x), -1) - at.state.pose_mean) @ prior.whitening.T
     yield JointEquations(
         first.start, residual[:, None], 1.0, SQUARE, at.owner, lambda: (at.joint_jacobians(first),),
-        settings.scale * prior.whitening, settings.scale**2 * prior.information, "pose_mean",
+        settings.scale * prior.whitening, "pose_mean",
     )  # fmt: skip
 
 

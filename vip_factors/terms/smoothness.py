@@ -34,7 +34,7 @@ def equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
     yield JointEquations(
         first.start, residual[:, None], 1.0, SQUARE, at.owner,
         lambda: tuple(follows[..., None] * J for J in turn_jacobians(turn)),
-        scale * prior.whitening, scale**2 * prior.information,
+        scale * prior.whitening,
     )  # fmt: skip
 
 

@@ -2,11 +2,9 @@
 
 import subprocess
 import sys
-from concurrent.futures import Future
 from dataclasses import replace
 from pathlib import Path
 from threading import Thread, current_thread
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,16 +14,13 @@ from tracked import SETTINGS, Tracked, filmed, track
 from vip_factors.body.model_errors import FILMED
 from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import SolveError
-from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, angle_between, rotation_z, wrap_angle, yaw_of
 from vip_factors.live import recalibrator
 from vip_factors.live.assembly import FrameAssembler
-from vip_factors.live.measurement import LiveFrame, MeasuredStretch
-from vip_factors.live.problem import FrameState
+from vip_factors.live.measurement import MeasuredStretch
 from vip_factors.live.recalibrator import RecalibrationProcess
-from vip_factors.live.start import TrackingStart
-from vip_factors.live.tracker import FixedLagTracker
-from vip_factors.sensors.live import live_samples, sensor_columns, stream_head
+from vip_factors.live.tracker import NOT_SEEN
+from vip_factors.sensors.live import ImuSample, live_samples, sensor_columns, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import RecalibrationSettings
 from vip_factors.stages import rival_starts
@@ -84,46 +79,19 @@ def test_without_a_camera_tracking_goes_on_with_it_too() -> None:
     assert not alone.answers[-1].preliminary
 
 
-def test_one_that_tracking_cannot_go_on_with_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    tracker = FixedLagTracker(stream_head(filmed()), OFTEN)
-    smoother = SimpleNamespace(numbers=range(9), problem=SimpleNamespace(has_views=False), state=lambda _: None)
-    found = SimpleNamespace(start=SimpleNamespace(has_views=True))
-    answers = SimpleNamespace(answer=lambda _: found, begin=lambda _: None)
-    told = list[Finding]()
-    monkeypatch.setattr(tracker, "_recalibrator", answers)
-    monkeypatch.setattr(tracker, "_continued", lambda *_: None)
-    monkeypatch.setattr(tracker, "_estimates", SimpleNamespace(add_findings=lambda *found: told.extend(found)))
-    for renewed in (0, 1, 2):
-        tracker._recalibrated(SimpleNamespace(smoother=smoother, solved=True))  # type: ignore[arg-type]
-        assert [one.kind for one in told] == renewed * ["calibration not renewed"]
-
-
-def test_who_does_not_move_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    begun = list[float]()
-    monkeypatch.setattr(
-        recalibrator, "RecalibrationProcess", lambda: SimpleNamespace(close=lambda: None, submit=submit)
-    )
-
-    def submit(stretch: MeasuredStretch, *_: object) -> "Future[TrackingStart]":
-        begun.append(stretch.seconds)
-        return Future()
-
-    def turned(frame: int, begin: tuple[int, int]) -> LiveFrame:
-        """Each of the two turns from a frame on."""
-        R = np.repeat(rotation_z(np.where(frame < np.array(begin), 0.0, 0.5)), len(columns) // 2, axis=0)
-        nothing = np.zeros((len(columns), 3))
-        return LiveFrame(frame, frame / 30, R, np.ones(len(columns), bool), nothing, np.zeros(len(columns), bool))
-
-    one = filmed().wearers[0]
-    other = replace(one, subject=replace(one.subject, name="other"), name="other")
-    head = stream_head(replace(filmed(), wearers=(one, other)))
-    columns = sensor_columns(head)
-    for begin, expected in (((20, 30), 2.5), ((90, 20), 3.2), ((999, 20), 5.0)):  # frames; seconds
-        waiting = recalibrator.Recalibrator(head, OFTEN, real_time=True)
-        for frame in range(180):
-            waiting.remember(turned(frame, begin))
-            waiting.begin(FrameState(np.zeros((1, 24, 3, 3)), np.zeros((1, 3)), np.eye(3), np.zeros(3)))
-        assert begun.pop() == pytest.approx(expected, abs=0.1)
+def test_one_that_tracking_cannot_go_on_with_is_told() -> None:
+    """No video comes after the first calibration's data: the next one takes its place before a wearer is seen again."""
+    scene = of_unknown_body(filmed_gestures("fixed", 5.6))
+    dark = [sample for sample in live_samples(scene) if isinstance(sample, ImuSample) or sample.time < 2.3]
+    tracked = track(scene, dark, OFTEN)
+    told = [
+        finding
+        for answer in tracked.answers
+        for finding in answer.findings
+        if finding.kind == "calibration not renewed"
+    ]
+    assert [finding.words["reason"] for finding in told] == [NOT_SEEN]
+    assert tracked.answers[-1].preliminary
 
 
 def test_what_one_second_does_not_settle_is_told_only_if_more_does_not(anew: Tracked) -> None:

@@ -59,10 +59,14 @@ def recalibrating() -> Recalibrator:
     return Recalibrator(stream_head(filmed()), SETTINGS, real_time=False)
 
 
+def turned(number: int, angle: Array) -> LiveFrame:
+    """All sensors measured, each turned by its ``angle`` ``(S,)`` about the vertical."""
+    every, force = np.ones(len(angle), bool), np.zeros((len(angle), 3))
+    return LiveFrame(number, number / RATE, rotation_z(angle), every, force, every.copy())
+
+
 def turning(number: int) -> LiveFrame:
-    every, R = np.ones(SENSORS, bool), np.tile(rotation_z(number / RATE), (SENSORS, 1, 1))
-    force: Array = np.zeros((SENSORS, 3))
-    return LiveFrame(number, number / RATE, R, every, force, every.copy())
+    return turned(number, np.full(SENSORS, number / RATE))
 
 
 def feed(one: Recalibrator, first: int, frames: int) -> list[Finding]:
@@ -152,3 +156,17 @@ def test_of_each_camera_one_video_frame_is_kept_for_each_coarse_one(asked: list[
     for name in names:
         frames = [video.frame for video in kept if video.camera == name]
         assert frames == list(range(late, len(asked[0][0].frames), SETTINGS.coarse_factor))
+
+
+@pytest.mark.parametrize(("begin_s", "expected_s"), [((0.7, 1.0), 2.5), ((3.0, 0.7), 3.2), ((99.0, 0.7), 5.0)])
+def test_who_does_not_move_is_waited_for(asked: list[Any], begin_s: tuple[float, float], expected_s: float) -> None:
+    """Each of two wearers turns from a time on."""
+    wearer = filmed().wearers[0]
+    other = replace(wearer, subject=replace(wearer.subject, name="other"), name="other")
+    head = stream_head(replace(filmed(), wearers=(wearer, other)))
+    begin = np.repeat(begin_s, len(sensor_columns(head)) // 2)
+    one = Recalibrator(head, SETTINGS, real_time=True)
+    for number in range(6 * RATE):
+        one.remember(turned(number, np.where(number / RATE < begin, 0.0, 0.5)))
+        one.begin(NEWEST)
+    assert asked[0][0].seconds == pytest.approx(expected_s, abs=0.1)

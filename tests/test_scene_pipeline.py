@@ -164,7 +164,7 @@ def test_the_videos_clock_is_found_with_its_drift() -> None:
     assert found is not None
     assert found.clock_sigma is not None
     assert found.clock.late(2.5) == pytest.approx(clock.late(2.5), abs=0.015)
-    assert found.time_drift == pytest.approx(clock.drift, abs=3 * found.clock_sigma[1])
+    assert found.clock.drift == pytest.approx(clock.drift, abs=3 * found.clock_sigma[1])
 
 
 def test_how_its_sensor_sits_on_the_camera_is_found() -> None:

@@ -115,7 +115,7 @@ def sync(scene: Scene, max_offset: float = 10.0) -> Scene:
 def with_clock(scene: Scene, clock: VideoClock) -> Scene:
     """The scene whose video's clock is so far off the sensors'."""
     assert scene.camera is not None
-    return replace(scene, camera=replace(scene.camera, time_offset=clock.offset, time_drift=clock.drift))
+    return replace(scene, camera=replace(scene.camera, clock=clock))
 
 
 def detect(

@@ -216,8 +216,7 @@ class CameraEstimate:
         covariance: ``(T, 6, 6)`` on request, of right perturbations of ``T_world_camera``: rotation, then translation
             in the camera's axes; rad and m.
         residual_px: ``(T, wearers)`` root mean square reprojection error of each wearer in pixels, NaN where unseen.
-        time_offset: seconds added to the video's times to get the IMUs', at the video's time 0.
-        time_drift: seconds more for every second of the video.
+        clock: what lies between the video's clock and the IMUs'.
         clock_sigma: standard deviations of the offset, in the recording's middle, and of the drift; None where kept.
     """
 
@@ -227,8 +226,7 @@ class CameraEstimate:
     calibration: SensorCalibration | None = None
     covariance: Array | None = None
     residual_px: Array | None = None
-    time_offset: float = 0.0
-    time_drift: float = 0.0
+    clock: VideoClock = field(default_factory=VideoClock)
     clock_sigma: tuple[float, float] | None = None
 
     def frames(self, which: slice) -> "CameraEstimate":
@@ -248,11 +246,6 @@ class CameraEstimate:
         residual = self.residual_px
         none = None if residual is None else residual[:0]
         return replace(self, path=self.path.frames(slice(0, 1)), covariance=None, residual_px=none)
-
-    @property
-    def clock(self) -> VideoClock:
-        """What lies between the video's clock and the IMUs'."""
-        return VideoClock(self.time_offset, self.time_drift)
 
 
 @dataclass(frozen=True, repr=False)

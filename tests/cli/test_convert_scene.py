@@ -88,7 +88,7 @@ def test_further_cameras_stand_where_their_files_say(run, files, tmp_path: Path,
     assert told.code == 0, told.err
     scene = read_scene(tmp_path / "out.mcap")
     assert [camera.name for camera in scene.cameras] == ["camera", "left", "right"]
-    assert [camera.time_offset for camera in scene.further_cameras] == [0.0, -0.5]
+    assert [camera.clock.offset for camera in scene.further_cameras] == [0.0, -0.5]
     np.testing.assert_allclose(scene.further_cameras[1].known_path.p_world_camera, [[1, -4, 1.2]], atol=1e-12)
     info = run("info", tmp_path / "out.mcap")
     assert len(re.findall("pose known at: +1 instant", info.out)) == 2

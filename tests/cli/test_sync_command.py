@@ -33,7 +33,7 @@ def test_the_offset_is_found_and_written(run, filmed: Path, tmp_path: Path) -> N
     assert "ms" in told.out
     assert picture.stat().st_size > 1000
     before, after = read_scene(filmed), read_scene(out)
-    assert after.camera.time_offset == pytest.approx(OFFSET, abs=0.005)
+    assert after.camera.clock.offset == pytest.approx(OFFSET, abs=0.005)
     np.testing.assert_array_equal(after.camera.detections.pixels, before.camera.detections.pixels)
     np.testing.assert_array_equal(after.camera.detections.time, before.camera.detections.time)
     assert after.wearers[0].imus.keys() == before.wearers[0].imus.keys()
@@ -41,7 +41,7 @@ def test_the_offset_is_found_and_written(run, filmed: Path, tmp_path: Path) -> N
 
 def test_a_known_offset_is_written_as_it_is(run, filmed: Path, tmp_path: Path) -> None:
     assert run("sync", filmed, "--out", tmp_path / "a.mcap", "--seconds", "-1.5").code == 0
-    assert read_scene(tmp_path / "a.mcap").camera.time_offset == -1.5
+    assert read_scene(tmp_path / "a.mcap").camera.clock.offset == -1.5
 
 
 def test_dry_runs_write_nothing(run, filmed: Path) -> None:

@@ -9,7 +9,7 @@ from mcap_samples import calibration, estimates, names, recordings, rotations, s
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
 from vip_factors.estimate import CameraEstimate, DetectorEstimate, Estimate
 from vip_factors.findings import bare
-from vip_factors.sensors.camera import CameraModel, CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, CameraMount, Scene, SceneTruth, Video
 
@@ -59,9 +59,8 @@ def cameras(draw: st.DrawFn) -> Camera:
         draw(st.booleans()),
         draw(st.sampled_from([None, mount])),
         draw(st.sampled_from([None, camera_path(rng, 1), camera_path(rng, 3)])),
-        draw(st.sampled_from([0.0, rng.normal()])),
+        draw(st.sampled_from([VideoClock(), VideoClock(rng.normal(), 1e-3 * rng.normal())])),
         draw(st.sampled_from([None, Video(None, images)])),
-        draw(st.sampled_from([0.0, 1e-3 * rng.normal()])),
     )
 
 
@@ -80,8 +79,7 @@ def scenes(draw: st.DrawFn) -> Scene:
             rng.integers(-1, len(wearers), N),
             draw(st.sampled_from([None, rng.normal(size=camera.detections.pixels.shape)])),
             draw(st.sampled_from([None, calibration(rng, ["imu"])["imu"]])),
-            rng.normal(),
-            time_drift=1e-3 * rng.normal(),
+            VideoClock(rng.normal(), 1e-3 * rng.normal()),
         )
     further = draw(st.lists(further_cameras(), max_size=2)) if camera is not None else []
     further = [replace(one, name=f"{number}/{one.name}") for number, one in enumerate(further)]
@@ -97,7 +95,9 @@ def further_cameras(draw: st.DrawFn) -> Camera:
 
 
 def _seen_by(camera: Camera, rng: np.random.Generator, wearers: int) -> SceneTruth:
-    return SceneTruth(camera_path(rng, 1), rng.integers(-1, wearers, len(camera.detections)), None, None, rng.normal())
+    return SceneTruth(
+        camera_path(rng, 1), rng.integers(-1, wearers, len(camera.detections)), None, None, VideoClock(rng.normal())
+    )
 
 
 @st.composite
@@ -114,8 +114,7 @@ def scene_estimates(draw: st.DrawFn) -> Estimate:
         draw(st.sampled_from([None, calibration(rng, ["imu"])["imu"]])),
         draw(st.sampled_from([None, rng.normal(size=(len(path), 6, 6))])),
         draw(st.sampled_from([None, residual])),
-        rng.normal(),
-        1e-3 * rng.normal(),
+        VideoClock(rng.normal(), 1e-3 * rng.normal()),
         draw(st.sampled_from([None, (0.003, 2e-5)])),
     )
     K = draw(st.integers(0, 4))

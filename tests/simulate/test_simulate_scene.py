@@ -40,7 +40,7 @@ def plain(camera: CameraKind = "hand-held", **changes) -> SceneSettings:
 def in_image(scene: Scene, motion: Motion) -> np.ndarray:
     """Pixels ``(F, K, 2)`` of a motion's keypoints by its own splines and the true camera."""
     camera, truth = scene.camera, scene.truth
-    time = camera.detections.time + truth.time_offset
+    time = camera.detections.time + truth.clock.offset
     state = dense_motion(motion, SimulateSettings().lowpass_hz).state(time)
     marks = camera.detections.keypoints.on_body(motion.skeleton)
     world = np.stack([state.point(mark.bone, mark.p_bone_point) for mark in marks], axis=1)
@@ -78,7 +78,7 @@ def test_the_videos_clock_is_off_by_what_the_truth_says(people) -> None:
     right, late = (simulate_scene(people, plain("walking", time_offset_s=offset), seed=3) for offset in (0.0, 0.35))
     assert late.camera.detections.time + 0.35 == pytest.approx(right.camera.detections.time)
     assert np.array_equal(right.camera.detections.pixels, late.camera.detections.pixels, equal_nan=True)
-    assert (late.camera.time_offset, late.truth.time_offset) == (0.0, 0.35)
+    assert (late.camera.clock.offset, late.truth.clock.offset) == (0.0, 0.35)
 
 
 @pytest.mark.parametrize("camera", ["hand-held", "walking"])

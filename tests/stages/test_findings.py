@@ -18,6 +18,7 @@ from vip_factors.findings import KINDS, Severity, sentences, verdict
 from vip_factors.initialise.camera import Sightings, leaps
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import SensorCalibration
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.settings import CameraKind
 from vip_factors.stages.association import AssociatedCamera
@@ -136,14 +137,14 @@ def test_a_change_of_zoom(camera: CameraKind) -> None:
 
 
 def test_clocks_that_are_apart() -> None:
-    scene = replace(good(), camera=replace(camera_of(good()), time_offset=0.3))
+    scene = replace(good(), camera=replace(camera_of(good()), clock=VideoClock(0.3)))
     estimate = smooth(scene, QUICK)
     sentence(estimate, "the video's clock is -", "off what the scene says", "vip-factors sync")
-    assert camera_found(estimate).time_offset == pytest.approx(0.0, abs=0.1)
+    assert camera_found(estimate).clock.offset == pytest.approx(0.0, abs=0.1)
 
 
 def test_a_scene_that_was_not_filmed_while_the_sensors_ran() -> None:
-    scene = replace(good(), camera=replace(camera_of(good()), time_offset=60.0))
+    scene = replace(good(), camera=replace(camera_of(good()), clock=VideoClock(60.0)))
     estimate = smooth(scene, HASTY)
     sentence(estimate, "does not overlap with the sensors in time", "time offset")
     assert_imus_alone(estimate)

@@ -18,6 +18,7 @@ from vip_factors.geometry.rotations import angle_between, exp
 from vip_factors.pipeline import smooth, smooth_chunks
 from vip_factors.problem.state import WearerState
 from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.frames import in_stretches, resample, resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
@@ -276,7 +277,7 @@ def test_a_whole_number_of_frames_goes_to_each_video_frame(filmed_scene: Scene, 
 @pytest.mark.parametrize("offset", [0.0, 0.0123, -0.4])
 def test_coarse_frames_meet_video_frames(filmed_scene: Scene, offset: float) -> None:
     assert filmed_scene.camera is not None
-    shifted = replace(filmed_scene, camera=replace(filmed_scene.camera, time_offset=offset))
+    shifted = replace(filmed_scene, camera=replace(filmed_scene.camera, clock=VideoClock(offset)))
     coarse = scene_plan(SceneInMemory(shifted), Settings()).all_coarse_time
     video = filmed_scene.camera.detections.time + offset
     nearest = np.abs(coarse[:, None] - video).min(axis=1)

@@ -11,7 +11,7 @@ from vip_factors.body.kinematics import Motion, forward_kinematics, local_rotati
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, rotation_z
 from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
+from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.recording import smooth_process
@@ -100,8 +100,7 @@ def labelled(scene: Scene, seed: int, second_pass: bool, making: SceneMaking | N
     if scene.truth is None or scene.camera is None or any(one.truth is None for one in scene.wearers):
         raise InputError(f"scene '{scene.name}' lacks a camera or its truth: expected a simulated one")
     true = [one.truth.motion for one in scene.wearers if one.truth is not None]
-    clock = VideoClock(scene.truth.time_offset, scene.truth.time_drift)
-    detections, owner = scene.camera.detections.timed(clock), scene.truth.wearer
+    detections, owner = scene.camera.detections.timed(scene.truth.clock), scene.truth.wearer
     left = _after_exits(scene, detections, true, random, making)
     detections, owner = detections.select(left), owner[left]
     if not second_pass:

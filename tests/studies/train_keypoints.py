@@ -187,7 +187,7 @@ def _believed(scene: Scene) -> tuple[Camera, ...]:
         return scene.cameras
     truths = (scene.truth, *scene.truth.further)
     return tuple(
-        replace(camera, known_path=truth.camera, time_offset=truth.time_offset, time_drift=truth.time_drift)
+        replace(camera, known_path=truth.camera, clock=truth.clock)
         for camera, truth in zip(scene.cameras, truths, strict=True)
     )
 

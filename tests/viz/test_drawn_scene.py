@@ -7,6 +7,7 @@ import pytest
 from scene_sample import Injected, estimate_of, scene_sample
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
+from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.scene import Scene
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.film import limb_pairs
@@ -46,7 +47,7 @@ def test_bodies_project_onto_their_detections(sample: Scene) -> None:
 def test_the_clock_of_the_video_is_the_estimates(sample: Scene) -> None:
     late = replace(sample, camera=replace(sample.camera, detections=sample.camera.detections.shifted(-0.2)))
     estimate = estimate_of(late, GAUGE)
-    drawn = drawn_scene(late, replace(estimate, camera=replace(estimate.camera, time_offset=0.2)))
+    drawn = drawn_scene(late, replace(estimate, camera=replace(estimate.camera, clock=VideoClock(0.2))))
     assert drawn.camera.detections.time == pytest.approx(sample.camera.detections.time)
     assert drawn.camera.reprojection_px(drawn.wearers[1]) == pytest.approx(0.0, abs=1e-5)
 

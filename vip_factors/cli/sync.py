@@ -53,7 +53,7 @@ def main(options: SyncOptions) -> None:
     if seconds is None or options.picture is not None:
         with waiting("comparing video and sensors"):
             found = find_clock_offset(scene, options.max_offset)
-        say(offset_text(found, scene.camera.time_offset))
+        say(offset_text(found, scene.camera.clock.offset))
         if options.picture is not None:
             draw_offset(found, options.picture, options.overwrite)
             say(options.picture)

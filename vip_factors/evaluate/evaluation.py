@@ -335,7 +335,7 @@ def _camera_imu(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[s
         error = calibration_error({"camera": calibration}, {"camera": truth}, gauge)
         table["camera_heading_error"] = Metric(float(np.rad2deg(error.heading_magnitude[0])), "deg")
         table["camera_mounting_error"] = Metric(float(np.rad2deg(error.mounting_magnitude[0])), "deg")
-    late = estimate.camera.time_offset - scene.truth.time_offset
+    late = estimate.camera.clock.offset - scene.truth.clock.offset
     return table | {"time_offset_error": Metric(1e3 * late, "ms")}
 
 

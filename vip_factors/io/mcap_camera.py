@@ -18,7 +18,7 @@ from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, Topics, na
 from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
-from vip_factors.sensors.camera import CameraModel, CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.scene import Camera, CameraMount, SceneTruth, Video
@@ -188,9 +188,21 @@ def _filled(frames: np.ndarray, time: Array) -> Array:
 
 MOUNT = Codec(CameraInfo.Mount, CameraMount, {"mounting_wxyz": "R_camera_imu"})
 """A sensor on a camera by its name; in memory it has its samples."""
-HEAD = Codec(CameraInfo, Camera, {"mount": "mounting", "video": "images"})
+
+
+def clock_fields(value: Any) -> dict[str, float]:
+    """The clock of a video, as messages of a camera have it."""
+    return {"time_offset_s": value.clock.offset, "time_drift": value.clock.drift}
+
+
+def with_clock(message: Any, read: dict[str, Any]) -> dict[str, Any]:
+    """What was read of a camera, and the clock of its video."""
+    return read | {"clock": VideoClock(message.time_offset_s, message.time_drift)}
+
+
+HEAD = Codec(CameraInfo, Camera, {"mount": "mounting", "video": "images"}, more=clock_fields, mend=with_clock)
 """Everything but intrinsics, detections, samples and images."""
-TRUTH = Codec(CameraInfo, SceneTruth)
+TRUTH = Codec(CameraInfo, SceneTruth, more=clock_fields, mend=with_clock)
 
 
 def camera_info_message(camera: Camera, **attributes: Any) -> CameraInfo:

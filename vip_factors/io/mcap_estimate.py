@@ -26,7 +26,7 @@ from vip_factors.findings import TEXT, bare, sentences
 from vip_factors.geometry.rotations import Array
 from vip_factors.io import codec
 from vip_factors.io.codec import NS_PER_S, Codec, time_ns_of
-from vip_factors.io.mcap_camera import intrinsics_message, intrinsics_of, path_messages
+from vip_factors.io.mcap_camera import clock_fields, intrinsics_message, intrinsics_of, path_messages, with_clock
 from vip_factors.io.mcap_frames import (
     MODEST_FRAMES,
     REPROJECTION,
@@ -75,9 +75,9 @@ def _findings_of(message: EstimateInfo) -> dict[str, Any]:
     return {"findings": tuple(starmap(bare, zip_longest(message.findings, kinds, fillvalue=TEXT)))}
 
 
-def _clock(message: CameraEstimateInfo) -> dict[str, Any]:
+def _with_clock(message: CameraEstimateInfo, read: dict[str, Any]) -> dict[str, Any]:
     sigma = tuple(message.clock_sigma)
-    return {"clock_sigma": sigma if len(sigma) == 2 else None}
+    return with_clock(message, read) | {"clock_sigma": sigma if len(sigma) == 2 else None}
 
 
 HEAD = Codec(
@@ -96,11 +96,7 @@ SCENE_HEAD = Codec(
     mend=lambda message, read: read | _findings_of(message),
 )
 """What an estimate is as a whole; its start and what its wearers' topics begin with are given."""
-CAMERA_HEAD = Codec(
-    CameraEstimateInfo,
-    CameraEstimate,
-    mend=lambda message, read: read | _clock(message),
-)
+CAMERA_HEAD = Codec(CameraEstimateInfo, CameraEstimate, more=clock_fields, mend=_with_clock)
 """What a camera's estimate is; how many poses and residuals there are is given."""
 
 

@@ -16,7 +16,7 @@ from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.settings import CameraOptions
 from vip_factors.io.video import check_video, embed_video, video_facts, with_torso_colours
-from vip_factors.sensors.camera import CameraModel, CameraPath
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.parts import scene_in_parts
@@ -108,7 +108,7 @@ def _camera_later(camera: Camera, seconds: float) -> Camera:
     mount, path = camera.mount, camera.known_path
     return replace(
         camera,
-        time_offset=camera.time_offset + seconds,
+        clock=replace(camera.clock, offset=camera.clock.offset + seconds),
         mount=replace(mount, imu=_later(mount.imu, seconds)) if mount is not None else None,
         known_path=replace(path, time=path.time + seconds) if path is not None else None,
     )
@@ -142,9 +142,8 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
     model = read_camera_file(file)
     video = Video(options.video) if options.video is not None else None
     path = _known_path(options, file)
-    camera = Camera(
-        options.camera_name, model, detections, not options.static_camera, None, path, options.time_offset_s, video
-    )
+    moving, clock = not options.static_camera, VideoClock(options.time_offset_s)
+    camera = Camera(options.camera_name, model, detections, moving, None, path, clock, video)
     if facts is not None:
         check_video(facts, camera)
         if len(detections.time) < 0.6 * len(facts):  # every second frame would stay below

@@ -61,8 +61,7 @@ class Camera(Summarised):
         moving: False for a camera that stands still: one pose for the whole recording.
         mount: the IMU on it, if any.
         known_path: poses to be believed instead of estimated, if any.
-        time_offset: seconds to add to the video's times to get the IMUs', at the video's time 0.
-        time_drift: seconds more for every second of the video.
+        clock: what lies between the video's clock and the IMUs'.
         video: to look at.
         keypoint_offsets: where its detector puts its keypoints, if that was found before.
     """
@@ -73,9 +72,8 @@ class Camera(Summarised):
     moving: bool = True
     mount: CameraMount | None = None
     known_path: CameraPath | None = None
-    time_offset: float = 0.0
+    clock: VideoClock = field(default_factory=VideoClock)
     video: Video | None = None
-    time_drift: float = 0.0
     keypoint_offsets: KeypointOffsets | None = None
 
     def summary(self) -> list[str]:
@@ -94,11 +92,6 @@ class Camera(Summarised):
         return self.detections.keypoints
 
     @property
-    def clock(self) -> VideoClock:
-        """What lies between the video's clock and the IMUs'."""
-        return VideoClock(self.time_offset, self.time_drift)
-
-    @property
     def timed_detections(self) -> Detections:
         """What was detected, with times on the IMUs' clock."""
         return self.detections.timed(self.clock)
@@ -113,18 +106,16 @@ class SceneTruth:
         wearer: ``(N,)`` index of the wearer behind each detection, −1 for bystanders and false detections.
         pixels: ``(N, K, 2)`` where the keypoints really are in the image (distorted), NaN out of view or unknown.
         camera_calibration: heading and mounting of the camera's IMU.
-        time_offset: seconds to add to the video's times to get the IMUs', at the video's time 0.
+        clock: what lies between the video's clock and the IMUs'.
         further: of each further camera, in the scene's order.
-        time_drift: seconds more for every second of the video.
     """
 
     camera: CameraPath
     wearer: np.ndarray
     pixels: Array | None = None
     camera_calibration: SensorCalibration | None = None
-    time_offset: float = 0.0
+    clock: VideoClock = field(default_factory=VideoClock)
     further: tuple["SceneTruth", ...] = ()
-    time_drift: float = 0.0
 
 
 @dataclass(frozen=True, repr=False)

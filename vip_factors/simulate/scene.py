@@ -22,7 +22,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, exp, transpose
 from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite
-from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, Scene, SceneTruth
 from vip_factors.simulate.dense import DenseMotion, dense_motion
 from vip_factors.simulate.detector import detect
@@ -140,7 +140,7 @@ def _film(
     name = "camera" if number == 0 else f"camera_{number + 1}"
     detections = detections.shifted(-settings.time_offset_s)
     camera = Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known)
-    return camera, SceneTruth(path, wearer[owner], pixels, calibration, settings.time_offset_s)
+    return camera, SceneTruth(path, wearer[owner], pixels, calibration, VideoClock(settings.time_offset_s))
 
 
 def _known_pose(path: CameraPath, settings: SceneSettings, seed: int) -> CameraPath:

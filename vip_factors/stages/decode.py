@@ -140,8 +140,7 @@ def decode_camera(
         calibration,
         covariance.camera if covariance is not None else None,
         reprojection_rms(model, state),
-        found.offset,
-        found.drift,
+        found,
     )
 
 

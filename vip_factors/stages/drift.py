@@ -72,7 +72,7 @@ def clock_findings(
     if abs(off) > max(off_s, sure * clock.clock_sigma[0]):
         numbers |= {"off_ms": 1e3 * off, "sigma_ms": 1e3 * clock.clock_sigma[0]}
         told.append(f"is {numbers['off_ms']:+.0f} ± {numbers['sigma_ms']:.0f} ms off what the scene says")
-    drift = clock.time_drift - camera.time_drift
+    drift = clock.clock.drift - camera.clock.drift
     seconds = drift * float(time[-1] - time[0])
     if abs(seconds) > told_s and abs(drift) > sure * clock.clock_sigma[1]:
         numbers |= {"drifted_ms": 1e3 * seconds, "ppm": 1e6 * drift, "sigma_ppm": 1e6 * clock.clock_sigma[1]}

@@ -376,14 +376,8 @@ class KnownScene:
             mount = replace(mount, R_camera_imu=self.R_camera_imu)
         if not camera.moving and path is None:
             path = self.start.camera_path
-        return replace(
-            camera,
-            mount=mount,
-            known_path=path,
-            keypoint_offsets=self.keypoint_offsets,
-            time_offset=clock.offset,
-            time_drift=clock.drift,
-        )
+        offsets = self.keypoint_offsets
+        return replace(camera, mount=mount, known_path=path, keypoint_offsets=offsets, clock=clock)
 
 
 def _settings_of_windows(settings: Settings, is_world_known: bool) -> Settings:

@@ -20,7 +20,7 @@ from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
-from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.solve.levenberg_marquardt import SolveReport
 from vip_factors.stages.drift import clock_findings, drift_findings
@@ -358,7 +358,7 @@ def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, flo
         return camera
     time, late = np.array(clocks).T
     drift, offset = np.polyfit(time, late, 1)
-    return replace(camera, time_offset=float(offset), time_drift=float(drift))
+    return replace(camera, clock=VideoClock(float(offset), float(drift)))
 
 
 def _calibration(wearer: WearerEstimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:

@@ -1,12 +1,17 @@
 """What the fixed-lag tracker answers with, frame by frame. Plain data."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.display import Summarised
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
+from vip_factors.sensors.camera import CameraPath
 
 
 @dataclass(frozen=True)
@@ -36,6 +41,18 @@ class LiveCameraPose:
     R_world_camera: Array
     p_world_camera: Array
     covariance: Array | None = None
+
+
+def motion_of(poses: Sequence[LivePose], body: Skeleton, rate: float, name: str, start: float | None = None) -> Motion:
+    """Poses one frame apart as a motion, from the first one's time on if no other start is given."""
+    R, p = np.array([pose.R_parent_child for pose in poses]), np.array([pose.p_world_pelvis for pose in poses])
+    return Motion(body, R, p, rate, poses[0].time if start is None else start, name)
+
+
+def path_of(poses: Sequence[LiveCameraPose]) -> CameraPath:
+    """A camera's poses as a path."""
+    R, p = np.array([pose.R_world_camera for pose in poses]), np.array([pose.p_world_camera for pose in poses])
+    return CameraPath(np.array([pose.time for pose in poses]), R, p)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.findings import sentences
 from vip_factors.live.tracker import FixedLagTracker
-from vip_factors.live_estimate import LiveEstimate, LivePose
+from vip_factors.live_estimate import LiveEstimate, LivePose, motion_of
 from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings, RecalibrationSettings
@@ -35,25 +35,23 @@ class Tracked:
 
     def motion(self, kind: str, wearer: int = 0) -> Motion:
         """The ``"newest"`` or ``"smoothed"`` poses."""
-        return motion_of(poses(self.answers, kind, wearer), self.scene, wearer)
+        return self._motion_of(poses(self.answers, kind, wearer), wearer)
+
+    def _motion_of(self, chosen: Sequence[LivePose], wearer: int) -> Motion:
+        return motion_of(chosen, self.scene.wearers[wearer].subject.body(), RATE, "live")
 
     def error_mm(self, kind: str, after: float = 2.0, wearer: int = 0, before: float = np.inf) -> float:
         """MPJPE of the answers from a time on."""
         chosen = [one for one in poses(self.answers, kind, wearer) if after <= one.time < before]
         truth = self.scene.wearers[wearer].truth
         assert truth is not None
-        ours, true, _ = common_frames(motion_of(chosen, self.scene, wearer), truth.motion)
+        ours, true, _ = common_frames(self._motion_of(chosen, wearer), truth.motion)
         return mpjpe(ours, true)
 
 
 def poses(answers: Iterable[LiveEstimate], kind: str, wearer: int = 0) -> list[LivePose]:
     found = [getattr(one.wearers[wearer], kind) for one in answers]
     return [one for one in found if one is not None]
-
-
-def motion_of(chosen: Sequence[LivePose], scene: Scene, wearer: int = 0) -> Motion:
-    R, p = np.stack([one.R_parent_child for one in chosen]), np.stack([one.p_world_pelvis for one in chosen])
-    return Motion(scene.wearers[wearer].subject.body(), R, p, RATE, chosen[0].time, "live")
 
 
 def track(scene: Scene, samples: Iterable[LiveSample] | None = None, settings: LiveSettings = SETTINGS) -> Tracked:

@@ -14,7 +14,7 @@ from vip_factors.evaluate.metrics import POSITION_JOINTS, indices, resample
 from vip_factors.geometry.poses import align_rigid
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.tracker import FixedLagTracker
-from vip_factors.live_estimate import LiveEstimate, LivePose
+from vip_factors.live_estimate import LiveEstimate, LivePose, motion_of
 from vip_factors.sensors.live import live_samples, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings, LiveSettings
@@ -78,9 +78,7 @@ def filled_motion(poses: Sequence[LivePose], body: Skeleton, rate: float, name: 
     start = poses[0].time
     frames = np.round((np.array([pose.time for pose in poses]) - start) * rate).astype(int)
     at = np.searchsorted(frames, np.arange(frames[-1] + 1), side="right") - 1
-    R = np.stack([pose.R_parent_child for pose in poses])[at]
-    p = np.stack([pose.p_world_pelvis for pose in poses])[at]
-    return Motion(body, R, p, rate, start, name)
+    return motion_of([poses[index] for index in at], body, rate, name)
 
 
 def error_over_time(poses: Sequence[LivePose], body: Skeleton, truth: Motion, rate: float) -> Array:

@@ -12,8 +12,6 @@ from types import TracebackType
 import numpy as np
 
 from vip_factors.atomic import check_partial, check_target
-from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.errors import naming_file
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding, sentences
@@ -23,8 +21,7 @@ from vip_factors.io.mcap_frames import MODEST_FRAMES, camera_pose_messages, pose
 from vip_factors.io.mcap_messages import MessageWriter, TimedMessage, nanoseconds
 from vip_factors.io.mcap_recording import wearer_topics
 from vip_factors.io.schemas.live_update_pb2 import LiveUpdate
-from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
-from vip_factors.sensors.camera import CameraPath
+from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate, motion_of, path_of
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 
@@ -266,20 +263,15 @@ class _SmoothedPoses:
     def estimate(self, poses: list[LivePose], start: float) -> WearerEstimate:
         """An estimate of poses a frame apart, the first of them at ``start`` seconds."""
         name, sensors = self._wearer.subject.name, tuple(site.sensor for site in self._wearer.placement.sites)
-        R = np.array([pose.R_parent_child for pose in poses], float).reshape(-1, JOINT_COUNT, 3, 3)
-        p = np.array([pose.p_world_pelvis for pose in poses], float).reshape(-1, 3)
         joints, roots = _if_all(poses, "joint_covariance"), _if_all(poses, "root_covariance")
         covariance = None if joints is None or roots is None else PoseCovariance(joints, roots)
-        motion = Motion(self._skeleton, R, p, self._rate, start, name)
+        motion = motion_of(poses, self._skeleton, self._rate, name, start)
         return WearerEstimate(name, METHOD, motion, {}, covariance, sensors=sensors)
 
 
 def camera_estimate(camera: Camera, poses: Sequence[LiveCameraPose]) -> CameraEstimate:
     """The estimate of a camera at some poses."""
-    time = np.array([pose.time for pose in poses])
-    R = np.array([pose.R_world_camera for pose in poses])
-    path = CameraPath(time, R, np.array([pose.p_world_camera for pose in poses]))
-    return CameraEstimate(camera.name, camera.model, path, covariance=_if_all(poses, "covariance"))
+    return CameraEstimate(camera.name, camera.model, path_of(poses), covariance=_if_all(poses, "covariance"))
 
 
 def _if_all(poses: Sequence[LivePose | LiveCameraPose], name: str) -> Array | None:

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from vip_factors.associate.features import FITTING_M, counts_for, major_joints
-from vip_factors.associate.hypothesis import LEAST_CONFIDENCE, keypoint_sigma
+from vip_factors.associate.hypothesis import CAUCHY, LEAST_CONFIDENCE, keypoint_sigma
 from vip_factors.associate.tracklets import FURTHEST, LONGEST_GAP_S, RIVAL, keypoint_distance, person_size
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState
@@ -21,7 +21,6 @@ from vip_factors.body.skeleton import Skeleton
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraModel
 
-CAUCHY = 2.0  # sigmas at which a keypoint starts to be doubted: left and right swap, limbs hide
 NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 FREE_M = 100.0  # sideways the shape may lie anywhere: that is for the position to say
 LEAST_WEIGHT = 1e-6

@@ -11,6 +11,7 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.factor_settings import CameraFactorSettings, ContactFrom, GroundContactSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.association import NOBODY, Belief, OnlineAssociation
+from vip_factors.live.association_evidence import NEAREST_M
 from vip_factors.live.measurement import LiveFrame
 from vip_factors.problem.scene import Foot, KeypointView
 from vip_factors.problem.state import CameraPoses
@@ -55,7 +56,6 @@ def standing_feet(
     return foot_acceleration_confidence(body.at(slice(at, at + 1)), feet, newest[None], settings)[0]
 
 
-NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
 MIDDLE = joint_index("spine2")  # of the body
 
 

@@ -8,10 +8,9 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.problem.scene import KeypointView
-from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.live import VideoFrame, sensor_columns
+from vip_factors.sensors.live import VideoFrame, detections_of, sensor_columns
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.stages.scene_solution import SceneSolution
 
@@ -141,17 +140,12 @@ class MeasuredStretch:
         )
 
     def _camera(self, camera: Camera, video: Sequence[VideoFrame]) -> Camera:
-        video, K = sorted(video, key=lambda one: one.time), len(camera.keypoints)
-        frame = np.repeat(np.arange(len(video)), [len(one.pixels) for one in video])
-        pixels = np.concatenate([np.zeros((0, K, 2)), *[one.pixels for one in video]])
-        confidence = np.concatenate([np.zeros((0, K)), *[one.confidence for one in video]])
-        time = np.array([one.time for one in video])
+        detections = detections_of(sorted(video, key=lambda frame: frame.time), camera.keypoints)
         mount = camera.mount
         if mount is not None:
             sensor = mount.imu.name
             whole = sensor in self.measuring(camera.name)
             mount = replace(mount, imu=self._stream(camera.name, sensor)) if whole else None
-        detections = Detections(camera.keypoints, time, frame, pixels, confidence)
         return replace(camera, detections=detections, mount=mount)
 
     def _stream(self, carrier: str, sensor: str) -> ImuStream:

@@ -14,7 +14,7 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rot
 from vip_factors.body.skeleton import PARENTS, Skeleton, contact_points
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
-from vip_factors.live.association_evidence import people_of, together
+from vip_factors.live.association_evidence import NEAREST_M, people_of, together
 from vip_factors.live.measurement import LiveFrame
 from vip_factors.live.problem import FrameState, LagProblem
 from vip_factors.live.smoother import LagSmoother
@@ -155,7 +155,6 @@ def _with_camera(
 # Median error of the keypoints, in heights of the person in the image, with which a detection may show a wearer: a
 # joint is 5 % off with a calibration that is found, and 20 % in somebody else's pose.
 FITS = 0.10
-NEAREST_M = 0.5  # depth at least
 MOST_STEPS, LEAST_STEP_M = 20, 1e-4  # of a fit
 
 

@@ -1,10 +1,11 @@
 """Samples as they arrive, and what must be known of wearers and cameras before the first of them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vip_factors.body.keypoints import KeypointSet
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.detections import Detections
@@ -51,6 +52,20 @@ class VideoFrame:
     pixels: Array
     confidence: Array
     frame: int = -1
+
+
+def detections_of(frames: Sequence[VideoFrame], keypoints: KeypointSet) -> Detections:
+    """What was detected in video frames, in their order."""
+    count, K = [len(frame.pixels) for frame in frames], len(keypoints)
+    pixels = [np.zeros((0, K, 2)), *(np.reshape(frame.pixels, (-1, K, 2)) for frame in frames)]
+    confidence = [np.zeros((0, K)), *(np.reshape(frame.confidence, (-1, K)) for frame in frames)]
+    return Detections(
+        keypoints,
+        np.array([frame.time for frame in frames]),
+        np.repeat(np.arange(len(frames)), np.array(count, int)),
+        np.concatenate(pixels),
+        np.concatenate(confidence),
+    )
 
 
 LiveSample = ImuSample | VideoFrame

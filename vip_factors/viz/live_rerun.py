@@ -7,6 +7,7 @@ it does so without Python's lock.
 
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
 
@@ -18,10 +19,9 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Colour
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
-from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate
-from vip_factors.sensors.camera import CameraPath
-from vip_factors.sensors.detections import Detections, keypoints_in_image
-from vip_factors.sensors.live import VideoFrame
+from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate, motion_of, path_of
+from vip_factors.sensors.detections import keypoints_in_image
+from vip_factors.sensors.live import VideoFrame, detections_of
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.viz.colours import body_colours
@@ -86,9 +86,8 @@ class LiveBody:
 
     def motion(self, poses: Sequence[LivePose]) -> Motion:
         """Poses one frame apart, where they are drawn."""
-        R = np.array([pose.R_parent_child for pose in poses])
-        p = np.array([pose.p_world_pelvis for pose in poses]) + self.shift
-        return Motion(self._skeleton, R, p, self._rate, poses[0].time, self._wearer.subject.name)
+        motion = motion_of(poses, self._skeleton, self._rate, self._wearer.subject.name)
+        return replace(motion, p_world_pelvis=motion.p_world_pelvis + self.shift)
 
     def log(self, estimates: Sequence[LiveWearerEstimate], is_preliminary: bool) -> Motion:
         """Log the poses; returns the newest ones."""
@@ -140,7 +139,7 @@ class LiveView:
         estimates = [item for item in items if isinstance(item, LiveEstimate)]
         if self._setup.camera is not None and (seen := self._seen(items, self._setup.camera)):
             labels = np.concatenate([labels for _, labels in seen])
-            detections = _detections([frame for frame, _ in seen], self._setup.camera)
+            detections = detections_of([frame for frame, _ in seen], self._setup.camera.keypoints)
             log_detections(self._stream, IMAGE, detections, labels, self._setup.names)
         if not estimates:
             return
@@ -188,8 +187,7 @@ class LiveView:
         camera = self._setup.camera
         if camera is None or not poses:
             return
-        R, p = np.array([pose.R_world_camera for pose in poses]), np.array([pose.p_world_camera for pose in poses])
-        path = CameraPath(np.array([pose.time for pose in poses]), R, p)
+        path = path_of(poses)
         log_camera_poses(self._stream, CAMERA, path)
         for motion, entity in zip(motions, people_below(IMAGE, "body", self._setup.names), strict=False):
             pixels = keypoints_in_image(motion, camera.keypoints, path, camera.model, path.time)
@@ -236,18 +234,6 @@ def _runs(estimates: Sequence[LiveEstimate]) -> list[list[LiveEstimate]]:
         else:
             runs.append([estimate])
     return runs
-
-
-def _detections(frames: Sequence[VideoFrame], camera: Camera) -> Detections:
-    """What was detected in some video frames that follow each other."""
-    K = len(camera.keypoints)
-    return Detections(
-        camera.keypoints,
-        np.array([frame.time for frame in frames]),
-        np.repeat(np.arange(len(frames)), [len(frame.pixels) for frame in frames]),
-        np.concatenate([np.reshape(frame.pixels, (-1, K, 2)) for frame in frames]).astype(float),
-        np.concatenate([np.reshape(frame.confidence, (-1, K)) for frame in frames]).astype(float),
-    )
 
 
 QUEUE_ITEMS = 2400  # 20 s of answers and video frames that may wait

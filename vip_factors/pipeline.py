@@ -29,8 +29,8 @@ from vip_factors.stages.fusion import fusion_problem
 from vip_factors.stages.fusion_start import FusionStart
 from vip_factors.stages.inertial import FoundStart, inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
+from vip_factors.stages.pauses import with_pauses
 from vip_factors.stages.reporting import calibrated_estimate, with_model_errors
-from vip_factors.stages.restarts import in_own_frames, with_restarts
 from vip_factors.stages.scene_solution import start_before_cameras
 from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solve_windows import solve_at_once, solve_windows
@@ -86,13 +86,12 @@ def smooth_chunks(
     """
     extra = None if extra_factors is None else UserTerms(extra_factors)
     with _one_blas_thread():
-        source, pauses, about_pauses = with_restarts(source, settings)
+        source, about_pauses = with_pauses(source, settings)
         source, findings, starts = with_sensors_assigned(source, settings, coarse_times(source, settings))
         estimate = _smooth_all(source, findings, starts, settings, progress or silent, extra, map_fn)
 
     def reported(part: Estimate) -> Estimate:
         part = replace(part, findings=(*about_pauses, *part.findings))
-        part = in_own_frames(part, pauses) if about_pauses else part
         return with_model_errors(part, settings) if settings.model_errors else part
 
     estimate = estimate.changed(reported)

@@ -38,7 +38,13 @@ def test_instrumented_bones_are_as_their_sensors_say() -> None:
     motion = gestures(2.0).frames(slice(0, 200, 50))
     bones = [joint_index(name) for name in ("left_elbow", "head", "pelvis", "right_knee", "spine3", "left_shoulder")]
     R_true, calibration = motion.state.R_world_bone[:, bones], calibration_of(len(bones))
-    R = first_poses(frames_of(measured(R_true, calibration)), bones, calibration, load_pose_prior())
+    R = first_poses(
+        frames_of(measured(R_true, calibration)),
+        bones,
+        calibration.headings,
+        calibration.R_bone_sensor,
+        load_pose_prior(),
+    )
     found = forward_kinematics(motion.skeleton, R, np.zeros((len(R), 3))).R_world_bone[:, bones]
     assert np.max(angle_between(found, R_true)) < 1e-6
 
@@ -48,7 +54,9 @@ def test_joints_between_two_sensors_share_the_turning() -> None:
     bones = [joint_index("pelvis"), joint_index("head")]
     R_world_bone = np.stack([np.broadcast_to(np.eye(3), (T, 3, 3)), np.tile(rotation_y(1.0), (T, 1, 1))], axis=1)
     calibration = calibration_of(2)
-    R = first_poses(frames_of(measured(R_world_bone, calibration)), bones, calibration, prior)
+    R = first_poses(
+        frames_of(measured(R_world_bone, calibration)), bones, calibration.headings, calibration.R_bone_sensor, prior
+    )
     chain = ancestors(joint_index("head"))[1:]
     angles = angle_between(R[:, chain], np.eye(3))
     assert angles == pytest.approx(np.full((T, len(chain)), 1.0 / len(chain)))
@@ -62,7 +70,7 @@ def test_gaps_are_interpolated(silent: int) -> None:
     gap = replace(frames, orientation_valid=frames.orientation_valid.copy())
     gap.orientation_valid[2, silent] = False
     gap.R_inertial_sensor[2, silent] = np.eye(3)
-    R = first_poses(gap, bones, calibration, load_pose_prior())
+    R = first_poses(gap, bones, calibration.headings, calibration.R_bone_sensor, load_pose_prior())
     found = forward_kinematics(gestures(0.1).skeleton, R, np.zeros((T, 3))).R_world_bone[:, bones]
     assert np.max(angle_between(found, turning)) < 1e-6
 
@@ -72,7 +80,7 @@ def test_a_bone_whose_sensor_measured_nothing_stays_at_the_mean() -> None:
     bones, calibration = [joint_index("pelvis"), joint_index("left_knee")], calibration_of(2)
     frames = frames_of(measured(exp(np.random.default_rng(1).standard_normal((T, 2, 3))), calibration))
     frames.orientation_valid[:, 1] = False
-    R = first_poses(frames, bones, calibration, prior)
+    R = first_poses(frames, bones, calibration.headings, calibration.R_bone_sensor, prior)
     assert np.max(angle_between(R[:, 1:], exp(prior.mean.reshape(-1, 3)))) < 1e-6
 
 

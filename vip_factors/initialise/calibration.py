@@ -203,30 +203,32 @@ def orientation_at_start(frames: ImuFrames, seconds: float) -> Array:
     return np.stack(means)
 
 
-def first_poses(frames: ImuFrames, bones: Sequence[int], calibration: InitialCalibration, prior: PosePrior) -> Array:
-    """Joint rotations ``(T, 24, 3, 3)`` to start the inertial tracker from.
+def first_poses(
+    frames: ImuFrames, bones: Sequence[int], headings: Array, R_bone_sensor: Array, prior: PosePrior
+) -> Array:
+    """Joint rotations ``(T, 24, 3, 3)`` to start the inertial tracker from; headings ``(S,)``, or ``(T, S)`` by frame.
 
     Between two instrumented bones the joints start at the prior's mean and share what is left, a like angle each: a
     trunk whose neck alone did all the turning would start beyond its limits, in another valley than the solution's.
     Where several sensors share a bone the first one decides; what it missed is interpolated, and one that measured
     nothing is passed over. A pelvis without a sensor follows the first bone up the spine that has one.
     """
-    measured: dict[int, int] = {}
+    measured = dict[int, Array]()
     for s, bone in enumerate(bones):
-        if frames.orientation_valid[:, s].any():
-            measured.setdefault(bone, s)
+        if frames.orientation_valid[:, s].any() and bone not in measured:
+            measured[bone] = _bone_orientation(frames, s, headings[..., s], R_bone_sensor[s])
     mean = np.concatenate([np.eye(3)[None], exp(prior.mean.reshape(-1, 3))])
     R_world_bone = np.empty((len(frames), JOINT_COUNT, 3, 3))
-    R_world_bone[:, 0] = _pelvis(frames, measured, calibration)
+    # A pelvis without a sensor is turned as the lowest instrumented bone of the trunk
+    R_world_bone[:, 0] = next(measured[bone] for bone in (*TRUNK, 1, 2, *measured) if bone in measured)
     placed = {0}
-    for bone in sorted(measured, key=_trunk_first):
+    for bone in sorted(measured, key=lambda bone: (bone not in TRUNK, len(ancestors(bone)))):
         chain = [joint for joint in ancestors(bone) if joint not in placed]
         if not chain:
             continue
         start = R_world_bone[:, PARENTS[chain[0]]]
         followed = start[:, None] @ np.stack(list(accumulate(mean[chain], np.matmul)))
-        R = _bone_orientation(frames, measured[bone], calibration)
-        left = log(transpose(start) @ R @ transpose(followed[:, -1]) @ start)
+        left = log(transpose(start) @ measured[bone] @ transpose(followed[:, -1]) @ start)
         shares = np.arange(1, len(chain) + 1) / len(chain)
         turned = exp(shares[:, None] * left[:, None])
         R_world_bone[:, chain] = start[:, None] @ turned @ transpose(start)[:, None] @ followed
@@ -237,24 +239,11 @@ def first_poses(frames: ImuFrames, bones: Sequence[int], calibration: InitialCal
     return local_rotations(R_world_bone)
 
 
-def _trunk_first(bone: int) -> tuple[bool, int]:
-    """Order in which instrumented bones are placed: up the trunk, then limbs from the inside out."""
-    return bone not in TRUNK, len(ancestors(bone))
-
-
-def _bone_orientation(frames: ImuFrames, s: int, calibration: InitialCalibration) -> Array:
+def _bone_orientation(frames: ImuFrames, s: int, headings: Array, R_bone_sensor: Array) -> Array:
     """``R_world_bone`` ``(T, 3, 3)`` of the bone that carries a sensor (thesis eq. 4.8), gaps interpolated."""
     seen = frames.orientation_valid[:, s]
     R_inertial_sensor = interpolate_rotations(frames.time[seen], frames.R_inertial_sensor[seen, s], frames.time)
-    return rotation_z(calibration.headings[s]) @ R_inertial_sensor @ transpose(calibration.R_bone_sensor[s])
-
-
-def _pelvis(frames: ImuFrames, measured: dict[int, int], calibration: InitialCalibration) -> Array:
-    """Orientation of the pelvis where its own sensor is missing: that of the lowest instrumented bone of the trunk."""
-    for bone in (*TRUNK, 1, 2):
-        if bone in measured:
-            return _bone_orientation(frames, measured[bone], calibration)
-    return _bone_orientation(frames, next(iter(measured.values())), calibration)
+    return rotation_z(headings) @ R_inertial_sensor @ transpose(R_bone_sensor)
 
 
 def standing_path(body: BodyState, points: tuple[tuple[int, Array], ...]) -> Array:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 
 import numpy as np
 
@@ -103,7 +102,7 @@ class WearerProblem:
         heading_times: ``(K,)`` seconds around which headings are the same: frames have those of the nearest, and they
             step half-way between; one or none: constant.
         heading_drift_deg: ``(S,)`` degrees per √minute by which headings drift; empty before anything shows it.
-        restarts: ``(P, 2)`` seconds of pauses over which they may step by more: there are headings before and behind.
+        restarts: ``(P, 2)`` seconds of pauses over which they begin anew: they step in the middle of each.
     """
 
     skeleton: Skeleton
@@ -212,12 +211,12 @@ class WearerProblem:
         return len(self.heading_times) > 1
 
     def heading_numbers(self, frames: slice = slice(None)) -> np.ndarray:
-        """Which of the ``K`` headings frames have, ``(t,)``: the nearest one."""
+        """Which of the ``K`` headings frames have, ``(t,)``: the nearest one on their side of a pause."""
         between = (self.heading_times[1:] + self.heading_times[:-1]) / 2
+        between[self.restart_steps] = self.restarts.mean(axis=1)
         return np.searchsorted(between, self.frames.time[frames], side="right")
 
     @property
-    def drifts_on(self) -> np.ndarray:
-        """``(K − 1,)`` whether headings drift on to the next ones, and do not begin anew behind a pause."""
-        middles = self.restarts.mean(axis=1)
-        return np.array([not np.any((a < middles) & (middles < b)) for a, b in pairwise(self.heading_times)], bool)
+    def restart_steps(self) -> np.ndarray:
+        """``(P,)`` numbers of the steps at which headings begin anew: others drift on to the next ones."""
+        return np.searchsorted(self.heading_times, self.restarts.mean(axis=1)) - 1

@@ -89,6 +89,15 @@ class Truth:
             raise RecordingError(f"truth of unknown bones {', '.join(unknown)}: expected some of SMPL's")
 
 
+@dataclass(frozen=True)
+class Pause:
+    """A time without samples: seconds from and until, and the sensors that measured nothing."""
+
+    start: float
+    end: float
+    silent: frozenset[str]
+
+
 @dataclass(frozen=True, repr=False)
 class Recording(Summarised):
     """Everything measured in one session of one wearer.
@@ -102,7 +111,7 @@ class Recording(Summarised):
         truth: reference motion and calibration, if known.
         notes: free text, such as the origin of the file.
         start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
-        restarts: seconds from and until of pauses after which headings are others, as far as is not known.
+        pauses: after which headings may be others.
     """
 
     name: str
@@ -113,7 +122,7 @@ class Recording(Summarised):
     truth: Truth | None = None
     notes: str = ""
     start_ns: int = 0
-    restarts: tuple[tuple[float, float], ...] = ()
+    pauses: tuple[Pause, ...] = ()
 
     def __post_init__(self) -> None:
         for name, stream in self.imus.items():

@@ -35,6 +35,7 @@ from vip_factors.stages.inertial import (
     inertial_trackers,
 )
 from vip_factors.stages.inertial_model import with_contacts, with_inflated_contact_sigma
+from vip_factors.stages.pauses import between_pauses
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.scene_solution import SceneSolution, solve_from, start_before_cameras
 from vip_factors.stages.sensor_checks import CorrectedSamples, Corrections, checked_scene, sensor_corrections
@@ -134,7 +135,7 @@ def check_sensors(
     """What puts a wearer's sensors right, and findings: accelerometers by the stretches, clocks by the middle."""
     if not (settings.accelerometers.check or settings.sensor_clocks.check):
         return {}, ()
-    compared = stretches.together
+    compared = between_pauses(stretches.together)
     if not plan.all_calibrate:
         (start, end), half = recording.interval, CLOCK_SECONDS / 2
         middle = recording.between((start + end) / 2 - half, (start + end) / 2 + half)

@@ -40,10 +40,12 @@ def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> Senso
     bone = JOINT_NAMES[model.sensors[sensor].bone]
     if not model.headings_drift:
         return SensorCalibration(heading, R_bone_sensor, bone=bone)
-    path = state.heading_path[:, sensor]
-    return SensorCalibration(
-        heading, R_bone_sensor, heading_time=model.heading_times, heading_path=heading + path - path[0], bone=bone
-    )
+    path, steps = state.heading_path[:, sensor], model.restart_steps
+    path = heading + path - path[0]
+    # Over a pause it goes from what it was until then to what it is from then on
+    time = np.insert(model.heading_times, np.repeat(steps + 1, 2), model.restarts.ravel())
+    path = np.insert(path, np.repeat(steps + 1, 2), np.stack([path[steps], path[steps + 1]], axis=1).ravel())
+    return SensorCalibration(heading, R_bone_sensor, heading_time=time, heading_path=path, bone=bone)
 
 
 def motion_of(model: WearerProblem, state: WearerState) -> Motion:

@@ -29,7 +29,7 @@ def with_found_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
     if not model.headings_drift:
         return model
     minutes, squares = 0.0, np.zeros(len(state.headings))
-    pieces = np.split(np.arange(len(model.heading_times)), np.flatnonzero(~model.drifts_on) + 1)
+    pieces = np.split(np.arange(len(model.heading_times)), model.restart_steps + 1)
     for time, path in ((model.heading_times[one], state.heading_path[one]) for one in pieces):
         ends = np.linspace(time[0], time[-1], max(round(float(time[-1] - time[0]) / least_s), 1) + 1)
         at_ends = np.array([np.interp(ends, time, column) for column in path.T])

@@ -36,6 +36,7 @@ from vip_factors.stages.inertial_model import (
     with_heading_times,
     with_inflated_contact_sigma,
 )
+from vip_factors.stages.pauses import frames_between_pauses, headings_after_pauses
 from vip_factors.stages.solver import Solver
 from vip_factors.terms.registry import unfilmed_problem
 
@@ -91,14 +92,17 @@ def inertial_tracker(
         if known_calibration
         else find_start(recording, frames, settings, solver.progress_of("start"))
     )
-    model = inertial_model(recording, frames, calibration, settings)
-    R = first_poses(frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
-    start = start_state(model, calibration, R)
+    restarts, headings = headings_after_pauses(recording, frames.sensors, calibration, settings)
+    model = inertial_model(recording, frames, replace(calibration, headings=headings[0]), settings)
+    model = with_heading_times(replace(model, restarts=restarts), settings.calibration)
+    middles = restarts.mean(axis=1)
+    path = headings[np.r_[0, np.searchsorted(middles, model.heading_times[1:])]]
+    by_frame = headings[np.searchsorted(middles, frames.time)] if len(restarts) else headings[0]
+    start = start_state(model, calibration.R_bone_sensor, path, by_frame)
     state = solver.solve_wearer(frame_by_frame(model), start, "inertial tracker")
     if model.initial_pose is not None:  # so far beyond its limits a joint says that its zero is elsewhere, once
         model = replace(model, limits=model.limits.reaching(joint_vector(state.R_parent_child), CONTRADICTION))
-    model = with_heading_times(model, settings.calibration)
-    return InertialSolution(model, placed_on_floor(model, state).with_headings(len(model.heading_times)), starts)
+    return InertialSolution(model, placed_on_floor(model, state), starts)
 
 
 def inertial_trackers(
@@ -151,6 +155,7 @@ def find_start(
     stretch: ImuFrames | None = None,
 ) -> tuple[InitialCalibration, Starts | None]:  # fmt: skip
     """Headings and mountings to begin with; and how they were found, where they were looked for, in which stretch."""
+    frames = frames_between_pauses(recording, frames)
     usual = first_calibration(recording, frames, settings)
     if settings.calibration.from_truth or not settings.calibration.start.search:
         return usual, None
@@ -159,12 +164,20 @@ def find_start(
     return (starts.best.calibration if starts else usual), starts
 
 
-def start_state(model: WearerProblem, calibration: InitialCalibration, R_parent_child: Array) -> WearerState:
-    """Of joint rotations ``(T, 24, 3, 3)``, on the spot."""
-    p_world_pelvis, hinges = np.zeros((len(R_parent_child), 3)), model.hinge_prior.mean
+def start_state(
+    model: WearerProblem, R_bone_sensor: Array, heading_path: Array, headings_by_frame: Array
+) -> WearerState:
+    """Where the inertial tracker starts: priors' means, of headings ``(K, S)``; see :func:`_first_poses`."""
+    R = _first_poses(model, R_bone_sensor, headings_by_frame)
     return WearerState(
-        R_parent_child, p_world_pelvis, calibration.headings, calibration.R_bone_sensor, model.prior.mean, hinges=hinges
-    )
+        R, np.zeros((len(R), 3)), heading_path[0], R_bone_sensor, model.prior.mean, heading_path[1:],
+        hinges=model.hinge_prior.mean,
+    )  # fmt: skip
+
+
+def _first_poses(model: WearerProblem, R_bone_sensor: Array, headings: Array) -> Array:
+    """Joint rotations ``(T, 24, 3, 3)`` that headings, ``(S,)`` or ``(T, S)`` of each frame, and mountings ask for."""
+    return first_poses(model.frames, [sensor.bone for sensor in model.sensors], headings, R_bone_sensor, model.prior)
 
 
 def track_window(model: WearerProblem, shared: WearerState, headings: Array, solver: Solver) -> WearerState:
@@ -176,8 +189,7 @@ def track_window(model: WearerProblem, shared: WearerState, headings: Array, sol
         headings: ``(S,)`` radians, to begin with.
         solver: of the window.
     """
-    calibration = InitialCalibration(headings, np.full(len(headings), np.inf), shared.R_bone_sensor)
-    R = first_poses(model.frames, [sensor.bone for sensor in model.sensors], calibration, model.prior)
+    R = _first_poses(model, shared.R_bone_sensor, headings)
     state = replace(shared, R_parent_child=R, p_world_pelvis=np.zeros((len(R), 3)))
     state = solver.solve_wearer(frame_by_frame(model), state, "inertial tracker")
     return placed_on_floor(model, state)

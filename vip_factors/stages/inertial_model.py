@@ -52,7 +52,6 @@ def inertial_model(
         use_acceleration=settings.acceleration,
         variation=_variation(recording.subject, factors.length_scale),
         gauge_sensor=gauge_sensor([site.bone_index for site in sites]),
-        restarts=np.array(recording.restarts).reshape(-1, 2),
         name=recording.subject.name,
     )
 
@@ -94,18 +93,15 @@ def with_fixed_calibration(model: WearerProblem) -> WearerProblem:
 def with_heading_times(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
     """The model whose headings step every ten seconds of its frames; as it is, if they are to be constant.
 
-    There are headings before and behind every pause and every time between stretches.
+    They step at every restart and between stretches.
     """
     least, frames = calibration.heading_drift_from_s, model.frames
-    if (
-        least is None
-        or not model.free_headings
-        or (frames.time[-1] - frames.time[0] < least and not len(model.restarts))
-    ):
+    seconds, restarts = float(frames.time[-1] - frames.time[0]), len(model.restarts)
+    if not model.free_headings or (not restarts and (least is None or seconds < least)):
         return model
-    behind = np.searchsorted(frames.time, model.restarts[:, 1])
-    begins = np.unique(np.concatenate([frames.beginnings, behind[behind < len(frames)]]))
-    step_s = min(HEADING_STEP_S, float(frames.time[-1] - frames.time[0]) / 4)
+    behind = np.searchsorted(frames.time, model.restarts.mean(axis=1))
+    begins = np.unique(np.concatenate([frames.beginnings, behind]))
+    step_s = seconds if least is None else min(HEADING_STEP_S, seconds / 4)
     every, times = max(1, round(step_s / frames.step)), list[float]()
     for stretch in np.split(np.arange(len(frames)), begins[1:]):
         parts = np.array_split(stretch, max(1, round(len(stretch) / every)))

@@ -47,6 +47,7 @@ from vip_factors.stages.findings import film_findings, posture_findings, quality
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.inertial import with_calibration_sigmas
 from vip_factors.stages.inertial_model import method_of
+from vip_factors.stages.pauses import jump_findings
 from vip_factors.stages.solver import Solver
 from vip_factors.terms.heading_prior import GAUGE_SIGMA
 from vip_factors.terms.sensor_position import sensor_position_whitening
@@ -90,6 +91,11 @@ def filmed_estimate(
         *undetermined[: shared is None],
         *coarse.findings,
         *quality_checks(scene, associated, fine, wearers),
+        *(
+            finding
+            for one, own in zip(coarse.model.wearers, wearers, strict=True)
+            for finding in jump_findings(one.name, own.calibration, one.restarts)
+        ),
         *(clock_findings(first, camera) if camera is not None else ()),
     ]
     findings = [*calibration.about_sensors, *solution.about_floor, *dict.fromkeys(findings), *solution.about_starts()]
@@ -113,7 +119,8 @@ def unfilmed_estimate(calibration: Calibration, settings: Settings, fine: Wearer
         *slip_findings(name, recording, model.frames, bones, fine.calibration),
         *solution.about_starts(),
         *posture_findings(name, recording, fine.motion, fine.calibration, mountings),
-        *drift_findings(name, fine.calibration, recording.restarts),
+        *drift_findings(name, fine.calibration, model.restarts.tolist()),
+        *jump_findings(name, fine.calibration, model.restarts),
     )
     estimate = replace(
         fine,

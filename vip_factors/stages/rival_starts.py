@@ -65,17 +65,19 @@ def _solved_from(
     settings: CommonSettings, solver: Solver,
 ) -> SceneState:  # fmt: skip
     """Where the problem ends if one wearer starts as a rival start has him, in the solution's world."""
-    model, found = problem.wearers[number], state.wearers[number]
-    start = rival.calibration
-    turn = robust_mean_angle(wrap_angle(found.headings - start.headings))
-    start = replace(start, headings=start.headings + turn, R_world_bone=None)
-    tracked = inertial_tracker(recording, model.frames, settings, solver, start)
-    model = replace(model, prior_headings=start.headings, prior_R_bone_sensor=start.R_bone_sensor)
-    begins = replace(
-        found, R_parent_child=tracked.state.R_parent_child, headings=start.headings, R_bone_sensor=start.R_bone_sensor
-    ).with_headings(len(model.heading_times))
+    model, solved = problem.wearers[number], state.wearers[number]
+    tracked = inertial_tracker(recording, model.frames, settings, solver, replace(rival.calibration, R_world_bone=None))
+    begin = tracked.state.turned(robust_mean_angle(wrap_angle(solved.headings - tracked.state.headings)))
+    model = replace(
+        model, prior_headings=begin.headings, prior_R_bone_sensor=begin.R_bone_sensor, restarts=tracked.model.restarts,
+        heading_times=tracked.model.heading_times,
+    )  # fmt: skip
+    begin = replace(
+        solved, R_parent_child=begin.R_parent_child, headings=begin.headings, later_headings=begin.later_headings,
+        R_bone_sensor=begin.R_bone_sensor,
+    )  # fmt: skip
     wearers, states = list(problem.wearers), list(state.wearers)
-    wearers[number], states[number] = model, begins
+    wearers[number], states[number] = model, begin
     problem, state = replace(problem, wearers=tuple(wearers)), replace(state, wearers=tuple(states))
     return solver.solve(SceneObjective(problem), state, "start")
 

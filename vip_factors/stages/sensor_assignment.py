@@ -45,6 +45,7 @@ from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource, SceneSou
 from vip_factors.settings import Settings
 from vip_factors.stages.calibration_start import brisk_stretch
 from vip_factors.stages.inertial import FoundStart, find_start, inertial_tracker
+from vip_factors.stages.pauses import interval_between_pauses
 from vip_factors.stages.solver import Solver
 
 
@@ -66,17 +67,18 @@ def with_sensors_assigned(
     starts = list[FoundStart | None]()
     placements, findings, exchanges = list[Placement](), list[Finding](), 0
     for one, time in zip_longest(source.wearers, times):
-        start, end = one.interval
+        start, end = interval_between_pauses(one.head, one.interval)
         until = min(end, start + SECONDS)
         spare = (end - until) / 2
-        head = replace(one.head, imus=dict(one.between(start + spare, end - spare)))
+        head = replace(one.head, imus=dict(one.between(start + spare, end - spare)), pauses=())
         found = exchanges_of(head, settings)
         placement = exchanged(head.placement, head.placed, found)
         beginning = replace(head, imus=dict(one.between(start, until))) if spare else head
         filmed = settings.fusion.use_camera and source.head.camera is not None
         camera = source.between(start, until).camera if filmed else None
         beginning = replace(beginning, placement=placement)
-        pose, sides, begun = against_declared(beginning, camera, settings, None if spare else time)
+        is_whole = not spare and not one.head.pauses
+        pose, sides, begun = against_declared(beginning, camera, settings, time if is_whole else None)
         starts.append(None if sides is not None or (found and not settings.assign) else begun)
         if pose is not None:
             findings.append(pose)

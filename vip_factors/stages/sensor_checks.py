@@ -14,6 +14,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
 from vip_factors.settings import SensorClockSettings, Settings
+from vip_factors.stages.pauses import between_pauses
 from vip_factors.stages.sensor_assignment import placed_links
 
 Corrections = Mapping[str, "SensorCorrection"]
@@ -22,7 +23,7 @@ Corrections = Mapping[str, "SensorCorrection"]
 
 def checked_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[Finding, ...]]:
     """The scene with all wearers' sensors put right, by what each wearer's were, and what was found."""
-    found = [sensor_corrections(one, one, settings) for one in scene.wearers]
+    found = [sensor_corrections(one, between_pauses(one), settings) for one in scene.wearers]
     wearers = tuple(_corrected(one, right) for one, (right, _) in zip(scene.wearers, found, strict=True))
     return (
         replace(scene, wearers=wearers),

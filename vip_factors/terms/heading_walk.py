@@ -25,9 +25,9 @@ def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
 
 def step_sigmas(problem: WearerProblem) -> Array:
     """``(K − 1, S)`` radians by which headings may change at each step."""
-    restart_deg = 20.0  # over a pause: what a few seconds of motion told of headings is good to that
-    drift = walk_sigma(problem, np.diff(problem.heading_times)[:, None])
-    return np.where(problem.drifts_on[:, None], drift, np.deg2rad(restart_deg))
+    sigmas = walk_sigma(problem, np.diff(problem.heading_times)[:, None])
+    sigmas[problem.restart_steps] = np.pi  # any heading
+    return sigmas
 
 
 def equations(at: WearerEvaluation) -> Iterator[WalkEquations]:

@@ -70,7 +70,8 @@ class Variable:
     @property
     def width(self) -> int:
         """Of its tangent."""
-        return ROWS[self.block].count(None) if self.is_one_vector else self.manifold.width
+        count = ROWS[self.block].count
+        return count if self.is_one_vector and count is not None else self.manifold.width
 
     @property
     def is_of_a_frame(self) -> bool:
@@ -127,9 +128,8 @@ def variable_of(key: int) -> Variable | None:
     if row.name == HEADINGS:
         step, sensor = divmod(rest, keys.STEP)
         return Variable(HEADINGS, wearer, 0, sensor, step)
-    if row.of_sensors:
-        return Variable(row.name, wearer, 0, rest)
-    return Variable(row.name, wearer, 0, rest) if rest < (1 if row.one_vector else row.count(None)) else None
+    exists = row.count is None or rest < (1 if row.one_vector else row.count)
+    return Variable(row.name, wearer, 0, rest) if exists else None
 
 
 def values_of(state: SceneState, variables: Iterable[Variable], first: int = 0) -> gtsam.Values:
@@ -165,7 +165,7 @@ def _array(state: SceneState, one: Variable, first: int) -> tuple[Any, tuple[int
         t = one.frame - first
         return getattr(own, ARRAYS[one.block]), (t, one.item) if one.block == JOINT else (t,)
     if one.block == HEADINGS:
-        return own.heading_path, (one.step, one.item)
+        return state.wearers[one.wearer].heading_path, (one.step, one.item)
     array = getattr(own, one.block)
     single = one.is_one_vector or np.ndim(array) == (2 if one.manifold is Manifold.ROTATION else 0)
     return array, () if single else (one.item,)

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol, Self
 
 import numpy as np
 
@@ -36,6 +36,14 @@ class Manifold(StrEnum):
     def is_flat(self) -> bool:
         """Whether steps simply add."""
         return self in (Manifold.VECTOR, Manifold.POINT)
+
+
+class Retractable(Protocol):
+    """Several variables that move by steps ``(n, c)`` of their tangents."""
+
+    def retract(self, steps: Array) -> Self:
+        """The variables moved."""
+        ...
 
 
 class Owner(StrEnum):
@@ -90,7 +98,7 @@ class StaticBlock:
         """A number, or one for each column of an item, as one for each of all columns."""
         return np.tile(np.broadcast_to(np.asarray(value, dtype=float), self.item_width), self.items)
 
-    def retract(self, value: Any, step: Array) -> Any:
+    def retract(self, value: Array | float | Retractable, step: Array) -> Array | float | Retractable:
         """The variables moved by steps ``(width,)``; every solver moves them by this.
 
         Vectors are ``(items,)`` or, a single one, a number; points ``(items, 3)``; rotations ``(items, 3, 3)`` or
@@ -98,11 +106,13 @@ class StaticBlock:
         :class:`~vip_factors.problem.state.CameraPoses`.
         """
         each = step.reshape(self.items, self.item_width)
-        if self.manifold.is_flat:
-            return float(value + step[0]) if np.ndim(value) == 0 else value + step.reshape(np.shape(value))
+        if isinstance(value, float):
+            return float(value + step[0])
+        if not isinstance(value, np.ndarray):
+            return value.retract(each)
         if self.manifold is Manifold.ROTATION:
-            return value @ exp(each.reshape(*np.shape(value)[:-2], 3))
-        return value.retract(each)
+            return value @ exp(each.reshape(*value.shape[:-2], 3))
+        return value + step.reshape(value.shape)
 
     def chart(self, coordinates: Array) -> Array:
         """Derivative ``(items, c, c)`` of a step from a moved value by its coordinates ``(width,)`` around a fixed one.

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
 
 import numpy as np
 
@@ -172,7 +171,7 @@ class SceneState:
         """Of wearers whom no camera sees."""
         return cls(tuple(wearers), CameraState(CameraPoses(np.eye(3)[None], np.zeros((1, 3)))))
 
-    def of(self, owner: OwnerId) -> Any:
+    def of(self, owner: OwnerId) -> "OwnerState":
         """One owner's values."""
         match owner.kind:
             case Owner.CAMERA:
@@ -186,27 +185,39 @@ class SceneState:
         wearers = tuple(one.window(frames) for one in self.wearers)
         return SceneState(wearers, self.camera.window(frames), self.detector)
 
-    def replaced(self, owners: Mapping[OwnerId, Any]) -> "SceneState":
+    def replaced(self, owners: Mapping[OwnerId, "OwnerState"]) -> "SceneState":
         """With other values of some owners."""
-        wearers = tuple(owners.get(OwnerId(Owner.WEARER, n), one) for n, one in enumerate(self.wearers))
-        camera, detector = (OwnerId(kind) for kind in (Owner.CAMERA, Owner.DETECTOR))
-        return SceneState(wearers, owners.get(camera, self.camera), owners.get(detector, self.detector))
+        wearers, camera, detector = list(self.wearers), self.camera, self.detector
+        for owner, state in owners.items():
+            match state:
+                case WearerState():
+                    wearers[owner.number] = state
+                case CameraState():
+                    camera = state
+                case DetectorState():
+                    detector = state
+        return SceneState(tuple(wearers), camera, detector)
 
     def retract_static(self, layout: Layout, step: Array) -> "SceneState":
         """What all frames share moved by a step ``(s,)`` of the layout's static vector."""
-        moved: dict[OwnerId, dict[str, Any]] = {}
+        moved = {owner: dict(vars(self.of(owner))) for owner, _ in layout.owners}
         for owner, block, columns in layout.placed:
             if block.free:
-                value = block.retract(getattr(self.of(owner), block.name), step[columns])
-                moved.setdefault(owner, {})[block.name] = value
-        return self.replaced({owner: replace(self.of(owner), **values) for owner, values in moved.items()})
+                moved[owner][block.name] = block.retract(moved[owner][block.name], step[columns])
+        return self.replaced({owner: type(self.of(owner))(**values) for owner, values in moved.items()})
 
     def retract_frames(self, layout: Layout, steps: Array) -> "SceneState":
         """Every frame moved by steps ``(T, w)`` of the layout's frames."""
-        changed: dict[OwnerId, Any] = {}
-        for one, columns in zip(layout.chains, layout.chain_columns, strict=True):
-            changed[one.owner] = self.of(one.owner).retract_frames(steps[:, columns])
+        changed = dict[OwnerId, OwnerState]()
+        for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
+            state = self.of(chain.owner)
+            assert not isinstance(state, DetectorState)  # which has nothing of its own in a frame
+            changed[chain.owner] = state.retract_frames(steps[:, columns])
         return self.replaced(changed)
+
+
+OwnerState = WearerState | CameraState | DetectorState
+"""Values of one owner's variables."""
 
 
 def seconds_late(offset: float, drift: float, time: Array, middle: float) -> Array:

@@ -5,7 +5,7 @@ Values stand in an attribute of that name of the owner's state (:mod:`vip_factor
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -15,7 +15,8 @@ from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.pose_prior import POSE_SIZE
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.problem.layout import FRAME, POSE, ROOT, FrameBlock, Layout, Manifold, Owner, OwnerId, StaticBlock
-from vip_factors.problem.scene import SceneProblem
+from vip_factors.problem.scene import CameraProblem, SceneProblem
+from vip_factors.problem.wearer import WearerProblem
 from vip_factors.settings import ProcessNoiseSettings, RelinearisationSettings
 
 # One unit of damping, in physical units, is a prior of this size on every step.
@@ -31,8 +32,11 @@ CAMERA = OwnerId(Owner.CAMERA)
 DETECTOR = OwnerId(Owner.DETECTOR)
 
 
+Problem = TypeVar("Problem", WearerProblem, CameraProblem, SceneProblem)
+
+
 @dataclass(frozen=True)
-class Row:
+class Row(Generic[Problem]):
     """One kind of variable.
 
     Attributes:
@@ -42,12 +46,11 @@ class Row:
         owner: whose it is.
         manifold: of each item.
         step: one unit of damping is a prior of this size on a step (rad, m, s).
-        count: how many items, given the owner's problem.
+        count: how many items; None: one for each of the wearer's sensors.
         free: whether they move, given the owner's problem.
         process_noise: how far each may wander in a stream, per √second.
         relinearise: linearised anew in a stream where it moved by more; None: by the angle that the stream sets.
         one_vector: all items are one variable of GTSAM.
-        of_sensors: there is one for each of the wearer's sensors.
     """
 
     name: str
@@ -56,73 +59,73 @@ class Row:
     owner: Owner
     manifold: Manifold
     step: float | tuple[float, ...]
-    count: Callable[[Any], int]
-    free: Callable[[Any], bool]
+    count: int | None
+    free: Callable[[Problem], bool]
     process_noise: Callable[[ProcessNoiseSettings], float | tuple[float, ...]] = lambda noise: 0.0
     relinearise: float | None = None
     one_vector: bool = False
-    of_sensors: bool = False
 
-    def block(self, problem: Any, noise: ProcessNoiseSettings, angle: float) -> StaticBlock:
-        """The block of one owner, whose ``problem`` says how many there are and whether they move."""
-        count, free, relinearise = self.count(problem), self.free(problem), self.relinearise
-        limit = angle if relinearise is None else relinearise
+    @property
+    def of_sensors(self) -> bool:
+        """Whether there is one for each of the wearer's sensors."""
+        return self.count is None
+
+    def block(self, problem: Problem, sensors: int, noise: ProcessNoiseSettings, angle: float) -> StaticBlock:
+        """The block of one owner, whose ``problem`` says whether they move."""
+        count, free = sensors if self.count is None else self.count, self.free(problem)
+        limit = angle if self.relinearise is None else self.relinearise
         return StaticBlock(self.name, self.manifold, count, free, self.step, self.process_noise(noise), limit)
 
 
-def _rows() -> tuple[Row, ...]:
-    wearer, camera, detector = Owner.WEARER, Owner.CAMERA, Owner.DETECTOR
-    vector, point, rotation, pose = Manifold.VECTOR, Manifold.POINT, Manifold.ROTATION, Manifold.POSE
-
-    def sensors(problem: Any) -> int:
-        return len(problem.sensors)
-
-    def one(problem: Any) -> int:
-        return 1
-
-    def so_many(count: int) -> Callable[[Any], int]:
-        return lambda problem: count
-
-    def has_imu(problem: Any) -> bool:
-        return problem.imu is not None
-
-    def heading(noise: ProcessNoiseSettings) -> float:
-        return float(np.deg2rad(noise.heading_deg))
-
-    def mounting(noise: ProcessNoiseSettings) -> float:
-        return float(np.deg2rad(noise.mounting_deg))
-
-    def camera_pose(noise: ProcessNoiseSettings) -> tuple[float, ...]:
-        degrees, metres = 0.05, 0.002  # of a camera that stands still
-        return (float(np.deg2rad(degrees)),) * 3 + (metres,) * 3
-
-    return (
-        Row("headings", "heading", "h", wearer, vector, STEP_ANGLE, sensors, lambda own: own.free_headings, heading,
-            of_sensors=True),
-        Row("R_bone_sensor", "mounting", "b", wearer, rotation, STEP_ANGLE, sensors, lambda own: own.free_mountings,
-            mounting, of_sensors=True),
-        Row("body", "body", "s", wearer, vector, STEP_BODY, so_many(len(LENGTHS)), lambda own: own.body_moves,
-            relinearise=BODY_MOVED, one_vector=True),
-        Row("sensor_positions", "place of a sensor", "p", wearer, point, STEP_BODY, sensors,
-            lambda own: own.free_places, relinearise=BODY_MOVED, of_sensors=True),
-        Row("sole", "sole", "f", wearer, vector, STEP_SOLE, one, lambda own: own.free_sole, relinearise=SOLE_MOVED),
-        Row("hinges", "axes of elbows and knees", "e", wearer, vector, STEP_ANGLE, so_many(HINGE_VARIABLES),
-            lambda own: own.free_hinges, one_vector=True),
-        Row("pose_mean", "mean pose", "m", wearer, vector, STEP_ANGLE, so_many(POSE_SIZE),
-            lambda own: own.free_pose_mean, one_vector=True),
-        # Of a camera that moves every frame has a pose.
-        Row("poses", "camera pose", "c", camera, pose, (STEP_ANGLE,) * 3 + (STEP_LENGTH,) * 3, one,
-            lambda own: own.free_pose and not own.moving, camera_pose),
-        Row("heading", "camera heading", "g", camera, vector, STEP_ANGLE, one, has_imu, heading),
-        Row("R_camera_imu", "camera mounting", "q", camera, rotation, STEP_ANGLE, one, has_imu, heading),
-        Row("clock", "clock offset", "o", camera, vector, STEP_CLOCK, one, lambda own: own.free_clock, heading),
-        Row("clock_drift", "clock drift", "d", camera, vector, STEP_CLOCK_DRIFT, one, lambda own: own.free_clock),
-        Row("keypoint_offsets", "offset of a keypoint", "k", detector, point, STEP_BODY, so_many(len(OFFSET_KEYPOINTS)),
-            lambda scene: scene.free_keypoints, relinearise=BODY_MOVED),
-    )  # fmt: skip
+def _heading_noise(noise: ProcessNoiseSettings) -> float:
+    return float(np.deg2rad(noise.heading_deg))
 
 
-ROWS = {row.name: row for row in _rows()}
+def _mounting_noise(noise: ProcessNoiseSettings) -> float:
+    return float(np.deg2rad(noise.mounting_deg))
+
+
+def _pose_noise(noise: ProcessNoiseSettings) -> tuple[float, ...]:
+    degrees, metres = 0.05, 0.002  # of a camera that stands still
+    return (float(np.deg2rad(degrees)),) * 3 + (metres,) * 3
+
+
+VECTOR, POINT, ROTATION = Manifold.VECTOR, Manifold.POINT, Manifold.ROTATION
+WEARER_ROWS: tuple[Row[WearerProblem], ...] = (
+    Row("headings", "heading", "h", Owner.WEARER, VECTOR, STEP_ANGLE, None, lambda own: own.free_headings,
+        _heading_noise),
+    Row("R_bone_sensor", "mounting", "b", Owner.WEARER, ROTATION, STEP_ANGLE, None, lambda own: own.free_mountings,
+        _mounting_noise),
+    Row("body", "body", "s", Owner.WEARER, VECTOR, STEP_BODY, len(LENGTHS), lambda own: own.body_moves,
+        relinearise=BODY_MOVED, one_vector=True),
+    Row("sensor_positions", "place of a sensor", "p", Owner.WEARER, POINT, STEP_BODY, None,
+        lambda own: own.free_places, relinearise=BODY_MOVED),
+    Row("sole", "sole", "f", Owner.WEARER, VECTOR, STEP_SOLE, 1, lambda own: own.free_sole, relinearise=SOLE_MOVED),
+    Row("hinges", "axes of elbows and knees", "e", Owner.WEARER, VECTOR, STEP_ANGLE, HINGE_VARIABLES,
+        lambda own: own.free_hinges, one_vector=True),
+    Row("pose_mean", "mean pose", "m", Owner.WEARER, VECTOR, STEP_ANGLE, POSE_SIZE, lambda own: own.free_pose_mean,
+        one_vector=True),
+)  # fmt: skip
+CAMERA_ROWS: tuple[Row[CameraProblem], ...] = (
+    # Of a camera that moves every frame has a pose.
+    Row("poses", "camera pose", "c", Owner.CAMERA, Manifold.POSE, (STEP_ANGLE,) * 3 + (STEP_LENGTH,) * 3, 1,
+        lambda own: own.free_pose and not own.moving, _pose_noise),
+    Row("heading", "camera heading", "g", Owner.CAMERA, VECTOR, STEP_ANGLE, 1, lambda own: own.imu is not None,
+        _heading_noise),
+    Row("R_camera_imu", "camera mounting", "q", Owner.CAMERA, ROTATION, STEP_ANGLE, 1,
+        lambda own: own.imu is not None, _heading_noise),
+    Row("clock", "clock offset", "o", Owner.CAMERA, VECTOR, STEP_CLOCK, 1, lambda own: own.free_clock, _heading_noise),
+    Row("clock_drift", "clock drift", "d", Owner.CAMERA, VECTOR, STEP_CLOCK_DRIFT, 1, lambda own: own.free_clock),
+)  # fmt: skip
+DETECTOR_ROWS: tuple[Row[SceneProblem], ...] = (
+    Row("keypoint_offsets", "offset of a keypoint", "k", Owner.DETECTOR, POINT, STEP_BODY, len(OFFSET_KEYPOINTS),
+        lambda scene: scene.free_keypoints, relinearise=BODY_MOVED),
+)  # fmt: skip
+ROWS: dict[str, Row[WearerProblem] | Row[CameraProblem] | Row[SceneProblem]] = {
+    **{row.name: row for row in WEARER_ROWS},
+    **{row.name: row for row in CAMERA_ROWS},
+    **{row.name: row for row in DETECTOR_ROWS},
+}
 
 
 def scene_layout(
@@ -133,21 +136,17 @@ def scene_layout(
 ) -> Layout:
     """All variables of a scene that move; without the wearers' if these are kept as they are."""
     noise, limit = noise or ProcessNoiseSettings(), float(np.deg2rad(relinearise_deg))
-
-    def rows(owner: OwnerId, problem: Any) -> tuple[OwnerId, tuple[StaticBlock, ...]]:
-        return owner, tuple(row.block(problem, noise, limit) for row in ROWS.values() if row.owner is owner.kind)
-
     chains, blocks = list[FrameBlock](), list[tuple[OwnerId, tuple[StaticBlock, ...]]]()
     if wearers_move:
         for number, wearer in enumerate(scene.wearers):
             owner = OwnerId(Owner.WEARER, number)
             chains.append(_wearer_frame(owner))
-            blocks.append(rows(owner, wearer))
+            blocks.append((owner, tuple(row.block(wearer, len(wearer.sensors), noise, limit) for row in WEARER_ROWS)))
     if scene.camera.free_pose and scene.camera.moving:
         step = np.repeat([STEP_ANGLE, STEP_LENGTH], 3)
         chains.append(FrameBlock(CAMERA, POSE, step, {"poses": slice(0, POSE)}))
-    blocks.append(rows(CAMERA, scene.camera))
-    blocks.append(rows(DETECTOR, scene))
+    blocks.append((CAMERA, tuple(row.block(scene.camera, 0, noise, limit) for row in CAMERA_ROWS)))
+    blocks.append((DETECTOR, tuple(row.block(scene, 0, noise, limit) for row in DETECTOR_ROWS)))
     return Layout(tuple(chains), tuple(blocks))
 
 

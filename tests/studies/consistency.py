@@ -20,7 +20,7 @@ from vip_factors.sensors.calibration import PRESETS
 from vip_factors.settings import SolveSettings
 from vip_factors.simulate.settings import CameraKind
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
-from vip_factors.stages.decode import static_covariance
+from vip_factors.stages.decode import SharedCovariance
 
 # From the truth, to the last digit: what is asked is whether the covariance is right, not whether the start was good.
 TO_THE_END = SolveSettings(max_iterations=50, relative_decrease=1e-9)
@@ -107,8 +107,8 @@ def gaussian_nees(scene: GaussianScene) -> dict[str, Array]:
     state, _ = levenberg_marquardt(objective, scene.truth, TO_THE_END)
     marginals, layout = objective.linearise(state).marginals(), objective.layout
     own, true, owner = state.wearers[0], scene.truth.wearers[0], OwnerId(Owner.WEARER)
-    headings = static_covariance(layout, owner, "headings", marginals.static)
-    mountings = static_covariance(layout, owner, "R_bone_sensor", marginals.static)
+    headings = SharedCovariance(layout, marginals.static).of(owner, "headings")
+    mountings = SharedCovariance(layout, marginals.static).of(owner, "R_bone_sensor")
     chain = layout.chain_of(owner)
     assert headings is not None
     assert mountings is not None
@@ -137,7 +137,7 @@ def _camera_nees(
     tangent = np.concatenate([turn, shift], axis=1)
     path = layout.chain_of(CAMERA)
     if path is None:
-        standing = static_covariance(layout, CAMERA, "poses", marginals.static)
+        standing = SharedCovariance(layout, marginals.static).of(CAMERA, "poses")
         assert standing is not None
         return nees(tangent, standing[None])
     return nees(tangent[frames], marginals.chains[path][frames])

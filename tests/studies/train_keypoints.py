@@ -30,7 +30,7 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
 from vip_factors.stages.association import associate_cameras, associate_cameras_again, usable_cameras
-from vip_factors.stages.decode import motion_of, static_covariance
+from vip_factors.stages.decode import SharedCovariance, motion_of
 from vip_factors.stages.fusion import FusionSolution, fusion_problem
 from vip_factors.stages.fusion_start import start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames
@@ -279,6 +279,6 @@ def _decoded(solution: FusionSolution) -> KeypointOffsets:
         shared = objective.linearise(solution.state).static_covariance()
     except SolveError as error:
         raise InputError(f"the offsets are not determined ({error}): expected a longer recording") from error
-    covariance = static_covariance(objective.layout, DETECTOR, "keypoint_offsets", shared)
+    covariance = SharedCovariance(objective.layout, shared).of(DETECTOR, "keypoint_offsets")
     assert covariance is not None
     return KeypointOffsets(solution.state.detector.keypoint_offsets, np.sqrt(np.diag(covariance)).reshape(SHAPE))

@@ -8,12 +8,13 @@ import numpy as np
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.errors import SolveError
 from vip_factors.estimate import CameraEstimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.problem.layout import FRAME, ROOT, Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
-from vip_factors.problem.variables import CAMERA, scene_layout
+from vip_factors.problem.variables import CAMERA
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import CameraPath, VideoClock
@@ -77,11 +78,11 @@ def pose_covariance(covariance: Array) -> PoseCovariance:
 @dataclass(frozen=True)
 class SceneCovariance:
     """How sure poses are: of each wearer, and ``(T, 6, 6)`` of the camera's pose (None if that is kept); and what all
-    frames share ``(s, s)``."""
+    frames share."""
 
     wearers: tuple[PoseCovariance, ...]
     camera: Array | None
-    shared: Array
+    shared: "SharedCovariance"
 
     def at(self, frames: np.ndarray) -> "SceneCovariance":
         """The covariance at some frames, by index ``(n,)``; a camera that stands still has one for all."""
@@ -104,18 +105,41 @@ def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> 
         chain = layout.chain_of(OwnerId(Owner.WEARER, number))
         assert chain is not None
         wearers.append(pose_covariance(marginals.chains[chain]))
-    camera, path = None, layout.chain_of(CAMERA)
+    camera, path, shared = None, layout.chain_of(CAMERA), SharedCovariance(layout, marginals.static)
     if path is not None:
         camera = marginals.chains[path]
-    elif (still := static_covariance(layout, CAMERA, "poses", marginals.static)) is not None:
+    elif (still := shared.of(CAMERA, "poses")) is not None:
         camera = still[None]
-    return SceneCovariance(tuple(wearers), camera, marginals.static)
+    return SceneCovariance(tuple(wearers), camera, shared)
 
 
-def static_covariance(layout: Layout, owner: OwnerId, block: str, covariance: Array) -> Array | None:
-    """The covariance of a static block ``(c, c)``, of that of all ``(s, s)``; None where it is no variable."""
-    columns = layout.columns(owner, block)
-    return covariance[np.ix_(columns, columns)] if len(columns) else None
+@dataclass(frozen=True)
+class SharedCovariance:
+    """How sure what all frames share is: ``covariance`` ``(s, s)``; None if the data do not determine it."""
+
+    layout: Layout
+    covariance: Array | None
+
+    @classmethod
+    def at(cls, model: SceneProblem, state: SceneState) -> "SharedCovariance":
+        """The marginals at a solution; that costs as much as an iteration."""
+        objective = SceneObjective(model)
+        if not objective.layout.static_width:
+            return cls(objective.layout, np.zeros((0, 0)))
+        try:
+            return cls(objective.layout, objective.linearise(state).static_covariance())
+        except SolveError:
+            return cls(objective.layout, None)
+
+    def of(self, owner: OwnerId, block: str) -> Array | None:
+        """Of a static block ``(c, c)``; None where it is no variable, or not determined."""
+        columns = self.layout.columns(owner, block)
+        return None if self.covariance is None or not len(columns) else self.covariance[np.ix_(columns, columns)]
+
+    def sigmas(self, owner: OwnerId, block: str) -> Array | None:
+        """Standard deviations of a static block ``(c,)``; None as :meth:`of`."""
+        covariance = self.of(owner, block)
+        return None if covariance is None else np.sqrt(np.diag(covariance))
 
 
 def decode_wearers(
@@ -160,35 +184,28 @@ def reprojection_rms(model: SceneProblem, state: SceneState) -> Array:
     return np.stack(columns, axis=1)
 
 
-def with_sigmas(estimate: WearerEstimate, model: SceneProblem, number: int, shared: Array | None) -> WearerEstimate:
-    """The estimate with standard deviations of its calibration, where those are variables of ``model``."""
-    layout, owner = scene_layout(model), OwnerId(Owner.WEARER, number)
-    headings = _sigmas(layout, owner, "headings", shared)
-    mountings = _sigmas(layout, owner, "R_bone_sensor", shared)
-    calibration: dict[str, SensorCalibration] = {}
-    for s, sensor in enumerate(model.wearers[number].frames.sensors):
-        one = estimate.calibration[sensor]
-        calibration[sensor] = replace(
+def with_sigmas(estimate: WearerEstimate, number: int, shared: SharedCovariance) -> WearerEstimate:
+    """The estimate of the wearer of a number with standard deviations of its calibration, where those are variables."""
+    owner = OwnerId(Owner.WEARER, number)
+    headings, mountings = shared.sigmas(owner, "headings"), shared.sigmas(owner, "R_bone_sensor")
+    calibration = {
+        sensor: replace(
             one,
             heading_sigma=one.heading_sigma if headings is None else float(headings[s]),
             mounting_sigma=one.mounting_sigma if mountings is None else mountings[3 * s : 3 * s + 3],
         )
+        for s, (sensor, one) in enumerate(estimate.calibration.items())
+    }
     return replace(estimate, calibration=calibration)
 
 
-def _sigmas(layout: Layout, owner: OwnerId, block: str, shared: Array | None) -> Array | None:
-    covariance = None if shared is None else static_covariance(layout, owner, block, shared)
-    return None if covariance is None else np.sqrt(np.diag(covariance))
-
-
-def camera_with_sigmas(estimate: CameraEstimate, model: SceneProblem, shared: Array | None) -> CameraEstimate:
+def camera_with_sigmas(estimate: CameraEstimate, shared: SharedCovariance) -> CameraEstimate:
     """The camera's estimate with standard deviations of its clock and its IMU's calibration."""
-    layout = scene_layout(model)
-    clock = [_sigmas(layout, CAMERA, block, shared) for block in ("clock", "clock_drift")]
-    if clock[0] is not None and clock[1] is not None:
-        estimate = replace(estimate, clock_sigma=(float(clock[0][0]), float(clock[1][0])))
-    heading = _sigmas(layout, CAMERA, "heading", shared)
-    mounting = _sigmas(layout, CAMERA, "R_camera_imu", shared)
+    clock, drift, heading, mounting = (
+        shared.sigmas(CAMERA, block) for block in ("clock", "clock_drift", "heading", "R_camera_imu")
+    )
+    if clock is not None and drift is not None:
+        estimate = replace(estimate, clock_sigma=(float(clock[0]), float(drift[0])))
     if heading is None or mounting is None or estimate.calibration is None:
         return estimate
     calibration = replace(estimate.calibration, heading_sigma=float(heading[0]), mounting_sigma=mounting)

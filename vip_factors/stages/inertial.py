@@ -7,25 +7,21 @@ from itertools import zip_longest
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from vip_factors.assembly.objective import SceneObjective
 from vip_factors.body.pose_prior import joint_vector
 from vip_factors.body.skeleton import held_pose
-from vip_factors.errors import InputError, SolveError
-from vip_factors.estimate import WearerEstimate
-from vip_factors.findings import Finding
+from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.calibration import InitialCalibration, first_poses, initial_calibration, known_calibration
 from vip_factors.initialise.start_search import Starts
 from vip_factors.problem.scene import ExtraTerms
-from vip_factors.problem.state import SceneState, WearerState
+from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.frames import ImuFrames, resample_streams
 from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings
 from vip_factors.stages.calibration_start import search_start
-from vip_factors.stages.decode import with_sigmas
 from vip_factors.stages.drift import with_found_drift
 from vip_factors.stages.inertial_model import (
     frame_by_frame,
@@ -38,12 +34,10 @@ from vip_factors.stages.inertial_model import (
 )
 from vip_factors.stages.pauses import frames_between_pauses, headings_after_pauses
 from vip_factors.stages.solver import Solver
-from vip_factors.terms.registry import unfilmed_problem
 
 # Beyond its range in most frames: then limits and the declared pose contradict each other, and thousands of frames are
 # not to overrule what was declared.
 CONTRADICTION = np.deg2rad(60.0)
-UNDETERMINED = Finding(
     "not settled", subject="all headings and mountings", words={"reason": "in part they are guesses"}
 )
 
@@ -200,27 +194,3 @@ def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
     R = interpolate_smoothly(time, state.R_parent_child, wanted)  # a kink would be an acceleration
     path = make_interp_spline(time, state.p_world_pelvis, k=min(3, len(time) - 1))
     return replace(state, R_parent_child=R, p_world_pelvis=path(np.clip(wanted, time[0], time[-1])))
-
-
-def with_calibration_sigmas(
-    estimate: WearerEstimate, solution: InertialSolution, extra: ExtraTerms | None = None
-) -> WearerEstimate:
-    """The estimate with standard deviations of headings and mountings; with a finding, if they are not determined.
-
-    They are marginals at the solution that found them, on its coarse frames: at the full
-    rate headings and mountings are kept, as if they were known. That costs as much as one of its iterations.
-
-    Args:
-        estimate: whose calibration is that of ``solution``.
-        solution: as :func:`~vip_factors.stages.inertial.calibrated` returns it.
-        extra: terms with which it was found.
-    """
-    model = with_contacts(with_inflated_contact_sigma(solution.model), solution.state)
-    objective = SceneObjective(unfilmed_problem([model], extra))
-    if not objective.layout.static_width:
-        return estimate
-    try:
-        covariance = objective.linearise(SceneState.unfilmed([solution.state])).static_covariance()
-    except SolveError:
-        return replace(estimate, findings=(*estimate.findings, UNDETERMINED))
-    return with_sigmas(estimate, objective.problem, 0, covariance)

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from vip_factors.assembly.objective import SceneObjective
 from vip_factors.associate.associate import Association
 from vip_factors.body.hinges import HingeEstimate, hinge_estimates
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
@@ -13,7 +12,6 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.model_errors import FILMED, UNFILMED, ModelErrors
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
-from vip_factors.errors import SolveError
 from vip_factors.estimate import (
     BodyEstimate,
     DetectorEstimate,
@@ -25,7 +23,8 @@ from vip_factors.estimate import (
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Owner, OwnerId
-from vip_factors.problem.variables import DETECTOR, scene_layout
+from vip_factors.problem.state import SceneState
+from vip_factors.problem.variables import DETECTOR
 from vip_factors.sensors.calibration import Calibration as SensorCalibrations
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.frames import ImuFrames
@@ -34,22 +33,22 @@ from vip_factors.stages.calibrate import Calibration
 from vip_factors.stages.calibration_start import start_choice
 from vip_factors.stages.decode import (
     SceneCovariance,
+    SharedCovariance,
     camera_with_sigmas,
     decode,
     decode_camera,
     decode_wearers,
     scene_covariance,
-    static_covariance,
     with_sigmas,
 )
 from vip_factors.stages.drift import clock_findings, drift_findings, slip_findings
 from vip_factors.stages.findings import film_findings, posture_findings, quality_checks, who_is_who
 from vip_factors.stages.fusion import FusionSolution
-from vip_factors.stages.inertial import with_calibration_sigmas
-from vip_factors.stages.inertial_model import method_of
+from vip_factors.stages.inertial_model import method_of, with_contacts, with_inflated_contact_sigma
 from vip_factors.stages.pauses import jump_findings
 from vip_factors.stages.solver import Solver
 from vip_factors.terms.heading_prior import GAUGE_SIGMA
+from vip_factors.terms.registry import unfilmed_problem
 from vip_factors.terms.sensor_position import sensor_position_whitening
 
 
@@ -69,10 +68,10 @@ def filmed_estimate(
     scene, coarse, associated = solution.scene, solution.fused, solution.associated
     fine = coarse if frames is None else solution.at_full_rate(frames, settings, solver)
     covariance = full_rate_covariance(coarse, fine, solver) if settings.covariance and frames is not None else None
-    shared = covariance_of_shared(coarse) if covariance is None else covariance.shared
+    shared = SharedCovariance.at(coarse.model, coarse.state) if covariance is None else covariance.shared
     wearers = tuple(
         replace(
-            with_sigmas(estimate, coarse.model, number, shared),
+            with_sigmas(estimate, number, shared),
             body=body_estimate(coarse, number, shared),
             sensor_places=sensor_position_estimates(coarse, number, shared),
             start=start_choice(estimate.sensors, solution.wearers[number].starts),
@@ -83,12 +82,10 @@ def filmed_estimate(
     camera, given = None, np.full(len(first.detections), -1)
     if is_first_used:  # else nobody was found there, and it is nowhere
         camera = decode_camera(first.name, fine.model, fine.state, covariance, first.clock)
-        camera, given = camera_with_sigmas(camera, coarse.model, shared), associated[0].association.wearer
-    guesses = {"reason": "in part they are guesses"}
-    undetermined = [Finding("not settled", subject="all headings, mountings and the camera", words=guesses)]
+        camera, given = camera_with_sigmas(camera, shared), associated[0].association.wearer
     findings = [
         *who_is_who(scene, associated),
-        *undetermined[: shared is None],
+        *_undetermined(shared, "all headings, mountings and the camera"),
         *coarse.findings,
         *quality_checks(scene, associated, fine, wearers),
         *(
@@ -128,9 +125,17 @@ def unfilmed_estimate(calibration: Calibration, settings: Settings, fine: Wearer
         start=start_choice(fine.sensors, shared.starts),
         reports=(*calibration.solver.reports, *fine.reports),
     )
-    if settings.acceleration:
-        estimate = with_calibration_sigmas(estimate, shared, calibration.solver.extra)
+    if settings.acceleration:  # as the calibration was found: at the full rate headings and mountings are kept
+        free = with_contacts(with_inflated_contact_sigma(model), state)
+        sigmas = SharedCovariance.at(unfilmed_problem([free], calibration.solver.extra), SceneState.unfilmed([state]))
+        undetermined = _undetermined(sigmas, "all headings and mountings")
+        estimate = replace(with_sigmas(estimate, 0, sigmas), findings=(*findings, *undetermined))
     return Estimate.of_one(estimate)
+
+
+def _undetermined(shared: SharedCovariance, subject: str) -> Iterator[Finding]:
+    if shared.covariance is None:
+        yield Finding("not settled", subject=subject, words={"reason": "in part they are guesses"})
 
 
 def association_cues(names: Sequence[str], association: Association) -> tuple[str, ...]:
@@ -222,30 +227,18 @@ def at_nearest(covariance: SceneCovariance, coarse: FusionSolution, time: Array)
     return covariance.at(np.searchsorted((coarse_time[1:] + coarse_time[:-1]) / 2, time))
 
 
-def covariance_of_shared(solution: FusionSolution) -> Array | None:
-    """How sure what all frames share is, ``(s, s)``; None if the data do not determine it."""
-    objective = SceneObjective(solution.model)
-    if not objective.layout.static_width:
-        return np.zeros((0, 0))
-    try:
-        return objective.linearise(solution.state).static_covariance()
-    except SolveError:
-        return None
-
-
-def body_estimate(solution: FusionSolution, number: int, shared: Array | None) -> BodyEstimate | None:
+def body_estimate(solution: FusionSolution, number: int, shared: SharedCovariance) -> BodyEstimate | None:
     """One wearer's body; None if nothing of it was a variable.
 
     Args:
         solution: whose bodies were found and are the problem's.
         number: of the wearer.
-        shared: covariance of what all frames share; None if the data do not determine it.
+        shared: how sure what all frames share is.
     """
     model, hinges = solution.model.wearers[number], solution.state.wearers[number].hinges
-    layout, owner = scene_layout(solution.model), OwnerId(Owner.WEARER, number)
 
     def covariance(block: str, size: int) -> Array:
-        known = None if shared is None else static_covariance(layout, owner, block, shared)
+        known = shared.of(OwnerId(Owner.WEARER, number), block)
         return np.full((size, size), np.nan) if known is None else known
 
     found, before = tuple[HingeEstimate, ...](), tuple[HingeEstimate, ...]()
@@ -268,20 +261,20 @@ def body_estimate(solution: FusionSolution, number: int, shared: Array | None) -
 
 
 def sensor_position_estimates(
-    solution: FusionSolution, number: int, shared: Array | None
+    solution: FusionSolution, number: int, shared: SharedCovariance
 ) -> tuple[SensorPlaceEstimate, ...]:
     """Of one wearer's sensors; none if they were no variables.
 
     Args:
         solution: whose bodies were found and are the problem's.
         number: of the wearer.
-        shared: covariance of what all frames share; None if the data do not determine it.
+        shared: how sure what all frames share is.
     """
     model = solution.model.wearers[number]
     if not model.free_places:
         return ()
     points, found = model.sensor_points, solution.state.wearers[number].sensor_positions
-    sigmas = _sigmas(solution, OwnerId(Owner.WEARER, number), "sensor_positions", found.shape, shared)
+    sigmas = _shaped(shared.sigmas(OwnerId(Owner.WEARER, number), "sensor_positions"), found)
     whitening = np.linalg.inv(sensor_position_whitening(model))
     prior_sigmas = np.sqrt(np.einsum("sij,sij->si", whitening, whitening))
     return tuple(
@@ -292,22 +285,16 @@ def sensor_position_estimates(
     )
 
 
-def detector_estimate(solution: FusionSolution, shared: Array | None) -> DetectorEstimate | None:
-    """The detector's keypoint offsets; None if they were no variables.
-
-    ``shared`` is the covariance of what all frames share; None if the data do not determine it.
-    """
+def detector_estimate(solution: FusionSolution, shared: SharedCovariance) -> DetectorEstimate | None:
+    """The detector's keypoint offsets; None if they were no variables."""
     if not solution.model.free_keypoints:
         return None
     found = solution.state.detector.keypoint_offsets
     prior = solution.model.camera.prior_offsets
-    sigma = _sigmas(solution, DETECTOR, "keypoint_offsets", found.shape, shared)
+    sigma = _shaped(shared.sigmas(DETECTOR, "keypoint_offsets"), found)
     return DetectorEstimate(OFFSET_KEYPOINTS, prior.mean, found, prior.sigma, sigma)
 
 
-def _sigmas(
-    solution: FusionSolution, owner: OwnerId, block: str, shape: tuple[int, ...], shared: Array | None
-) -> Array:
-    """Standard deviations of a static block in its shape; NaN if not known."""
-    known = None if shared is None else static_covariance(scene_layout(solution.model), owner, block, shared)
-    return np.full(shape, np.nan) if known is None else np.sqrt(np.diag(known)).reshape(shape)
+def _shaped(sigmas: Array | None, values: Array) -> Array:
+    """Standard deviations in the shape of what they are of; NaN if not known."""
+    return np.full(values.shape, np.nan) if sigmas is None else sigmas.reshape(values.shape)

@@ -110,8 +110,9 @@ def _spread(pixels: Array) -> Array:
     return np.linalg.norm(np.where(np.isfinite(low), high - low, 0.0), axis=-1)
 
 
-def _smooth_size(time: Array, size: Array, window: float = 2.0) -> Array:
+def _smooth_size(time: Array, size: Array) -> Array:
     """Large quantile over a window: arms that rise and fall must not look like coming nearer."""
+    window = 2.0  # s
     knots = np.arange(time[0], time[-1] + window / 2, window / 2)
     first, last = np.searchsorted(time, knots - window / 2), np.searchsorted(time, knots + window / 2, side="right")
     values = [np.quantile(size[a:b], 0.8) if b > a else np.nan for a, b in zip(first, last, strict=True)]
@@ -248,10 +249,10 @@ def _near_samples(time: Array, grid: Array) -> np.ndarray:
     return inside & (time[right] - time[right - 1] <= longest_gap_s)
 
 
-def _without_jumps(values: Array, most: float = 0.25) -> Array:
+def _without_jumps(values: Array) -> Array:
     """NaN where a limb jumps to somewhere and back within few frames: left taken for right."""
     before = np.abs(values - np.roll(values, 1, axis=0)).max(axis=1)
-    jump = np.flatnonzero(before[1:] > most) + 1
+    jump = np.flatnonzero(before[1:] > 0.25) + 1
     clean = values.copy()
     for index in jump:
         clean[index - 1 : index + 1] = np.nan

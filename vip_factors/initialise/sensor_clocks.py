@@ -107,10 +107,10 @@ def joint_signal(stream: ImuStream) -> JointSignal | None:
     return JointSignal(fine.time[now], np.where(valid[:, None, None], values, 0.0), valid)
 
 
-def common_steps(one: JointSignal, other: JointSignal, margin: int = 1) -> np.ndarray:
-    """Steps from the recording's start that two signals have, and as many as the margin on either side."""
+def common_steps(one: JointSignal, other: JointSignal) -> np.ndarray:
+    """Steps from the recording's start that two signals have, with one more on either side."""
     first, last = max(one.first, other.first), min(each.first + len(each.time) - 1 for each in (one, other))
-    return np.arange(-(-first // FINE) + margin, last // FINE + 1 - margin)
+    return np.arange(-(-first // FINE) + 1, last // FINE)
 
 
 def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] | None:

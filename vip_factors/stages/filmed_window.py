@@ -29,7 +29,12 @@ from vip_factors.stages.floor import with_declared_floor
 from vip_factors.stages.fusion import FusionSolution, with_body_of
 from vip_factors.stages.fusion_start import FusionStart, camera_problem, inertial_orientations, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames, track_window
-from vip_factors.stages.inertial_model import declared_pose, with_fixed_calibration, with_heading_times
+from vip_factors.stages.inertial_model import (
+    declared_pose,
+    with_fixed_calibration,
+    with_foot_contact,
+    with_heading_times,
+)
 from vip_factors.stages.reporting import full_rate_covariance
 from vip_factors.stages.scene_solution import SceneSolution, solve_from
 from vip_factors.stages.sensor_checks import Corrections, corrected_elsewhere
@@ -127,8 +132,7 @@ class WindowStart:
             if not (np.any(seen <= time[0] + reach) and np.any(seen >= time[-1] - reach)):
                 contact = tracker.model.settings.foot_contact
                 loose = replace(contact, sigma=settings.fusion.contact_loosening * contact.sigma)
-                factors = replace(wearer.model.settings, foot_contact=loose)
-                wearer = replace(wearer, model=replace(wearer.model, settings=factors))
+                wearer = replace(wearer, model=with_foot_contact(wearer.model, loose))
             wearers.append(wearer)
         state = replace(start.state, wearers=tuple(wearer.state for wearer in wearers))
         return replace(start, wearers=tuple(wearers), state=state)
@@ -192,12 +196,9 @@ class FilmedWindow:
         """How a window begins at one of this one's frames."""
         fused, time = self.solution.fused, self.frames[0].time
         camera, wearers, at = fused.state.camera, list[WearerStart](), frame - self.span.start
-        for model, state in zip(fused.model.wearers, fused.state.wearers, strict=True):
-            pose = at_frames(state, model.frames.time, time[at : at + 1])
-            until = float(time[-1])
-            wearers.append(
-                WearerStart(Headings.of(model, state), pose.R_parent_child[0], pose.p_world_pelvis[0], until)
-            )
+        for one in fused.wearers:
+            pose, headings = at_frames(one.state, one.model.frames.time, time[at : at + 1]), Headings.of(one)
+            wearers.append(WearerStart(headings, pose.R_parent_child[0], pose.p_world_pelvis[0], float(time[-1])))
         clock = self.clock.corrected(camera.clock, camera.clock_drift, fused.model.camera.clock_middle)
         return WindowStart(tuple(wearers), fused.camera_path, camera.heading, clock)
 
@@ -222,7 +223,7 @@ class FilmedWindow:
             self.span,
             wearers,
             decode_camera(first.name, fine.model, fine.state, covariance, self.clock),
-            tuple(Headings.of(*wearer) for wearer in zip(coarse.model.wearers, coarse.state.wearers, strict=True)),
+            tuple(map(Headings.of, coarse.wearers)),
             first.timed_detections.time[first.detections.frame],
             seen,
             any(each.shows_somebody and each.camera.known_path is not None for each in associated),
@@ -302,10 +303,10 @@ class KnownScene:
         model, state = solution.fused.model, solution.fused.state
         settings = _settings_of_windows(settings, any(camera.known_path is not None for camera in scene.cameras))
         wearers, starts = list[InertialSolution](), list[WearerStart]()
-        for recording, begun, solved, own, estimate in zip(
-            scene.wearers, solution.wearers, model.wearers, state.wearers, calibrated.wearers, strict=True
+        for recording, begun, solved, estimate in zip(
+            scene.wearers, solution.wearers, solution.fused.wearers, calibrated.wearers, strict=True
         ):
-            sites = [recording.placement.site(name) for name in solved.frames.sensors]
+            sites = [recording.placement.site(name) for name in solved.model.frames.sensors]
             found = [estimate.calibration[site.sensor].mounting_sigma for site in sites]
             sigmas = [_size(sigma, site.mounting_sigma) for sigma, site in zip(found, sites, strict=True)]
             factors = replace(
@@ -314,21 +315,21 @@ class KnownScene:
                 heading_prior=settings.factors.heading_prior,
             )
             known = replace(
-                with_fixed_calibration(with_body_of(begun.model, solved)),
+                with_fixed_calibration(with_body_of(begun.model, solved.model)),
                 free_headings=settings.calibration.estimate_headings,
                 free_pose_mean=True,
                 heading_sigma=np.zeros(len(sites)),
-                prior_R_bone_sensor=own.R_bone_sensor,
+                prior_R_bone_sensor=solved.state.R_bone_sensor,
                 mounting_sigma=np.array(sigmas),
                 heading_times=np.zeros(0),
-                heading_drift_deg=solved.heading_drift_deg,
+                heading_drift_deg=solved.model.heading_drift_deg,
                 settings=factors,
                 variation=None,
                 free_body=False,
                 is_gauge=True,
             )
-            wearers.append(InertialSolution(known, own))
-            starts.append(WearerStart(Headings.of(solved, own)))
+            wearers.append(InertialSolution(known, solved.state))
+            starts.append(WearerStart(Headings.of(solved)))
         first, *_ = solution.associated
         path = solution.fused.camera_path if first.camera is scene.camera else None
         clock = found_clock(state.camera, model.camera.clock_middle, scene.cameras[0].clock)

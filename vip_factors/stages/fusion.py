@@ -23,8 +23,8 @@ from vip_factors.stages.decode import motion_of
 from vip_factors.stages.drift import found_clock, with_found_drift
 from vip_factors.stages.floor import levelled, seen_standing
 from vip_factors.stages.fusion_start import FusionStart, camera_problem
-from vip_factors.stages.inertial import at_frames
-from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
+from vip_factors.stages.inertial import InertialSolution, at_frames
+from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts, with_foot_contact
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.views import image_scale, keypoint_view, predicted_pixels, scatter
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
@@ -51,10 +51,7 @@ class FusionSolution:
         """How each camera's detections of each wearer scatter about the solution, in OKS sigmas."""
         if not self.model.camera.settings.reprojection.adaptive:
             return self.spreads
-        wearers = [
-            WearerEvaluation(number, wearer, own)
-            for number, (wearer, own) in enumerate(zip(self.model.wearers, self.state.wearers, strict=True))
-        ]
+        wearers = [WearerEvaluation(number, one.model, one.state) for number, one in enumerate(self.wearers)]
         viewpoints = self.model.viewpoints(self.state.camera)
         return tuple(
             _scatter_before(one, wearers, spreads, self.state.detector)
@@ -76,9 +73,14 @@ class FusionSolution:
         return float(np.max(np.abs(seconds_late(state.clock - offset, state.clock_drift - drift, since, 0.0))))
 
     @property
+    def wearers(self) -> tuple[InertialSolution, ...]:
+        """Each wearer's problem and solution, in one world."""
+        return tuple(map(InertialSolution, self.model.wearers, self.state.wearers))
+
+    @property
     def motions(self) -> list[Motion]:
         """The wearers' motions, in one world."""
-        return [motion_of(*one) for one in zip(self.model.wearers, self.state.wearers, strict=True)]
+        return [motion_of(wearer.model, wearer.state) for wearer in self.wearers]
 
     @property
     def clock(self) -> VideoClock:
@@ -118,9 +120,8 @@ def fuse(
 
 def with_found_bodies(solution: FusionSolution) -> FusionSolution:
     """The same with the bodies that were found in the place of those that were supposed."""
-    found = [one.body for one in solution.state.wearers]
-    wearers = tuple(one.with_body(lengths) for one, lengths in zip(solution.model.wearers, found, strict=True))
-    states = tuple(replace(one, body=np.zeros_like(one.body)) for one in solution.state.wearers)
+    wearers = tuple(wearer.model.with_body(wearer.state.body) for wearer in solution.wearers)
+    states = tuple(replace(state, body=np.zeros_like(state.body)) for state in solution.state.wearers)
     return replace(
         solution, model=replace(solution.model, wearers=wearers), state=replace(solution.state, wearers=states)
     )
@@ -163,29 +164,19 @@ def fusion_problem(
     start = before.state if before else initial.state
     usual = (settings.camera.reprojection.spread,) * len(start.wearers)
     spreads = before.measured_spreads() if before else (usual,) * len(associated)
-    problems = [_with_free_body(one.model, settings) for one in initial.wearers]
-    if before is not None:
-        problems = [with_body_of(one, other) for one, other in zip(problems, before.model.wearers, strict=True)]
-        problems = [with_found_drift(one, state) for one, state in zip(problems, start.wearers, strict=True)]
-    wearers = tuple(
-        with_contacts(one, state, path_known=before is not None)
-        for one, state in zip(problems, start.wearers, strict=True)
-    )
-    known = before is not None
-    model = _scene_model(wearers, initial.camera, initial.further, start, associated, spreads, path_known=known)
-    model = replace(model, extra=extra, free_keypoints=settings.calibration.estimate_keypoints)
-    return FusionSolution(model, start, spreads)
-
-
-def _with_free_body(model: WearerProblem, settings: CommonSettings) -> WearerProblem:
-    """The model with all free that only a camera shows."""
-    calibration = settings.calibration
-    return replace(
-        model,
-        free_body=calibration.estimate_body,
-        free_places=calibration.estimate_places,
-        free_sole=calibration.estimate_sole,
-    )
+    known, calibration, wearers = before is not None, settings.calibration, list[WearerProblem]()
+    for number, (wearer, state) in enumerate(zip(initial.wearers, start.wearers, strict=True)):
+        model = replace(  # with all free that only a camera shows
+            wearer.model,
+            free_body=calibration.estimate_body,
+            free_places=calibration.estimate_places,
+            free_sole=calibration.estimate_sole,
+        )
+        if before is not None:
+            model = with_found_drift(with_body_of(model, before.model.wearers[number]), state)
+        wearers.append(with_contacts(model, state, path_known=known))
+    scene = _scene_model(tuple(wearers), initial.camera, initial.further, start, associated, spreads, path_known=known)
+    return FusionSolution(replace(scene, extra=extra, free_keypoints=calibration.estimate_keypoints), start, spreads)
 
 
 def fuse_finely(
@@ -225,12 +216,13 @@ def fusion_problem_on_frames(
 ) -> FusionSolution:
     """The problem on each wearer's ``frames``, with headings, mountings and mean poses kept, and where to start."""
     before, time = coarse.model.wearers[0].frames.time, frames[0].time
+    contact = settings.factors.foot_contact
+    contact = replace(contact, sigma=settings.fusion.contact_tightening * contact.sigma)
     wearers, states = [], []
-    solved = zip(coarse.model.wearers, coarse.state.wearers, strict=True)
-    for measured, inertial, (model, state) in zip(frames, initial.wearers, solved, strict=True):
-        states.append(at_frames(state, before, time))
-        embodied = _planted(with_body_of(inertial.model, model), settings)
-        wearers.append(with_contacts(on_frames_with_fixed_calibration(embodied, measured), states[-1], True))
+    for measured, inertial, solved in zip(frames, initial.wearers, coarse.wearers, strict=True):
+        states.append(at_frames(solved.state, before, time))
+        planted = with_foot_contact(with_body_of(inertial.model, solved.model), contact)
+        wearers.append(with_contacts(on_frames_with_fixed_calibration(planted, measured), states[-1], True))
     camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
     filming = coarse.state.camera
     camera = replace(camera, prior_heading=filming.heading)
@@ -240,13 +232,6 @@ def fusion_problem_on_frames(
     spreads = coarse.measured_spreads()
     problem = _scene_model(tuple(wearers), camera, initial.further, scene, associated, spreads, path_known=True)
     return FusionSolution(problem, scene, spreads)
-
-
-def _planted(model: WearerProblem, settings: CommonSettings) -> WearerProblem:
-    """The wearer with the foot contacts of the full rate."""
-    contact = settings.factors.foot_contact
-    contact = replace(contact, sigma=settings.fusion.contact_tightening * contact.sigma)
-    return replace(model, settings=replace(model.settings, foot_contact=contact))
 
 
 def _one_wearer(model: SceneProblem, number: int) -> SceneProblem:
@@ -339,9 +324,7 @@ def _reconsidered(
     Many frames of one posture may lead a mounting or a hinge's axis from where a single statement had it into another
     valley, from which no way leads back. Where both stand, findings say so.
     """
-    cautious = [
-        _with_unlikely_fixed(one, own) for one, own in zip(solution.model.wearers, solution.state.wearers, strict=True)
-    ]
+    cautious = [_with_unlikely_fixed(wearer.model, wearer.state) for wearer in solution.wearers]
     if all(one is own for one, own in zip(cautious, solution.model.wearers, strict=True)):
         return solution
     likely = [

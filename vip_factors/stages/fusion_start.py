@@ -31,6 +31,7 @@ from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.drift import middle_of
 from vip_factors.stages.inertial import InertialSolution
+from vip_factors.stages.inertial_model import with_foot_contact
 
 
 @dataclass(frozen=True)
@@ -148,12 +149,11 @@ def _known_viewpoint(camera: Camera, settings: CommonSettings) -> Viewpoint:
 def _anchored(inertial: InertialSolution, cameras: Sequence[Camera], settings: CommonSettings) -> InertialSolution:
     """The wearer with looser foot contacts, or without any, if a camera holds the root without them."""
     anchor = any(not camera.moving or camera.known_path is not None for camera in cameras)
-    factors, fusion = inertial.model.settings, settings.fusion
-    contact = replace(factors.foot_contact, sigma=fusion.contact_loosening * factors.foot_contact.sigma)
+    contact, fusion = inertial.model.settings.foot_contact, settings.fusion
+    contact = replace(contact, sigma=fusion.contact_loosening * contact.sigma)
     if anchor and not fusion.contacts_with_standing_camera:
         contact = replace(contact, use=False)
-    loose = replace(factors, foot_contact=contact)
-    return replace(inertial, model=replace(inertial.model, settings=loose))
+    return replace(inertial, model=with_foot_contact(inertial.model, contact))
 
 
 def _first_path(

@@ -38,8 +38,6 @@ from vip_factors.stages.solver import Solver
 # Beyond its range in most frames: then limits and the declared pose contradict each other, and thousands of frames are
 # not to overrule what was declared.
 CONTRADICTION = np.deg2rad(60.0)
-    "not settled", subject="all headings and mountings", words={"reason": "in part they are guesses"}
-)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import contact_points, held_pose
+from vip_factors.factor_settings import FootContactSettings
 from vip_factors.initialise.calibration import InitialCalibration, contact_confidence, standing_path
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
@@ -113,8 +114,12 @@ def with_inflated_contact_sigma(model: WearerProblem) -> WearerProblem:
     """The model for finding mountings: contacts are believed less."""
     inflation = 2.0  # a shod foot is off in the same way at every step, and mountings would bend to make up for it
     contact = model.settings.foot_contact
-    loose = replace(contact, sigma=inflation * contact.sigma)
-    return replace(model, settings=replace(model.settings, foot_contact=loose))
+    return with_foot_contact(model, replace(contact, sigma=inflation * contact.sigma))
+
+
+def with_foot_contact(model: WearerProblem, settings: FootContactSettings) -> WearerProblem:
+    """The model with foot contacts of other settings."""
+    return replace(model, settings=replace(model.settings, foot_contact=settings))
 
 
 def on_frames_with_fixed_calibration(model: WearerProblem, frames: ImuFrames) -> WearerProblem:

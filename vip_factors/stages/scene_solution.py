@@ -89,9 +89,9 @@ class SceneSolution:
         if self.start is not None:
             return fusion_problem_on_frames(self.start, self.fused, self.associated, frames, settings)
         models, states = [], []
-        for coarse, state, measured in zip(self.fused.model.wearers, self.fused.state.wearers, frames, strict=True):
-            states.append(at_frames(state, coarse.frames.time, measured.time))
-            models.append(with_contacts(on_frames_with_fixed_calibration(coarse, measured), states[-1]))
+        for coarse, measured in zip(self.fused.wearers, frames, strict=True):
+            states.append(at_frames(coarse.state, coarse.model.frames.time, measured.time))
+            models.append(with_contacts(on_frames_with_fixed_calibration(coarse.model, measured), states[-1]))
         return FusionSolution(unfilmed_problem(models), SceneState.unfilmed(states), ())
 
     def at_full_rate(self, frames: Sequence[ImuFrames], settings: CommonSettings, solver: Solver) -> FusionSolution:

@@ -148,7 +148,7 @@ def _tracked_afresh(
     coarse_decrease = 0.1
     (shared,) = solution.wearers
     model = replace(shared.model, frames=frames, initial_pose=shared.model.initial_pose if is_first else None)
-    headings = Headings.of(model, shared.state).at(float(frames.time[len(frames) // 2]))
+    headings = Headings.of(InertialSolution(model, shared.state)).at(float(frames.time[len(frames) // 2]))
     state = track_window(model, shared.state, headings, solver)
     if settings.acceleration:
         rough = replace(solver, settings=replace(solver.settings, relative_decrease=coarse_decrease))

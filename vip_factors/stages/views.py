@@ -93,8 +93,9 @@ def pixel_sigma(
     return np.where(seen, sigma, 1.0), np.where(seen, size * unsure, 1.0)
 
 
-def image_scale(skeleton: Skeleton, state: SceneState, number: int, model: CameraModel, nearest: float = 0.5) -> Array:
+def image_scale(skeleton: Skeleton, state: SceneState, number: int, model: CameraModel) -> Array:
     """Square root of a wearer's area in pixels at each frame ``(T,)``, by the depth of the middle of the body."""
+    nearest = 0.5  # m
     wearer = state.wearers[number]
     body = forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
     centre = body.p_world_joint[:, joint_index("spine2")]

@@ -17,13 +17,12 @@ from vip_factors.estimate_chunks import EstimateChunks
 from vip_factors.findings import Finding, FindingLog
 from vip_factors.geometry.rotations import Array, exp, log, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.initialise.camera import robust_mean_angle
-from vip_factors.problem.state import WearerState
-from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.sources import SceneSource
 from vip_factors.solve.levenberg_marquardt import SolveReport
 from vip_factors.stages.drift import clock_findings, drift_findings
+from vip_factors.stages.inertial import InertialSolution
 from vip_factors.stages.windows import WindowPlan
 
 
@@ -40,8 +39,9 @@ class Headings:
     path: Array
 
     @classmethod
-    def of(cls, model: WearerProblem, state: WearerState) -> "Headings":
+    def of(cls, wearer: InertialSolution) -> "Headings":
         """Those of a solution; constant ones are those of the middle of its frames."""
+        model, state = wearer.model, wearer.state
         time = model.heading_times if model.headings_drift else np.atleast_1d(np.mean(model.frames.time[[0, -1]]))
         return cls(time, state.heading_path[: len(time)])
 

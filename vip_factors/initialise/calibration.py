@@ -152,7 +152,9 @@ def initial_calibration(
     Raises:
         RecordingError: if a sensor has no orientation in that time.
     """
-    R_world_bone = _bones_in_pose(skeleton, pose or nominal_pose("n-pose"))
+    R = (pose or nominal_pose("n-pose")).R_parent_child.copy()
+    R[0] = R_WORLD_FACING_X
+    R_world_bone = forward_kinematics(skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
     R_inertial_sensor = orientation_at_start(frames, seconds)
     rough = np.stack([placement.site(name).R_bone_sensor for name in frames.sensors])
     bones = R_world_bone[[placement.site(name).bone_index for name in frames.sensors]]
@@ -178,13 +180,6 @@ def known_calibration(frames: ImuFrames, calibrations: dict[str, SensorCalibrati
     chosen = [calibrations[name] for name in frames.sensors]
     headings = np.array([one.heading for one in chosen])
     return InitialCalibration(headings, np.full(len(chosen), np.inf), np.stack([one.R_bone_sensor for one in chosen]))
-
-
-def _bones_in_pose(skeleton: Skeleton, pose: HeldPose) -> Array:
-    """World orientations ``(24, 3, 3)`` of the bones in a calibration pose, facing the world's x axis."""
-    R = pose.R_parent_child.copy()
-    R[0] = R_WORLD_FACING_X
-    return forward_kinematics(skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
 
 
 def orientation_at_start(frames: ImuFrames, seconds: float) -> Array:

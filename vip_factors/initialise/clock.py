@@ -260,7 +260,9 @@ def _best_offset(curve: CorrelationCurve) -> ClockOffset:
         evidence, is_distinct, sigma = "no limb moves in the image as a sensor tells", False, np.inf
     else:
         scatter, limbs = _limb_scatter(curve, best, seconds)
-        sigma = _sigma(scatter, curvature)
+        # Limbs that follow one another are not independent; exposure and rolling shutter blur a clock by milliseconds.
+        inflation, least = 1.5, 0.003  # s
+        sigma = float(np.sqrt((inflation * np.hypot(scatter, curvature**-0.5)) ** 2 + least**2))
         evidence = f"{limbs} limbs move as their sensors tell"
         at_edge = min(best, len(gain) - 1 - best) < 3
         is_distinct = (alternatives[0][1] if alternatives else 0.0) < rival and not at_edge
@@ -274,12 +276,6 @@ def _best_offset(curve: CorrelationCurve) -> ClockOffset:
         + "; record something that is not repeated, in full view"
     )
     return ClockOffset(seconds, np.inf, alternatives, sentence, curve)
-
-
-def _sigma(scatter: float, curvature: float) -> float:
-    inflation = 1.5  # limbs that follow one another are not independent
-    least = 0.003  # s: exposure and rolling shutter blur a camera's clock by some milliseconds
-    return float(np.sqrt((inflation * np.hypot(scatter, curvature**-0.5)) ** 2 + least**2))
 
 
 def _peaks(curve: CorrelationCurve) -> list[int]:

@@ -1,4 +1,4 @@
-// Elimination within one matrix, in place: vip_factors/solve/fixed_lag.py and band.py, by SciPy's own BLAS and LAPACK.
+// Elimination within one matrix, in place: vip_factors/solve/elimination.py and band.py, by SciPy's own BLAS and LAPACK.
 //
 // Matrices are stored by rows, of which only the triangle above the diagonal counts: to BLAS, which stores by columns,
 // that is the triangle below the diagonal.
@@ -60,26 +60,6 @@ inline void substitute(const Blas& blas, double* M, int row, int n, int w, doubl
     if (w == 0) return;
     if (rest > 0) blas.dgemv("T", &rest, &w, &MINUS_ONE, M + w, &row, y, &NEXT, &ONE, x, &NEXT);
     blas.dtrsv("L", "T", "N", &w, M, &row, x, &NEXT);
-}
-
-// R x + S y = d: w rows of n columns, with the stride of the matrix that they lie in.
-struct Conditional {
-    double* rows;
-    const double* d;
-    int row, n, w;
-};
-
-inline void substitute(const Blas& blas, const Conditional& of, double* y, double* x) {
-    std::copy(of.d, of.d + of.w, x);
-    substitute(blas, of.rows, of.row, of.n, of.w, y, x);
-}
-
-// Y of Rᵀ Y = Y as it was, of m columns, and B − Sᵀ Y in the place of B.
-inline void forward(const Blas& blas, const Conditional& of, double* Y, double* B, int m) {
-    int w = of.w, rest = of.n - of.w, row = of.row;
-    if (w == 0 || m == 0) return;
-    blas.dtrsm("R", "L", "T", "N", &m, &w, &ONE, of.rows, &row, Y, &m);
-    if (rest > 0) blas.dgemm("N", "T", &m, &rest, &w, &MINUS_ONE, Y, &m, of.rows + w, &row, &ONE, B, &m);
 }
 
 // A stretch of frames of w columns, each of which sees all columns of the next and `far` ones of that after it, unless

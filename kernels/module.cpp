@@ -16,13 +16,6 @@ using vip::ANY, vip::BodySums, vip::Follows, vip::In, vip::Indices, vip::Mask, v
 using vip::expect, vip::expect_shape, vip::expect_within, vip::has_shape;
 using Flags = nb::ndarray<bool, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 
-// An element of a list or tuple; arrays are taken as they are, since a converted copy would be gone when it is used.
-template <class T> static T element(nb::handle value) {
-    T result;
-    if (!nb::try_cast<T>(value, result, false)) throw nb::type_error("an element is no array or number of the expected kind");
-    return result;
-}
-
 // One function of SO(3) over a stack (n, …).
 template <int in, int out, void f(const double*, double*)> static void over_stack(In<2> from, Out<2> to) {
     expect(from.shape(1) == in && to.shape(1) == out && from.shape(0) == to.shape(0));
@@ -344,59 +337,19 @@ static void reorder(In<2> information, In<1> vector, Indices<1> order, Out<2> in
     }
 }
 
-// R and S (w, n), with the stride of the matrix that they lie in.
-using Matrix = nb::ndarray<double, nb::ndim<2>, nb::device::cpu>;
+// Of R and S (w, n), with the stride of the matrix that they lie in, and `values` d: x of R x + S y = d in their place.
+static void substitute(nb::ndarray<double, nb::ndim<2>, nb::device::cpu> rows, In<1> later, Out<1> values) {
+    const auto w = static_cast<int64_t>(rows.shape(0)), n = static_cast<int64_t>(rows.shape(1));
+    expect_blas(), expect(w <= n), expect_shape(later, {n - w}), expect_shape(values, {w});
+    expect(w == 0 || (rows.stride(1) == 1 && (w == 1 || rows.stride(0) >= n)), "rows must stand side by side");
+    std::vector<double> y(later.data(), later.data() + (n - w));
+    vip::substitute(blas, rows.data(), static_cast<int>(rows.stride(0)), static_cast<int>(n), static_cast<int>(w), y.data(), values.data());
+}
 
 static bool ascending(Indices<1> places, int64_t end) {
     for (size_t i = 0; i < places.size(); i++)
         if (places(i) < (i == 0 ? 0 : places(i - 1) + 1) || places(i) >= end) return false;
     return true;
-}
-
-static vip::Conditional conditional(Matrix rows, const double* d) {
-    expect_blas(), expect(rows.shape(0) <= rows.shape(1));
-    expect(rows.size() == 0 || (rows.stride(1) == 1 && (rows.shape(0) == 1 || rows.stride(0) >= static_cast<int64_t>(rows.shape(1)))), "rows must stand side by side");
-    return {rows.data(), d, static_cast<int>(rows.stride(0)), static_cast<int>(rows.shape(1)), static_cast<int>(rows.shape(0))};
-}
-
-static vip::Conditional conditional(nb::handle rows, nb::handle d) {
-    const auto right = element<In<1>>(d);
-    const vip::Conditional found = conditional(element<Matrix>(rows), right.data());
-    expect_shape(right, {found.w});
-    return found;
-}
-
-static void forward(Matrix rows, Out<2> right, Out<2> behind) {
-    const vip::Conditional of = conditional(rows, nullptr);
-    expect_shape(right, {of.w, ANY}), expect_shape(behind, {of.n - of.w, static_cast<int64_t>(right.shape(1))});
-    vip::forward(blas, of, right.data(), behind.data(), static_cast<int>(right.shape(1)));
-}
-
-// Of each frame R and S, and d; and where what is shared steps behind it, the same of that.
-static void substitute_lag(nb::list frames, Indices<1> far, In<1> shared, Out<2> values) {
-    expect(frames.size() == values.shape(0)), expect_within(far, 0, static_cast<int64_t>(values.shape(1)));
-    const auto T = static_cast<int64_t>(frames.size()), w = static_cast<int64_t>(values.shape(1));
-    const auto s = static_cast<int64_t>(shared.shape(0));
-    std::vector<double> later, own_shared(shared.data(), shared.data() + s);
-    for (int64_t t = T - 1; t >= 0; t--) {
-        const nb::tuple one = element<nb::tuple>(frames[t]);
-        expect(one.size() == 2 || one.size() == 4, "a frame has rows and d, and those of a step of what is shared");
-        double* value = values.data() + t * w;
-        later.clear();
-        if (t + 1 < T) later.assign(value + w, value + 2 * w);
-        for (size_t i = 0; t + 2 < T && i < far.size(); i++) later.push_back(value[2 * w + far(i)]);
-        const auto ahead = static_cast<int64_t>(later.size());
-        later.insert(later.end(), own_shared.begin(), own_shared.end());
-        if (one.size() > 2) {
-            const vip::Conditional step = conditional(one[2], one[3]);
-            expect(step.w == s && step.n == s + ahead + s);
-            vip::substitute(blas, step, later.data(), own_shared.data());
-            std::copy(own_shared.begin(), own_shared.end(), later.begin() + ahead);
-        }
-        const vip::Conditional own = conditional(one[0], one[1]);
-        expect(own.w == w && own.n == w + ahead + s);
-        vip::substitute(blas, own, later.data(), value);
-    }
 }
 
 // What is kept of a stretch's frames (T, own, n), of which each has `met` columns besides, and s shared ones.
@@ -478,9 +431,8 @@ NB_MODULE(_kernels, module) {
                out("t"), out("cost"), released());
     module.def("use_blas", &use_blas);
     module.def("eliminate", &eliminate, out("information"), out("vector"), in("first"), in("width"));
+    module.def("substitute", &substitute, out("rows"), in("later"), out("values"));
     module.def("reorder", &reorder, in("information"), in("vector"), in("order"), out("reordered"), out("reordered_vector"));
-    module.def("substitute_lag", &substitute_lag, in("frames"), in("far"), in("shared"), out("values"));
-    module.def("forward", &forward, out("rows"), out("right"), out("behind"));
     module.def("eliminate_stretch", &eliminate_stretch, in("rows"), in("gradient"), in("shared"), in("shared_gradient"), in("far"),
                in("tied"), in("border"), in("damping"), out("information"), out("vector"), out("kept"), out("d"), released());
     module.def("substitute_stretch", &substitute_stretch, out("kept"), in("far"), in("tied"), in("met"), in("behind"), in("shared"), out("steps"), released());

@@ -36,7 +36,7 @@ class Call:
     """A valid call of a kernel.
 
     Attributes:
-        arguments: arrays, numbers, and lists of tuples of them.
+        arguments: arrays and numbers.
         outputs: positions of the arguments that are written.
         free: changes that are allowed, as (position, words of the change).
         signed: positions of index arrays in which a negative number means that there is none.
@@ -91,11 +91,7 @@ def calls() -> dict[str, Call]:
         ),
         "eliminate": call(positive(6), normal(6), 1, 3, out=(0, 1)),
         "reorder": call(positive(6), normal(6), np.array([4, 1, 2]), np.zeros((3, 3)), np.zeros(3), out=(3, 4)),
-        "forward": call(np.triu(normal(3, 5)) + 3 * np.eye(3, 5), normal(3, 2), normal(2, 2), out=(0, 1, 2)),
-        "substitute_lag": call(
-            [(np.triu(normal(2, n)) + 3 * np.eye(2, n), normal(2)) for n in (6, 5, 3)], np.array([1]), normal(1),
-            np.zeros((3, 2)), out=(3,),
-        ),
+        "substitute": call(np.triu(normal(3, 5)) + 3 * np.eye(3, 5), normal(2), normal(3), out=(0, 2)),
         "eliminate_stretch": call(
             np.eye(2, 7) + np.zeros((6, 1, 1)), normal(6, 2), np.eye(1), normal(1), np.array([1]), True, 1,
             np.ones(2), np.zeros((4, 4)), np.zeros(4), np.zeros((4, 2, 6)), np.zeros((4, 2)), out=(8, 9, 10, 11),
@@ -163,15 +159,7 @@ def wrong(valid: Call) -> Iterator[tuple[str, tuple[Any, ...]]]:
     """The call with one array changed so that it must be refused: name of the change, arguments."""
     for position, argument in enumerate(valid.arguments):
         free = [words for at, words in valid.free if at == position]
-        if isinstance(argument, list):  # of tuples
-            for entry, value in enumerate(argument[0]):
-                for change, array in changes(value, position in valid.outputs, True) if np.ndim(value) else ():
-                    if entry or not any(words in change for words in free):
-                        changed = [(*argument[0][:entry], array, *argument[0][entry + 1 :]), *argument[1:]]
-                        yield f"{position}.{entry}: {change}", replaced(valid.arguments, position, changed)
-            for change in (argument[0][:1], 3):
-                yield f"{position}: no whole tuple", replaced(valid.arguments, position, [change, *argument[1:]])
-        elif isinstance(argument, np.ndarray) and argument.size:
+        if isinstance(argument, np.ndarray) and argument.size:
             for change, array in changes(argument, position in valid.outputs, position in valid.signed):
                 if not any(words in change for words in free):
                     yield f"{position}: {change}", replaced(valid.arguments, position, array)
@@ -265,8 +253,6 @@ def test_inputs_of_another_type_or_order_are_converted(name: str) -> None:
     """Single precision and strides make no difference: every number of these calls is one in either precision."""
     valid = calls()[name]
     plain = deepcopy(valid.arguments)
-    if any(isinstance(argument, list) for argument in plain):
-        pytest.skip("nested arrays are not converted")
     changed = list(deepcopy(plain))
     for position, argument in enumerate(plain):
         if isinstance(argument, np.ndarray) and position not in valid.outputs:

@@ -13,7 +13,7 @@ import numpy as np
 from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array
 from vip_factors.solve.band import Band, BandElimination, Shape
-from vip_factors.solve.elimination import Conditional, eliminate
+from vip_factors.solve.elimination import Conditional, add_at, eliminate, reordered
 from vip_factors.solve.slices import REACH
 
 
@@ -84,13 +84,8 @@ class EliminationApart(BandElimination):
 
     def _add(self, information: Array, vector: Array, places: np.ndarray, H: Array, v: Array) -> None:
         """Add a quadratic in columns at some places, of which the upper triangle counts."""
-        if self._kernels is None:
-            H[np.ix_(places, places)] += np.triu(information) + np.triu(information, 1).T
-            v[places] += vector
-            return
-        order, ordered, in_order = np.argsort(places), np.empty_like(information), np.empty_like(vector)
-        self._kernels.reorder(information, vector, order, ordered, in_order)
-        self._kernels.add_before(ordered, in_order, places[order], H, v)
+        order = np.argsort(places)
+        add_at(*reordered(information, vector, order, self._kernels), places[order], H, v, self._kernels)
 
     def _add_first(self, band: Band, frames: list[np.ndarray], border: np.ndarray, H: Array, v: Array) -> None:
         """Add what the first two frames of a stretch say of each other and of the border."""

@@ -40,6 +40,10 @@ class Conditional:
 
     def given(self, later: Array) -> Array:
         """The variables, of the values of the later ones."""
+        if kernels is not None:
+            x = self.d.copy()
+            kernels.substitute(self.rows, later, x)
+            return x
         right = self.d - self.S @ later
         solved: Array = dtrsv(self.R, right) if len(right) else right  # of nothing at all it complains
         return solved
@@ -58,10 +62,7 @@ class Conditional:
         return (own + own.T) / 2, across  # what is not symmetric would grow from frame to frame
 
     def forward(self, right: Array, behind: Array) -> Array:
-        """``Y`` of ``Rᵀ Y = right``, in its place; ``Sᵀ Y`` is taken from ``behind``."""
-        if kernels is not None:
-            kernels.forward(self.rows, right, behind)
-            return right
+        """``Y`` of ``Rᵀ Y = right``; ``Sᵀ Y`` is taken from ``behind``."""
         solved: Array = dtrsm(1.0, self.R, right, trans_a=1) if right.size else right
         behind -= self.S.T @ solved
         return solved
@@ -135,3 +136,24 @@ def add_process_noise(
     d = dtrsv(R, v, trans=1)
     vector -= S_transposed @ d
     return Conditional(np.concatenate([R, S_transposed.T], axis=1), d)
+
+
+def add_at(
+    information: Array, vector: Array, places: np.ndarray, H: Array, v: Array, kernels: Kernels = kernels
+) -> None:
+    """Add what is known of some variables to what is known of more, among which they are at ascending places."""
+    if kernels is not None:
+        kernels.add_before(information, vector, places, H, v)
+        return
+    H[np.ix_(places, places)] += np.triu(information)
+    v[places] += vector
+
+
+def reordered(information: Array, vector: Array, order: np.ndarray, kernels: Kernels = kernels) -> tuple[Array, Array]:
+    """Some variables of a quadratic, in another order."""
+    if kernels is None:
+        symmetric = np.triu(information) + np.triu(information, 1).T
+        return symmetric[np.ix_(order, order)], vector[order]
+    H, v = np.empty((len(order), len(order))), np.empty(len(order))
+    kernels.reorder(information, vector, order, H, v)
+    return H, v

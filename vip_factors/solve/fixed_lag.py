@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vip_factors.compiled import kernels
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.elimination import Conditional, add_process_noise, eliminate
+from vip_factors.solve.elimination import Conditional, add_at, add_process_noise, eliminate
 from vip_factors.solve.slices import REACH
 
 
@@ -93,11 +92,7 @@ class FixedLagChain:
         ahead, shared = len(before.vector) - self.static, np.arange(len(vector) - self.static, len(vector))
         frames = np.concatenate([np.arange(self.width), self.width + self.far])[:ahead]
         places = np.concatenate([frames, shared])
-        if kernels is not None:
-            kernels.add_before(before.information, before.vector, places, information, vector)
-            return
-        vector[places] += before.vector
-        information[np.ix_(places, places)] += np.triu(before.information)
+        add_at(before.information, before.vector, places, information, vector)
 
     def marginalise_before(self, number: int) -> None:
         """Marginalise the frames with a smaller number: what is known from them stays."""
@@ -179,14 +174,9 @@ class LagSolution:
 def _substituted(frames: list[_Eliminated], far: np.ndarray, shared: Array, width: int) -> Array:
     """Values ``(T, w)`` of frames in their order, of what the newest one shares with those to come."""
     values = np.empty((len(frames), width))
-    if kernels is not None:
-        steps = [() if one.shared is None else (one.shared.rows, one.shared.d) for one in frames]
-        own = [(one.frame.rows, one.frame.d, *step) for one, step in zip(frames, steps, strict=True)]
-        kernels.substitute_lag(own, far, shared, values)
-        return values
     for t, one in reversed(list(enumerate(frames))):
-        ahead = np.concatenate([values[t + 1 : t + 2].ravel(), values[t + 2 : t + 3, far].ravel()])
+        ahead = values[t + 1 : t + 2].ravel(), values[t + 2 : t + 3, far].ravel()
         if one.shared is not None:
-            shared = one.shared.given(np.concatenate([ahead, shared]))
-        values[t] = one.frame.given(np.concatenate([ahead, shared]))
+            shared = one.shared.given(np.concatenate([*ahead, shared]))
+        values[t] = one.frame.given(np.concatenate([*ahead, shared]))
     return values

@@ -15,9 +15,8 @@ from functools import cache
 
 import numpy as np
 
-from vip_factors.compiled import kernels
 from vip_factors.geometry.rotations import Array
-from vip_factors.solve.elimination import eliminate
+from vip_factors.solve.elimination import eliminate, reordered
 from vip_factors.solve.fixed_lag import FixedLagChain, LagSolution
 
 Quadratic = tuple[Array, Array]  # information and vector of ½ xᵀ H x − vᵀ x; of H what lies on and above the diagonal
@@ -95,7 +94,7 @@ class JoinedChains:
         if key not in self._orders:
             self._orders[key] = _own_first(chain, len(vector), len(common.frame), len(common.static))
         order, count = self._orders[key]
-        H, v = _reordered(information, vector, order)
+        H, v = reordered(information, vector, order)
         H[np.arange(count), np.arange(count)] += BARELY
         eliminate(H, v, 0, count)
         common_columns = order[count:]
@@ -164,16 +163,6 @@ def _own_first(chain: FixedLagChain, n: int, common: int, common_static: int) ->
 
 
 _upper = cache(np.triu_indices)
-
-
-def _reordered(information: Array, vector: Array, order: np.ndarray) -> Quadratic:
-    """Some variables of a quadratic, in another order."""
-    if kernels is None:
-        whole = np.triu(information) + np.triu(information, 1).T
-        return whole[np.ix_(order, order)], vector[order]
-    H, v = np.empty((len(order), len(order))), np.empty(len(order))
-    kernels.reorder(information, vector, order, H, v)
-    return H, v
 
 
 def _mean(columns: Sequence[np.ndarray], values: Sequence[Array]) -> Array:

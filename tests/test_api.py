@@ -74,7 +74,7 @@ FUNCTIONS = {
 CLASSES = {
     "Camera": "", "CameraModel": "", "CameraOptions": "", "DetectSettings": "",
     "Detections": "from_arrays",
-    "Estimate": "all_findings columns joint_angles only_wearer positions to_dataframe to_xarray verdict wearer",
+    "Estimate": "all_findings columns joint_angles positions to_dataframe to_xarray verdict wearer",
     "ExportSettings": "", "FixedLagTracker": "push finish", "ImportOptions": "", "ImuSample": "", "LiveEstimate": "",
     "LiveSettings": "", "Motion": "time state", "Recording": "from_arrays worn placed interval",
     "RunOptions": "", "Scene": "names cameras", "SceneSettings": "", "Settings": "",

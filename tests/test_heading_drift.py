@@ -59,7 +59,7 @@ def heading_error_deg(estimate: Calibration, truth: Calibration, time: np.ndarra
 def test_drift_comes_back(drifting: tuple[Recording, Calibration]) -> None:
     recording, truth = drifting
     assert recording.truth is not None
-    estimate = smooth(recording, SETTINGS).only_wearer
+    estimate = smooth(recording, SETTINGS).wearer()
     ours, true, _ = common_frames(estimate.motion, recording.truth.motion)
     assert heading_error_deg(estimate.calibration, truth, BETWEEN) < 1.0
     assert mpjpe(ours, true) < 2.0  # mm
@@ -68,7 +68,7 @@ def test_drift_comes_back(drifting: tuple[Recording, Calibration]) -> None:
 def test_constant_headings_cannot_follow(drifting: tuple[Recording, Calibration]) -> None:
     recording, truth = drifting
     constant = replace(SETTINGS, calibration=replace(SETTINGS.calibration, heading_drift_from_s=None))
-    estimate = smooth(recording, constant).only_wearer
+    estimate = smooth(recording, constant).wearer()
     assert heading_error_deg(estimate.calibration, truth, BETWEEN) > 1.5
     assert all(len(one.heading_path) == 0 for one in estimate.calibration.values())
 
@@ -77,5 +77,5 @@ def test_a_short_recording_has_constant_headings(drifting: tuple[Recording, Cali
     quick = replace(
         SETTINGS, frame_rate=10.0, calibration=replace(SETTINGS.calibration, heading_drift_from_s=SECONDS + 1)
     )
-    estimate = smooth(drifting[0], quick).only_wearer
+    estimate = smooth(drifting[0], quick).wearer()
     assert all(len(one.heading_path) == 0 for one in estimate.calibration.values())

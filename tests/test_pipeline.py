@@ -31,7 +31,7 @@ def recording() -> Recording:
 
 def error_mm(recording: Recording, settings: Settings) -> float:
     assert recording.truth is not None
-    ours, truth, _ = common_frames(smooth(recording, settings).only_wearer.motion, recording.truth.motion)
+    ours, truth, _ = common_frames(smooth(recording, settings).wearer().motion, recording.truth.motion)
     return mpjpe(ours, truth)
 
 
@@ -50,7 +50,7 @@ def test_turning_all_sensors_turns_nothing_else(recording: Recording) -> None:
         name: replace(stream, R_inertial_sensor=rotation_z(1.0) @ stream.R_inertial_sensor)
         for name, stream in recording.imus.items()
     }
-    one, other = smooth(recording, QUICK).only_wearer, smooth(replace(recording, imus=imus), QUICK).only_wearer
+    one, other = smooth(recording, QUICK).wearer(), smooth(replace(recording, imus=imus), QUICK).wearer()
     np.testing.assert_allclose(other.motion.R_parent_child, one.motion.R_parent_child, atol=5e-3)
 
 
@@ -70,7 +70,7 @@ def test_a_strap_put_on_back_to_front_does_not_turn_the_wearer_round(recording: 
 
 
 def test_covariance_grows_where_no_sensor_is(recording: Recording) -> None:
-    estimate = smooth(recording, replace(QUICK, covariance=True)).only_wearer
+    estimate = smooth(recording, replace(QUICK, covariance=True)).wearer()
     assert estimate.covariance is not None
     sigma = np.rad2deg(estimate.covariance.joint_sigma).mean(axis=0)
     assert np.all(np.isfinite(sigma))
@@ -81,14 +81,14 @@ def test_covariance_grows_where_no_sensor_is(recording: Recording) -> None:
 def test_a_sensor_that_stops_halfway_leaves_the_rest(recording: Recording) -> None:
     stream = recording.imus["left_shank"]
     cut = {**recording.imus, "left_shank": stream.cut(0.0, 3.0)}
-    estimate = smooth(replace(recording, imus=cut), QUICK).only_wearer
+    estimate = smooth(replace(recording, imus=cut), QUICK).wearer()
     column = estimate.sensors.index("left_shank")
     assert np.isnan(estimate.residuals["orientation_deg"][-1, column])
     assert np.all(np.isfinite(estimate.motion.R_parent_child))
 
 
 def test_the_method_is_named_after_what_was_used(recording: Recording) -> None:
-    tracked = smooth(recording, replace(QUICK, acceleration=False)).only_wearer
+    tracked = smooth(recording, replace(QUICK, acceleration=False)).wearer()
     assert tracked.method == "IT"
     assert "acceleration_m_s2" not in tracked.residuals
     assert tracked.settings["frame_rate"] == "15.0"

@@ -111,7 +111,7 @@ def test_a_sensor_that_drops_out() -> None:
 
 def test_bones_without_sensors_are_seen_by_the_camera() -> None:
     bare = with_streams(scene(), dict.fromkeys(("left_forearm", "right_forearm", "left_shank")))
-    found, alone = smooth(bare, QUICK), smooth(bare.wearers[0], TRACKER).only_wearer
+    found, alone = smooth(bare, QUICK), smooth(bare.wearers[0], TRACKER).wearer()
     assert mpjpe(found, bare) < 45.0
     assert mpjpe(found, bare) < 0.8 * mpjpe(Estimate("alone", "IT", (alone,)), bare)
 

@@ -400,7 +400,7 @@ def picture(
     if scene is not None and scene.camera is not None and not isinstance(shown, WearerEstimate | Motion):
         drawn = drawn_scene(scene, estimate)
     else:
-        one, worn = None if estimate is None else estimate.only_wearer, None if scene is None else scene.wearers[0]
+        one, worn = None if estimate is None else estimate.wearer(), None if scene is None else scene.wearers[0]
         drawn = drawn_wearer(worn, one)
     filmstrip(drawn, Path(path), frames=poses, title=title, overwrite=overwrite)
     return Path(path)

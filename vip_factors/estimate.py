@@ -310,15 +310,6 @@ class Estimate(Summarised):
         )
         return own == plain and not (self.reports or self.association or len(self.wearer_of_detection))
 
-    @property
-    def only_wearer(self) -> WearerEstimate:
-        """The wearer's estimate.
-
-        Raises:
-            InputError: if there are several.
-        """
-        return self.wearer()
-
     def wearer(self, name: str | None = None) -> WearerEstimate:
         """The estimate of the wearer of a name, or of the only one.
 

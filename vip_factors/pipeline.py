@@ -149,7 +149,7 @@ def _smooth_scene(
 
 def _named(name: str, estimate: Estimate) -> Estimate:
     """The estimate of one wearer under another name."""
-    wearer = estimate.only_wearer
+    wearer = estimate.wearer()
     findings = tuple(
         replace(finding, wearer=name) if finding.wearer == wearer.motion.name else finding
         for finding in wearer.findings
@@ -161,7 +161,7 @@ def _together(
     name: str, parts: Sequence[EstimateChunks], findings: tuple[Finding, ...], settings: Settings
 ) -> EstimateChunks:
     """Estimates of wearers who have no world in common, as one."""
-    wearers = tuple(part.head.only_wearer for part in parts)
+    wearers = tuple(part.head.wearer() for part in parts)
     findings = (*findings, *(finding for wearer in wearers for finding in wearer.findings))
     if len(wearers) > 1:
         findings = (*findings, Finding("apart"))
@@ -170,7 +170,7 @@ def _together(
 
     def chunks() -> Iterator[Estimate]:
         for several in zip_longest(*(part.chunks for part in parts)):
-            chunk = [(part or end).only_wearer for part, end in zip(several, ended, strict=True)]
+            chunk = [(part or end).wearer() for part, end in zip(several, ended, strict=True)]
             yield replace(head, wearers=tuple(chunk))
 
     return EstimateChunks(head, tuple(part.frames[0] for part in parts), chunks())

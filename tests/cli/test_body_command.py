@@ -45,7 +45,7 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     told = run("body", folder / "e.mcap", "--out", tmp_path / "ada.toml")
     assert told.code == 0, told.err
     assert told.out.endswith("ada.toml\n")
-    found, body = read_estimate(folder / "e.mcap").only_wearer, read_body_file(tmp_path / "ada.toml")
+    found, body = read_estimate(folder / "e.mcap").wearer(), read_body_file(tmp_path / "ada.toml")
     assert body.name == "Ada"
     np.testing.assert_array_equal(body.skeleton.p_parent_joint, found.motion.skeleton.p_parent_joint)
     told = run("convert", folder / "scene.mcap", tmp_path / "again.mcap", "--body", tmp_path / "ada.toml")
@@ -56,7 +56,7 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     assert wearer.subject.body().source.startswith("e.mcap, VIP")
     told = run("smooth", tmp_path / "again.mcap", "--out", tmp_path / "again.e.mcap", *QUICK)
     assert told.code == 0, told.err
-    again = read_estimate(tmp_path / "again.e.mcap").only_wearer.body
+    again = read_estimate(tmp_path / "again.e.mcap").wearer().body
     assert again is not None
     assert found.body is not None
     np.testing.assert_allclose(again.prior, found.body.posterior, atol=1e-6)
@@ -73,7 +73,7 @@ def test_a_picture_shows_what_was_found_beside_what_was_likely(run: Run, folder:
     told = run(*body, "--truth", folder / "scene.mcap")
     assert told.code == 0, told.err
     assert told.out.endswith("ada.svg\n")
-    found = read_estimate(folder / "e.mcap").only_wearer.body
+    found = read_estimate(folder / "e.mcap").wearer().body
     assert found is not None
     texts = texts_of(picture)
     assert {*LENGTHS, "left knee", "truth", "The body of “Ada”"} <= texts
@@ -95,7 +95,7 @@ def test_a_stream_uses_the_body(run: Run, folder: Path, tmp_path: Path) -> None:
     assert run("convert", folder / "scene.mcap", tmp_path / "a.mcap", "--body", tmp_path / "ada.toml").code == 0
     told = run("stream", tmp_path / "a.mcap", "--out", tmp_path / "live.mcap", "--frame-rate", "15")
     assert told.code == 0, told.err
-    skeleton = read_estimate(tmp_path / "live.mcap").only_wearer.motion.skeleton
+    skeleton = read_estimate(tmp_path / "live.mcap").wearer().motion.skeleton
     np.testing.assert_array_equal(
         skeleton.p_parent_joint, read_body_file(tmp_path / "ada.toml").skeleton.p_parent_joint
     )

@@ -55,7 +55,7 @@ def test_settings_file_and_options_over_it(run, files, tmp_path: Path) -> None:
         "smooth", files.recording, "--out", tmp_path / "e.mcap", "--settings", settings, "--solve.max-iterations", "1"
     )
     assert told.code == 0, told.err
-    estimate = read_estimate(tmp_path / "e.mcap").only_wearer
+    estimate = read_estimate(tmp_path / "e.mcap").wearer()
     assert estimate.method == "SOP"
     assert estimate.motion.rate == pytest.approx(10.0)
     assert estimate.settings["solve.max_iterations"] == "1"

@@ -31,7 +31,7 @@ def test_windows_make_one_estimate(run, files, tmp_path: Path) -> None:
     out = tmp_path / "e.mcap"
     told = run("smooth", files.recording, "--out", out, *WINDOWS)
     assert told.code == 0, told.err
-    estimate, recording = read_estimate(out).only_wearer, read_scene(files.recording).wearers[0]
+    estimate, recording = read_estimate(out).wearer(), read_scene(files.recording).wearers[0]
     windows = {one.stage for one in estimate.reports if one.stage.startswith("sparse inertial poser")}
     assert windows == {f"sparse inertial poser, window {number}" for number in (1, 2, 3, 4)}
     first, last = RecordingInMemory(recording).interval
@@ -106,7 +106,7 @@ def test_a_session_in_two_files_is_one_recording(run, files, tmp_path: Path) -> 
     told = run("smooth", paths[1], paths[0], "--out", tmp_path / "e.mcap", *settings)
     assert told.code == 0, told.err
     first, last = RecordingInMemory(recording).interval
-    estimate = read_estimate(tmp_path / "e.mcap").only_wearer
+    estimate = read_estimate(tmp_path / "e.mcap").wearer()
     assert estimate.motion.start == first
     assert len(estimate.motion) == int((last - first) * 20 + 1e-6) + 1
     told = run("convert", paths[0], tmp_path / "all.mcap", "--then", paths[1])
@@ -132,7 +132,7 @@ def test_windows_in_other_processes_are_the_same_to_the_last_bit(run, files, tmp
     for out, jobs in ((here, 1), (there, 2)):
         told = run("smooth", files.recording, "--out", out, "--jobs", jobs, "--covariance", *WINDOWS)
         assert told.code == 0, told.err
-    one, other = (read_estimate(out).only_wearer for out in (here, there))
+    one, other = (read_estimate(out).wearer() for out in (here, there))
     np.testing.assert_array_equal(one.motion.R_parent_child, other.motion.R_parent_child)
     np.testing.assert_array_equal(one.motion.p_world_pelvis, other.motion.p_world_pelvis)
     assert one.covariance is not None

@@ -44,7 +44,7 @@ def test_a_broken_file_costs_itself_and_a_second_run_keeps_what_is_there(run, fi
     }  # fmt: skip
     alone = read_estimate(files.estimate)
     assert summary["a.mcap"]["verdict"] == str(alone.verdict)
-    assert int(summary["a.mcap"]["frames"]) == len(alone.only_wearer.motion)
+    assert int(summary["a.mcap"]["frames"]) == len(alone.wearer().motion)
     assert "recording" in summary["broken.mcap"]["error"]
     made = folder / "monday" / "b.estimate.mcap"
     before = made.stat().st_mtime_ns
@@ -60,7 +60,7 @@ def test_a_verdict_and_settings_are_those_of_one_recording(run, folder: Path, tm
     out = tmp_path / "out"
     words = ("smooth", f"{folder}/monday/*.mcap", "--out", out, "--settings", settings, "--fail-on", "care")
     assert run(*words).code == 3
-    assert read_head(out / "b.estimate.mcap")[0].only_wearer.motion.rate == 10
+    assert read_head(out / "b.estimate.mcap")[0].wearer().motion.rate == 10
     assert run(*words).code == 3  # of what is there already, too
 
 

@@ -37,8 +37,8 @@ def test_smoothing_with_gtsam_is_smoothing() -> None:
     (recording,) = filmed_gestures("fixed", 0.6).wearers
     quick = replace(QUICK, frame_rate=12.0, solve=replace(QUICK.solve, max_iterations=15))
     ours, theirs = (
-        smooth(recording, quick).only_wearer,
-        smooth(recording, replace(quick, solver=SolverName.GTSAM)).only_wearer,
+        smooth(recording, quick).wearer(),
+        smooth(recording, replace(quick, solver=SolverName.GTSAM)).wearer(),
     )
     apart = ours.motion.state.p_world_joint - theirs.motion.state.p_world_joint
     assert np.linalg.norm(apart, axis=2).mean() < 2e-3  # m: they stop where a step gains a thousandth of the cost

@@ -153,7 +153,7 @@ def test_a_clock_that_jumps_by_a_day_leaves_a_gap(tmp_path: Path) -> None:
     assert frames[-1] > 30 * jump
     assert len(frames) < 150
     with pytest.warns(McapWarning, match="ends after"):
-        motion = read_estimate(out).only_wearer.motion
+        motion = read_estimate(out).wearer().motion
     assert len(motion) < 75
 
 

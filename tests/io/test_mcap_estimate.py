@@ -44,7 +44,7 @@ def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFact
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         write_estimate(Estimate.of_one(estimate), path)
-        assert_same(estimate, read_estimate(path).only_wearer)
+        assert_same(estimate, read_estimate(path).wearer())
 
 
 def test_viewers_get_transforms_that_chain_to_every_joint(tmp_path: Path) -> None:
@@ -79,7 +79,7 @@ def test_of_a_cut_estimate_the_first_frames_are_read(tmp_path: Path, share: floa
     data = path.read_bytes()
     path.write_bytes(data[: int(share * len(data))])
     with pytest.warns(McapWarning, match="frames are left"):
-        read = read_estimate(path).only_wearer
+        read = read_estimate(path).wearer()
     T = len(read.motion)
     assert 0.8 * share * 600 < T < 600
     np.testing.assert_array_equal(read.motion.p_world_pelvis, estimate.motion.p_world_pelvis[:T])
@@ -105,7 +105,7 @@ def test_findings_and_the_choice_of_the_start_come_back(tmp_path: Path, margin: 
         example(), findings=(bare("one thing"), Finding("leap", "Ada", words={"times": "2.00"})), start=choice
     )
     write_estimate(Estimate.of_one(estimate), tmp_path / "e.mcap")
-    read = read_estimate(tmp_path / "e.mcap").only_wearer
+    read = read_estimate(tmp_path / "e.mcap").wearer()
     assert_same(replace(estimate, findings=()), replace(read, findings=()))
     assert [(one.kind, str(one)) for one in read.findings] == [(one.kind, str(one)) for one in estimate.findings]
     assert [one.kind for one in read.findings] == ["text", "leap"]
@@ -126,7 +126,7 @@ def test_the_round_trip_of_a_scene_is_lossless_and_silent(
         warnings.simplefilter("error")
         assert_same(estimate, read_estimate(path))
         if len(estimate.wearers) == 1:
-            assert_same(estimate.wearers[0], read_estimate(path).only_wearer)
+            assert_same(estimate.wearers[0], read_estimate(path).wearer())
 
 
 @settings(max_examples=10, deadline=None)

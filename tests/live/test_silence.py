@@ -54,7 +54,7 @@ def with_silence(stream: ImuStream) -> ImuStream:
 def smoothed(recording: Recording, settings: Settings) -> tuple[float, np.ndarray]:
     """Error in millimetres, and the root's path."""
     assert recording.truth is not None
-    motion = smooth(recording, settings).only_wearer.motion
+    motion = smooth(recording, settings).wearer().motion
     ours, truth, _ = common_frames(motion, recording.truth.motion)
     return mpjpe(ours, truth), motion.p_world_pelvis
 

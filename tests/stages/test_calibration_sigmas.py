@@ -27,7 +27,7 @@ def recording() -> Recording:
 @pytest.mark.parametrize("in_windows", [False, True])
 def test_they_hold_the_truth_and_little_more(recording: Recording, in_windows: bool) -> None:
     windows = replace(SMALL.windows, above_s=2.0, window_s=2.0, overlap_s=0.5) if in_windows else SMALL.windows
-    estimate = smooth(recording, replace(SMALL, windows=windows)).only_wearer
+    estimate = smooth(recording, replace(SMALL, windows=windows)).wearer()
     headings = np.rad2deg([one.heading_sigma for one in estimate.calibration.values()])
     mountings = np.rad2deg([one.mounting_sigma for one in estimate.calibration.values()])
     pelvis = list(estimate.calibration).index("pelvis")
@@ -42,6 +42,6 @@ def test_they_hold_the_truth_and_little_more(recording: Recording, in_windows: b
 
 def test_what_is_no_variable_has_none(recording: Recording) -> None:
     kept = replace(SMALL.calibration, estimate_mountings=False)
-    estimate = smooth(recording, replace(SMALL, calibration=kept)).only_wearer
+    estimate = smooth(recording, replace(SMALL, calibration=kept)).wearer()
     assert all(np.isfinite(one.heading_sigma) for one in estimate.calibration.values())
     assert not any(np.isfinite(one.mounting_sigma).any() for one in estimate.calibration.values())

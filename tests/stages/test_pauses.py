@@ -93,7 +93,7 @@ def test_headings_after_a_pause_are_found_anew(walk: Recording) -> None:
     true = dict(zip(walk.placed, JUMPS, strict=False))
     whole = smooth(paused(walk, true), replace(SETTINGS, calibration_rate=7.5))
     assert {"pauses", "headings after pauses"} <= {one.kind for one in whole.findings}
-    estimate = whole.only_wearer
+    estimate = whole.wearer()
     before, after = np.array([one.heading_at(np.array([5.0, 16.0])) for one in estimate.calibration.values()]).T
     off = after - before - [true[name] for name in estimate.calibration]
     off = wrap_angle(off - np.angle(np.exp(1j * off).sum()))

@@ -60,7 +60,7 @@ def test_exchanged_sensors_are_told_and_exchanged_where_wanted() -> None:
     told = smooth(recording, settings)
     assert [one.kind for one in told.findings].count("sensors exchanged") == 1
     assert "--assign " in str(told.findings[0])
-    right, truth = (smooth(one, replace(settings, assign=True)).only_wearer.motion for one in (recording, legs()))
+    right, truth = (smooth(one, replace(settings, assign=True)).wearer().motion for one in (recording, legs()))
     np.testing.assert_allclose(right.R_parent_child, truth.R_parent_child, atol=1e-9)
 
 

@@ -71,7 +71,7 @@ def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
     for one in (settings, in_windows(settings, 10.0, 5.0)):
         own = WindowPlan.of("e", recording.interval, one)
         windows = solve_windows(source, calibration, estimate, own, one, map)
-        head = estimate.only_wearer.motion.frames(slice(0, 0))
+        head = estimate.wearer().motion.frames(slice(0, 0))
         solved.append(together(empty(replace(head, rate=own.rate, start=own.start)), windows, own))
     whole, estimate = solved
     assert len(estimate.motion) == len(whole.motion) == plan.frames
@@ -93,7 +93,7 @@ def test_windows_agree_with_one_window_of_all(recording: Recording) -> None:
 def test_windows_that_start_from_all_coarse_frames_agree_with_all_frames_at_once(recording: Recording) -> None:
     settings = replace(QUICK, frame_rate=20.0, calibration_rate=10.0, solve=SolveSettings())
     found, whole = (
-        smooth(recording, replace(settings, windows=one)).only_wearer
+        smooth(recording, replace(settings, windows=one)).wearer()
         for one in (WindowSettings(window_s=7.0, overlap_s=3.0), WindowSettings(use=False))
     )
     stages = [one.stage for one in found.reports]
@@ -136,11 +136,11 @@ def test_what_is_joined_is_where_it_was_and_as_sure() -> None:
 
 def together(head: WearerEstimate, windows: Iterator[SolvedWindow], plan: WindowPlan) -> WearerEstimate:
     whole = Estimate.of_one(head)
-    chunks = [chunk.only_wearer for chunk in chunks_of(windows, whole, plan, silent)]
+    chunks = [chunk.wearer() for chunk in chunks_of(windows, whole, plan, silent)]
     first = [0, *np.cumsum([len(chunk.motion) for chunk in chunks])[:-1]]
     starts = [head.motion.start + one / head.motion.rate for one in first]
     assert [chunk.motion.start for chunk in chunks] == pytest.approx(starts)
-    return EstimateChunks(whole, (0,), map(Estimate.of_one, chunks)).whole().only_wearer
+    return EstimateChunks(whole, (0,), map(Estimate.of_one, chunks)).whole().wearer()
 
 
 def empty(head: Motion) -> WearerEstimate:
@@ -155,7 +155,7 @@ def peak_of(recording: Recording, settings: Settings) -> tuple[int, int]:
     tracemalloc.start()
     try:
         chunks = smooth_chunks(SceneInMemory(Scene("e", (recording,))), settings).chunks
-        frames = sum(len(chunk.only_wearer.motion) for chunk in chunks)
+        frames = sum(len(chunk.wearer().motion) for chunk in chunks)
         return tracemalloc.get_traced_memory()[1], frames
     finally:
         tracemalloc.stop()
@@ -244,7 +244,7 @@ def test_a_pause_of_all_sensors_and_headings_that_drift() -> None:
     motion = gestures(14.0)
     recording = simulate_recording(motion, preset("sip6", motion.skeleton))
     imus = {name: _without(stream, 4.0, 10.5) for name, stream in recording.imus.items()}
-    estimate = smooth(replace(recording, imus=imus), settings).only_wearer
+    estimate = smooth(replace(recording, imus=imus), settings).wearer()
     assert np.all(np.isfinite(estimate.motion.R_parent_child))
     assert np.linalg.norm(np.diff(estimate.motion.p_world_pelvis, axis=0), axis=1).max() < 0.5
     silent = np.isnan(estimate.residuals["orientation_deg"]).all(axis=1)

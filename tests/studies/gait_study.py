@@ -86,12 +86,12 @@ class GaitStudy(Study):
 
     def _estimate(self, one: RealRecording, recording: Recording) -> WearerEstimate:
         if self.estimates is None:
-            return smooth(recording).only_wearer
+            return smooth(recording).wearer()
         self.estimates.mkdir(exist_ok=True)
         path = self.estimates / f"{one.name.replace(' ', '_').replace(',', '')}.estimate.mcap"
         if not path.exists():
             write_estimate(smooth(recording), path)
-        return read_estimate(path).only_wearer
+        return read_estimate(path).wearer()
 
     def tables(self, rows: Sequence[Any]) -> Iterator[str]:
         """By data set and by what told: medians and 95 % of the distances from the reference; all walks together."""

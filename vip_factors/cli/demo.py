@@ -55,7 +55,7 @@ def main(options: DemoOptions) -> None:
             placement=options.placement, seconds=options.seconds, seed=options.seed, settings=SceneSettings(imu=errors)
         ).wearers[0]
         write(recording, files["recording.mcap"], options.overwrite)
-        estimate = smooth(recording, Settings(frame_rate=options.frame_rate), progress).only_wearer
+        estimate = smooth(recording, Settings(frame_rate=options.frame_rate), progress).wearer()
         write(estimate, files["estimate.mcap"], options.overwrite)
         progress("drawing", 0.0)
         truth = recording.truth

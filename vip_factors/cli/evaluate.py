@@ -57,7 +57,7 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation":
     if options.truth is not None:
         truth = open_one(options.truth)
         if truth.motion is not None:
-            return evaluate(estimate.only_wearer, Truth(truth.motion))  # of headings and mountings it knows nothing
+            return evaluate(estimate.wearer(), Truth(truth.motion))  # of headings and mountings it knows nothing
         scene = truth.scene
     source = options.truth or options.estimate
     if scene is None:

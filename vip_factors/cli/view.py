@@ -46,7 +46,7 @@ def main(options: ViewOptions) -> None:
     if opened.is_scene:
         drawn = drawn_scene(opened.scene, opened.estimate)
     else:
-        estimate = None if opened.estimate is None else opened.estimate.only_wearer
+        estimate = None if opened.estimate is None else opened.estimate.wearer()
         drawn = drawn_wearer(opened.recording, estimate, opened.motion)
     if options.picture is not None:
         from vip_factors.viz.picture import filmstrip

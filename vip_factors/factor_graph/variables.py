@@ -70,8 +70,8 @@ class Variable:
     @property
     def width(self) -> int:
         """Of its tangent."""
-        count = ROWS[self.block].count
-        return count if self.is_one_vector and count is not None else self.manifold.width
+        count = ROWS[self.block].count if self.is_one_vector else None
+        return self.manifold.width if count is None else count
 
     @property
     def is_of_a_frame(self) -> bool:

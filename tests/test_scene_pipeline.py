@@ -92,8 +92,8 @@ def test_a_wearer_out_of_view_for_a_while() -> None:
 def test_a_wearer_who_is_never_seen() -> None:
     filmed = without_detections(pair(), -1.0, 9.0, wearer=1)
     estimate = smooth(filmed, QUICK)
-    assert any("'bob' is never seen" in one for one in sentences(estimate.findings))
-    assert not any("'anna' is never seen" in one for one in sentences(estimate.findings))
+    assert any("'bob': never seen in the video" in one for one in sentences(estimate.findings))
+    assert not any("'anna': never seen in the video" in one for one in sentences(estimate.findings))
     wearers = evaluate_scene(estimate, filmed).wearers
     assert wearers["anna"]["mpjpe"] < 30.0
     assert wearers["bob"]["mpjpe"] < 60.0  # of the IMUs alone

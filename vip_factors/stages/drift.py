@@ -61,27 +61,27 @@ def clock_findings(
         clock: as it was estimated.
         video: its seconds from and until, if the camera does not have all of its frames.
     """
-    sure = 3.0  # standard deviations of what is told
+    sure = 3.0  # standard deviations from which on a deviation is reported
     off_s = 0.030  # a video frame at 30 Hz
     told_s = 0.010  # over a recording: hands that swing at 2 m/s are 2 cm elsewhere
     time = camera.detections.time if video is None else np.array(video)
     if not len(time) or clock.clock_sigma is None:
         return
-    middle, told, numbers = float(time[0] + time[-1]) / 2, list[str](), dict[str, float]()
+    middle, deviations, numbers = float(time[0] + time[-1]) / 2, list[str](), dict[str, float]()
     off = clock.clock.late(middle) - camera.clock.late(middle)
     if abs(off) > max(off_s, sure * clock.clock_sigma[0]):
         numbers |= {"off_ms": 1e3 * off, "sigma_ms": 1e3 * clock.clock_sigma[0]}
-        told.append(f"is {numbers['off_ms']:+.0f} ± {numbers['sigma_ms']:.0f} ms off what the scene says")
+        deviations.append(f"is {numbers['off_ms']:+.0f} ± {numbers['sigma_ms']:.0f} ms off what the scene says")
     drift = clock.clock.drift - camera.clock.drift
     seconds = drift * float(time[-1] - time[0])
     if abs(seconds) > told_s and abs(drift) > sure * clock.clock_sigma[1]:
         numbers |= {"drifted_ms": 1e3 * seconds, "ppm": 1e6 * drift, "sigma_ppm": 1e6 * clock.clock_sigma[1]}
-        told.append(
+        deviations.append(
             f"drifts from the sensors' by {numbers['drifted_ms']:+.0f} ms from its start to its end "
             f"({numbers['ppm']:+.0f} ± {numbers['sigma_ppm']:.0f} ppm)"
         )
-    if told:
-        yield Finding("video clock", numbers=numbers, words={"off": " and ".join(told)})
+    if deviations:
+        yield Finding("video clock", numbers=numbers, words={"off": " and ".join(deviations)})
 
 
 def drift_findings(

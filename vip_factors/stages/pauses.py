@@ -123,8 +123,8 @@ def headings_after_pauses(
         calibration: of the stretch of :func:`between_pauses`.
         settings: of the search.
     """
-    own = settings.calibration
-    if len(sensors) < 2 or not recording.pauses or not own.estimate_headings or own.from_truth:
+    options = settings.calibration
+    if len(sensors) < 2 or not recording.pauses or not options.estimate_headings or options.from_truth:
         return np.zeros((0, 2)), calibration.headings[None]
     stretches = _stretches(recording, recording.interval)
     first = _compared(recording, stretches)
@@ -178,7 +178,7 @@ def jump_findings(wearer: str, calibration: Mapping[str, SensorCalibration], res
     """Of headings that an estimate has stepping over pauses, ``(P, 2)`` seconds."""
     far = dict[str, float]()
     for pause in restarts:
-        jumps = {name: float(np.abs(np.diff(one.heading_at(pause))[0])) for name, one in calibration.items()}
+        jumps = {name: float(np.abs(np.diff(sensor.heading_at(pause))[0])) for name, sensor in calibration.items()}
         jumped = [name for name, jump in jumps.items() if jump > JUMP]
         if jumped:
             far[f"{_named(jumped, len(calibration))} at {pause[1]:.1f} s"] = float(np.rad2deg(max(jumps.values())))

@@ -222,7 +222,7 @@ static void add_reprojection(BodySums& sums, Indices<1> bones, In<2> p_bone, In<
     expect_within(items, INT64_MIN, 1 << 20);
     for (int64_t i = 0; i < n; i++) offsets = std::max(offsets, 3 * (items(i) + 1));
     sums.expect_block(vip::OFFSETS, offsets);
-    if (variables) sums.expect_poses(1), sums.expect_block(vip::CLOCK, 1), sums.expect_block(vip::CLOCK_DRIFT, 1);
+    if (variables) sums.expect_poses(1), sums.expect_block(vip::CLOCK, 1), sums.expect_block(vip::CLOCK_DRIFT, 1), sums.expect_block(vip::ZOOM, 1);
     vip::Lens model;
     std::copy(lens.data(), lens.data() + 12, reinterpret_cast<double*>(&model));
     sums.later(vip::Reprojection{moving(sums, bones, p_bone, shift), R_camera, p_camera, model, pixels, sigma, seen, speed, late,

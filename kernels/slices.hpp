@@ -70,7 +70,7 @@ struct Target {
 };
 
 // Blocks of variables, in the order of vip_factors/assembly/compiled_sums.py.
-enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, OFFSETS, BLOCKS };
+enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, ZOOM, OFFSETS, BLOCKS };
 
 // Derivatives (m, width) of a factor by columns of the slice from one on. Twists meet all such parts of factors in sums
 // of bones, from column `dense` of these on; or, if `each` is not below nought, apart for each item of a block.
@@ -116,10 +116,10 @@ class BodySums {
                 if (target.rows[column(i, c)] - target.rows[column(i, c - 1)] != row_width(i) || target.kind[column(i, c)] != target.kind[column(i, 0)])
                     throw std::out_of_range("a body's rows are not side by side");
         }
-        const int widths[] = {lengths_, 1, TWIST, 1, 1};
-        const Block dense[] = {LENGTHS, SOLE, POSES, CLOCK, CLOCK_DRIFT};
+        const int widths[] = {lengths_, 1, TWIST, 1, 1, 1};
+        const Block dense[] = {LENGTHS, SOLE, POSES, CLOCK, CLOCK_DRIFT, ZOOM};
         std::fill(dense_, dense_ + BLOCKS, -1);
-        for (int i = 0; i < 5; i++) {
+        for (int i = 0; i < 6; i++) {
             if (i == 2) later_ = stride_;
             if (columns_[dense[i]] < 0) continue;
             dense_[dense[i]] = stride_, dense_width_[dense[i]] = widths[i], stride_ += widths[i];

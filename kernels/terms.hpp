@@ -274,12 +274,13 @@ struct Reprojection {
             if (!seen(f, k)) continue;
             points.see(f, k, 1);
             const double *R = at(R_camera, f), *c = at(p_camera, f), *p = points.p, *a = points.arms, scale = 1 / sigma(f, k);
-            double q[3], pixel[2], J[6], by_point[6] = {}, residual[2], by_twist[12], by_pose[12], by_drift[2], by_clock[2];
+            double q[3], pixel[2], J[6], by_point[6] = {}, residual[2], by_twist[12], by_pose[12], by_drift[2], by_clock[2], by_zoom[2];
             for (int i = 0; i < 3; i++) q[i] = R[i] * (p[0] - c[0]) + R[3 + i] * (p[1] - c[1]) + R[6 + i] * (p[2] - c[2]);
             lens.project(q, pixel, J), scaled(J, 6, scale);
             for (int r = 0; r < 2; r++) {
                 by_clock[r] = scale * speed(f, k, r), by_drift[r] = since(f) * by_clock[r];
                 residual[r] = scale * (pixel[r] - pixels(f, k, r)) + late(f) * by_clock[r];
+                by_zoom[r] = scale * (pixel[r] - (r ? lens.cy : lens.cx));
                 const double *own = J + 3 * r, *P = by_point + 3 * r;
                 for (int i = 0; i < 3; i++)
                     for (int j = 0; j < 3; j++) by_point[3 * r + i] += own[j] * R[3 * i + j];
@@ -293,6 +294,7 @@ struct Reprojection {
             if (variables) {
                 by_chart<2, 6>(by_pose, charts.size() ? at(charts, f) : nullptr);
                 rows.add(sums.part(POSES, 6, by_pose)), rows.add(sums.part(CLOCK, 1, by_clock)), rows.add(sums.part(CLOCK_DRIFT, 1, by_drift));
+                rows.add(sums.part(ZOOM, 1, by_zoom));
             }
             double by_lengths[128], by_offset[6];
             if (const int B = sums.lengths()) {

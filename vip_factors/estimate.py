@@ -218,6 +218,7 @@ class CameraEstimate:
         residual_px: ``(T, wearers)`` root mean square reprojection error of each wearer in pixels, NaN where unseen.
         clock: what lies between the video's clock and the IMUs'.
         clock_sigma: standard deviations of the offset, in the recording's middle, and of the drift; None where kept.
+        focal_sigma: standard deviation of the focal length's logarithm; None of a calibrated lens.
     """
 
     name: str
@@ -228,6 +229,7 @@ class CameraEstimate:
     residual_px: Array | None = None
     clock: VideoClock = field(default_factory=VideoClock)
     clock_sigma: tuple[float, float] | None = None
+    focal_sigma: float | None = None
 
     def frames(self, which: slice) -> "CameraEstimate":
         """The estimate at some consecutive frames; a camera that stands still has its one pose."""

@@ -43,6 +43,8 @@ class CalibrationSettings:
     estimate_sole: bool = True
     # What the detector calls hip, shoulder, knee … as variables: 1–3 cm beside the joint, the same in every frame.
     estimate_keypoints: bool = True
+    # The focal length of a camera that was not calibrated.
+    estimate_lens: bool = True
     # s from which on a recording is long enough that its headings drift (a random walk of factors.heading_walk); none:
     # they are constant, as in the papers.
     heading_drift_from_s: float | None = 20.0

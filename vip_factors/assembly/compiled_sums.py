@@ -200,7 +200,7 @@ def _hinge(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> Non
 
 
 def _reprojection(sums: Any, at: ViewEvaluation, scatter: CompiledAccumulator) -> None:
-    view, poses, lens = at.view, at.state.poses, at.camera.model
+    view, poses, lens = at.view, at.state.poses, at.lens
     if not view.points or not view.seen.any():
         return
     settings, every, is_first = at.camera.settings.reprojection, slice(None), at.owner.number == 0

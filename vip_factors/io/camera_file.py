@@ -9,6 +9,7 @@
     cx = 961.3
     cy = 538.8
     distortion = [0.05, -0.12, 0.0, 0.0, 0.0]
+    focal_sigma = 0.25
 
     [floor]
     R_floor_camera = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]
@@ -17,7 +18,8 @@
     [calibration]
     rms_px = 0.21
 
-The floor's frame has its z axis up, against gravity; the camera's axes are OpenCV's. The table ``[calibration]`` says
+``focal_sigma`` is the relative standard deviation of a focal length that was not calibrated; without it the lens is
+taken as calibrated. The floor's frame has its z axis up, against gravity; the camera's axes are OpenCV's. The table ``[calibration]`` says
 how the numbers were found and is read by people only. OpenCV's own files (``camera_matrix``) are read too, and of
 Pose2Sim's calibration, a table for each camera of a lab, the one that is named after a colon: ``Calib.toml:cam_01``.
 """
@@ -59,6 +61,7 @@ class _Camera(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     cx: Number
     cy: Number
     distortion: tuple[Number, ...] = ()
+    focal_sigma: Annotated[float, msgspec.Meta(ge=0, le=1)] = 0.0
     floor: _Floor | None = None
     calibration: dict[str, object] = {}
 
@@ -95,6 +98,13 @@ def read_camera_file(path: str | Path) -> CameraModel:
     return _model(where, (camera.width, camera.height), K, camera.distortion)
 
 
+def read_focal_sigma(path: str | Path) -> float:
+    """Read the standard deviation of the focal length's logarithm from a camera file; 0 of a calibrated lens."""
+    path = Path(path)
+    camera = None if path.suffix.lower() in OPENCV_SUFFIXES else _toml_camera(path)[1]
+    return camera.focal_sigma if isinstance(camera, _Camera) else 0.0
+
+
 def read_floor(path: str | Path) -> tuple[Array, Array] | None:
     """Read a camera's pose over the floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` m, None if unknown."""
     path = Path(path)
@@ -119,6 +129,7 @@ def write_camera_file(
     floor: tuple[Array, Array] | None = None,
     calibration: Mapping[str, str | float | int] | None = None,
     overwrite: bool = False,
+    focal_sigma: float = 0.0,
 ) -> None:
     """Write a camera file, whole or not at all.
 
@@ -128,6 +139,7 @@ def write_camera_file(
         floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` metres, if known.
         calibration: how the numbers were found: for people.
         overwrite: whether an existing file may be replaced.
+        focal_sigma: standard deviation of the focal length's logarithm; 0 of a calibrated lens.
     """
     if Path(path).suffix.lower() in OPENCV_SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in .toml; OpenCV's files are only read")
@@ -135,6 +147,8 @@ def write_camera_file(
     table = {"width": model.width, "height": model.height, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
     lines = [f"{name} = {toml_text(value)}" for name, value in table.items()]
     lines.append(f"distortion = {toml_text(model.distortion)}")
+    if focal_sigma:
+        lines.append(f"focal_sigma = {toml_text(focal_sigma)}")
     if floor is not None:
         R, p = map(toml_text, floor)
         lines += ["", "[floor]", f"R_floor_camera = {R}", f"p_floor_camera = {p}"]

@@ -10,7 +10,7 @@ import numpy as np
 from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.body_file import read_body_file, scene_with_body
-from vip_factors.io.camera_file import read_camera_file, read_floor
+from vip_factors.io.camera_file import read_camera_file, read_floor, read_focal_sigma
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
@@ -143,7 +143,9 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
     video = Video(options.video) if options.video is not None else None
     path = _known_path(options, file)
     moving, clock = not options.static_camera, VideoClock(options.time_offset_s)
-    camera = Camera(options.camera_name, model, detections, moving, None, path, clock, video)
+    camera = Camera(
+        options.camera_name, model, detections, moving, None, path, clock, video, focal_sigma=read_focal_sigma(file)
+    )
     if facts is not None:
         check_video(facts, camera)
         if len(detections.time) < 0.6 * len(facts):  # every second frame would stay below

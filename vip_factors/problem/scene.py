@@ -24,7 +24,7 @@ class CameraProblem:
     """The camera's share of a scene.
 
     Attributes:
-        model: its intrinsics.
+        model: its intrinsics, as supposed.
         moving: one pose for each frame, or one for all.
         free_pose: False keeps the poses of the state.
         imu: measurements of the sensor on it (one column), or None.
@@ -33,6 +33,7 @@ class CameraProblem:
         prior_R_camera_imu, mounting_sigma: its rough mounting, and radians about each axis.
         free_clock: whether the offset and the drift of the video's clock move.
         clock_middle: seconds, the instant at which the offset is that.
+        focal_sigma: standard deviation of the logarithm of the focal length; 0 keeps the lens of the state.
         is_beginning: False for a stretch of something longer, whose beginning holds the priors.
         settings: of the terms.
         learned_offsets: of the detector's keypoints, where they were learnt.
@@ -49,6 +50,7 @@ class CameraProblem:
     mounting_sigma: float = 0.2
     free_clock: bool = False
     clock_middle: float = 0.0
+    focal_sigma: float = 0.0
     is_beginning: bool = True
     learned_offsets: KeypointOffsets | None = None
 
@@ -249,6 +251,11 @@ class Viewpoint:
     problem: CameraProblem
     state: CameraState
     views: tuple[KeypointView, ...]
+
+    @property
+    def lens(self) -> CameraModel:
+        """The intrinsics at the state."""
+        return self.problem.model.zoomed(self.state.zoom)
 
 
 class LinearTerms(Protocol):

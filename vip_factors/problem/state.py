@@ -120,6 +120,7 @@ class CameraState:
         R_camera_imu: ``(3, 3)``.
         clock: seconds by which the video's clock must be put forward in the recording's middle.
         clock_drift: seconds more in every second from there.
+        zoom: logarithm of the focal length over the supposed one.
     """
 
     poses: CameraPoses
@@ -127,6 +128,7 @@ class CameraState:
     R_camera_imu: Array = field(default_factory=lambda: np.eye(3))
     clock: float = 0.0
     clock_drift: float = 0.0
+    zoom: float = 0.0
 
     def at_frames(self, frames: slice) -> CameraPoses:
         """The poses at a stretch of frames."""

@@ -24,10 +24,12 @@ STEP_ANGLE = 0.1  # rad
 STEP_LENGTH = 0.5  # m
 STEP_CLOCK = 0.05  # s
 STEP_CLOCK_DRIFT = 1e-3  # s/s
+STEP_ZOOM = 0.1  # of its logarithm
 STEP_BODY = 0.05  # m
 STEP_SOLE = 0.5  # of its logarithm
 BODY_MOVED = 0.003  # m: from where on a length is linearised anew in a stream
 SOLE_MOVED = 0.1  # and a sole's logarithm
+ZOOM_MOVED = 0.005  # and that of a focal length
 CAMERA = OwnerId(Owner.CAMERA)
 DETECTOR = OwnerId(Owner.DETECTOR)
 
@@ -116,6 +118,8 @@ CAMERA_ROWS: tuple[Row[CameraProblem], ...] = (
         lambda own: own.imu is not None, _heading_noise),
     Row("clock", "clock offset", "o", Owner.CAMERA, VECTOR, STEP_CLOCK, 1, lambda own: own.free_clock, _heading_noise),
     Row("clock_drift", "clock drift", "d", Owner.CAMERA, VECTOR, STEP_CLOCK_DRIFT, 1, lambda own: own.free_clock),
+    Row("zoom", "focal length", "z", Owner.CAMERA, VECTOR, STEP_ZOOM, 1, lambda own: own.focal_sigma > 0,
+        relinearise=ZOOM_MOVED),
 )  # fmt: skip
 DETECTOR_ROWS: tuple[Row[SceneProblem], ...] = (
     Row("keypoint_offsets", "offset of a keypoint", "k", Owner.DETECTOR, POINT, STEP_BODY, len(OFFSET_KEYPOINTS),

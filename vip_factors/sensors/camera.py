@@ -143,6 +143,11 @@ class CameraModel:
         if len(self.distortion) not in (0, 4, 5, 8) or not np.all(np.isfinite(self.distortion)):
             raise InputError(f"camera distortion {self.distortion}: expected 0, 4, 5 or 8 finite numbers, as OpenCV's")
 
+    def zoomed(self, log_zoom: float) -> "CameraModel":
+        """The same image through a lens whose focal lengths are ``exp(log_zoom)`` times as long."""
+        zoom = float(np.exp(log_zoom))
+        return replace(self, focal=(zoom * self.focal[0], zoom * self.focal[1]))
+
     @property
     def K(self) -> Array:
         """The ``(3, 3)`` camera matrix."""

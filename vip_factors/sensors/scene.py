@@ -64,6 +64,7 @@ class Camera(Summarised):
         clock: what lies between the video's clock and the IMUs'.
         video: to look at.
         keypoint_offsets: where its detector puts its keypoints, if that was found before.
+        focal_sigma: standard deviation of the logarithm of the focal length; 0 of a calibrated lens.
     """
 
     name: str
@@ -75,6 +76,7 @@ class Camera(Summarised):
     clock: VideoClock = field(default_factory=VideoClock)
     video: Video | None = None
     keypoint_offsets: KeypointOffsets | None = None
+    focal_sigma: float = 0.0
 
     def summary(self) -> list[str]:
         """What it is, and what was detected in its video."""

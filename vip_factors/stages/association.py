@@ -11,7 +11,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.camera import Sightings
-from vip_factors.sensors.camera import CameraPath, VideoClock
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import CommonSettings
@@ -68,18 +68,18 @@ def associate_cameras(
 
 
 def associate_cameras_again(
-    associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
-    settings: CommonSettings, on_progress: Callable[[float], None],
+    associated: Sequence[AssociatedCamera], lens: CameraModel, path: CameraPath, clock: VideoClock,
+    motions: Sequence[Motion], settings: CommonSettings, on_progress: Callable[[float], None],
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """The association of motions in one world, in which the first camera took a path; the others' poses are known.
 
-    The first camera's video is timed by what was found of its clock.
+    The first camera's lens and the clock of its video are as estimated.
     """
     again = []
     for number, each in enumerate(associated):
         detections = each.detections if number else each.detections.timed(clock)
         association = associate(
-            detections, each.camera.model, motions, settings.association,
+            detections, each.camera.model if number else lens, motions, settings.association,
             each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
             _share_of_progress(on_progress, number, len(associated)), each.association,
         )  # fmt: skip
@@ -91,8 +91,8 @@ def associate_cameras_again(
 
 
 def add_left_over_detections(
-    associated: Sequence[AssociatedCamera], path: CameraPath, clock: VideoClock, motions: Sequence[Motion],
-    settings: CommonSettings,
+    associated: Sequence[AssociatedCamera], lens: CameraModel, path: CameraPath, clock: VideoClock,
+    motions: Sequence[Motion], settings: CommonSettings,
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """Detections that are nobody's added to whom they show by now, in the world of :func:`associate_cameras_again`."""
     again = []
@@ -100,9 +100,8 @@ def add_left_over_detections(
         known = each.camera.known_path if number else path
         association, detections = each.association, each.detections if number else each.detections.timed(clock)
         if known is not None:
-            association = add_by_position(
-                association, detections, each.camera.model, motions, known, settings.association
-            )
+            model = each.camera.model if number else lens
+            association = add_by_position(association, detections, model, motions, known, settings.association)
         again.append(replace(each, association=association))
     return tuple(again)
 

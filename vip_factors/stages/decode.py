@@ -161,7 +161,7 @@ def decode_camera(
         calibration = SensorCalibration(float(wrap_angle(state.camera.heading)), state.camera.R_camera_imu)
     return CameraEstimate(
         name,
-        model.camera.model,
+        model.camera.model.zoomed(state.camera.zoom),
         CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera),
         calibration,
         covariance.camera if covariance is not None else None,
@@ -177,7 +177,7 @@ def reprojection_rms(model: SceneProblem, state: SceneState) -> Array:
     for number, (wearer, own, view) in enumerate(zip(model.wearers, state.wearers, model.views, strict=True)):
         at = ViewEvaluation(WearerEvaluation(number, wearer, own), CAMERA, model.camera, state.camera, view, offsets)
         points = at.points_on(view.body_points).on(at.wearer.body)
-        residual, _ = reprojection_residual(points, poses, model.camera.model, view.pixels)
+        residual, _ = reprojection_residual(points, poses, at.lens, view.pixels)
         squares = np.where(view.seen, np.sum(residual**2, axis=2), 0.0)
         count = view.seen.sum(axis=1)
         columns.append(np.where(count > 0, np.sqrt(squares.sum(axis=1) / np.maximum(count, 1)), np.nan))
@@ -200,10 +200,12 @@ def with_sigmas(estimate: WearerEstimate, number: int, shared: SharedCovariance)
 
 
 def camera_with_sigmas(estimate: CameraEstimate, shared: SharedCovariance) -> CameraEstimate:
-    """The camera's estimate with standard deviations of its clock and its IMU's calibration."""
-    clock, drift, heading, mounting = (
-        shared.sigmas(CAMERA, block) for block in ("clock", "clock_drift", "heading", "R_camera_imu")
+    """The camera's estimate with standard deviations of its clock, its lens and its IMU's calibration."""
+    clock, drift, zoom, heading, mounting = (
+        shared.sigmas(CAMERA, block) for block in ("clock", "clock_drift", "zoom", "heading", "R_camera_imu")
     )
+    if zoom is not None:
+        estimate = replace(estimate, focal_sigma=float(zoom[0]))
     if clock is not None and drift is not None:
         estimate = replace(estimate, clock_sigma=(float(clock[0]), float(drift[0])))
     if heading is None or mounting is None or estimate.calibration is None:

@@ -14,7 +14,7 @@ from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, S
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState, seconds_late
 from vip_factors.problem.variables import CAMERA
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.camera import CameraPath, VideoClock
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA
 from vip_factors.settings import CommonSettings
@@ -86,6 +86,11 @@ class FusionSolution:
     def clock(self) -> VideoClock:
         """From the sensors' time that the first camera's video was supposed to have to the one that was found."""
         return found_clock(self.state.camera, self.model.camera.clock_middle)
+
+    @property
+    def lens(self) -> CameraModel:
+        """The first camera's intrinsics."""
+        return self.model.camera.model.zoomed(self.state.camera.zoom)
 
     @property
     def camera_path(self) -> CameraPath:
@@ -223,7 +228,7 @@ def fusion_problem_on_frames(
         states.append(at_frames(solved.state, before, time))
         planted = with_foot_contact(with_body_of(inertial.model, solved.model), contact)
         wearers.append(with_contacts(on_frames_with_fixed_calibration(planted, measured), states[-1], True))
-    camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False)
+    camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False, focal_sigma=0.0)
     filming = coarse.state.camera
     camera = replace(camera, prior_heading=filming.heading)
     if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
@@ -243,7 +248,7 @@ def _one_wearer(model: SceneProblem, number: int) -> SceneProblem:
 
 def _held(camera: CameraProblem) -> CameraProblem:
     """The camera as it is: nothing of it moves, and its sensor has nothing more to say."""
-    return replace(camera, free_pose=False, imu=None, free_clock=False)
+    return replace(camera, free_pose=False, imu=None, free_clock=False, focal_sigma=0.0)
 
 
 def _camera_at(coarse: FusionSolution, time: Array) -> CameraState:
@@ -272,7 +277,7 @@ def _views(
     spreads: Sequence[float], path_known: bool,
 ) -> tuple[KeypointView, ...]:  # fmt: skip
     state, views = replace(state, camera=camera.state), []
-    lens, settings = camera.problem.model, camera.problem.settings
+    lens, settings = camera.lens, camera.problem.settings
     keypoints, clock = each.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
     detections = each.detections.timed(found_clock(camera.state, camera.problem.clock_middle))
     for number, wearer in enumerate(wearers):
@@ -303,7 +308,7 @@ def fuse_in_rounds(
     rounds = settings.fusion.rounds if any(each.shows_somebody for each in associated) else 1
     for _ in range(rounds - 1):
         associated = associate_cameras_again(
-            associated, solution.camera_path, solution.clock, solution.motions, settings, on_progress
+            associated, solution.lens, solution.camera_path, solution.clock, solution.motions, settings, on_progress
         )
         solution = fuse(initial, solution, associated, settings, solver)
     for _ in range(settings.fusion.refits):
@@ -311,7 +316,7 @@ def fuse_in_rounds(
             solution = fuse(initial, solution, associated, settings, solver)
     solution = _reconsidered(initial, solution, associated, settings, solver)
     return solution, add_left_over_detections(
-        associated, solution.camera_path, solution.clock, solution.motions, settings
+        associated, solution.lens, solution.camera_path, solution.clock, solution.motions, settings
     )
 
 

@@ -63,6 +63,7 @@ def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> Cam
         not known,
         free_clock=settings.fusion.estimate_clock,
         clock_middle=middle_of(camera),
+        focal_sigma=camera.focal_sigma if settings.calibration.estimate_lens and not known else 0.0,
         settings=settings.camera,
         learned_offsets=prior_offsets(camera, settings.camera.keypoint_offset),
     )

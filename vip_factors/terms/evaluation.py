@@ -13,6 +13,7 @@ from vip_factors.problem.scene import CameraProblem, KeypointView
 from vip_factors.problem.state import CameraPoses, CameraState, WearerState, seconds_late
 from vip_factors.problem.variables import DETECTOR
 from vip_factors.problem.wearer import BodyPoints, WearerProblem, sole_shift
+from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.equations import JacobianBlock
 
 
@@ -189,6 +190,11 @@ class ViewEvaluation:
     view: KeypointView
     offsets: Array | None = None
     free_offsets: bool = False
+
+    @cached_property
+    def lens(self) -> CameraModel:
+        """The camera's intrinsics at the state."""
+        return self.camera.model.zoomed(self.state.zoom)
 
     def since_middle(self, frames: slice) -> Array:
         """Seconds ``(t,)`` of a stretch of frames, from the instant of the clock's offset."""

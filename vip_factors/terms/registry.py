@@ -31,6 +31,7 @@ from vip_factors.terms.rotation_prior import CAMERA_MOUNTING_PRIOR, INITIAL_POSE
 from vip_factors.terms.sensor_position import SENSOR_POSITION_PRIOR
 from vip_factors.terms.smoothness import SMOOTHNESS
 from vip_factors.terms.sole import SOLE_PRIOR
+from vip_factors.terms.lens import LENS_PRIOR
 from vip_factors.terms.video_clock import CLOCK_DRIFT_PRIOR, CLOCK_PRIOR
 
 WEARER_TERMS: tuple[Term[WearerEvaluation], ...] = (
@@ -65,6 +66,7 @@ CAMERA_TERMS: tuple[Term[CameraEvaluation], ...] = (
     CAMERA_MOUNTING_PRIOR,
     CLOCK_PRIOR,
     CLOCK_DRIFT_PRIOR,
+    LENS_PRIOR,
     KEYPOINT_OFFSET_PRIOR,
 )
 

@@ -2,7 +2,7 @@
 
 With ``q = Rᵀ (p − c)`` in the camera's frame and ``J = ∂π/∂q`` of the lens: ``∂r/∂p = J Rᵀ``; a step ``(ω, v)`` of the
 camera takes ``q`` to ``Exp(−ω) (q − v)``, so ``∂r/∂(ω, v) = J (hat(q), −1)``. The clock adds how fast the detection
-moves.
+moves. The derivative by the logarithm of the focal length is the pixel's distance from the principal point.
 """
 
 from collections.abc import Iterator
@@ -63,7 +63,7 @@ def adaptive_biweight(
 
 def equations(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
     """One factor for each keypoint that was seen."""
-    view, lens = at.view, at.camera.model
+    view, lens = at.view, at.lens
     if not view.points:
         return
     settings = at.camera.settings.reprojection
@@ -80,6 +80,7 @@ def equations(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
         return by_twist, (
             JacobianBlock(at.owner, "poses", by_camera / sigma[..., None]),
             *_clock_blocks(at, first, speed / sigma),
+            *_zoom_blocks(at, residual + view.pixels[first], sigma),
             *at.wearer.body_blocks(body, points, by_point / sigma[..., None]),
             *at.offset_blocks(body, by_point / sigma[..., None]),
         )
@@ -96,6 +97,13 @@ def _clock_blocks(at: ViewEvaluation, first: slice, speed: Array) -> tuple[Jacob
         JacobianBlock(at.owner, "clock", speed[..., None]),
         JacobianBlock(at.owner, "clock_drift", by_drift[..., None]),
     )
+
+
+def _zoom_blocks(at: ViewEvaluation, projected: Array, sigma: Array) -> tuple[JacobianBlock, ...]:
+    """Derivatives of projected pixels ``(t, n, 2)`` by the logarithm of the focal length, if that is a variable."""
+    if not at.camera.focal_sigma:
+        return ()
+    return (JacobianBlock(at.owner, "zoom", ((projected - at.lens.centre) / sigma)[..., None]),)
 
 
 def whitened_reprojections(at: ViewEvaluation) -> Array:

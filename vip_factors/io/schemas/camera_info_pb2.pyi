@@ -7,7 +7,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class CameraInfo(_message.Message):
-    __slots__ = ("name", "moving", "time_offset_s", "mount", "known_poses", "video", "keypoint_set", "keypoints", "frames", "time_drift", "has_true_pixels")
+    __slots__ = ("name", "moving", "time_offset_s", "mount", "known_poses", "video", "keypoint_set", "keypoints", "frames", "time_drift", "has_true_pixels", "focal_sigma")
     class Mount(_message.Message):
         __slots__ = ("imu", "mounting_wxyz", "p_camera_imu", "mounting_sigma_rad")
         IMU_FIELD_NUMBER: _ClassVar[int]
@@ -37,6 +37,7 @@ class CameraInfo(_message.Message):
     FRAMES_FIELD_NUMBER: _ClassVar[int]
     TIME_DRIFT_FIELD_NUMBER: _ClassVar[int]
     HAS_TRUE_PIXELS_FIELD_NUMBER: _ClassVar[int]
+    FOCAL_SIGMA_FIELD_NUMBER: _ClassVar[int]
     name: str
     moving: bool
     time_offset_s: float
@@ -48,4 +49,5 @@ class CameraInfo(_message.Message):
     frames: int
     time_drift: float
     has_true_pixels: bool
-    def __init__(self, name: _Optional[str] = ..., moving: bool = ..., time_offset_s: _Optional[float] = ..., mount: _Optional[_Union[CameraInfo.Mount, _Mapping]] = ..., known_poses: _Optional[int] = ..., video: _Optional[_Union[CameraInfo.Video, _Mapping]] = ..., keypoint_set: _Optional[str] = ..., keypoints: _Optional[_Iterable[str]] = ..., frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., has_true_pixels: bool = ...) -> None: ...
+    focal_sigma: float
+    def __init__(self, name: _Optional[str] = ..., moving: bool = ..., time_offset_s: _Optional[float] = ..., mount: _Optional[_Union[CameraInfo.Mount, _Mapping]] = ..., known_poses: _Optional[int] = ..., video: _Optional[_Union[CameraInfo.Video, _Mapping]] = ..., keypoint_set: _Optional[str] = ..., keypoints: _Optional[_Iterable[str]] = ..., frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., has_true_pixels: bool = ..., focal_sigma: _Optional[float] = ...) -> None: ...

@@ -119,7 +119,7 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
     camera = CameraProblem(
         lens, kind != "standing", kind != "known path", None if kind == "no IMU" else imu,
         np.array([0.02, 0.03, -0.01]), 0.3, exp([0.1, 0.2, -0.1]), free_clock=True,
-        clock_middle=0.05, settings=CameraFactorSettings(),
+        clock_middle=0.05, focal_sigma=0.25, settings=CameraFactorSettings(),
     )  # fmt: skip
     views = []
     for number, wearer in enumerate((state, other)):
@@ -147,7 +147,7 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
     further = tuple(known_camera(lens, views, random) for _ in range(2 if kind == "further cameras" else 0))
     model = SceneProblem((first, second), camera, tuple(views), further, free_keypoints=True)
     detector = DetectorState(0.02 * np.random.default_rng(8).standard_normal((len(OFFSET_KEYPOINTS), 3)))
-    return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01, 0.02), detector)
+    return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01, 0.02, 0.1), detector)
 
 
 def standing_feet(

@@ -167,6 +167,26 @@ def test_the_videos_clock_is_found_with_its_drift() -> None:
     assert found.clock.drift == pytest.approx(clock.drift, abs=3 * found.clock_sigma[1])
 
 
+@pytest.mark.parametrize("zoom", [-0.2, 0.25])
+def test_the_focal_length_of_an_uncalibrated_camera_is_estimated(zoom: float) -> None:
+    filmed = filmed_gestures(seconds=8.0)
+    true = camera_of(filmed).model.focal[0]
+    uncalibrated = replace(camera_of(filmed), model=camera_of(filmed).model.zoomed(zoom), focal_sigma=0.25)
+    camera = smooth(replace(filmed, camera=uncalibrated), QUICK).camera
+    assert camera is not None
+    assert camera.focal_sigma is not None
+    assert camera.focal_sigma < 0.15
+    error = np.log(camera.model.focal[0] / true)
+    assert abs(error) < min(3 * camera.focal_sigma, 0.4 * abs(zoom))
+
+
+def test_a_calibrated_lens_is_kept() -> None:
+    camera = solved().camera
+    assert camera is not None
+    assert camera.model == camera_of(scene()).model
+    assert camera.focal_sigma is None
+
+
 def test_how_its_sensor_sits_on_the_camera_is_found() -> None:
     filmed = scene("hand-held")
     mount, truth = camera_of(filmed).mount, filmed.truth

@@ -4,11 +4,9 @@ A step is taken again only when its inputs or parameters have changed, or its fi
 """
 
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import radians, tan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -348,27 +346,3 @@ def _report(estimate: Path, recording: Path, out: Path, overwrite: bool, progres
 
 def _export(estimate: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
     return Result(api.export(read_estimate(estimate), out, overwrite=overwrite))
-
-
-def guess_camera(video: Path, field_of_view_deg: float, path: Path) -> None:
-    """Write a camera file of a guessed field of view, and warn so; a file that says the same stays as it is.
-
-    Raises:
-        InputError, FileFormatError: if the video cannot be opened.
-    """
-    from vip_factors.io.camera_file import read_camera_file, write_camera_file
-    from vip_factors.io.video import video_size
-    from vip_factors.sensors.camera import CameraModel
-
-    width, height = video_size(video)
-    focal = round(max(width, height) / 2 / tan(radians(field_of_view_deg) / 2), 1)
-    model = CameraModel(width, height, (focal, focal), (width / 2, height / 2))
-    warnings.warn(
-        f"no camera file is given: a field of view of {field_of_view_deg:g} degrees along the longer side is taken "
-        f"(a focal length of {focal:g} px), without distortion: postures hardly suffer, but where the true length is a "
-        "tenth more or less, so are distances from the camera; vip-factors calibrate-camera measures it",
-        stacklevel=2,
-    )
-    if not path.is_file() or read_camera_file(path) != model:
-        how = {"how": f"guessed: a field of view of {field_of_view_deg:g} degrees along the longer side"}
-        write_camera_file(path, model, calibration=how, overwrite=True)

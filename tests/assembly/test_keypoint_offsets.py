@@ -35,7 +35,8 @@ def seen_with_offsets() -> tuple[SceneProblem, SceneState]:
         points = view.body_points
         stretched = wearer.variation.of_points(wearer.skeleton, points.bones, points.p_bone_point) @ own.body
         p = body.points(np.array(points.bones), points.p_bone_point + stretched + shift)
-        views.append(replace(view, pixels=camera.model.project((p - centre[:, None]) @ R), clock=(0.0, 0.0)))
+        lens = camera.model.zoomed(state.camera.zoom)
+        views.append(replace(view, pixels=lens.project((p - centre[:, None]) @ R), clock=(0.0, 0.0)))
     return replace(problem, camera=camera, views=tuple(views)), state
 
 
@@ -51,6 +52,23 @@ def test_nothing_is_left_over_at_the_true_offsets() -> None:
     problem, state = seen_with_offsets()
     true = replace(state, detector=DetectorState(OFFSETS))
     assert SceneObjective(problem).cost(true)["reprojection"] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_focal_length_is_recovered() -> None:
+    problem, true = seen_with_offsets()
+    begin = replace(true, camera=replace(true.camera, zoom=-0.2), detector=DetectorState(OFFSETS))
+    objective = SceneObjective(replace(problem, free_keypoints=False), wearers_move=False)
+    solved, _ = levenberg_marquardt(objective, begin, SolveSettings(relative_decrease=1e-9))
+    assert solved.camera.zoom == pytest.approx(true.camera.zoom, abs=1e-3)
+
+
+def test_the_lens_prior_costs_nothing_at_the_supposed_focal_length() -> None:
+    problem, state = small_scene("standing")
+    supposed = replace(state, camera=replace(state.camera, zoom=0.0))
+    assert SceneObjective(problem).cost(supposed)["lens prior"] == 0.0
+    assert SceneObjective(problem).cost(state)["lens prior"] == pytest.approx(0.5 * (0.1 / 0.25) ** 2)
+    held = replace(problem, camera=replace(problem.camera, focal_sigma=0.0))
+    assert "lens prior" not in SceneObjective(held).cost(state)
 
 
 @pytest.mark.parametrize("name", OFFSET_KEYPOINTS)

@@ -50,11 +50,22 @@ def test_two_wearers_and_a_camera(run, files, tmp_path: Path, poses: Path) -> No
     assert "left_forearm" in info.out
 
 
+def test_a_camera_that_nobody_calibrated(run, files, tmp_path: Path, poses: Path) -> None:
+    converted = run("convert", files.recording, tmp_path / "a.mcap", "--detections", poses, "--video-rate", "10")
+    assert converted.code == 0, converted.err
+    assert "no camera file is given: the focal length is estimated" in converted.err
+    camera = read_scene(tmp_path / "a.mcap").camera
+    assert camera is not None
+    assert (camera.model.width, camera.model.height, camera.focal_sigma) == (640, 480, 0.25)
+    info = run("info", tmp_path / "a.mcap")
+    assert re.search(r"image: +640 by 480 pixels, focal length 554, 554 px ± 25.0 %", info.out)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
         (["--static-camera", "--video-rate", "10"], "--video-rate, --static-camera given without --detections"),
-        (["--detections", "poses.json"], "--detections given without --camera"),
+        (["--detections", "poses.json", "--video-rate", "9", "--known-camera-pose"], "without its camera file"),
         (["--detections", "poses.json", "--camera", "camera.toml"], "without times"),
         (["--detections", "none.json", "--camera", "camera.toml", "--video-rate", "9"], "none.json: no such file"),
         (["--detections", "poses.json", "--camera", "none.toml", "--video-rate", "9"], "none.toml"),

@@ -39,14 +39,13 @@ def test_poses_and_an_overlay(run: Callable, video: Path, seen: People, tmp_path
     assert "exists already" in again.err
 
 
-def test_run_detects_and_guesses_the_camera(run: Callable, video: Path, seen: People, tmp_path: Path) -> None:
+def test_run_detects_and_needs_no_camera_file(run: Callable, video: Path, seen: People, tmp_path: Path) -> None:
     words = ("run", "--video", video, "--log", tmp_path / "none", "--overlay", "--out", tmp_path / "made")
     told = run(*words)
     assert told.code == 2
     assert "step convert: " in told.err
-    assert "no camera file is given" in told.err
     assert "10 of 10 frames of walk.mp4 looked at" in told.out
-    made = {"camera.toml", "poses.json", "poses.mp4"}
+    made = {"poses.json", "poses.mp4"}
     assert {path.name for path in (tmp_path / "made").iterdir() if path.is_file()} == made
     assert run(*words).out.startswith("detect           as before  ")
 

@@ -3,14 +3,11 @@
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
-from films import write_video
 
 from vip_factors.cli.run import RunOptions, run_options, usual_folder
 from vip_factors.errors import InputError
-from vip_factors.io.camera_file import read_camera_file
-from vip_factors.workflow import check, guess_camera, steps
+from vip_factors.workflow import check, steps
 
 SMOOTH = "--frame-rate 20 --solve.max-iterations 2"
 
@@ -52,7 +49,7 @@ def test_the_steps_of_one_wearer_with_a_video(tmp_path: Path) -> None:
     ((_, known),) = made.logs
     assert (known.placement, known.stature_m) == ("ada.toml", 1.7)
     assert made.camera is not None
-    assert made.camera.camera == tmp_path / "o" / "camera.toml"
+    assert made.camera.camera is None
     names = [step.name for step in steps(made)]
     assert names == ["detect", "convert", "sync", "smooth", "report", "export walk.bvh"]
     inputs = {step.name: step.inputs for step in steps(made)}
@@ -83,10 +80,8 @@ def test_the_steps_of_two_wearers(tmp_path: Path) -> None:
         (RunOptions(log=(Path("a"), Path("b")), placement=("a.toml",)), "2 --log and 1 --placement"),
         (RunOptions(log=(Path("a"),), static_camera=True, time_offset_s=1.0), "--static-camera, --time-offset-s given"),
         (RunOptions(log=(Path("a"),), video=Path("no.mp4")), "no such video"),
-        (RunOptions(log=(Path("a"),), detections=Path("d")), "give --camera"),
         (RunOptions(log=(Path("a"),), detections=Path("d"), camera=Path("c"), overlay=True), "--overlay given without"),
         (RunOptions(log=(Path("a"),), video=Path(__file__), detections=Path("d"), overlay=True), "--overlay"),
-        (RunOptions(log=(Path("a"),), video=Path(__file__), field_of_view_deg=180.0), "between 0 and 180"),
     ],
 )
 def test_what_cannot_be_is_said_before_anything_is_done(given: RunOptions, words: str) -> None:
@@ -98,17 +93,3 @@ def test_the_folder_is_beside_the_video(tmp_path: Path) -> None:
     (tmp_path / "walk.mp4").touch()
     assert usual_folder(RunOptions((tmp_path,), video=tmp_path / "walk.mp4")) == tmp_path / "walk_motion"
     assert usual_folder(RunOptions(log=(tmp_path,))) == tmp_path.with_name(f"{tmp_path.name}_motion")
-
-
-def test_a_guessed_camera(tmp_path: Path) -> None:
-    video, path = write_video(tmp_path / "a.mp4", np.zeros((1, 320, 240, 3), np.uint8)), tmp_path / "camera.toml"
-    with pytest.warns(UserWarning, match="no camera file is given"):
-        guess_camera(video, 90.0, path)
-    model = read_camera_file(path)
-    assert (model.width, model.height) == (240, 320)
-    assert model.focal == (160.0, 160.0)  # half the longer side at 45 degrees
-    assert model.centre == (120.0, 160.0)
-    stamp = path.stat().st_mtime_ns
-    with pytest.warns(UserWarning, match="no camera file is given"):
-        guess_camera(video, 90.0, path)
-    assert path.stat().st_mtime_ns == stamp

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp
-from vip_factors.io.camera_file import read_camera_file, read_floor, write_camera_file
+from vip_factors.io.camera_file import read_camera_file, read_floor, read_focal_sigma, write_camera_file
 from vip_factors.sensors.camera import CameraModel
 
 finite = st.floats(-1e4, 1e4)
@@ -22,8 +22,9 @@ def test_what_is_written_is_read(tmp_path_factory, width, focal, centre, count, 
     path = tmp_path_factory.mktemp("camera") / "camera.toml"
     model = CameraModel(width, width + 1, (focal, 2 * focal), (centre, -centre), tuple(numbers[:count]))
     R, p = exp(np.array(numbers[8:11]) / 1e4), np.array(numbers[8:11])
-    write_camera_file(path, model, (R, p), {"board": 'a "board"\\', "rms_px": 0.25, "views": 12})
+    write_camera_file(path, model, (R, p), {"board": 'a "board"\\', "rms_px": 0.25, "views": 12}, focal_sigma=0.1)
     assert read_camera_file(path) == model
+    assert read_focal_sigma(path) == 0.1
     again = read_floor(path)
     assert again is not None
     np.testing.assert_allclose(again[0], R, atol=1e-12)

@@ -145,15 +145,13 @@ def camera_options(options: ConvertOptions) -> CameraOptions | None:
     """What was said of the camera; None if nothing was.
 
     Raises:
-        InputError: if detections or the camera's file are missing.
+        InputError: if detections are missing.
     """
     filmed = options.filmed
-    if filmed.detections is not None and filmed.camera is not None:
+    if filmed.detections is not None:
         return filmed
     given = [field.name for field in fields(filmed) if getattr(filmed, field.name) != field.default]
     if not given or (options.further_camera and set(given) <= OF_DETECTOR):
         return None
-    missing = "--camera, the camera's file (vip-factors calibrate-camera makes one)"
-    if filmed.detections is None:
-        missing = "--detections, the 2D poses of the video's frames"
-    raise InputError(f"{', '.join('--' + name.replace('_', '-') for name in given)} given without {missing}")
+    names = ", ".join("--" + name.replace("_", "-") for name in given)
+    raise InputError(f"{names} given without --detections, the 2D poses of the video's frames")

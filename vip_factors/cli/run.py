@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from vip_factors.cli.smooth import SmoothOptions
     from vip_factors.workflow import RunOptions as Run
 
-# Phones that film with their main camera: 60 to 65 degrees along the longer side, a little less when they steady it.
-FIELD_OF_VIEW_DEG = 60.0
-
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -44,8 +41,7 @@ class RunOptions:
     video: Path | None = None
     """Video of the wearers."""
     camera: Path | None = None
-    """Camera file (vip-factors calibrate-camera makes one); absent, its field of view is guessed, and a note says
-    so."""
+    """Camera file (vip-factors calibrate-camera makes one); without it the focal length is estimated."""
     out: Path | None = None
     """Folder for all files, made if it is not there; VIDEO_motion beside the video if absent."""
     export: Annotated[
@@ -56,12 +52,10 @@ class RunOptions:
     """Write report.html, a page that tells what was found."""
     static_camera: Flag = False
     """The camera stands still."""
-    field_of_view_deg: float = FIELD_OF_VIEW_DEG
-    """Of the video along its longer side, if there is no camera file."""
     time_offset_s: float | None = None
     """Seconds to add to the video's times to get the sensors', if you know them; absent, sync finds them."""
     detections: Path | None = None
-    """2D poses that were found before, instead of detecting: without --video, --camera is needed beside them."""
+    """2D poses that were found before, instead of detecting."""
     video_rate: MaybeRate = None
     """Frames a second of these, if neither they nor a video tell their times."""
     overlay: Flag = False
@@ -84,14 +78,12 @@ def main(options: RunOptions) -> None:
     """Run the command."""
     from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.io.mcap_estimate import read_estimate
-    from vip_factors.workflow import ESTIMATE, check, guess_camera, steps, take
+    from vip_factors.workflow import ESTIMATE, check, steps, take
 
     begin = time.perf_counter()
     run, smooth = run_options(options), _smooth_options(options)
     check(run)
     run.out.mkdir(parents=True, exist_ok=True)
-    if options.video is not None and options.camera is None:
-        guess_camera(options.video, options.field_of_view_deg, run.out / "camera.toml")
     with windows_elsewhere(smooth.jobs, smooth.cluster) as map_fn:
         for step in steps(run, map_fn):
             with progress_bar() as progress:
@@ -117,18 +109,14 @@ def _check(options: RunOptions) -> None:
         usual = RunOptions()
         poses = options.detections is not None
         of_poses = () if poses else ("camera", "static_camera", "time_offset_s", "video_rate")
-        of_video = (*of_poses, "field_of_view_deg", "overlay")
+        of_video = (*of_poses, "overlay")
         names = [f"--{name.replace('_', '-')}" for name in of_video if getattr(options, name) != getattr(usual, name)]
         if names:
             raise InputError(f"{', '.join(names)} given without --video{'' if poses else ' or --detections'}")
-        if poses and options.camera is None:
-            raise InputError("--detections given without --video: its camera is not known, give --camera FILE.toml")
     if options.detections is not None and (options.overlay or options.detect_options):
         raise InputError("--detections given: nothing is detected, so leave out --overlay and --detect-options")
     if any(word.startswith("--fail-on") for word in _words(options.smooth_options)):
         raise InputError(f"{options.smooth_options}: say --fail-on to run itself")
-    if not 0 < options.field_of_view_deg < 180:
-        raise InputError(f"--field-of-view-deg {options.field_of_view_deg}: expected degrees between 0 and 180")
 
 
 def usual_folder(options: RunOptions) -> Path:
@@ -180,8 +168,11 @@ def _filmed_words(options: RunOptions, folder: Path) -> list[str]:
     if options.video is None and options.detections is None:
         return []
     words = ["--detections", str(options.detections or folder / "poses.json")]
-    words += ["--camera", str(options.camera or folder / "camera.toml")]
-    words += _given("--video", options.video) + _given("--video-rate", options.video_rate)
+    words += (
+        _given("--camera", options.camera)
+        + _given("--video", options.video)
+        + _given("--video-rate", options.video_rate)
+    )
     return words + _given("--time-offset-s", options.time_offset_s) + ["--static-camera"] * options.static_camera
 
 

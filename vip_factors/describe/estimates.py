@@ -8,7 +8,7 @@ import numpy as np
 from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES
-from vip_factors.describe.recordings import clock_rows, motion_facts, path_text
+from vip_factors.describe.recordings import clock_rows, image_text, motion_facts, path_text
 from vip_factors.estimate import (
     BodyEstimate,
     CameraEstimate,
@@ -225,6 +225,8 @@ def residual_table(wearer: WearerEstimate) -> Table:
 def camera_estimate_facts(camera: CameraEstimate) -> Table:
     """Where a camera was, how its sensor sat, and its clock."""
     rows: list[Row] = [("path", path_text(camera.path.p_world_camera))]
+    if camera.focal_sigma is not None:
+        rows.append(("image", image_text(camera.model, camera.focal_sigma)))
     if camera.covariance is not None:
         variance = np.diagonal(camera.covariance, axis1=1, axis2=2)
         turn = np.sqrt(np.median(variance[:, :3].max(axis=1)))

@@ -93,7 +93,7 @@ def truth_facts(recording: Recording, frames: int | None = None) -> Table:
 
 def camera_facts(camera: Camera) -> Table:
     """What filmed, and how much of whom a detector saw there."""
-    rows: list[Row] = [("image", _image_text(camera.model))]
+    rows: list[Row] = [("image", image_text(camera.model, camera.focal_sigma))]
     if camera.mount is not None:
         imu = camera.mount.imu
         gaps = f"{len(imu.gaps)} ({np.ptp(imu.gaps, axis=1).sum():.2f} s)" if len(imu.gaps) else "none"
@@ -104,9 +104,11 @@ def camera_facts(camera: Camera) -> Table:
     return facts(f"camera '{camera.name}', {'moving' if camera.moving else 'standing still'}", *rows)
 
 
-def _image_text(model: CameraModel) -> str:
+def image_text(model: CameraModel, focal_sigma: float | None = None) -> str:
+    """The size of the image and its lens; ``focal_sigma`` is that of the focal length's logarithm, where uncertain."""
     bent = f"{len(model.distortion)} distortion coefficients" if model.distortion else "no distortion"
-    focal = f"focal length {model.focal[0]:.0f}, {model.focal[1]:.0f} px"
+    known_to = f" ± {100 * focal_sigma:.1f} %" if focal_sigma else ""
+    focal = f"focal length {model.focal[0]:.0f}, {model.focal[1]:.0f} px{known_to}"
     return f"{model.width} by {model.height} pixels, {focal}, {bent}"
 
 

@@ -16,6 +16,7 @@
 | ``g``, ``q`` | ``double``, ``Rot3`` | | heading of the camera's sensor, and R_camera_imu |
 | ``o`` | ``double`` | | seconds by which the video's clock must be put forward in the recording's middle |
 | ``d`` | ``double`` | | seconds more in every second from there |
+| ``z`` | ``double`` | | logarithm of the focal length over the supposed one |
 
 Those of the second and further wearers carry the wearer's number above bit 44.
 """

@@ -19,9 +19,10 @@
     rms_px = 0.21
 
 ``focal_sigma`` is the relative standard deviation of a focal length that was not calibrated; without it the lens is
-taken as calibrated. The floor's frame has its z axis up, against gravity; the camera's axes are OpenCV's. The table ``[calibration]`` says
-how the numbers were found and is read by people only. OpenCV's own files (``camera_matrix``) are read too, and of
-Pose2Sim's calibration, a table for each camera of a lab, the one that is named after a colon: ``Calib.toml:cam_01``.
+taken as calibrated. The floor's frame has its z axis up, against gravity; the camera's axes are OpenCV's. The table
+``[calibration]`` says how the numbers were found and is read by people only. OpenCV's own files (``camera_matrix``) are
+read too, and of Pose2Sim's calibration, a table for each camera of a lab, the one that is named after a colon:
+``Calib.toml:cam_01``.
 """
 
 import re

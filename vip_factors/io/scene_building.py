@@ -15,8 +15,14 @@ from vip_factors.io.convert import ImportOptions, detect_format, import_recordin
 from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.settings import CameraOptions
-from vip_factors.io.video import check_video, embed_video, video_facts, with_torso_colours
-from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
+from vip_factors.io.video import VideoFacts, check_video, embed_video, video_facts, with_torso_colours
+from vip_factors.sensors.camera import (
+    UNCALIBRATED_FOCAL_SIGMA,
+    CameraModel,
+    CameraPath,
+    VideoClock,
+    uncalibrated_camera,
+)
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.parts import scene_in_parts
@@ -133,19 +139,17 @@ def add_further_camera(scene: Scene, options: CameraOptions) -> Scene:
 
 def _camera(scene: Scene, options: CameraOptions) -> Camera:
     """A camera with its detections, without a sensor."""
-    poses, file = options.detections, options.camera
-    if poses is None or file is None:
-        raise InputError("a camera needs its 2D poses (detections) and its camera file (camera)")
+    poses = options.detections
+    if poses is None:
+        raise InputError("a camera needs its 2D poses (detections)")
     facts = video_facts(options.video) if options.video is not None else None
     rate = facts.rate if facts is not None else options.video_rate
     detections = read_detections(poses, rate, options.keypoints, None, options.first_frame)
-    model = read_camera_file(file)
+    path = _known_path(options)
+    model, focal_sigma = _lens(options, facts, detections)
     video = Video(options.video) if options.video is not None else None
-    path = _known_path(options, file)
     moving, clock = not options.static_camera, VideoClock(options.time_offset_s)
-    camera = Camera(
-        options.camera_name, model, detections, moving, None, path, clock, video, focal_sigma=read_focal_sigma(file)
-    )
+    camera = Camera(options.camera_name, model, detections, moving, None, path, clock, video, focal_sigma=focal_sigma)
     if facts is not None:
         check_video(facts, camera)
         if len(detections.time) < 0.6 * len(facts):  # every second frame would stay below
@@ -164,9 +168,35 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
     return camera if video is None else replace(camera, detections=with_torso_colours(camera.detections, video))
 
 
-def _known_path(options: CameraOptions, file: Path) -> CameraPath | None:
+def _lens(options: CameraOptions, facts: VideoFacts | None, detections: Detections) -> tuple[CameraModel, float]:
+    """The intrinsics, and the standard deviation of the logarithm of their focal length: 0 of a calibrated lens."""
+    if options.camera is not None:
+        return read_camera_file(options.camera), read_focal_sigma(options.camera)
+    size, size_text = _usual_image_size(detections), "the smallest usual image that holds all points"
+    if facts is not None:
+        size, size_text = (facts.width, facts.height), "the video's"
+    _warn(
+        "no camera file is given: the focal length is estimated with the motion, from that of a phone "
+        f"(± {UNCALIBRATED_FOCAL_SIGMA:.0%}), for an image of {size[0]} by {size[1]} pixels ({size_text})"
+    )
+    return uncalibrated_camera(*size), UNCALIBRATED_FOCAL_SIGMA
+
+
+def _usual_image_size(detections: Detections) -> tuple[int, int]:
+    """Width and height of the smallest usual image that holds nearly all detected points, upright ones included."""
+    usual = ((640, 480), (1280, 720), (1920, 1080), (2704, 1520), (3840, 2160), (7680, 4320))
+    pixels = detections.pixels[detections.seen]
+    reach = np.quantile(pixels, 0.99, axis=0) if len(pixels) else np.zeros(2)
+    sizes = [size for landscape in usual for size in (landscape, landscape[::-1])]
+    return next((size for size in sizes if np.all(reach <= size)), usual[-1])
+
+
+def _known_path(options: CameraOptions) -> CameraPath | None:
     if not options.known_camera_pose:
         return None
+    file = options.camera
+    if file is None:
+        raise InputError("the camera's pose cannot be taken as known without its camera file (camera)")
     floor = read_floor(file)
     if not options.static_camera or floor is None:
         lacks = (
@@ -226,7 +256,7 @@ def _logged_imu(path: Path, options: CameraOptions, start_ns: int) -> ImuStream:
 
 def _check_detections(detections: Detections, model: CameraModel, options: CameraOptions, size_known: bool) -> None:
     """Refuse detections that show nobody, or that were made at another resolution than the calibration."""
-    path, camera_path = options.detections, options.camera
+    path, source = options.detections, options.camera or "the lens"
     margin = 0.05  # of the image's size: detectors put points a little beyond its border
     if not np.any(detections.seen):
         raise InputError(
@@ -240,14 +270,14 @@ def _check_detections(detections: Detections, model: CameraModel, options: Camer
     if np.mean(out) > 0.02:
         raise InputError(
             f"{path}: {100 * np.mean(out):.0f} % of the points lie outside the image of {model.width} by "
-            f"{model.height} pixels that {camera_path} is for (they reach to {reach[0]:.0f}, {reach[1]:.0f}): "
+            f"{model.height} pixels that {source} is for (they reach to {reach[0]:.0f}, {reach[1]:.0f}): "
             "the detector saw another resolution; calibrate at that one, or detect at this one"
         )
     # A detector that is run at half the resolution stays within half of both sides.
     if not size_known and len(detections) >= 10 and np.all(reach < 0.55 * size):
         _warn(
             f"{path}: all people lie within {reach[0]:.0f} by {reach[1]:.0f} pixels of an image of {model.width} by "
-            f"{model.height} ({camera_path}): if the detector saw a smaller image, calibrate at its resolution"
+            f"{model.height} ({source}): if the detector saw a smaller image, calibrate at its resolution"
         )
 
 

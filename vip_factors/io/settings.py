@@ -37,13 +37,13 @@ DEFAULT = LiveSourceSettings()
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """What filmed a scene: the 2D poses and the camera's file are needed, the rest is optional."""
+    """What filmed a scene: the 2D poses are needed, the rest is optional."""
 
     detections: Path | None = None
     """2D poses: OpenPose's folder, or the .json file of AlphaPose, MMPose or COCO's results."""
     camera: Path | None = None
     """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one. Of Pose2Sim's calibration:
-    Calib.toml:cam_01."""
+    Calib.toml:cam_01. Without a file the focal length is estimated."""
     keypoints: str | None = None
     """Keypoints of the 2D poses: coco17, openpose18, body25, body25b, halpe26, blazepose33; told by their number if
     absent."""

@@ -267,7 +267,7 @@ def continued(
         gone = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
         states.append(FrameState(R, state.p_world_pelvis + gone, *_camera(float(yaw[0]), state, at_find, tracked)))
     if start.has_views:
-        camera = next(one for one in cameras if one.name == start.associated[0].camera.name)
+        camera = start.with_lens(next(one for one in cameras if one.name == start.associated[0].camera.name))
         own = [frame for frame in video if frame.camera == camera.name and frame.frame in before.numbers]
         placed = _placed(start, states, before.numbers[0], camera, own)
         if placed is None:

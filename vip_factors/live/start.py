@@ -22,6 +22,7 @@ from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Camera
 from vip_factors.settings import LiveSettings
 from vip_factors.stages.association import AssociatedCamera
 from vip_factors.stages.fusion import FusionSolution
@@ -184,6 +185,13 @@ class TrackingStart:
     def has_views(self) -> bool:
         """Whether a camera sees a wearer."""
         return bool(self.associated)
+
+    def with_lens(self, camera: Camera) -> Camera:
+        """A camera of the stream; the first one that is of use with the lens that was estimated."""
+        if camera.name != self.associated[0].camera.name:
+            return camera
+        lens = self.problem.camera.model.zoomed(self.shared.camera.zoom)
+        return replace(camera, model=lens, focal_sigma=0.0)
 
 
 def start_tracking(

@@ -114,7 +114,7 @@ class Tracking:
         """The observers, told who is who in the frames of the start."""
         skeletons, observers = [wearer.skeleton for wearer in start.problem.wearers], []
         for each, spreads in zip(start.associated, start.spreads, strict=True):
-            camera = next(one for one in self._head.cameras if one.name == each.camera.name)
+            camera = start.with_lens(next(one for one in self._head.cameras if one.name == each.camera.name))
             settings = self._settings
             soles = [settings.factors.sole.of(one.sole) for one in start.shared.wearers]
             observer = CameraObserver(camera, skeletons, soles, spreads, settings.camera)

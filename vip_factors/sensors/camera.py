@@ -214,6 +214,18 @@ class CameraModel:
         return flat
 
 
+# Of a lens that nobody calibrated. Phones film with 60 to 65 degrees along the longer side, a little less when they
+# steady the picture; action cameras with up to 90.
+UNCALIBRATED_FIELD_OF_VIEW_DEG = 60.0
+UNCALIBRATED_FOCAL_SIGMA = 0.25  # of the logarithm of the focal length
+
+
+def uncalibrated_camera(width: int, height: int) -> CameraModel:
+    """A pinhole with a phone's usual field of view along the longer side, its principal point in the image's centre."""
+    focal = max(width, height) / 2 / float(np.tan(np.deg2rad(UNCALIBRATED_FIELD_OF_VIEW_DEG) / 2))
+    return CameraModel(width, height, (focal, focal), (width / 2, height / 2))
+
+
 @dataclass(frozen=True)
 class VideoClock:
     """The sensors' time at an instant ``t`` of the video's own clock: ``t + offset + drift t``, in seconds.

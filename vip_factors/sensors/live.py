@@ -132,7 +132,9 @@ def _camera_head(camera: Camera) -> Camera:
     if mount is not None:
         mount = replace(mount, imu=ImuStream(mount.imu.name, np.zeros(0)))
     none = Detections.none(camera.detections.keypoints)
-    return Camera(camera.name, camera.model, none, camera.moving, mount, camera.known_path)
+    return Camera(
+        camera.name, camera.model, none, camera.moving, mount, camera.known_path, focal_sigma=camera.focal_sigma
+    )
 
 
 def live_samples(scene: Scene) -> Iterable[LiveSample]:

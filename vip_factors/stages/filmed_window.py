@@ -15,7 +15,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.camera import CameraPath, VideoClock
+from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.scene import Camera
 from vip_factors.sensors.sources import SceneSource, frames_of
@@ -284,7 +284,8 @@ class KnownScene:
         wearers: each with all that its frames share fixed, but for headings and the mean pose.
         corrections: of each wearer's sensors.
         start: of the first window.
-        R_camera_imu: mounting of the sensor on the first camera.
+        lens: intrinsics of the first camera.
+        R_camera_imu: mounting of the sensor on it.
         keypoint_offsets: of the detector.
         settings: of windows.
     """
@@ -292,6 +293,7 @@ class KnownScene:
     wearers: tuple[InertialSolution, ...]
     corrections: tuple[Corrections, ...]
     start: WindowStart
+    lens: CameraModel
     R_camera_imu: Array
     keypoint_offsets: KeypointOffsets
     settings: Settings
@@ -335,7 +337,8 @@ class KnownScene:
         clock = found_clock(state.camera, model.camera.clock_middle, scene.cameras[0].clock)
         offsets = KeypointOffsets(state.detector.keypoint_offsets, model.camera.prior_offsets.sigma)
         start = WindowStart(tuple(starts), path, 0.0, clock)
-        return cls(tuple(wearers), calibration.corrections, start, state.camera.R_camera_imu, offsets, settings)
+        lens = solution.fused.lens if first.camera is scene.camera else scene.cameras[0].model
+        return cls(tuple(wearers), calibration.corrections, start, lens, state.camera.R_camera_imu, offsets, settings)
 
     def solve(
         self, source: SceneSource, start: WindowStart, plan: WindowPlan, span: slice, solver: Solver
@@ -377,8 +380,15 @@ class KnownScene:
             mount = replace(mount, R_camera_imu=self.R_camera_imu)
         if not camera.moving and path is None:
             path = self.start.camera_path
-        offsets = self.keypoint_offsets
-        return replace(camera, mount=mount, known_path=path, keypoint_offsets=offsets, clock=clock)
+        return replace(
+            camera,
+            model=self.lens,
+            focal_sigma=0.0,
+            mount=mount,
+            known_path=path,
+            keypoint_offsets=self.keypoint_offsets,
+            clock=clock,
+        )
 
 
 def _settings_of_windows(settings: Settings, is_world_known: bool) -> Settings:

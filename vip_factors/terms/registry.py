@@ -24,6 +24,7 @@ from vip_factors.terms.heading_walk import HEADING_WALK
 from vip_factors.terms.hinge import HINGE, HINGE_PRIOR
 from vip_factors.terms.joint_limit import JOINT_LIMIT
 from vip_factors.terms.keypoint_offset import KEYPOINT_OFFSET_PRIOR
+from vip_factors.terms.lens import LENS_PRIOR
 from vip_factors.terms.orientation import ORIENTATION
 from vip_factors.terms.pose_prior import POSE_MEAN, POSE_PRIOR
 from vip_factors.terms.reprojection import REPROJECTION
@@ -31,7 +32,6 @@ from vip_factors.terms.rotation_prior import CAMERA_MOUNTING_PRIOR, INITIAL_POSE
 from vip_factors.terms.sensor_position import SENSOR_POSITION_PRIOR
 from vip_factors.terms.smoothness import SMOOTHNESS
 from vip_factors.terms.sole import SOLE_PRIOR
-from vip_factors.terms.lens import LENS_PRIOR
 from vip_factors.terms.video_clock import CLOCK_DRIFT_PRIOR, CLOCK_PRIOR
 
 WEARER_TERMS: tuple[Term[WearerEvaluation], ...] = (

@@ -155,7 +155,8 @@ def _camera(message: CameraMessage) -> Camera:
     if mount is not None and not mount.mounting_sigma:
         mount = replace(mount, mounting_sigma=CAMERA_MOUNTING_SIGMA)
     path = camera_path_of(message.known_poses) if message.known_poses else None
-    return Camera(info.name, model, Detections.none(keypoint_set_of(info)), info.moving, mount, path)
+    detections = Detections.none(keypoint_set_of(info))
+    return Camera(info.name, model, detections, info.moving, mount, path, focal_sigma=info.focal_sigma)
 
 
 def _camera_message(camera: Camera, start_ns: int) -> CameraMessage:

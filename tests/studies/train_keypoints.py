@@ -214,7 +214,8 @@ def _offsets_before(scene: Scene, settings: Settings, on_progress: Callable[[flo
     path, clock, solution = scene.cameras[0].known_path, VideoClock(), None
     for done in range(ROUNDS):
         if path is not None:
-            associated = associate_cameras_again(associated, path, clock, [motion], settings, lambda done: None)
+            lens = associated[0].camera.model if solution is None else solution.lens
+            associated = associate_cameras_again(associated, lens, path, clock, [motion], settings, lambda done: None)
         if not any(np.any(one.association.wearer == 0) for one in associated):
             return None
         start = _of_joints(fusion_problem(initial, solution, associated, settings))

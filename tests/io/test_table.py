@@ -137,17 +137,6 @@ def test_blanks_and_a_broken_last_line_cost_their_samples_only(log: tuple[Path, 
     assert any("the last line 42 breaks off" in note for note in found.notes)
 
 
-def test_times_that_repeat(log: tuple[Path, Path]) -> None:
-    lines = log[0].read_text().splitlines()
-    log[0].write_text("\n".join([lines[0], *(row for row in lines[1:] for _ in range(3))]))
-    with pytest.raises(InputError, match=r"80 of 120 times in 't' repeat .* give rate_hz"):
-        read_log(log[0], columns=log[1])
-    log[0].write_text("\n".join([*lines[:10], lines[9], *lines[10:]]))
-    found = read_log(log[0], columns=log[1])
-    assert len(found.imus["pelvis"]) == 40
-    assert any("repeated time" in note for note in found.notes)
-
-
 def test_a_folder_without_named_sensors_is_a_sensor_a_file(tmp_path: Path) -> None:
     streams = made_up(3)
     for name, stream in streams.items():

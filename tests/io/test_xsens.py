@@ -86,7 +86,7 @@ def test_repeated_and_late_packets(tmp_path: Path) -> None:
 def test_a_restarted_counter_is_an_error(tmp_path: Path) -> None:
     R, force, rate = turning(4)
     path = write_mtw(tmp_path / "a_S.txt", columns_of(R, force, rate), np.array([5000, 5001, 1, 2]))
-    with pytest.raises(FileFormatError, match="counter falls from 5001 to 1"):
+    with pytest.raises(FileFormatError, match=r"line 7: the packet counter 'PacketCounter' falls from 5001 to 1"):
         MTW.read(path)
 
 

@@ -43,6 +43,8 @@ class ConvertOptions(WritingOptions):
     columns: Path | None = None
     """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
     sensor, in which unit."""
+    rate_hz: float | None = None
+    """Samples per second of a table or an Xsens export, if it has no times and states no rate, or wrong ones."""
     placement: Annotated[str | None, Input()] = None
     """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json; or
     OpenSense's mapping of sensors to a model's frames, .xml)."""
@@ -132,7 +134,7 @@ def _write_templates(options: ConvertOptions) -> None:
     if options.out is not None:
         raise InputError(f"{options.out} given beside --template, which writes no recording: leave one of them out")
     with waiting(f"reading {options.log}"):
-        files = write_templates(options.log, options.template, options.overwrite)
+        files = write_templates(options.log, options.template, options.overwrite, options.rate_hz)
     columns = f" --columns {files.columns}" if files.columns is not None else ""
     say("first guesses; check them, then:")
     say(f"  vip-factors convert {options.log} RECORDING.mcap{columns} --placement {files.placement}")

@@ -61,6 +61,7 @@ class ImportOptions:
         format: one of :data:`FORMATS`; found by content if None.
         columns: column map of a log that is a table, or tables, of no known format
             (:mod:`~vip_factors.io.importers.column_map`).
+        rate_hz: samples per second of tables, in place of their times and of the rate that they state.
         placement: name of a preset, path of a placement file, or site → sensor name.
         stature_m, mass_kg, sex, segment_lengths_m: of the wearer, as in
             :class:`~vip_factors.sensors.recording.Subject`.
@@ -77,6 +78,7 @@ class ImportOptions:
 
     format: str | None = None
     columns: str | Path | None = None
+    rate_hz: float | None = None
     placement: str | Path | Mapping[str, str] | None = None
     stature_m: float | None = None
     mass_kg: float | None = None
@@ -96,6 +98,8 @@ class ImportOptions:
             raise InputError(f"unknown format '{self.format}'{nearest(self.format, FORMATS)}")
         if self.columns is not None and self.format not in (None, "table"):
             raise InputError(f"column map {self.columns} for format '{self.format}': only format 'table' takes one")
+        if self.rate_hz is not None and not 1 <= self.rate_hz <= 20_000:
+            raise InputError(f"rate {self.rate_hz:g} Hz: expected 1 to 20000 samples a second")
         if self.initial_pose is not None and self.initial_pose not in INITIAL_POSES:
             raise InputError(f"initial pose '{self.initial_pose}'{nearest(self.initial_pose, INITIAL_POSES)}")
         if self.start_s is not None and self.end_s is not None and not self.start_s < self.end_s:
@@ -149,8 +153,12 @@ def _reader(name: str) -> Any:
     return getattr(import_module(module), reader) if reader else import_module(module)
 
 
-def read_log(path: str | Path, format_name: str | None = None, columns: str | Path | None = None) -> ImportedLog:
+def read_log(
+    path: str | Path, format_name: str | None = None, columns: str | Path | None = None, rate_hz: float | None = None
+) -> ImportedLog:
     """Read a log of any format except our own recordings; a table of another make as its column map says.
+
+    ``rate_hz`` are the samples a second of tables, in place of their clocks or stated rates.
 
     Raises:
         InputError: as :func:`detect_format` and the format's reader, for a table without a column map, and for a
@@ -159,14 +167,17 @@ def read_log(path: str | Path, format_name: str | None = None, columns: str | Pa
     path = Path(path)
     format_name = "table" if columns is not None else format_name or detect_format(path)
     if format_name == "table":
-        return _read_table(path, columns)
+        return _read_table(path, columns, rate_hz)
     if format_name == "recording":
         raise InputError(f"{path} is a recording of this package already: expected a sensor log")
-    log: ImportedLog = _reader(format_name).read(path)
+    reader = _reader(format_name)
+    if rate_hz is not None and not getattr(reader, "takes_rate", False):
+        raise InputError(f"{path}: rate_hz given, but a log of format '{format_name}' has times: leave --rate-hz out")
+    log: ImportedLog = reader.read(path) if rate_hz is None else reader.read(path, rate_hz)
     return log
 
 
-def _read_table(path: Path, columns: str | Path | None) -> ImportedLog:
+def _read_table(path: Path, columns: str | Path | None, rate_hz: float | None) -> ImportedLog:
     from vip_factors.io.importers.column_map import read_column_map
     from vip_factors.io.importers.table import read
 
@@ -176,7 +187,7 @@ def _read_table(path: Path, columns: str | Path | None) -> ImportedLog:
             "writes a first guess"
         )
     _check_exists(path)
-    return read(path, read_column_map(columns))
+    return read(path, read_column_map(columns, rate_hz))
 
 
 def import_recording(path: str | Path, options: ImportOptions | None = None) -> Recording:
@@ -191,9 +202,10 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
         RecordingError: if its samples are unusable.
     """
     path, options = Path(path), options or ImportOptions()
-    log = read_log(path, options.format, options.columns)
+    how = options.format, options.columns, options.rate_hz
+    log = read_log(path, *how)
     if options.then:
-        logs = [log, *(read_log(part, options.format, options.columns) for part in options.then)]
+        logs = [log, *(read_log(part, *how) for part in options.then)]
         log = log_in_parts(logs, [str(part) for part in (path, *options.then)])
     return recording_of_log(log, path, options)
 
@@ -248,7 +260,7 @@ def _held(
     if not source.exists():
         raise InputError(f"pose from {options.pose_from}: there is no file or folder {source}")
     same = path.exists() and source.samefile(path)
-    imus = log.imus if same else read_log(source, log.format, options.columns).imus
+    imus = log.imus if same else read_log(source, log.format, options.columns, options.rate_hz).imus
     held = held_orientations(imus, source, sample)
     return held, without_sample(log.imus, sample) if same and sample else log.imus
 

@@ -21,17 +21,19 @@ from vip_factors.display import one_line
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.convert import detect_format, read_log
+from vip_factors.io.convert_template_clock import USED_ROWS, decide_unit, guess_clock
 from vip_factors.io.importers.column_map import (
     ACCELERATION_UNITS,
+    ANGULAR_RATE_UNITS,
     QUANTITIES,
     TIME_UNITS,
     ColumnMap,
     Columns,
     SensorColumns,
 )
-from vip_factors.io.importers.shared import candidates, likely_sites
-from vip_factors.io.importers.table import GRAVITY_RANGE, best_reading
-from vip_factors.io.importers.text_table import SUFFIXES, TextTable, number, read_text_table, split
+from vip_factors.io.importers.shared import candidates, default_sites, likely_sites
+from vip_factors.io.importers.table import GRAVITY_RANGE, best_reading, read_samples
+from vip_factors.io.importers.text_table import SUFFIXES, NoTableError, TextTable, number, read_text_table, split
 from vip_factors.io.typed_files import toml_text
 from vip_factors.sensors.calibration import SITES, site_axes
 
@@ -53,12 +55,26 @@ UNIT_KEYS = {
     },
 }
 _LETTERS = {"a": "acceleration", "g": "angular_rate", "w": "angular_rate", "q": "quaternion", "m": "ignored"}
-_UNITS = {"g", "mg", "ms2", "mps2", "dps", "degs", "rads", "radps", "deg", "rad", "s", "ms", "us", "ut", "si", "raw"}
-_TIMES = ("time", "timestamp", "t", "seconds", "sec", "elapsed", "sampletimefine", "epoch", "unixtime", "clock")
+_UNITS = {
+    "g",
+    "mg",
+    "ms2",
+    "mps2",
+    "dps",
+    "degs",
+    "rads",
+    "radps",
+    "deg",
+    "rad",
+    "s",
+    "ms",
+    "us",
+    "ut",
+    "si",
+    "raw",
+    "cal",
+}
 _AXES = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
-_STEPS = {"s": (5e-4, 0.25), "ms": (0.5, 250.0), "us": (500.0, 2.5e5), "ns": (5e5, 2.5e8)}  # 4 to 2000 Hz
-GROWING = 0.1  # of the steps of time, at least: where rows of many sensors take turns, most have the one before
-USED_ROWS = 20000  # enough to tell units; a day's log need not be read twice
 DEGREES_SLOPE = 0.13  # between 1 and π/180, in the geometric middle
 SLOWEST_TOLD = 0.004  # a slope below it is that of a sensor that hardly moved
 TURN_S = 0.25  # of a turn of the vertical: long against impacts, short against strides
@@ -77,13 +93,14 @@ class Templates(NamedTuple):
     columns: Path | None = None
 
 
-def write_templates(path: str | Path, name: Path, overwrite: bool = False) -> Templates:
+def write_templates(path: str | Path, name: Path, overwrite: bool = False, rate_hz: float | None = None) -> Templates:
     """Write ``NAME_placement.toml`` and, unless the log's format says it all, ``NAME_columns.toml``.
 
     Args:
         path: the log: a file, a folder, or how the names of its files begin.
         name: what the names of the files begin with; a suffix ``.toml`` is dropped.
         overwrite: whether existing files may be replaced.
+        rate_hz: samples per second, if the log has no times, or wrong ones.
 
     Raises:
         InputError: if nothing is at the path, it is a recording of ours, or a file exists.
@@ -101,9 +118,9 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False) -> Te
     if known_format == "recording":
         raise InputError(f"{path} is a recording of this package already: it needs neither columns nor places")
     if known_format:
-        sensors, files = list(read_log(path, known_format).imus), Templates(placement_file)
+        sensors, files = list(read_log(path, known_format, rate_hz=rate_hz).imus), Templates(placement_file)
     else:
-        columns, reasons, sensors = guess(path)
+        columns, reasons, sensors = guess(path, rate_hz)
         files = Templates(placement_file, columns_file)
         with atomic_open(columns_file, "w", overwrite) as stream:
             stream.write(columns_text(path, columns, reasons))
@@ -112,26 +129,29 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False) -> Te
     return files
 
 
-def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]], list[str]]:
+def guess(path: Path, rate_hz: float | None = None) -> tuple[ColumnMap, Mapping[str, list[str]], list[str]]:
     """A column map for the tables at a path, by sensor what it was guessed from, and the sensors' names.
 
     Raises:
-        FileFormatError: if the names of the columns tell nothing.
+        FileFormatError: if the names of the columns tell nothing, or rows and times are not in order.
     """
     files = candidates(path, SUFFIXES)
     guessed: dict[Path, dict[str, tuple[SensorColumns, list[str]]]] = {}
     obstacles: list[str] = []
+    tables: dict[Path, TextTable] = {}
     for file in files:
         try:
             table = read_text_table(file)
-        except FileFormatError as error:
+        except NoTableError as error:
             obstacles.append(str(error))
             continue
         obstacles.insert(0, f"{file.name}: {', '.join(table.names[:12])}")
-        sensors_of_table = guess_columns(table)
+        tables[file] = table
+        sensors_of_table = guess_columns(table, rate_hz)
         if "" in sensors_of_table and len(files) == 1 and (at := _sensor_column(table)) is not None:
             common, why = sensors_of_table[""]
             columns = ColumnMap(str(path), common, sensor_column=table.names[at])
+            _check_rows(path, columns, tables)
             return columns, {"": why}, sorted(set(table.texts(at)))
         if sensors_of_table:
             guessed[file] = sensors_of_table
@@ -150,8 +170,22 @@ def guess(path: Path) -> tuple[ColumnMap, Mapping[str, list[str]], list[str]]:
             file_name = file.name if len(files) > 1 or not path.is_file() else None
             several = "_".join(part for part in (file.stem[shared:], sensor) if part)
             name = sensor if sensor and len(guessed) == 1 else several
+            if len(sensors_of_table) == 1 and not default_sites([name]) and default_sites([file.stem[shared:]]):
+                name = file.stem[shared:]  # the sensor's own name is a device's
             sensors[name], reasons[name] = structs.replace(entry, file=file_name), why
-    return ColumnMap(str(path), sensors=sensors), reasons, list(sensors)
+    columns = ColumnMap(str(path), sensors=sensors)
+    _check_rows(path, columns, tables)
+    return columns, reasons, list(sensors)
+
+
+def _check_rows(path: Path, columns: ColumnMap, tables: dict[Path, TextTable]) -> None:
+    """Read all rows as a conversion does, for its sentences on rows and times; at any rate where none is known."""
+    sensors = {
+        name: structs.replace(entry, rate_hz=None if entry.time else entry.rate_hz or 100.0)
+        for name, entry in (columns.sensors or {"": columns.common}).items()
+    }
+    checked = replace(columns, sensors=sensors if columns.sensors else {}, common=sensors.get("", columns.common))
+    read_samples(path, checked, tables, [])
 
 
 def _sensor_column(table: TextTable) -> int | None:
@@ -168,7 +202,7 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
     """A column map as TOML, what all sensors share above them."""
     entries = dict(columns.sensors) or {"": columns.common}
     first = next(iter(entries.values()))
-    one_clock = len({(entry.time, entry.time_unit) for entry in entries.values()}) == 1
+    one_clock = len({tuple(_time_lines(entry)) for entry in entries.values()}) == 1
     lines = [
         f"# What the columns of {one_line(str(path))} mean: a first guess from their names and numbers. Please check "
         "every line.",
@@ -197,10 +231,19 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
 
 
 def _time_lines(entry: SensorColumns) -> list[str]:
-    if entry.time is None:
-        return ["# No column looks like the times of the samples. Name it, or say how many samples a second there are:",
-                "# time = \"…\"", "# rate_hz = 100"]  # fmt: skip
-    return [f"time = {toml_text(entry.time)}", f'time_unit = "{entry.time_unit}"  # s, ms, us or ns']
+    lines = (
+        [] if entry.counter is None else [f"counter = {toml_text(entry.counter)}  # counts packets: lost ones are gaps"]
+    )
+    if entry.time is not None:
+        return [
+            *lines,
+            f"time = {toml_text(entry.time)}",
+            f'time_unit = "{entry.time_unit}"  # {", ".join(TIME_UNITS)}',
+        ]
+    if entry.rate_hz is not None:
+        return [*lines, f"rate_hz = {entry.rate_hz:g}  # as stated"]
+    return [*lines, "# No column looks like the times. Name it, or say how many samples a second there are:",
+            "# time = \"…\"", "# rate_hz = 100"]  # fmt: skip
 
 
 def placement_text(path: Path, sensors: list[str], files: Templates) -> str:
@@ -240,7 +283,7 @@ def placement_text(path: Path, sensors: list[str], files: Templates) -> str:
     return "\n".join(lines)
 
 
-def guess_columns(table: TextTable) -> dict[str, tuple[SensorColumns, list[str]]]:
+def guess_columns(table: TextTable, rate_hz: float | None = None) -> dict[str, tuple[SensorColumns, list[str]]]:
     """The sensors whose acceleration, angular rate or quaternion the names of the columns tell, by name.
 
     Each with the units that the numbers suggest, and what each guess was made from, a phrase each. The name is blank if
@@ -254,15 +297,33 @@ def guess_columns(table: TextTable) -> dict[str, tuple[SensorColumns, list[str]]
             named.setdefault(sensor, {}).setdefault(quantity, {}).setdefault(axis, name)
     if not named and all(axis in table.names for axis in _AXES[4]):
         named = {"": {"quaternion": {axis: axis for axis in _AXES[4]}}}  # four columns w, x, y, z and no other words
-    time, unit = _time(table)
+    clock, rates = guess_clock(table)
+    if rate_hz is not None:
+        clock = structs.replace(clock, time=None, rate_hz=rate_hz)
     sensors, reasons = {}, {}
-    for sensor, quantities in named.items():
+    for sensor, quantities in _joined(named).items():
         columns = {quantity: _complete(axes, QUANTITIES[quantity]) for quantity, axes in quantities.items()}
-        whole = {quantity: Columns(names) for quantity, names in columns.items() if names is not None}
+        whole: dict[str, Any] = {quantity: Columns(names) for quantity, names in columns.items() if names is not None}
         if whole:
-            entry = SensorColumns(time=time, time_unit=unit, **whole)  # type: ignore[arg-type]
+            entry = structs.replace(clock, **whole)
+            time_reasons = []
+            if clock.time is not None:
+                unit, reason = _time_unit(table, entry, rates)
+                entry, time_reasons = structs.replace(entry, time_unit=unit), [f"time: {reason}"]
             sensors[sensor], reasons[sensor] = with_units(table, entry)
+            reasons[sensor] += time_reasons
     return {name: (entry, reasons[name]) for name, entry in _agreeing(sensors).items()}
+
+
+def _joined(named: Mapping[str, Mapping[str, Mapping[str, str]]]) -> dict[str, dict[str, Mapping[str, str]]]:
+    """Sensors by name, acceleration alone joined with angular rate of fewer words: ``S1_LN_acc_x``, ``S1_gyr_x``."""
+    joined = {name: dict(quantities) for name, quantities in named.items()}
+    for name in sorted(joined, key=len):
+        words = set(name.split("_"))
+        fits = [other for other in joined if set(other.split("_")) < words and "angular_rate" in joined[other]]
+        if set(joined[name]) == {"acceleration"} and len(fits) == 1:
+            joined[fits[0]].setdefault("acceleration", joined.pop(name)["acceleration"])
+    return joined
 
 
 def _agreeing(sensors: Mapping[str, SensorColumns]) -> dict[str, SensorColumns]:
@@ -315,30 +376,6 @@ def _complete(axes: Mapping[str, str], count: int) -> tuple[str, ...] | None:
     return None
 
 
-def _time(table: TextTable) -> tuple[str | None, str]:
-    """The column of times, and the unit in which samples come 4 to 2000 times a second."""
-    for name in sorted(table.names, key=_time_rank):
-        if _time_rank(name) == len(_TIMES) or table.names.count(name) > 1:
-            continue
-        values = _numbers(table, [name])
-        if values is None:
-            continue
-        steps = np.diff(values[np.isfinite(values[:, 0]), 0])
-        growing = steps[steps > 0]
-        if len(growing) < max(1, GROWING * len(steps)) or np.any(steps < 0):
-            continue
-        usual = float(np.median(growing))
-        for unit, (low, high) in _STEPS.items():
-            if low <= usual < high:
-                return name, unit
-    return None, "s"
-
-
-def _time_rank(name: str) -> int:
-    words = re.split(r"[^a-z]+", name.lower())
-    return min((_TIMES.index(word) for word in words if word in _TIMES), default=len(_TIMES))
-
-
 def _numbers(table: TextTable, names: Sequence[str | int]) -> Array | None:
     short = replace(table, rows=table.rows[:USED_ROWS], lines=table.lines[:USED_ROWS])
     try:
@@ -378,14 +415,31 @@ def _usual_length(values: Array) -> float:
     return float(np.nan_to_num(np.nanmedian(np.linalg.norm(values, axis=1)))) if len(values) else 0.0
 
 
+def _time_unit(table: TextTable, entry: SensorColumns, rates: dict[str, float]) -> tuple[str, str]:
+    """The unit of times as the sensor's motion has it, and from what it was told."""
+    force, rate = (
+        None if at is None else _numbers(table, at.columns) for at in (entry.acceleration, entry.angular_rate)
+    )
+    time = _numbers(table, [entry.time or ""])
+    if force is None or rate is None or time is None or entry.angular_rate is None:
+        return decide_unit(rates, lambda unit: None, (1.0,))
+    named = _named_rate_unit(table, entry.angular_rate)
+    slopes = tuple(value for name, value in ANGULAR_RATE_UNITS.items() if named in (name, ""))
+    return decide_unit(rates, lambda unit: _turning(time[:, 0], force, rate, unit), slopes)
+
+
+def _named_rate_unit(table: TextTable, at: Columns) -> str:
+    """The unit of angular rates that names, or a line of units below them, say; blank if they do not."""
+    units = [table.units[table.index(name, "guess")] for name in at.columns] if table.units else []
+    words = " ".join(map(str, (*at.columns, *units))).lower()
+    return "deg/s" if re.search(r"deg|dps|°", words) else "rad/s" if "rad" in words else ""
+
+
 def _rate_unit(table: TextTable, entry: SensorColumns, force: Array | None, rate: Array) -> tuple[str, str]:
     """The unit of angular rate, and from what it was told."""
     assert entry.angular_rate is not None
-    names = " ".join(map(str, entry.angular_rate.columns)).lower()
-    if re.search(r"deg|dps|°", names):
-        return "deg/s", "the columns' names say degrees"
-    if "rad" in names:
-        return "rad/s", "the columns' names say radians"
+    if unit := _named_rate_unit(table, entry.angular_rate):
+        return unit, f"the names or units of its columns say {unit}"
     time = None if entry.time is None else _numbers(table, [entry.time])
     slope = None if time is None or force is None else _turning(time[:, 0], force, rate, entry.time_unit)
     if slope is not None and abs(slope) > SLOWEST_TOLD:

@@ -2,8 +2,9 @@
 
 ::
 
-    time = "t"                             # or rate_hz = 100
-    time_unit = "ms"                       # s, ms, us, ns
+    time = "t"                             # or rate_hz = 100, or what the file states above its header
+    time_unit = "ms"                       # s, ms, us, ns, 0.1ms, days; dates and times of day need none
+    counter = "packet"                     # counts the packets: lost ones are gaps, at rate_hz or by the times
     acceleration_unit = "g"                # m/s2, g, mg; gravity included
     angular_rate_unit = "deg/s"            # rad/s, deg/s
     quaternion_order = "wxyz"              # wxyz, xyzw: of the columns named
@@ -30,6 +31,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
+from msgspec import structs
 
 from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.quaternions import Order
@@ -37,7 +39,7 @@ from vip_factors.io.importers.shared import GRAVITY
 from vip_factors.io.importers.text_table import SEPARATORS, Dialect
 from vip_factors.io.typed_files import convert, read_toml
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "0.1ms": 1e-4, "days": 86_400.0}  # likelier ones first
 ACCELERATION_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000}
 ANGULAR_RATE_UNITS = {"rad/s": 1.0, "deg/s": 0.017453292519943295}
 SENSES = ("sensor_to_world", "world_to_sensor")
@@ -69,6 +71,7 @@ class SensorColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     time: str | int | None = None
     time_unit: str = "s"
     rate_hz: float | None = None
+    counter: str | int | None = None
     acceleration: Columns | None = None
     acceleration_unit: str = "m/s2"
     angular_rate: Columns | None = None
@@ -108,13 +111,13 @@ class ColumnMap:
     dialect: Dialect = field(default_factory=Dialect)
 
 
-def read_column_map(path: str | Path) -> ColumnMap:
-    """Read a column map.
+def read_column_map(path: str | Path, rate_hz: float | None = None) -> ColumnMap:
+    """Read a column map; ``rate_hz`` stands for whatever it says of times.
 
     Raises:
         FileFormatError: if it cannot be read or parsed.
-        InputError: for an unknown key or choice (the nearest is named), a value of the wrong kind, or a sensor without
-            time or without any quantity.
+        InputError: for an unknown key or choice (the nearest is named), a value of the wrong kind, or a sensor with
+            two clocks or without any quantity.
     """
     path = Path(path)
     content = read_toml(path, dict[str, object], "a column map (TOML with time, [sensors] …)")
@@ -126,6 +129,9 @@ def read_column_map(path: str | Path) -> ColumnMap:
     }
     for name, entry in (sensors or {"": columns}).items():
         _check_complete(f"{path}: sensor '{name}'" if name else f"{path}: the sensors", entry)
+    if rate_hz is not None:
+        columns = structs.replace(columns, time=None, rate_hz=rate_hz)
+        sensors = {name: structs.replace(entry, time=None, rate_hz=rate_hz) for name, entry in sensors.items()}
     return ColumnMap(str(path), columns, sensors, layout.sensor_column, _dialect(path, layout))
 
 
@@ -164,6 +170,5 @@ def _sensor_columns(path: Path, where: str, table: Mapping[str, object]) -> Sens
 def _check_complete(where: str, entry: SensorColumns) -> None:
     if all(getattr(entry, quantity) is None for quantity in QUANTITIES):
         raise InputError(f"{where}: no columns named: expected at least one of {', '.join(QUANTITIES)}")
-    if (entry.time is None) == (entry.rate_hz is None):
-        state = "neither time nor rate_hz is" if entry.time is None else "both time and rate_hz are"
-        raise InputError(f"{where}: {state} given: expected the column of the times, or the samples a second")
+    if entry.time is not None and entry.rate_hz is not None:
+        raise InputError(f"{where}: both time and rate_hz are given: expected the column of the times, or the rate")

@@ -21,11 +21,12 @@ from vip_factors.sensors.imu_stream import ImuStream
 
 @dataclass(frozen=True)
 class LogFormat:
-    """A format of sensor logs: its name, whether a path leads to a log of it, and reading one."""
+    """A format of sensor logs: its name, whether a path leads to a log of it, reading one, and whether at a rate."""
 
     name: str
     matches: Callable[[Path], bool]
-    read: Callable[[Path], "ImportedLog"]
+    read: Callable[..., "ImportedLog"]
+    takes_rate: bool = False
 
 
 def candidates(path: Path, suffixes: tuple[str, ...]) -> list[Path]:
@@ -104,7 +105,7 @@ def merge_notes(notes: list[str]) -> tuple[str, ...]:
 
 
 _IGNORED = ("", "imu", "sensor", "offset")  # as in OpenSim's torso_imu_offset_imu
-_SIDES = {"l": "left", "left": "left", "r": "right", "right": "right"}
+_SIDES = {"l": "left", "lt": "left", "left": "left", "r": "right", "rt": "right", "right": "right"}
 _MIDLINE = {
     "pelvis": "pelvis", "hip": "pelvis", "hips": "pelvis", "sacrum": "pelvis", "sacral": "pelvis",
     "lumbar": "lower_back", "lowerback": "lower_back", "sternum": "sternum", "torso": "sternum", "chest": "sternum",

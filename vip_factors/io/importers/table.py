@@ -11,18 +11,19 @@ from msgspec import structs
 from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order
 from vip_factors.geometry.rotations import Array, transpose
+from vip_factors.io.importers.clocks import Clock, table_clock
 from vip_factors.io.importers.column_map import (
     ACCELERATION_UNITS,
     ANGULAR_RATE_UNITS,
     QUANTITIES,
     SENSES,
-    TIME_UNITS,
     UP_OR_DOWN,
     UPS,
     ColumnMap,
     Columns,
     SensorColumns,
 )
+from vip_factors.io.importers.packet_counters import common_base
 from vip_factors.io.importers.shared import (
     GRAVITY,
     TILT_LIMIT_DEG,
@@ -43,7 +44,6 @@ GRAVITY_RANGE = (5.0, 20.0)
 IMPOSSIBLE_TILT_DEG = 60.0  # of mean specific force from the vertical: mis-scaled and moving sensors stay within 5°
 SINCE_1970_S = 1e8  # times above it are no seconds since a recording's start, but Unix time
 SAME_TIME_S = 1e-4  # times of one sample in two files: they are printed with four decimals and more
-MOST_REPEATED = 0.5  # of the samples: clocks that count in whole milliseconds repeat fewer
 
 R_UP = {
     "z": np.eye(3),
@@ -62,14 +62,15 @@ def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = 
         InputError: for files and columns that are not there; the nearest names are told.
     """
     tables = {} if tables is None else dict(tables)
-    samples: dict[str, ImuStream] = {}
     notes: list[str] = []
-    for name, entry, rows in _entries(path, columns, tables):
-        samples[name] = _samples(path, columns, name, entry, rows, tables, notes)
+    samples = read_samples(path, columns, tables, notes)
+    streams: dict[str, ImuStream] = {}
+    for name, (entry, time, values) in samples.items():
+        streams[name] = _stream(f"{columns.source}: sensor '{name}'", name, entry, time, values, notes)
     notes = [note for table in tables.values() for note in table.notes] + notes
-    start = min(stream.time[0] for stream in samples.values())
+    start = min(stream.time[0] for stream in streams.values())
     since_1970 = start > SINCE_1970_S
-    imus = {name: replace(stream, time=stream.time - start) for name, stream in samples.items()}
+    imus = {name: replace(stream, time=stream.time - start) for name, stream in streams.items()}
     return ImportedLog(
         FORMAT,
         imus,
@@ -78,6 +79,34 @@ def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = 
         clock_s=float(start),
         notes=merge_notes(notes),
     )
+
+
+Samples = tuple[SensorColumns, Array, dict[str, Array]]
+"""Columns of a sensor, times ``(N,)`` in seconds, and rows ``(N, …)`` by quantity, in the units of the file."""
+
+
+def read_samples(path: Path, columns: ColumnMap, tables: dict[Path, TextTable], notes: list[str]) -> dict[str, Samples]:
+    """The samples of each sensor at their times, whatever their values are.
+
+    Raises:
+        FileFormatError, InputError: as :func:`read`.
+    """
+    samples: dict[str, Samples] = {}
+    periods: dict[str, float] = {}
+    for name, entry, rows in _entries(path, columns, tables):
+        time, values, period = _samples(path, columns, name, entry, rows, tables, notes)
+        samples[name] = entry, time, values
+        if period is not None:
+            periods[name] = period
+    if periods:
+        names = list(periods)
+        shifted = common_base([samples[name][1] for name in names], max(periods.values()))
+        if max(time[0] for time in shifted) > max(time[-1] - time[0] for time in shifted):
+            notes.append("the sensors' packet counters were not set together: each sensor's times begin at 0")
+            shifted = [time - time[0] for time in shifted]
+        for name, time in zip(names, shifted, strict=True):
+            samples[name] = samples[name][0], time, samples[name][2]
+    return samples
 
 
 Rows = np.ndarray | None  # indices of the rows of one sensor, where all share a table
@@ -136,9 +165,10 @@ def _table(path: Path, columns: ColumnMap, tables: dict[Path, TextTable]) -> Tex
 def _samples(
     path: Path, columns: ColumnMap, name: str, entry: SensorColumns, rows: Rows, tables: dict[Path, TextTable],
     notes: list[str],
-) -> ImuStream:  # fmt: skip
-    """One sensor's stream, its times as in the file, in seconds."""
+) -> tuple[Array, dict[str, Array], float | None]:  # fmt: skip
+    """Times of a sensor as in its files, in seconds, its quantities, and the period of a packet counter."""
     where = f"{columns.source}: sensor '{name}'"
+    clocks: dict[Path, Clock] = {}
     time: Array | None = None
     values: dict[str, Array] = {}
     for quantity in QUANTITIES:
@@ -146,50 +176,17 @@ def _samples(
         if at is None:
             continue
         table = _table(_file(path, at.file or entry.file, where, "file"), columns, tables)
-        numbers = table.numbers([table.index(column, f"{where}, {quantity}") for column in at.columns])
-        its_time = _time(table, entry, where)
-        numbers, its_time = (numbers, its_time) if rows is None else (numbers[rows], its_time[rows])
-        its_time, numbers = _increasing(table, entry, name, its_time, numbers, notes)
+        indices = [table.index(column, f"{where}, {quantity}") for column in at.columns]
+        if table.path not in clocks:
+            clocks[table.path] = table_clock(table, entry, rows, where, notes)
+        at_rows, its_time, _ = clocks[table.path]
+        numbers = table.numbers(indices)[at_rows]
         if time is None:
             time, values[quantity] = its_time, numbers
         else:
             time, values = _common(time, values, its_time, quantity, numbers, table.path, notes)
     assert time is not None  # the column map has at least one quantity
-    return _stream(where, name, entry, time, values, notes)
-
-
-def _time(table: TextTable, entry: SensorColumns, where: str) -> Array:
-    if entry.rate_hz is not None:
-        return np.arange(len(table)) / entry.rate_hz
-    assert entry.time is not None
-    return TIME_UNITS[entry.time_unit] * table.numbers([table.index(entry.time, f"{where}, time")])[:, 0]
-
-
-def _increasing(
-    table: TextTable, entry: SensorColumns, name: str, time: Array, values: Array, notes: list[str]
-) -> tuple[Array, Array]:
-    """Samples with a time, without those that repeat one."""
-    where = f"{table.path}, sensor '{name}'"
-    known = np.flatnonzero(np.isfinite(time))
-    if not len(known):
-        raise FileFormatError(f"{where}: column '{entry.time}' holds no time: expected numbers in {entry.time_unit}")
-    time, values = time[known], values[known]
-    back = np.flatnonzero(np.diff(time) < 0)
-    if len(back):
-        raise FileFormatError(
-            f"{where}: time '{entry.time}' falls from {time[back[0]]:g} s to {time[back[0] + 1]:g} s at its sample "
-            f"{back[0] + 2}: expected it to grow; split the file there, or name another column"
-        )
-    new = np.concatenate([[True], np.diff(time) > 0])
-    repeated = int(np.sum(~new))
-    if repeated > MOST_REPEATED * len(time):
-        raise FileFormatError(
-            f"{where}: {repeated} of {len(time)} times in '{entry.time}' repeat the one before: expected a time for "
-            "each sample; give rate_hz instead of time"
-        )
-    if repeated:
-        notes.append(f"{table.path.name}: {repeated} samples with a repeated time dropped")
-    return time[new], values[new]
+    return time, values, next(iter(clocks.values())).period_s
 
 
 def _common(

@@ -10,7 +10,7 @@ Libraries that sniff dialects know no preambles, lines of units and decimal comm
 import csv
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,10 +24,14 @@ COMMENTS = ("#", "//", "%")
 MISSING = ("", "nan", "na", "n/a", "null", "none", "-")
 LOOKED_AT = 200  # lines, to tell the dialect: preambles of loggers are shorter
 RUN = 3  # rows of numbers in a row: a line of settings may look like one
-HEADER_LINES = 3  # names, axes and units in lines of their own; more have not been seen
+HEADER_LINES = 4  # device, names or axes, how they are calibrated, and units in lines of their own
 COMPONENTS = {3: "xyz", 4: "wxyz"}
 LONGEST_LINE = 200_000  # characters: of some 10,000 columns
 PEEK_BYTES = 16384  # the longest preamble seen is 1.5 kB; this holds it and the first rows
+
+
+class NoTableError(FileFormatError):
+    """A file that holds no rows of numbers at all."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +62,8 @@ class TextTable:
         lines: numbers of those lines in the file.
         separator: between their cells.
         notes: what was dropped.
-        preamble: the lines above the names of the columns.
+        preamble: the lines above the first row.
+        units: of the columns, where a line below their names says them.
     """
 
     path: Path
@@ -68,6 +73,7 @@ class TextTable:
     separator: str
     notes: tuple[str, ...] = ()
     preamble: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -181,11 +187,12 @@ def peek(path: Path) -> str:
             start = file.read(PEEK_BYTES)
     except OSError:
         return ""
-    return "" if b"\0" in start else start.decode("utf-8-sig", errors="replace")
+    text = _decoded(start)
+    return "" if "\0" in text else text
 
 
 def read_text(path: Path) -> str:
-    """A file as text, UTF-8 or marked UTF-16; what is neither is replaced.
+    """A file as text, UTF-8 or UTF-16; what is neither is replaced.
 
     Raises:
         FileFormatError: if it cannot be read or is no text.
@@ -194,9 +201,17 @@ def read_text(path: Path) -> str:
         content = path.read_bytes()
     except OSError as error:
         raise FileFormatError(f"{path}: cannot be read ({error.strerror}): expected a table of numbers") from error
+    text = _decoded(content)
+    if "\0" in text[:4096]:
+        raise NoTableError(f"{path}: is not text: expected a table of numbers")
+    return text
+
+
+def _decoded(content: bytes) -> str:
+    """Text of UTF-16 by its mark, or by the zeros in every second byte; else of UTF-8."""
     encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
-    if encoding != "utf-16" and b"\0" in content[:4096]:
-        raise FileFormatError(f"{path}: is not text: expected a table of numbers")
+    if len(content) > 3 and (content[0] == 0) != (content[1] == 0) and (content[2] == 0) != (content[3] == 0):
+        encoding = "utf-16-be" if content[0] == 0 else "utf-16-le"
     return content.decode(encoding, errors="replace")
 
 
@@ -232,18 +247,26 @@ def _read_plain(
     run = 1 if dialect.header else RUN
     start = next((i for i in range(len(data)) if all(data[i : i + run])), None)
     if start is None:
-        raise FileFormatError(f"{path}: holds no row of numbers: expected a table with a line of column names above it")
+        raise NoTableError(f"{path}: holds no row of numbers: expected a table with a line of column names above it")
     if dialect.header is not None:
         header = [split(lines[line - 1], separator) for line in dialect.header]
     else:
         header = _header_above(numbered[: start + 1], separator, width)
         header = header or _header_in_comment(lines[: numbered[start][0] - 1], separator, width)
     preamble = lines[: numbered[start][0] - 1 if dialect.header is None else min(dialect.header) - 1]
+    units = _units(header)
+    header = header[:-1] if units else header
+    again = next((line for line, row in numbered[start:] if header and split(row, separator) == header[-1]), None)
+    if again is not None:
+        raise FileFormatError(
+            f"{path}, line {again}: the header stands there again, as where two recordings follow each other: split "
+            "the file there, or delete the line"
+        )
     numbered = numbered[start:]
     if dialect.same_digits and not complete and len(numbered) > 1:
         digits = [len(split(row, separator)[-1].strip().partition(".")[2]) for _, row in numbered[-2:]]
         numbered = [*numbered[:-1], (numbered[-1][0], "")] if digits[1] < digits[0] else numbered
-    return table_of_rows(path, _joined(header, width), numbered, separator, preamble)
+    return replace(table_of_rows(path, _joined(header, width), numbered, separator, preamble), units=units)
 
 
 def _separator(path: Path, rows: list[str], given: str | None) -> tuple[str, int]:
@@ -260,7 +283,7 @@ def _separator(path: Path, rows: list[str], given: str | None) -> tuple[str, int
             best = (separator, usual)
     if not best[1]:
         how = "that separator" if given is not None else "tab, semicolon, comma, bar or spaces"
-        raise FileFormatError(f"{path}: holds no row of two numbers or more between {how}: expected a table of numbers")
+        raise NoTableError(f"{path}: holds no row of two numbers or more between {how}: expected a table of numbers")
     return best
 
 
@@ -273,7 +296,7 @@ def _is_data(row: str, separator: str, width: int) -> bool:
 
 
 def _header_above(numbered: list[tuple[int, str]], separator: str, width: int) -> list[list[str]]:
-    """The lines right above the last one given that have as many cells; a line of units is left out."""
+    """The lines right above the last one given that have as many cells."""
     header: list[list[str]] = []
     below = numbered[-1][0]
     for line, row in reversed(numbered[-1 - HEADER_LINES : -1]):
@@ -282,8 +305,6 @@ def _header_above(numbered: list[tuple[int, str]], separator: str, width: int) -
             break
         below = line
         header.insert(0, cells)
-    if len(header) > 1 and all(_is_unit(cell) for cell in header[-1]):
-        header.pop()
     return header
 
 
@@ -294,12 +315,19 @@ def _header_in_comment(lines: list[str], separator: str, width: int) -> list[lis
     return [cells] if last.startswith(COMMENTS) and len(cells) == width else []
 
 
-def _is_unit(cell: str) -> bool:
-    return bool(
-        re.fullmatch(
-            r"[\[(]?(m/s\^?[2²]|[mc]?m|m?g|(rad|deg|°)/s|dps|[mµun]?s|uT|µT|°C|hz|-|)[\])]?", cell.strip(), re.I
-        )
-    )
+_UNIT = (
+    r"[munkcµμ]?(s|secs?|seconds?|m|meters?|g|rad|radians?|deg|degs|degrees?|hz|t|tesla|gauss|v|volts?|pa|bar)|h|min|dps"
+    r"|rps|°|°?[cf]|%|au|a\.?u\.?|counts?|ticks?|lsb|flux|local|cal|raw|none|no ?units?|unitless|[ymdhs/:. 0]{8,}"
+)
+
+
+def _units(header: list[list[str]]) -> tuple[str, ...]:
+    """The cells of the last line of a header, if it holds units below names."""
+    atoms = rf"(?:{_UNIT})(?:\^?-?[12²])?"
+    unit = re.compile(rf"\W{{0,2}}(?:{atoms}(?:[/*· ]*\(?{atoms}\)?)*)?\W{{0,2}}", re.IGNORECASE)
+    is_row = len(header) > 1 and any(cell.strip() for cell in header[-1])
+    cells = tuple(cell.strip() for cell in header[-1]) if is_row else ()
+    return cells if all(unit.fullmatch(cell) for cell in cells) else ()
 
 
 def _joined(header: list[list[str]], width: int) -> tuple[str, ...]:

@@ -18,6 +18,8 @@ import numpy as np
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array, nearest_rotation, rotation_x, rotation_y, rotation_z, transpose
+from vip_factors.io.importers.clocks import stated_rate
+from vip_factors.io.importers.packet_counters import Packets, common_base, order_packets, restart_note
 from vip_factors.io.importers.shared import (
     GRAVITY,
     SAME_RATE,
@@ -50,10 +52,8 @@ FREE_ACCELERATION = (("FreeAcc_X", "FreeAcc_Y", "FreeAcc_Z"), ("FreeAcc_E", "Fre
 ANGULAR_RATE = ("Gyr_X", "Gyr_Y", "Gyr_Z")
 
 COUNTER_MODULUS = 2**16  # MTw and DOT packet counters
+COUNTERS = ("PacketCounter", "Counter")  # the second of old MT Managers
 CLOCK_MODULUS = 2**32  # SampleTimeFine
-# Radio delivers packets a few places late at most; a longer way back is a restarted sensor.
-OUT_OF_ORDER_PACKETS = 1000
-PLAUSIBLE_RATE_HZ = (4.0, 2000.0)
 DEFAULT_RATE_HZ = 100.0  # of an MTw Awinda with up to nine sensors, and of every export seen without a rate
 # North-east-down to east-north-up, for exports whose comment says NED.
 R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -61,9 +61,6 @@ R_ENU_NED = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 GRAVITY_FREE_MEAN = 3.0
 # The same tolerance as for quaternions: a matrix further off is not a rounded rotation but a mistake.
 MATRIX_TOLERANCE = 0.05
-
-Packets = tuple[np.ndarray, np.ndarray]
-"""Indices ``(M,)`` of the rows kept of a file, in order, and their unwrapped counts, which increase strictly."""
 
 
 def _is_mtw(path: Path) -> bool:
@@ -110,15 +107,15 @@ def _matches(is_ours: Callable[[Path], bool], path: Path) -> bool:
     return any(is_ours(file) for file in candidates(path, SUFFIXES))
 
 
-def _read_mtw(path: Path) -> ImportedLog:
+def _read_mtw(path: Path, rate_hz: float | None = None) -> ImportedLog:
     """Read a recording: a file, a folder of one recording's files, or their common start (``folder/Walk-1-000``)."""
-    return _import_tables(path, MTW.name, sensor_files(path, SUFFIXES, _is_mtw, _mtw_name), 1.0)
+    return _import_tables(path, MTW.name, sensor_files(path, SUFFIXES, _is_mtw, _mtw_name), 1.0, rate_hz)
 
 
-def _read_dot(path: Path) -> ImportedLog:
+def _read_dot(path: Path, rate_hz: float | None = None) -> ImportedLog:
     """Read a recording: a file, a folder with one file per sensor, or their common start."""
     files = sensor_files(path, SUFFIXES, _is_dot, _dot_name)
-    log = _import_tables(path, DOT.name, files, float(np.deg2rad(1.0)))
+    log = _import_tables(path, DOT.name, files, float(np.deg2rad(1.0)), rate_hz)
     starts = [start for file in files.values() if (start := _start_ns(peek(file)))]
     unsynced = [file.name for file in files.values() if re.search(r"SyncStatus:\s*,\s*Un", peek(file), re.IGNORECASE)]
     notes = log.notes
@@ -140,19 +137,21 @@ def _start_ns(text: str) -> int | None:
     return int(start.timestamp()) * 10**9 + int(millisecond) * 10**6
 
 
-MTW = LogFormat("xsens_txt", partial(_matches, _is_mtw), _read_mtw)
-DOT = LogFormat("xsens_dot", partial(_matches, _is_dot), _read_dot)
+MTW = LogFormat("xsens_txt", partial(_matches, _is_mtw), _read_mtw, takes_rate=True)
+DOT = LogFormat("xsens_dot", partial(_matches, _is_dot), _read_dot, takes_rate=True)
 
 
-def _import_tables(path: Path, name: str, files: dict[str, Path], rate_unit: float) -> ImportedLog:
+def _import_tables(
+    path: Path, name: str, files: dict[str, Path], rate_unit: float, rate_hz: float | None
+) -> ImportedLog:
     """Read one file per sensor and put all on one clock; ``rate_unit`` is the angular rate's in rad/s."""
     tables = {sensor: _read_table(file) for sensor, file in files.items()}
     notes = [note for table in tables.values() for note in table.notes]
     packets = {sensor: _packets(table, notes) for sensor, table in tables.items()}
-    times = _times(path, tables, packets, notes)
+    times = _times(path, tables, packets, rate_hz, notes)
     imus = {}
     for sensor, table in tables.items():
-        rows, _ = packets[sensor]
+        rows = packets[sensor].rows
         force, R, rate = (None if values is None else values[rows] for values in _channels(table, rate_unit, notes))
         imus[sensor] = ImuStream.from_samples(sensor, times[sensor], force, R, rate)
         if lost := len(rows) - len(imus[sensor]):
@@ -170,50 +169,23 @@ def _read_table(path: Path) -> TextTable:
 
 
 def _packets(table: TextTable, notes: list[str]) -> Packets:
-    counter, name = table.group(["PacketCounter"]), table.path.name
-    if counter is None:
-        notes.append(f"{name}: no PacketCounter, so lost packets cannot be seen")
-        return np.arange(len(table)), np.arange(len(table))
-    wide = np.nanmax(counter) >= COUNTER_MODULUS
-    return order_packets(counter[:, 0], name, CLOCK_MODULUS if wide else COUNTER_MODULUS, notes)
-
-
-def order_packets(counter: Array, name: str, modulus: int, notes: list[str]) -> Packets:
-    """Unwrap, sort and de-duplicate the packet counter of one file; rows without a counter are left out.
-
-    Raises:
-        FileFormatError: if the counter goes back by more than radio can explain, or no row has one.
-    """
-    known = np.flatnonzero(np.isfinite(counter))
-    if not len(known):
-        raise FileFormatError(f"{name}: no row has a packet counter")
-    count = np.unwrap(counter[known].astype(np.int64), period=modulus)
-    late = np.maximum.accumulate(count) - count
-    if late.max() > OUT_OF_ORDER_PACKETS:
-        row = int(np.argmax(late > OUT_OF_ORDER_PACKETS))
-        raise FileFormatError(
-            f"{name}: at sample {known[row]} the packet counter falls from {counter[known[row - 1]]:g} to "
-            f"{counter[known[row]]:g}: expected it to grow; split the file where the sensor was restarted"
-        )
-    kept, first = np.unique(count, return_index=True)
-    if twice := len(count) - len(kept):
-        notes.append(f"{name}: {twice} packets came twice; the first was kept")
-    if np.any(np.diff(first) < 0):
-        notes.append(f"{name}: packets came out of order and were sorted")
-    if blank := len(counter) - len(known):
-        notes.append(f"{name}: {blank} rows without a packet counter dropped")
-    if lost := int(kept[-1] - kept[0] + 1 - len(kept)):
-        notes.append(f"{name}: {lost} of {int(kept[-1] - kept[0] + 1)} packets lost")
-    return known[first], kept
-
-
-def common_base(counts: list[np.ndarray], modulus: int) -> list[np.ndarray]:
-    """Counts of several files shifted by whole turns so that their starts lie together, the earliest at zero."""
-    half = modulus // 2
-    reference = counts[0][0]
-    shifted = [count + ((reference - count[0] + half) // modulus) * modulus for count in counts]
-    earliest = min(count[0] for count in shifted)
-    return [count - earliest for count in shifted]
+    name, everything = table.path.name, np.arange(len(table))
+    label = next((label for label in COUNTERS if table.group([label]) is not None), None)
+    if label is None:
+        notes.append(f"{name}: no {COUNTERS[0]}, so lost packets cannot be seen")
+        return Packets(everything, everything, COUNTER_MODULUS)
+    try:
+        return order_packets(table, table.names.index(label), everything, notes, COUNTER_MODULUS)
+    except FileFormatError as restart:
+        clock = table.group(["SampleTimeFine"])
+        if clock is None or not np.all(np.isfinite(clock)):
+            raise
+        ticks = np.diff(np.unwrap(clock[:, 0].astype(np.int64), period=CLOCK_MODULUS))
+        if np.any(ticks <= 0):
+            raise
+        notes.append(restart_note(table, restart, "SampleTimeFine"))
+        count = np.concatenate([[0], np.cumsum(ticks)]) / np.median(ticks)
+        return Packets(everything, np.round(count).astype(np.int64), COUNTER_MODULUS)
 
 
 def clock_tick(clock: Array, count: np.ndarray) -> tuple[float, float] | None:
@@ -230,29 +202,25 @@ def clock_tick(clock: Array, count: np.ndarray) -> tuple[float, float] | None:
     return None
 
 
-def _times(path: Path, tables: dict[str, TextTable], packets: dict[str, Packets], notes: list[str]) -> dict[str, Array]:
-    """Seconds from the earliest sample of any file, for each file's kept rows."""
-    stated = {sensor: rate for sensor, table in tables.items() if (rate := _stated_rate(table)) is not None}
-    by_clock = _clock_times(tables, packets, stated, notes)
+def _times(
+    path: Path, tables: dict[str, TextTable], packets: dict[str, Packets], rate_hz: float | None, notes: list[str]
+) -> dict[str, Array]:
+    """Seconds from the earliest sample of any file, for each file's kept rows; a rate that is given wins."""
+    stated = {sensor: rate for sensor, table in tables.items() if (rate := stated_rate(table)) is not None}
+    by_clock = _clock_times(tables, packets, stated, notes) if rate_hz is None else None
     if by_clock is not None:
         return by_clock
     slow, fast = (pick(stated, key=stated.__getitem__, default=None) for pick in (min, max))
-    if slow and fast and stated[fast] > stated[slow] * (1 + SAME_RATE):
+    if rate_hz is None and slow and fast and stated[fast] > stated[slow] * (1 + SAME_RATE):
         raise FileFormatError(
             f"{path}: {tables[slow].path.name} says {stated[slow]:g} Hz and {tables[fast].path.name} {stated[fast]:g} "
-            "Hz: expected one rate for all files of a recording; import them apart"
+            "Hz: expected one rate for all files of a recording; import them apart, or give --rate-hz"
         )
-    rate = stated[fast] if fast else DEFAULT_RATE_HZ
-    if not fast:
-        notes.append(f"{path.name}: no file says its update rate; {rate:g} Hz assumed")
-    counts = common_base([count for _, count in packets.values()], COUNTER_MODULUS)
+    rate = rate_hz or (stated[fast] if fast else DEFAULT_RATE_HZ)
+    if not fast and rate_hz is None:
+        notes.append(f"{path.name}: no file says its update rate; {rate:g} Hz assumed; say it with --rate-hz")
+    counts = common_base([each.counts for each in packets.values()], max(each.modulus for each in packets.values()))
     return {sensor: count / rate for sensor, count in zip(packets, counts, strict=True)}
-
-
-def _stated_rate(table: TextTable) -> float | None:
-    text = table.setting(r"(?:update|output|sample)\s*rate\s*:?\s*,?\s*(\d+(?:\.\d+)?)\s*hz")
-    rate = float(text) if text else 0.0
-    return rate if PLAUSIBLE_RATE_HZ[0] <= rate <= PLAUSIBLE_RATE_HZ[1] else None
 
 
 def _clock_times(
@@ -261,7 +229,7 @@ def _clock_times(
     """Times by SampleTimeFine, or None where a file lacks it or the clocks have nothing in common."""
     clocks, ticks, rate_notes = [], set(), []
     for sensor, table in tables.items():
-        column, (rows, count) = table.group(["SampleTimeFine"]), packets[sensor]
+        column, (rows, count, _) = table.group(["SampleTimeFine"]), packets[sensor]
         if column is None or not np.all(np.isfinite(column[rows])):
             return None
         tick_and_rate = clock_tick(column[rows, 0], count)

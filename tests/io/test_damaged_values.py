@@ -19,7 +19,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.evaluate.metrics import common_frames
 from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.codec import set_timestamp
-from vip_factors.io.detections import read_people
+from vip_factors.io.detection_formats import read_people
 from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx import read_document
 from vip_factors.io.mcap_reader import RECORD_HEAD, McapWarning, read_contents

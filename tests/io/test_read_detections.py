@@ -13,7 +13,8 @@ from pose_files import People, person, write_alphapose, write_coco, write_mmpose
 
 from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.io.detections import DetectionsWarning, read_detections
+from vip_factors.io.detection_formats import DetectionsWarning
+from vip_factors.io.detections import read_detections
 
 WRITERS: dict[str, tuple[Callable[..., Path], int]] = {  # and the number of a video's first frame
     "openpose": (write_openpose, 0),
@@ -30,7 +31,7 @@ WRITERS: dict[str, tuple[Callable[..., Path], int]] = {  # and the number of a v
     st.lists(st.integers(0, 3), min_size=1, max_size=6).filter(any),
     st.integers(0, 2**32 - 1),
 )
-@pytest.mark.filterwarnings("ignore::vip_factors.io.detections.DetectionsWarning")
+@pytest.mark.filterwarnings("ignore::vip_factors.io.detection_formats.DetectionsWarning")
 def test_every_format_gives_back_what_was_written(tmp_path_factory, file, keypoints, counts, seed) -> None:
     rng = np.random.default_rng(seed)
     write, first = WRITERS[file]
@@ -164,13 +165,71 @@ def test_fractions_of_the_image_are_no_pixels(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_is_not_one_video_is_refused(tmp_path: Path) -> None:
-    refused(tmp_path, "expected a folder with OpenPose")
+    refused(tmp_path, "expected a folder with the JSON files of OpenPose")
     write_openpose(tmp_path / "p", {0: [person()]})
     write_openpose(tmp_path / "p", {0: [person()]}, prefix="other_")
     refused(tmp_path / "p", r"other_0+_keypoints\.json and walk_0+_keypoints\.json are both frame 0")
     write_openpose(tmp_path / "q", {0: [person()], 1: []})
     (tmp_path / "q" / "walk_000000000002_keypoints.json").write_text('{"people": {}}')
     refused(tmp_path / "q", r"walk_000000000002_keypoints\.json: people: expected list", InputError)
+
+
+def test_files_beside_the_poses_are_left_out(tmp_path: Path) -> None:
+    folder = write_openpose(tmp_path / "p", {frame: [person()] for frame in range(4)})
+    for file in sorted(folder.glob("*.json")):
+        (folder / f"._{file.name}").write_bytes(b"\0\5\x16\7Mac OS X")
+    assert len(read_detections(folder, 30.0)) == 4
+    (folder / "config.json").write_text('{"model": "BODY_25"}')
+    with pytest.warns(DetectionsWarning, match=r"1 files without 2D poses are left out: config\.json"):
+        assert len(read_detections(folder, 30.0)) == 4
+
+
+@pytest.mark.parametrize("number", [float, str, "walk.cam1_{}".format, "walk.v2.{:06d}.png".format])
+def test_numbers_of_images_come_in_many_forms(tmp_path: Path, number: Callable[[int], float | str]) -> None:
+    entries = [{"image_id": number(i), "keypoints": person().ravel().tolist()} for i in range(3)]
+    (tmp_path / "a.json").write_text(json.dumps(entries))
+    assert read_detections(tmp_path / "a.json", 30.0).frame.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("categories", "count"), [([0, 0, 0], 3), ([1, 1, 2], 2), ([0, 1, 1], 2), ([7, 7, 7], 3)])
+def test_persons_are_category_one_or_the_only_one(tmp_path: Path, categories: list[int], count: int) -> None:
+    entries = [
+        {"image_id": i, "category_id": category, "keypoints": person().ravel().tolist()}
+        for i, category in enumerate(categories)
+    ]
+    (tmp_path / "a.json").write_text(json.dumps(entries))
+    assert len(read_detections(tmp_path / "a.json", 30.0)) == count
+
+
+def test_a_file_without_persons_names_its_categories(tmp_path: Path) -> None:
+    entries = [{"image_id": i, "category_id": 2 + i, "keypoints": person().ravel().tolist()} for i in range(2)]
+    (tmp_path / "a.json").write_text(json.dumps(entries))
+    refused(tmp_path / "a.json", "categories are 2, 3: expected 1")
+
+
+@pytest.mark.parametrize(("people", "keypoints"), [("people", "pose_keypoints_2d"), ("bodies", "joints")])
+def test_alphapose_writes_all_images_into_one_file(tmp_path: Path, people: str, keypoints: str) -> None:
+    frames = {f"{i}.jpg": {"version": "v0.3", people: [{keypoints: person().ravel().tolist()}]} for i in range(3)}
+    (tmp_path / "a.json").write_text(json.dumps(frames))
+    assert read_detections(tmp_path / "a.json", 30.0).frame.tolist() == [0, 1, 2]
+
+
+@pytest.mark.parametrize("is_wrapped", [True, False])
+def test_mmpose_writes_a_file_for_each_image(tmp_path: Path, is_wrapped: bool) -> None:
+    instance = {
+        "keypoints": person()[:, :2].tolist(),
+        "keypoint_scores": person()[:, 2].tolist(),
+        "bbox": [[0, 0, 9, 9]],
+    }
+    for i, instances in enumerate(([instance], [], [instance, instance])):
+        content = {"meta_info": {}, "instance_info": instances} if is_wrapped else instances
+        (tmp_path / f"frame_{i:04d}.json").write_text(json.dumps(content))
+    assert read_detections(tmp_path, 30.0).frame.tolist() == [0, 2, 2]
+
+
+def test_a_folder_with_one_file_for_all_frames(tmp_path: Path) -> None:
+    write_mmpose(tmp_path / "walk.json", {1: [person()], 2: [person()]})
+    assert len(read_detections(tmp_path, 30.0)) == 2
 
 
 @pytest.mark.data

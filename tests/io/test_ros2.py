@@ -95,3 +95,56 @@ def test_errors_name_the_file_and_what_to_do(tmp_path: Path) -> None:
     write_ros2(path, {})
     with pytest.raises(FileFormatError, match=r"no messages of sensor_msgs/msg/Imu: topics found are none"):
         ros2.read(path)
+
+
+@pytest.mark.parametrize("names", [["pelvis", "left_foot", "right_foot"], ["imu 0", "imu 1"]])
+def test_frames_of_one_topic_are_sensors(tmp_path: Path, names: list[str]) -> None:
+    path = write_ros2(tmp_path / "r.mcap", {"/imu": [imu(i, name) for i in range(4) for name in names]})
+    streams = ros2.read(path).imus
+    assert list(streams) == names
+    for stream in streams.values():
+        np.testing.assert_allclose(stream.time, 0.01 * np.arange(4), atol=1e-12)
+
+
+def test_frames_of_two_topics_that_share_them_are_told_apart(tmp_path: Path) -> None:
+    both = [imu(i, frame) for i in range(3) for frame in ("a", "b")]
+    assert set(ros2.read(write_ros2(tmp_path / "r.mcap", {"/x": both, "/y": both})).imus) == {
+        "x/a",
+        "x/b",
+        "y/a",
+        "y/b",
+    }
+
+
+@pytest.mark.parametrize("xyzw", [(0.0, 0.0, 0.0, 1.0), (0.5, 0.5, 0.5, 0.5)])
+def test_an_orientation_that_never_changes_was_not_measured(tmp_path: Path, xyzw: tuple[float, ...]) -> None:
+    orientation = dict(zip("xyzw", xyzw, strict=True))
+    path = write_ros2(tmp_path / "r.mcap", {"/imu": [imu(i, orientation=orientation) for i in range(5)]})
+    log = ros2.read(path)
+    assert log.imus["pelvis"].R_inertial_sensor is None
+    assert any("never changes" in note for note in log.notes)
+
+
+@pytest.mark.parametrize(
+    ("gyroscope", "accelerometer", "name"),
+    [
+        ("/camera/gyro/sample", "/camera/accel/sample", "camera"),
+        ("/left/gyro", "/left/accel", "left"),
+        ("/gyro", "/accel", "gyro"),
+    ],
+)
+def test_topics_of_one_quantity_each_are_one_sensor(
+    tmp_path: Path, gyroscope: str, accelerometer: str, name: str
+) -> None:
+    zero, absent = dict.fromkeys("xyz", 0.0), [-1.0] + [0.0] * 8
+    rates = [imu(i, "", linear_acceleration=zero, orientation_covariance=absent) for i in range(200)]
+    forces = [
+        imu(0.63 * i, "", angular_velocity=zero, orientation_covariance=absent) for i in range(300) if not 100 < i < 150
+    ]
+    stream = ros2.read(write_ros2(tmp_path / "r.mcap", {gyroscope: rates, accelerometer: forces})).imus[name]
+    assert stream.specific_force is not None
+    assert stream.angular_rate is not None
+    number = np.round(stream.time / 0.01)
+    np.testing.assert_allclose(stream.specific_force[:, 1], 0.25 * number, atol=1e-5)  # interpolated
+    np.testing.assert_allclose(stream.angular_rate[:, 2], number)
+    assert not np.any((number > 65) & (number < 93))  # never over a gap

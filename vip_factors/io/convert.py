@@ -49,7 +49,6 @@ NO_POSE = (
     "which may leave some of them turned the wrong way, and joints with them; better: hold a T- or N-pose for two "
     "seconds at the start, and say so with --initial-pose"
 )
-_MCAP_FORMATS = ("recording", "ros2")  # told apart by their channels, and read by functions of their own
 _TOLD_FORMATS = ("table",)  # known by a column map alone
 
 
@@ -126,7 +125,7 @@ def detect_format(path: str | Path) -> str:
         if start == MAGIC:
             return _mcap_format(path)
     for name in FORMATS:
-        if name not in (*_MCAP_FORMATS, *_TOLD_FORMATS) and _reader(name).matches(path):
+        if name not in ("recording", *_TOLD_FORMATS) and _reader(name).matches(path):
             return name
     raise FileFormatError(
         f"{path}: not a sensor log of a known format; known are {', '.join(FORMATS)}; of a table of another make say "

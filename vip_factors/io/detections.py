@@ -1,39 +1,25 @@
-"""2D poses as detectors' programs write them, each told by its content; and writing our own detector's, as MMPose does.
-
-* OpenPose: a folder with one JSON file a frame, ``{"people": [{"pose_keypoints_2d": [x, y, c, …]}]}``. Frames without
-  people have files too, so the lowest number is the video's first frame: 0 as OpenPose counts, 1 where the frames were
-  numbered by another tool.
-* MMPose: ``{"meta_info": …, "instance_info": [{"frame_id": 1, "instances": […]}]}``, or that list alone. An instance
-  has ``keypoints`` [[x, y], …] and ``keypoint_scores`` [c, …]. Frames are counted from 1, and all are listed.
-* COCO's results and AlphaPose: a list of ``{"image_id": 12, "keypoints": [x, y, c, …], "score": …}``, an entry a
-  person; AlphaPose names the images, ``"12.jpg"``. Frames are counted from 0.
+"""2D poses of a detector's program as detections; and writing our own detector's, as MMPose does.
 
 What we write has more than MMPose's own fields: ``meta_info`` says what the keypoint set is called and how the poses
 were found, a frame has ``time_s`` and an instance ``track_id``.
 """
 
 import json
-import re
-import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import msgspec
 import numpy as np
 
 from vip_factors.atomic import atomic_open
 from vip_factors.body.keypoints import KEYPOINT_SETS, KeypointSet, keypoint_set
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.typed_files import MOST_MOTION_BYTES, Number, convert, read_json
+from vip_factors.io.detection_formats import DetectedPeople, read_people, warn
 from vip_factors.sensors.detections import Detections
 
-PERSON = 1  # COCO's category
-EXPECTED = "2D poses as OpenPose (a folder), AlphaPose, MMPose or COCO's results (a .json file)"
-MOST_DIGITS = 15  # of a frame's number
 MOST_FRAMES = 2_000_000  # nine hours at 60 Hz: beyond it the numbers are no frame numbers
 FRACTION = 1.5  # no image is so small: coordinates up to here are fractions of it, or slightly outside
 SPREAD = 0.99  # share of confidences that shall not exceed one
@@ -46,84 +32,6 @@ CLOSE = (
     ("right_heel", "right_big_toe"),
 )  # fmt: skip
 PLAUSIBLE_CLOSE = 0.15  # of a person's extent in the image; 0.03 in the right order, 0.43 and more in the other
-
-Numbers = list[float | None]
-
-
-class DetectionsWarning(UserWarning):
-    """Something in a file of 2D poses was guessed or changed, and what it was."""
-
-
-@dataclass
-class DetectedPeople:
-    """People as a file lists them.
-
-    Attributes:
-        path: of the file or folder.
-        first_number: what the format calls the first frame of a video.
-        listed: numbers of all frames that the file speaks of, those without people included.
-        numbers: the frame's number of each person.
-        rows: each person's keypoints, flat ``(3 J,)``: x, y, confidence.
-        where: of each person, as a complaint names it.
-        names: the keypoints' names in order, if the file tells them.
-        time: seconds of each listed frame by its number, if the file tells them.
-    """
-
-    path: Path
-    first_number: int = 0
-    listed: set[int] = field(default_factory=set)
-    numbers: list[int] = field(default_factory=list)
-    rows: list[Array] = field(default_factory=list)
-    where: list[str] = field(default_factory=list)
-    names: tuple[str, ...] = ()
-    time: dict[int, float] = field(default_factory=dict)
-
-    def add(self, number: int, keypoints: Numbers, where: str) -> None:
-        """One person of one frame: x, y, confidence of every keypoint, None where there is none."""
-        if len(keypoints) % 3:
-            raise FileFormatError(
-                f"{where}: keypoints are {len(keypoints)} numbers: expected x, y, confidence of every keypoint"
-            )
-        self.numbers.append(number)
-        self.rows.append(np.array(keypoints, dtype=float))
-        self.where.append(where)
-
-
-class _OpenPosePerson(msgspec.Struct, frozen=True):
-    pose_keypoints_2d: Numbers = []
-    pose_keypoints: Numbers = []  # up to OpenPose 1.2
-
-
-class _OpenPoseFile(msgspec.Struct, frozen=True):
-    people: list[_OpenPosePerson]
-
-
-class _Result(msgspec.Struct, frozen=True):
-    """Person of COCO's results or AlphaPose."""
-
-    image_id: int | str
-    keypoints: Numbers
-    category_id: int = PERSON
-
-
-class _Instance(msgspec.Struct, frozen=True):
-    keypoints: list[tuple[float | None, float | None]]
-    keypoint_scores: Numbers
-
-
-class _Frame(msgspec.Struct, frozen=True):
-    frame_id: int | str
-    instances: list[_Instance]
-    time_s: Number | None = None
-
-
-class _Meta(msgspec.Struct, frozen=True):
-    keypoint_id2name: dict[str, str] | list[str] = []
-
-
-class _MmposeFile(msgspec.Struct, frozen=True):
-    instance_info: list[_Frame]
-    meta_info: _Meta = _Meta()
 
 
 def read_detections(
@@ -227,114 +135,6 @@ def _cleaned(rows: Array) -> tuple[Array, Array]:
     return pixels, np.minimum(confidence / max(1.0, highest), 1.0)
 
 
-def read_people(path: Path) -> DetectedPeople:
-    """Everybody in all frames of a file or folder of any known format.
-
-    Raises:
-        InputError: if there is nothing at the path, or a person, frame or file is not of its form.
-        FileFormatError: for content that is of no known format.
-    """
-    if not path.exists():
-        raise InputError(f"{path}: no such file or folder of 2D poses")
-    if path.is_dir():
-        files = sorted(path.glob("*.json"))
-        if not files:
-            raise FileFormatError(f"{path}: expected a folder with OpenPose's JSON files, one a frame")
-        return _openpose(path, ((file, _content(file)) for file in files))
-    if path.suffix.lower() == ".json":
-        content = _content(path)
-        first = content[0] if isinstance(content, list) and content else None
-        if _has(content, "people"):
-            return _openpose(path, [(path, content)])
-        if _has(content, "instance_info"):
-            return _mmpose(path, convert(path, "", content, _MmposeFile))
-        if _has(first, "instances"):
-            return _mmpose(path, _MmposeFile(convert(path, "", content, list[_Frame])))
-        if _has(first, "image_id"):
-            return _results(path, convert(path, "", content, list[_Result]))
-        if content == []:
-            raise FileFormatError(f"{path}: expected people; the list is empty")
-    raise FileFormatError(f"{path}: expected {EXPECTED}")
-
-
-def _content(path: Path) -> Any:
-    return read_json(path, object, EXPECTED, MOST_MOTION_BYTES)
-
-
-def _has(content: object, name: str) -> bool:
-    return isinstance(content, dict) and name in content
-
-
-def _openpose(path: Path, contents: Iterable[tuple[Path, object]]) -> DetectedPeople:
-    people, file_of = DetectedPeople(path), dict[int, Path]()
-    for file, content in contents:
-        number = frame_number(file.stem.removesuffix("_keypoints"), str(file))
-        if number in file_of:
-            raise FileFormatError(
-                f"{path}: {file_of[number].name} and {file.name} are both frame {number}: expected the frames of one "
-                "video; give each camera a folder of its own"
-            )
-        file_of[number] = file
-        for index, person in enumerate(convert(file, "", content, _OpenPoseFile).people):
-            # Empty where only a face or a hand was found, and where tools that sort people leave a place.
-            if keypoints := person.pose_keypoints_2d or person.pose_keypoints:
-                people.add(number, keypoints, f"{file}, person {index}")
-    people.listed = set(file_of)
-    people.first_number = int(min(people.listed) == 1)
-    return people
-
-
-def _results(path: Path, results: Sequence[_Result]) -> DetectedPeople:
-    people = DetectedPeople(path)
-    for index, person in enumerate(results):
-        where = f"{path}, entry {index}"
-        if person.category_id == PERSON:
-            people.add(frame_number(person.image_id, where), person.keypoints, where)
-    people.listed = set(people.numbers)
-    return people
-
-
-def _mmpose(path: Path, content: _MmposeFile) -> DetectedPeople:
-    names = content.meta_info.keypoint_id2name
-    if isinstance(names, dict):
-        numbered = {int(key): name for key, name in names.items() if key.isdecimal()}
-        names = [name for _, name in sorted(numbered.items())]
-    people = DetectedPeople(path, names=tuple(names))
-    for index, frame in enumerate(content.instance_info):
-        number = frame_number(frame.frame_id, f"{path}, frame entry {index}")
-        people.listed.add(number)
-        if frame.time_s is not None:
-            people.time[number] = frame.time_s
-        for place, person in enumerate(frame.instances):
-            where = f"{path}, frame entry {index}, instance {place}"
-            points, scores = person.keypoints, person.keypoint_scores
-            if len(points) != len(scores):
-                raise FileFormatError(
-                    f"{where}: {len(points)} keypoints and {len(scores)} scores: expected a score for each"
-                )
-            people.add(
-                number, [part for point, score in zip(points, scores, strict=True) for part in (*point, score)], where
-            )
-    people.first_number = int(0 not in people.listed)
-    return people
-
-
-def frame_number(name: int | str, where: str) -> int:
-    """The last digits of a file's name, or the number itself: ``cam1_000012_keypoints`` → 12.
-
-    Raises:
-        FileFormatError: if there are none.
-    """
-    if isinstance(name, int) and name >= 0:
-        return name
-    digits = re.findall(r"[0-9]+", re.sub(r"\.[A-Za-z]\w*$", "", name)) if isinstance(name, str) else []
-    if not digits or len(digits[-1].lstrip("0")) > MOST_DIGITS:
-        raise FileFormatError(
-            f"{where}: no frame number in {str(name)[:60]!r}: expected one such as 12 or 'walk_000012.jpg'"
-        )
-    return int(digits[-1])
-
-
 def _which_keypoints(people: DetectedPeople, rows: Array, given: str | None) -> KeypointSet:
     """The keypoint set of people ``(N, J, 3)``: the one given, else by their number and by how they look."""
     path, count = people.path, rows.shape[1]
@@ -347,7 +147,7 @@ def _which_keypoints(people: DetectedPeople, rows: Array, given: str | None) -> 
         raise FileFormatError(f"{path}: people have {count} keypoints{told}: known are {known}")
     chosen = keypoint_set(name)
     if given is None and whole_body is not None:
-        _warn(path, f"of {count} whole-body keypoints, the first {len(chosen)} are read, as {name}")
+        warn(path, f"of {count} whole-body keypoints, the first {len(chosen)} are read, as {name}")
     _check_names(path, chosen, people.names[: len(chosen)])
     if len(of_count) < 2:
         return chosen
@@ -358,12 +158,12 @@ def _which_keypoints(people: DetectedPeople, rows: Array, given: str | None) -> 
     if best == name or is_plausible or apart[best] >= PLAUSIBLE_CLOSE:
         if given is None and not is_plausible:
             others = ", ".join(other for other in of_count if other != name)
-            _warn(path, f"{count} keypoints are taken as {name}; if they are {others}, say so (keypoints)")
+            warn(path, f"{count} keypoints are taken as {name}; if they are {others}, say so (keypoints)")
         return chosen
     if given is not None:
-        _warn(path, f"read as {given}, as asked, but people look like {best}: eyes and heels are in the wrong places")
+        warn(path, f"read as {given}, as asked, but people look like {best}: eyes and heels are in the wrong places")
         return chosen
-    _warn(path, f"{count} keypoints are taken as {best}, not {name}: so eyes are at noses and heels at ankles")
+    warn(path, f"{count} keypoints are taken as {best}, not {name}: so eyes are at noses and heels at ankles")
     return keypoint_set(best)
 
 
@@ -394,10 +194,6 @@ def _apart(keypoints: KeypointSet, rows: Array) -> float:
     pairs = [(index[a], index[b]) for a, b in CLOSE if a in index and b in index]
     distance = np.array([np.linalg.norm(points[:, a] - points[:, b], axis=-1) / extent for a, b in pairs])
     return float(np.nanmedian(distance)) if np.any(np.isfinite(distance)) else np.inf
-
-
-def _warn(path: Path, sentence: str) -> None:
-    warnings.warn(DetectionsWarning(f"{path}: {sentence}"), stacklevel=4)
 
 
 @dataclass(frozen=True)

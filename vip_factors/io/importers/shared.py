@@ -13,10 +13,16 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, matrix_from_quaternion
+from vip_factors.geometry.quaternions import (
+    UNIT_TOLERANCE,
+    Order,
+    interpolate_points,
+    interpolate_rotations,
+    matrix_from_quaternion,
+)
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Placement
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import ImuStream, gaps_of, rate_of
 
 
 @dataclass(frozen=True)
@@ -260,3 +266,41 @@ def note_bad_rows(good: np.ndarray, finite: np.ndarray, where: str, what: str, n
         raise FileFormatError(f"{where}: {bad} of {np.sum(finite)} {what}; check the columns and their order")
     if bad:
         notes.append(f"{where}: {bad} samples dropped whose {what}")
+
+
+Sampled = tuple[Array, Array]
+"""Times ``(N,)`` in seconds and the values at them."""
+
+
+def stream_of_quantities(
+    name: str, force: Sampled | None, orientation: Sampled | None, angular_rate: Sampled | None
+) -> ImuStream:
+    """A stream of quantities with clocks of their own, on the gyroscope's times, else on the accelerometer's.
+
+    Values in between are interpolated, but not over gaps: there samples are absent.
+
+    Raises:
+        RecordingError: if the quantities have no time in common, and as :class:`ImuStream`.
+    """
+    time, _ = next(sampled for sampled in (angular_rate, force, orientation) if sampled is not None)
+    points = [
+        None if sampled is None else _values_at(sampled, time, interpolate_points) for sampled in (force, angular_rate)
+    ]
+    R = None if orientation is None else _values_at(orientation, time, interpolate_rotations)
+    return ImuStream.from_samples(name, time, points[0], R, points[1])
+
+
+def _values_at(sampled: Sampled, time: Array, interpolate: Callable[[Array, Array, Array], Array]) -> Array:
+    """Values at other times; NaN before the first sample, after the last one, and within gaps."""
+    own_time, values = sampled
+    if own_time is time:
+        return values
+    finite = np.all(np.isfinite(values), axis=tuple(range(1, values.ndim)))
+    own_time, values = own_time[finite], values[finite]
+    result = interpolate(own_time, values, time)
+    half_step = 0.5 / rate_of(own_time) if len(own_time) > 1 else 0.0
+    absent = (time < own_time[0] - half_step) | (time > own_time[-1] + half_step)
+    for start, end in gaps_of(own_time):
+        absent |= (time > start + half_step) & (time < end - half_step)
+    result[absent] = np.nan
+    return result

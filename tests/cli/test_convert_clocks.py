@@ -1,11 +1,13 @@
 """Clocks of logs of any make, as somebody meets them who types the commands: template, convert, run."""
 
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import assert_one_sentence
 
+from vip_factors.cli.convert import LogOptions
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.mcap_recording import read_scene
 
@@ -61,6 +63,14 @@ def test_units_of_time_are_guessed(
     assert f'time_unit = "{expected}"' in columns
     np.testing.assert_allclose(stream.time, TIMES, atol=1e-5)
     assert np.max(np.abs(stream.angular_rate)) == pytest.approx(3.5, rel=0.1)
+
+
+@pytest.mark.parametrize("form", ["{}", "10:11:{:02d}", "2023-05-04 10:11:{:02d}"])
+def test_stamps_of_whole_seconds_and_a_counter_of_a_maker_in_another_table(run, tmp_path: Path, form: str) -> None:
+    cells = [f"{i},{form.format((i + 37) // 100)}" for i in range(COUNT)]
+    stream, columns, _ = converted(run, write(tmp_path / "left_foot.csv", "PacketCounter,time", cells))
+    assert 'time = "time"' in columns
+    np.testing.assert_allclose(stream.time, TIMES, atol=1e-6)
 
 
 @pytest.mark.parametrize(("rate", "unit"), [(20.0, "ms"), (500.0, "0.1ms")])
@@ -166,3 +176,32 @@ def test_an_export_without_a_rate_takes_one(run, tmp_path: Path, name: str) -> N
     assert stream.rate == pytest.approx(60)
     recording = run("convert", tmp_path / "a.mcap", tmp_path / "c.mcap", "--rate-hz", "60")
     assert_one_sentence(recording, "recording of this package already")
+
+
+def test_run_takes_what_convert_takes_of_a_log(run, tmp_path: Path) -> None:
+    counter = [str(i) for i in np.delete(np.arange(COUNT), np.arange(50, 250, 4))]
+    log = write(tmp_path / "left_foot.csv", "Counter", counter)
+    (tmp_path / "columns.toml").write_text(
+        'acceleration = ["acc_x", "acc_y", "acc_z"]\nangular_rate = ["gyr_x", "gyr_y", "gyr_z"]\n[sensors.left_foot]\n'
+    )
+    words = (
+        "--columns",
+        tmp_path / "columns.toml",
+        "--rate-hz",
+        50,
+        "--stature-m",
+        1.71,
+        "--subject",
+        "Ada",
+        "--no-report",
+    )
+    quick = "--smooth-options=--frame-rate 20 --solve.max-iterations 2"
+    told = run("run", "--log", log, *words, quick, "--out", tmp_path / "o")
+    assert told.code == 0, told.err
+    wearer = read_scene(tmp_path / "o" / "recording.mcap").wearers[0]
+    assert wearer.imus["left_foot"].time[-1] == pytest.approx(299 / 50)
+    assert (wearer.subject.name, wearer.subject.stature_m) == ("Ada", 1.71)
+    help_of = {command: run(command, "--help").out for command in ("convert", "run")}
+    for field in fields(LogOptions):
+        assert all(f"--{field.name.replace('_', '-')}" in text for text in help_of.values())
+    assert_one_sentence(run("run", "--log", log, "--log", log, "--then", log), "2 --log and --then are given")

@@ -13,6 +13,7 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.convert import ImportOptions, read_log
 from vip_factors.io.importers.clocks import column_times, stated_rate
+from vip_factors.io.importers.column_map import TIME_UNITS
 from vip_factors.io.importers.packet_counters import counter_column
 from vip_factors.io.importers.shared import ImportedLog, likely_sites
 from vip_factors.io.importers.text_table import read_text_table
@@ -77,16 +78,21 @@ def test_lost_and_late_packets_over_wraps(
 @pytest.mark.parametrize(
     "name",
     ["PacketCounter", "Packet Counter", "Counter", "Packet number", "packet_no", "SampleNumber", "frame index", "seq",
-     "Sequence", "LF_PacketCounter", "Sample Count", "pkt_id", "packet"],
+     "Sequence", "LF_PacketCounter", "Frame", "Index", "No.", "Sample Count", "pkt_id", "packet"],
 )  # fmt: skip
 def test_counters_by_name(tmp_path: Path, name: str) -> None:
     table = read_text_table(write_table(tmp_path, {name: texts(np.arange(250, 290) % 256, "{:d}")}))
     assert counter_column(table) == 0
 
 
-@pytest.mark.parametrize("name", ["counterweight", "Temperature", "status", "battery", "Battery Number of cells"])
+@pytest.mark.parametrize("name", ["counterweight", "Temperature", "status", "Battery Number of cells"])
 def test_other_columns_are_no_counters(tmp_path: Path, name: str) -> None:
     assert counter_column(read_text_table(write_table(tmp_path, {name: texts(np.arange(40), "{:d}")}))) is None
+
+
+def test_frames_of_a_slower_camera_are_no_counter(tmp_path: Path) -> None:
+    table = read_text_table(write_table(tmp_path, {"Frame": texts(np.arange(40) // 4, "{:d}")}))
+    assert counter_column(table) is None
 
 
 def test_several_samples_in_a_packet(tmp_path: Path) -> None:
@@ -279,7 +285,20 @@ def test_a_line_of_units(tmp_path: Path, names: str, units: str) -> None:
 
 def test_names_with_the_programs_words_tell_sites() -> None:
     names = ["Foot LT", "Foot RT", "Thigh RT", "Pelvis"]
-    assert set(likely_sites(names).values()) == {"left_foot", "right_foot", "right_thigh", "pelvis"}
+    for start in ("", "Any Program-Segments-", "Any_Pro_Motion_"):
+        sites = likely_sites([start + name for name in names])
+        assert list(sites.values()) == ["left_foot", "right_foot", "right_thigh", "pelvis"]
+        assert list(sites) == [start + name for name in names]
+    assert likely_sites(["left_foot", "left_shank"]) == {"left_foot": "left_foot", "left_shank": "left_shank"}
+
+
+@pytest.mark.parametrize(("modulus", "unit"), [(2**16, "ms"), (2**24, "0.1ms"), (2**32, "us"), (2**32, "0.1ms")])
+def test_clocks_that_wrap(tmp_path: Path, modulus: int, unit: str) -> None:
+    step = round(0.01 / TIME_UNITS[unit])
+    ticks = (modulus - 20 * step + step * np.arange(300)) % modulus
+    path = write_table(tmp_path, {"ticks": texts(ticks, "{:d}")})
+    log = read(tmp_path, path, f'time = "ticks"\ntime_unit = "{unit}"')
+    np.testing.assert_allclose(log.imus["pelvis"].time, np.arange(300) / 100, atol=1e-6)
 
 
 @pytest.mark.parametrize("rate", [0.0, -5.0, 1e6])

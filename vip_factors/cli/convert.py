@@ -17,37 +17,15 @@ if TYPE_CHECKING:
 OF_DETECTOR = {"keypoints", "video_rate", "first_frame"}  # options that hold for further cameras too
 
 
-@dataclass(frozen=True)
-class ConvertOptions(WritingOptions):
-    """Bring a sensor log of any known format into a recording (MCAP): a file, a folder, or how its files' names begin.
+@dataclass(frozen=True, kw_only=True)
+class LogOptions:
+    """What is known of a log and its wearer."""
 
-    Say where the sensors sit with --placement; without it their names must tell. For tables of any other make say what
-    the columns mean with --columns. First guesses of both files come from --template.
-
-    With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
-    convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap --detections …
-
-    A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv …
-
-    Several cameras: all but the first stand still where their camera files say (calibrate-camera --floor, with the
-    same board in the same place for all of them).
-    """
-
-    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""
-    out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")] = None
-    """Recording (.mcap) to write."""
-    template: Annotated[Path | None, tyro.conf.arg(metavar="NAME")] = None
-    """Write no recording, but first guesses to correct: NAME_placement.toml, where the sensors sit, and for a table of
-    no known format NAME_columns.toml, what its columns mean."""
     columns: Path | None = None
     """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
     sensor, in which unit."""
     rate_hz: float | None = None
     """Samples per second of a table or an Xsens export, if it has no times and states no rate, or wrong ones."""
-    placement: Annotated[str | None, Input()] = None
-    """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json; or
-    OpenSense's mapping of sensors to a model's frames, .xml)."""
     stature_m: float | None = None
     """Height of the wearer in metres, without shoes; if absent, an adult's stands for it, and a note says so."""
     mass_kg: float | None = None
@@ -71,11 +49,39 @@ class ConvertOptions(WritingOptions):
     """Second of the log to end at."""
     format: str | None = None
     """Format of the log; found by its content if absent."""
-    name: str | None = None
-    """Name of the recording; the log's own if absent."""
     then: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
     """Log of the same sensors that follows in time, as a part of the same recording; the pause between them stays. May
     be said several times."""
+
+
+@dataclass(frozen=True)
+class ConvertOptions(LogOptions, WritingOptions):
+    """Bring a sensor log of any known format into a recording (MCAP): a file, a folder, or how its files' names begin.
+
+    Say where the sensors sit with --placement; without it their names must tell. For tables of any other make say what
+    the columns mean with --columns. First guesses of both files come from --template.
+
+    With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
+    convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap --detections …
+
+    A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv …
+
+    Several cameras: all but the first stand still where their camera files say (calibrate-camera --floor, with the
+    same board in the same place for all of them).
+    """
+
+    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+    """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""
+    out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")] = None
+    """Recording (.mcap) to write."""
+    template: Annotated[Path | None, tyro.conf.arg(metavar="NAME")] = None
+    """Write no recording, but first guesses to correct: NAME_placement.toml, where the sensors sit, and for a table of
+    no known format NAME_columns.toml, what its columns mean."""
+    placement: Annotated[str | None, Input()] = None
+    """Name of a preset (sip6, tnt10, totalcapture13, mvn17) or a placement file (.toml, .json; or
+    OpenSense's mapping of sensors to a model's frames, .xml)."""
+    name: str | None = None
+    """Name of the recording; the log's own if absent."""
     join: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING")] = ()
     """Recording (.mcap) of another wearer at the same time, to be part of the scene; may be said several times."""
     filmed: Annotated[CameraOptions, UNPREFIXED, tyro.conf.FlagCreatePairsOff] = field(default_factory=CameraOptions)

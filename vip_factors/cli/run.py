@@ -3,13 +3,13 @@
 import shlex
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from vip_factors.cli.convert import ConvertOptions, camera_options, import_options
+from vip_factors.cli.convert import ConvertOptions, LogOptions, camera_options, import_options
 from vip_factors.cli.detect import DetectOptions
 from vip_factors.cli.options import FailOn, Flag, Output, fail_on, parse
 from vip_factors.cli.terminal import progress_bar, say
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class RunOptions:
+class RunOptions(LogOptions):
     """From a video and the sensors' log to motion, in one command: run --video walk.mp4 --log xsens/ --placement p.toml
 
     It does what these commands do, one after another, and keeps each one's file in a folder: detect, convert, sync,
@@ -63,7 +63,7 @@ class RunOptions:
     detect_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
     """More options of vip-factors detect, as one word behind =, such as --detect-options="--model rtmpose.onnx"."""
     convert_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
-    """The same of vip-factors convert, for every log: --convert-options="--stature-m 1.75 --initial-pose n-pose"."""
+    """The same of vip-factors convert, for every log: --convert-options="--camera-imu phone"."""
     smooth_options: Annotated[str, tyro.conf.arg(metavar="WORDS")] = ""
     """The same of vip-factors smooth."""
     assign: Flag = False
@@ -105,6 +105,8 @@ def _check(options: RunOptions) -> None:
             f"{len(options.log)} --log and {len(options.placement)} --placement are given: expected one placement for "
             "each log, in the same order"
         )
+    if options.then and len(options.log) > 1:
+        raise InputError(f"{len(options.log)} --log and --then are given: convert the parts of each wearer before")
     if options.video is None:
         usual = RunOptions()
         poses = options.detections is not None
@@ -150,7 +152,10 @@ def run_options(options: RunOptions) -> "Run":
         for log, placement in zip(options.log, placements, strict=True)
     ]
     return Run(
-        logs=tuple((log, import_options(parsed)) for log, parsed in zip(options.log, converted, strict=True)),
+        logs=tuple(
+            (log, replace(import_options(parsed), **_known(options)))
+            for log, parsed in zip(options.log, converted, strict=True)
+        ),
         out=folder,
         camera=camera_options(converted[0]) if filmed else None,
         detector=_detector(options),
@@ -161,6 +166,12 @@ def run_options(options: RunOptions) -> "Run":
         exports=options.export,
         overwrite=options.overwrite,
     )
+
+
+def _known(options: LogOptions) -> dict[str, Any]:
+    """What is said of each log, by name."""
+    given = {field.name: getattr(options, field.name) for field in fields(LogOptions)}
+    return {name: value for name, value in given.items() if value != getattr(LogOptions(), name)}
 
 
 def _filmed_words(options: RunOptions, folder: Path) -> list[str]:

@@ -148,7 +148,11 @@ def guess(path: Path, rate_hz: float | None = None) -> tuple[ColumnMap, Mapping[
         obstacles.insert(0, f"{file.name}: {', '.join(table.names[:12])}")
         tables[file] = table
         sensors_of_table = guess_columns(table, rate_hz)
-        if "" in sensors_of_table and len(files) == 1 and (at := _sensor_column(table)) is not None:
+        if (
+            "" in sensors_of_table
+            and len(files) == 1
+            and (at := _sensor_column(table, sensors_of_table[""][0].time)) is not None
+        ):
             common, why = sensors_of_table[""]
             columns = ColumnMap(str(path), common, sensor_column=table.names[at])
             _check_rows(path, columns, tables)
@@ -188,13 +192,13 @@ def _check_rows(path: Path, columns: ColumnMap, tables: dict[Path, TextTable]) -
     read_samples(path, checked, tables, [])
 
 
-def _sensor_column(table: TextTable) -> int | None:
-    """The first column of a few different words, each in many rows."""
+def _sensor_column(table: TextTable, time: str | int | None) -> int | None:
+    """The first column of a few different words, each in many rows, that is not the one of times."""
     cells = split(table.rows[0], table.separator)
     for at in range(len(table.names)):
-        if number(cells[at]) is None:
-            words = set(table.texts(at))
-            return at if 1 < len(words) <= min(MOST_SENSORS, len(table) / 2) else None
+        is_text = number(cells[at]) is None and table.names[at] != time
+        if is_text and 1 < len(set(table.texts(at))) <= min(MOST_SENSORS, len(table) / 2):
+            return at
     return None
 
 

@@ -12,7 +12,7 @@ from vip_factors.io.importers.column_map import PLAUSIBLE_RATES_HZ, TIME_UNITS, 
 from vip_factors.io.importers.packet_counters import counter_column
 from vip_factors.io.importers.text_table import TextTable, number, split
 
-_TIMES = ("time", "timestamp", "t", "seconds", "sec", "elapsed", "epoch", "clock", "datetime", "date")
+_TIMES = ("time", "timestamp", "t", "seconds", "sec", "elapsed", "epoch", "clock", "datetime", "date", "ticks", "tick")
 _NAMES = {
     "s": r"s|sec\w*",
     "ms": r"ms|m ?sec\w*|milli\w*",
@@ -20,7 +20,7 @@ _NAMES = {
     "ns": r"ns|nano\w*",
     "days": "days?",
 }
-GROWING = 0.1  # of the steps of time, at least: where rows of many sensors take turns, most have the one before
+GROWING = 0.1  # of the steps of times that fall somewhere, at least, and at most fall: of many sensors most repeat
 USED_ROWS = 20000  # enough to tell units; a day's log need not be read twice
 STATED_TOLERANCE = 0.2
 CONSISTENT = 1.6  # factor by which motion may disagree with a unit of time that it decides
@@ -43,7 +43,8 @@ def guess_clock(table: TextTable) -> tuple[SensorColumns, dict[str, float]]:
             continue
         time = column_times(short, at, "s")
         steps = np.diff(time[np.isfinite(time)])
-        if np.sum(steps > 0) < max(1, GROWING * len(steps)) or np.sum(steps < 0) > GROWING * len(steps):
+        falls = np.sum(steps < 0) / max(len(steps), 1)
+        if falls > GROWING or np.sum(steps > 0) < (GROWING * len(steps) if falls else 1):
             continue
         rate = np.median(np.unique(time, return_counts=True)[1]) / np.median(steps[steps > 0])
         rates = {unit: float(rate) / factor for unit, factor in TIME_UNITS.items() if is_number or unit == "s"}

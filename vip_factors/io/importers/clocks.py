@@ -16,6 +16,7 @@ BODY_RATES_HZ = (16.0, 2000.0)  # of logs of people who move; what lies outside 
 STATED_FACTOR = 3.0  # by which times and a stated rate may disagree: sensors drop to half their rate, not to a tenth
 SPREAD = 1.5  # usual steps between samples that share a stamp, at most; beyond it samples are lost
 HOUR_S, DAY_S = 3600.0, 86_400.0
+CLOCK_MODULI = np.array([2.0**16, 2.0**24, 2.0**32])  # of clocks that count ticks
 DAYS_BEFORE_1970 = 25_569  # of spreadsheets
 _STATED = re.compile(
     r"(?:(?:acquisition|sampl(?:e|ing)|update|output|data|logging|recording|measurement|capture)s?[ _-]*(?:data[ _-]*)?"
@@ -126,9 +127,16 @@ def column_times(table: TextTable, column: int, unit: str) -> Array:
         if _TIME.fullmatch(cells[0]) is None:
             raise
         return _dated(table, column, cells)
-    if unit == "days" and np.nanmax(time) > DAYS_BEFORE_1970 * DAY_S:
-        time -= DAYS_BEFORE_1970 * DAY_S
-    return _unwrapped(time, DAY_S) if unit == "days" and np.nanmax(time) <= DAY_S else time
+    known = time[np.isfinite(time)]
+    if len(stamps := np.unique(known)) < 2:
+        return time
+    step, fall, last = np.median(np.diff(stamps)), np.max(-np.diff(known)), np.max(known)
+    for modulus in TIME_UNITS[unit] * CLOCK_MODULI:
+        if last < modulus and fall > max(modulus / 2, modulus - LATE_SAMPLES * step):
+            return _unwrapped(time, modulus)
+    if unit == "days":
+        return time - DAYS_BEFORE_1970 * DAY_S if last > DAYS_BEFORE_1970 * DAY_S else _unwrapped(time, DAY_S)
+    return time
 
 
 def _dated(table: TextTable, column: int, cells: list[str]) -> Array:

@@ -17,6 +17,7 @@ _NAME = re.compile(
     r"(packet|pkt|sample|frame|data|message|msg|seq\w*)[ _.-]*(counter|count|cnt|number|num|no|nr|id|index|#)\.?$"
     r"|(^|[ _.-])(counter|packet|pkt|seq|sequence)$", re.IGNORECASE,
 )  # fmt: skip
+_ROW_NAME = re.compile(r"sample|frame|index|count|number|num|no\.?|nr\.?", re.IGNORECASE)  # counters if they step by 1
 
 
 class Packets(NamedTuple):
@@ -30,12 +31,22 @@ class Packets(NamedTuple):
 def counter_column(table: TextTable) -> int | None:
     """The first column whose name and numbers are a packet counter's, or None."""
     for at, name in enumerate(table.names):
-        values = table.group([name]) if _NAME.search(name.strip()) and table.names.count(name) == 1 else None
+        of_rows = _ROW_NAME.fullmatch(name.strip()) is not None
+        is_name = (of_rows or _NAME.search(name.strip())) and table.names.count(name) == 1
+        try:
+            values = table.group([name]) if is_name else None
+        except FileFormatError:
+            continue
         if values is None:
             continue
         values = values[np.isfinite(values)]
         step = np.diff(values) % _modulus(values)
-        if np.all(values % 1 == 0) and np.any(step > 0) and np.mean(step <= LATE_SAMPLES) > 0.5:
+        if (
+            np.all(values % 1 == 0)
+            and np.any(step > 0)
+            and np.mean(step <= LATE_SAMPLES) > 0.5
+            and (np.median(step) == 1 or not of_rows)
+        ):
             return at
     return None
 

@@ -7,6 +7,7 @@ Right Ankle), and which way is up in a sensor's inertial frame.
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from os.path import commonprefix
 from pathlib import Path
 
 import numpy as np
@@ -163,6 +164,13 @@ _SHORT_MIDLINE = {
 def likely_sites(names: list[str]) -> dict[str, str]:
     """Sites as :func:`default_sites` has them, and for the other names what their letters suggest: LF, RUA, TR."""
     told = default_sites(names)
+    words = [re.split(r"[^A-Za-z0-9]+", name) for name in names]
+    shared = len(commonprefix(words)) if len(names) > 1 else 0  # noqa: RUF071  # words before all sensors' own
+    bare = default_sites(["_".join(each[shared:]) for each in words])
+    if len(bare) > len(told):
+        told = {
+            name: bare[key] for name, each in zip(names, words, strict=True) if (key := "_".join(each[shared:])) in bare
+        }
     for name in names:
         letters = re.sub(r"^[a-z]+(?=[A-Z])", "", name).upper()
         site = _SHORT_MIDLINE.get(letters)

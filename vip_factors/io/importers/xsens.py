@@ -65,8 +65,9 @@ MATRIX_TOLERANCE = 0.05
 
 def _is_mtw(path: Path) -> bool:
     header, preamble = _header(path)
-    if not preamble:  # a bare table: DOT's differ in how they call the quaternion
-        return "PacketCounter" in header and "Quat_W" not in header
+    if not preamble:  # a bare table: DOT's differ in how they call the quaternion, others have another clock
+        is_ours = "PacketCounter" in header and any(word in header for word in HEADER_WORDS[2:])
+        return is_ours and "Quat_W" not in header and not re.search(r"\btime", header, re.IGNORECASE)
     return bool(header) and all(line.startswith("//") for line in preamble)
 
 

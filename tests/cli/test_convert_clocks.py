@@ -147,9 +147,11 @@ def test_a_fault_of_rows_is_named_by_the_template_as_by_convert(run, tmp_path: P
     assert by_convert.err == by_template.err
 
 
-def test_device_names_units_and_utf16(run, tmp_path: Path) -> None:
-    names = ["D7_0001_Timestamp_Unix_CAL", *(f"D7_0001_Accel_LN_{axis}_CAL" for axis in "XYZ")]
-    names += [f"D7_0001_Gyro_{axis}_CAL" for axis in "XYZ"]
+@pytest.mark.parametrize("device", ["D7_0001_", ""])
+@pytest.mark.parametrize("range_of", ["LN_", "WR_", ""])
+def test_device_names_units_and_utf16(run, tmp_path: Path, device: str, range_of: str) -> None:
+    names = [f"{device}Timestamp_Unix_CAL", *(f"{device}Accel_{range_of}{axis}_CAL" for axis in "XYZ")]
+    names += [f"{device}Gyro_{axis}_CAL" for axis in "XYZ"]
     units = ["ms", *["m/(s^2)"] * 3, *["deg/s"] * 3]
     rows = [f"{1.6e12 + 10 * i:.3f}," + row for i, row in enumerate(rows_of_motion(True))]
     text = "\n".join(['"sep=\t"', *("\t".join(row) + "\t" for row in (names, units, *(r.split(",") for r in rows)))])

@@ -95,6 +95,14 @@ def test_frames_of_a_slower_camera_are_no_counter(tmp_path: Path) -> None:
     assert counter_column(table) is None
 
 
+def test_sensors_side_by_side_share_a_clock_and_its_notes(tmp_path: Path) -> None:
+    path = write_table(tmp_path, {"Counter": texts(np.delete(np.arange(40), 7), "{:d}")})
+    (tmp_path / "map.toml").write_text("rate_hz = 50\n" + "".join(f"[sensors.s{i}]\n{MAP}" for i in range(3)))
+    log = read_log(path, columns=tmp_path / "map.toml")
+    assert [len(stream) for stream in log.imus.values()] == [39] * 3
+    assert [note for note in log.notes if "lost" in note] == ["pelvis.csv: 1 of 40 packets lost"]
+
+
 def test_several_samples_in_a_packet(tmp_path: Path) -> None:
     packets = np.repeat([0, 1, 2, 4, 5, 6, 7, 8], 4)
     log = read(tmp_path, write_table(tmp_path, {"packet": texts(packets, "{:d}")}), "rate_hz = 100")

@@ -324,7 +324,7 @@ def _joined(named: Mapping[str, Mapping[str, Mapping[str, str]]]) -> dict[str, d
     joined = {name: dict(quantities) for name, quantities in named.items()}
     for name in sorted(joined, key=len):
         words = set(name.split("_"))
-        fits = [other for other in joined if set(other.split("_")) < words and "angular_rate" in joined[other]]
+        fits = [each for each in joined if {*each.split("_")} - {""} < words and "angular_rate" in joined[each]]
         if set(joined[name]) == {"acceleration"} and len(fits) == 1:
             joined[fits[0]].setdefault("acceleration", joined.pop(name)["acceleration"])
     return joined

@@ -93,8 +93,9 @@ def read_samples(path: Path, columns: ColumnMap, tables: dict[Path, TextTable], 
     """
     samples: dict[str, Samples] = {}
     periods: dict[str, float] = {}
+    clocks: dict[tuple[object, ...], Clock] = {}
     for name, entry, rows in _entries(path, columns, tables):
-        time, values, period = _samples(path, columns, name, entry, rows, tables, notes)
+        time, values, period = _samples(path, columns, name, entry, rows, tables, clocks, notes)
         samples[name] = entry, time, values
         if period is not None:
             periods[name] = period
@@ -164,12 +165,15 @@ def _table(path: Path, columns: ColumnMap, tables: dict[Path, TextTable]) -> Tex
 
 def _samples(
     path: Path, columns: ColumnMap, name: str, entry: SensorColumns, rows: Rows, tables: dict[Path, TextTable],
-    notes: list[str],
+    clocks: dict[tuple[object, ...], Clock], notes: list[str],
 ) -> tuple[Array, dict[str, Array], float | None]:  # fmt: skip
-    """Times of a sensor as in its files, in seconds, its quantities, and the period of a packet counter."""
+    """Times of a sensor as in its files, in seconds, its quantities, and the period of a packet counter.
+
+    ``clocks`` are those of other sensors in the same rows.
+    """
     where = f"{columns.source}: sensor '{name}'"
-    clocks: dict[Path, Clock] = {}
     time: Array | None = None
+    period: float | None = None
     values: dict[str, Array] = {}
     for quantity in QUANTITIES:
         at: Columns | None = getattr(entry, quantity)
@@ -177,16 +181,17 @@ def _samples(
             continue
         table = _table(_file(path, at.file or entry.file, where, "file"), columns, tables)
         indices = [table.index(column, f"{where}, {quantity}") for column in at.columns]
-        if table.path not in clocks:
-            clocks[table.path] = table_clock(table, entry, rows, where, notes)
-        at_rows, its_time, _ = clocks[table.path]
+        key = table.path, entry.time, entry.time_unit, entry.counter, entry.rate_hz, None if rows is None else name
+        if key not in clocks:
+            clocks[key] = table_clock(table, entry, rows, where, notes)
+        at_rows, its_time, its_period = clocks[key]
         numbers = table.numbers(indices)[at_rows]
         if time is None:
-            time, values[quantity] = its_time, numbers
+            time, values[quantity], period = its_time, numbers, its_period
         else:
             time, values = _common(time, values, its_time, quantity, numbers, table.path, notes)
     assert time is not None  # the column map has at least one quantity
-    return time, values, next(iter(clocks.values())).period_s
+    return time, values, period
 
 
 def _common(

@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +10,10 @@ from filmed_gestures import HASTY, QUICK, camera_of, enlarged, filmed_gestures, 
 from vip_factors.associate.associate import Association
 from vip_factors.associate.hypothesis import hypotheses, wearer_points
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.model_errors import FILMED, UNFILMED
 from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.findings import KINDS, Severity, sentences, verdict
 from vip_factors.initialise.camera import Sightings, leaps
 from vip_factors.pipeline import smooth
-from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.scene import Scene
 from vip_factors.simulate.settings import CameraKind
@@ -67,9 +63,7 @@ def test_a_set_up_that_cannot_tell_as_much_as_is_promised_is_told(
     joints: tuple[str, ...], filmed: bool, told: str
 ) -> None:
     bones = [f"{side}_{joint}" for joint in joints for side in ("left", "right")]
-    calibration = {one: SensorCalibration(0.0, np.eye(3), bone=one) for one in bones}
-    wearer: Any = SimpleNamespace(motion=SimpleNamespace(name="Ada"), calibration=calibration)
-    found = list(precision_findings(wearer, FILMED if filmed else UNFILMED, filmed))
+    found = list(precision_findings("Ada", set(bones), len(bones), filmed))
     assert len(found) == bool(told)
     for one in found:
         assert told in str(one)

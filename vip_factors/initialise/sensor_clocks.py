@@ -116,9 +116,9 @@ def common_steps(one: JointSignal, other: JointSignal) -> np.ndarray:
 def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] | None:
     """How late the child's samples are against the parent's, and its standard deviation, in seconds.
 
-    None where the two share too little time, or no delay in reach makes them tell the same.
+    None where the two share too little time or hardly move, or no delay in reach makes them tell the same.
     """
-    least_blocks = 8
+    least_blocks, least_moving_s = 8, 2.0
     margin = REACH + 2 * STEP
     start, end = max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin
     time = np.arange(start, end, APART)
@@ -126,6 +126,8 @@ def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] |
     if len(time) * APART < least_blocks * BLOCK:
         return None
     above = parent.spline(time)
+    if np.count_nonzero(_is_moving(above, child.spline(time))) * APART < least_moving_s:
+        return None
     starts = [(*_start(above, child.spline(time + seconds)), seconds) for seconds in STARTS]
     _, heading, begin = min(starts)
     seconds, sigma, misfit = _fitted(above, child.spline, child.spline.derivative(), time, begin, heading)
@@ -142,9 +144,14 @@ def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | 
     if len(steps) * STEP < LEAST_SHARED:
         return None
     above, below = one.at(steps), other.at(steps)
-    moving = np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) > MISFIT**2  # rest tells of noise alone
+    moving = _is_moving(above, below)
     *_, share = _fitted(above, lambda _: below, None, np.zeros(len(steps)), 0.0, _start(above, below)[1])
     return share, np.count_nonzero(moving) * STEP
+
+
+def _is_moving(above: Array, below: Array) -> np.ndarray:
+    """Whether either sensor is accelerated ``(T,)``: at rest values are noise alone."""
+    return np.asarray(np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) > MISFIT**2)
 
 
 def _start(above: Array, below: Array) -> tuple[float, float]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from vip_factors.body.skeleton import Skeleton
+from vip_factors.body.skeleton import JOINT_NAMES, Skeleton
 from vip_factors.display import silent
 from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
@@ -29,6 +29,7 @@ from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.fusion_start import FusionStart
 from vip_factors.stages.inertial import InertialSolution, find_start, first_calibration, inertial_tracker
 from vip_factors.stages.inertial_model import with_contacts
+from vip_factors.stages.reporting import precision_findings
 from vip_factors.stages.scene_solution import SceneSolution, solve_from, start_before_cameras
 from vip_factors.stages.solver import Solver
 from vip_factors.terms.registry import unfilmed_problem
@@ -227,9 +228,13 @@ def start_tracking(
 
 
 def unsettled_starts(coarse: SceneSolution) -> Iterator[Finding]:
-    """About starts and floors that the data does not settle."""
+    """About set-ups, starts and floors that the data does not settle."""
     yield from coarse.about_floor
     yield from coarse.about_starts()
+    for recording, wearer in zip(coarse.scene.wearers, coarse.wearers, strict=True):
+        bones = {JOINT_NAMES[sensor.bone] for sensor in wearer.model.sensors}
+        is_filmed = coarse.start is not None
+        yield from precision_findings(recording.subject.name, bones, len(wearer.model.sensors), is_filmed)
 
 
 def _freed(model: WearerProblem, inertial: WearerProblem, settings: LiveSettings, p_start: Array) -> WearerProblem:

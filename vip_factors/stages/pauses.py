@@ -20,7 +20,7 @@ from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Pause, Recording
-from vip_factors.sensors.sources import SceneInMemory, SceneSource, frames_of, streams_between
+from vip_factors.sensors.sources import RecordingSource, SceneInMemory, SceneSource, frames_of, streams_between
 from vip_factors.settings import CommonSettings, Settings
 from vip_factors.stages.calibration_start import start_search
 from vip_factors.stages.windows import is_long
@@ -55,10 +55,14 @@ def pauses_of(streams: Mapping[str, ImuStream]) -> tuple[Pause, ...]:
 def with_pauses(source: SceneSource, settings: Settings) -> tuple[SceneSource, tuple[Finding, ...]]:
     """The source whose recordings say where they pause, and findings on that.
 
-    Of recordings that are solved in stretches nothing is looked at.
+    Recordings that are solved in windows stay as they are: findings name the times without any sample.
     """
     if any(is_long(recording.interval, settings) for recording in source.wearers):
-        return source, ()
+        findings = (
+            _pause_finding(recording.head, silences_of(recording), len(recording.sensors))
+            for recording in source.wearers
+        )
+        return source, tuple(finding for finding in findings if finding.numbers)
     scene = source.between()
     wearers = tuple(
         replace(recording, pauses=pauses_of({name: recording.imus[name] for name in recording.placed}))
@@ -67,14 +71,26 @@ def with_pauses(source: SceneSource, settings: Settings) -> tuple[SceneSource, t
     paused = [recording for recording in wearers if recording.pauses]
     if not paused:
         return source, ()
-    return SceneInMemory(replace(scene, wearers=wearers)), tuple(map(_pause_finding, paused))
+    findings = (_pause_finding(recording, recording.pauses, len(recording.placed)) for recording in paused)
+    return SceneInMemory(replace(scene, wearers=wearers)), tuple(findings)
 
 
-def _pause_finding(recording: Recording) -> Finding:
-    count = len(recording.placed)
-    seconds = {
-        f"{_named(pause.silent, count)} at {pause.start:.1f} s": pause.end - pause.start for pause in recording.pauses
-    }
+def silences_of(recording: RecordingSource) -> tuple[Pause, ...]:
+    """Times of some seconds in which no sensor measured anything; the samples are read a minute at a time."""
+    minute = 60.0
+    start, end = recording.interval
+    last, silences = start, list[Pause]()
+    for begin in np.arange(start, end, minute):
+        streams = recording.between(float(begin), float(begin + minute)).values()
+        time = np.unique(np.concatenate([[last], *(stream.time for stream in streams)]))
+        for before in np.flatnonzero(np.diff(time) > LEAST_S):
+            silences.append(Pause(float(time[before]), float(time[before + 1]), frozenset(recording.sensors)))
+        last = float(time[-1])
+    return tuple(silences)
+
+
+def _pause_finding(recording: Recording, pauses: Sequence[Pause], sensors: int) -> Finding:
+    seconds = {f"{_named(pause.silent, sensors)} at {pause.start:.1f} s": pause.end - pause.start for pause in pauses}
     return Finding("pauses", recording.subject.name, numbers=seconds)
 
 

@@ -1,6 +1,6 @@
 """The last stage: the estimate of a scene, with how sure it is and what is odd about it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from dataclasses import replace
 
 import numpy as np
@@ -47,6 +47,7 @@ from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.inertial_model import method_of, with_contacts, with_inflated_contact_sigma
 from vip_factors.stages.pauses import jump_findings
 from vip_factors.stages.solver import Solver
+from vip_factors.tables import count
 from vip_factors.terms.heading_prior import GAUGE_SIGMA
 from vip_factors.terms.registry import unfilmed_problem
 from vip_factors.terms.sensor_position import sensor_position_whitening
@@ -156,7 +157,8 @@ def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
     errors = FILMED if filmed else UNFILMED
     wearers, findings = list[WearerEstimate](), list(estimate.findings)
     for wearer in estimate.wearers:
-        limits = tuple(precision_findings(wearer, errors, filmed))
+        bones = {sensor.bone for sensor in wearer.calibration.values()}
+        limits = tuple(precision_findings(wearer.motion.name, bones, len(wearer.calibration), filmed))
         wearer = replace(wearer, findings=(*wearer.findings, *limits))
         wearers.append(_with_model_errors(wearer, errors, settings))
         findings += limits
@@ -171,20 +173,27 @@ LIMB_JOINTS = [
 LEG_BONES = {"hip": "thighs", "knee": "shanks"}  # by the joint above
 
 
-def precision_findings(wearer: WearerEstimate, errors: ModelErrors, filmed: bool) -> Iterator[Finding]:
-    """Of sensors and cameras that cannot tell as much as GOOD promises, were nothing wrong at all."""
+def precision_findings(wearer: str, bones: Set[str], sensors: int, filmed: bool) -> Iterator[Finding]:
+    """Sensors and cameras that cannot tell as much as GOOD promises, were nothing wrong at all.
+
+    Args:
+        wearer: name of the wearer.
+        bones: names of the bones that have a sensor.
+        sensors: how many there are.
+        filmed: whether a camera sees the wearer.
+    """
     # M, what GOOD promises of where joints are: on the mean over those of the limbs, along each axis
-    good_joints = 0.03
-    bones = {one.bone for one in wearer.calibration.values()}
+    good_joints, errors = 0.03, FILMED if filmed else UNFILMED
     off = float(errors.positions(bones)[LIMB_JOINTS].mean())
     unmeasured = [name for joint, name in LEG_BONES.items() if not {f"left_{joint}", f"right_{joint}"} <= bones]
     told = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > good_joints else []
     told += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
     if told:
         better = ["a camera"] * (not filmed) + ["a sensor on every limb's bone"] * (filmed or bool(unmeasured))
-        words = {"limit": f"tell {' and '.join(told)} only", "better": " and ".join(better)}
-        subject = f"{len(wearer.calibration)} sensors and {'a' if filmed else 'no'} camera"
-        yield Finding("limited set-up", wearer.motion.name, subject=subject, words=words)
+        verb = "tells" if sensors == 1 and not filmed else "tell"
+        words = {"limit": f"{verb} {' and '.join(told)} only", "better": " and ".join(better)}
+        subject = f"{count(sensors, 'sensor')} and {'a' if filmed else 'no'} camera"
+        yield Finding("limited set-up", wearer, subject=subject, words=words)
 
 
 def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Settings) -> WearerEstimate:

@@ -19,6 +19,7 @@ from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames
 from vip_factors.stages.inertial_model import on_frames_with_fixed_calibration, with_contacts
 from vip_factors.stages.rival_starts import with_rivals_solved
+from vip_factors.stages.sensor_checks import sampling_findings
 from vip_factors.stages.solver import Solver
 from vip_factors.terms.registry import unfilmed_problem
 
@@ -104,8 +105,9 @@ class SceneSolution:
         return fuse_finely(self.start, self.fused, self.associated, frames, settings, solver)
 
     def about_starts(self) -> Iterator[Finding]:
-        """Starts that the data does not settle."""
+        """Sensors that cannot tell a motion, and starts that the data does not settle."""
         for recording, wearer in zip(self.scene.wearers, self.wearers, strict=True):
+            yield from sampling_findings(recording, wearer.model.frames)
             yield from start_findings(recording.subject.name, wearer.model.frames.sensors, wearer.starts)
 
 

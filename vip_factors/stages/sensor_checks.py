@@ -9,6 +9,7 @@ from vip_factors.errors import RecordingError
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.initialise.sensor_clocks import SensorDelay, clock_step, joint_signal, sensor_delays
+from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
@@ -60,17 +61,21 @@ class SensorCorrection:
         ends: axes and values of specific force at the ends of its range: such samples measured none.
         scale: that its specific force has too much.
         reversed_axis: whose specific force has the wrong sign, if one has.
+        has_force: whether its specific force can be used.
         late: seconds that its times are late.
     """
 
     ends: tuple[tuple[int, float], ...] = ()
     scale: float = 1.0
     reversed_axis: str = ""
+    has_force: bool = True
     late: float = 0.0
 
     def of(self, stream: ImuStream) -> ImuStream:
         """The stream with these errors taken out."""
-        if self.ends:
+        if not self.has_force and stream.R_inertial_sensor is not None:
+            stream = replace(stream, specific_force=None, force_measured=None)
+        if self.ends and stream.specific_force is not None:
             clipped = clipped_samples(stream, self.ends)
             stream = replace(stream, force_measured=stream.force_measured_mask & ~clipped)
         if self.reversed_axis and stream.specific_force is not None:
@@ -131,6 +136,7 @@ def sensor_corrections(
     findings: list[Finding] = []
     if settings.accelerometers.check:
         _refuse_inverted(recording)
+        _refuse_without_gravity(recording)
         for name in recording.placed:
             if (seconds := longest_repeat(recording.imus[name])) > stuck_s:
                 findings.append(Finding("sensor stuck", wearer, subject=name, numbers={"seconds": seconds}))
@@ -188,8 +194,12 @@ def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, li
         correction = replace(correction, reversed_axis=axis)
         stream = replace(correction, ends=()).of(stream)
     measured = accelerometer_scale(stream)
-    if measured is not None and is_scale_wrong(*measured):
-        correction = replace(correction, scale=_usable_scale(wearer, stream.name, measured[0]))
+    if measured is not None and not _has_gravity(measured[0]):
+        correction = SensorCorrection(has_force=False)
+        numbers["gravity"] = 9.81 * measured[0]
+        told.append(f"measures gravity as {numbers['gravity']:.2f} m/s²: its accelerations are not used")
+    elif measured is not None and is_scale_wrong(*measured):
+        correction = replace(correction, scale=measured[0])
         numbers |= {"gravity": 9.81 * correction.scale, "percent": 100 * (correction.scale - 1)}
         advice = "was it given in g?" if abs(numbers["gravity"] - 1) < 0.1 else "calibrate it"
         told.append(
@@ -201,14 +211,56 @@ def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, li
     return correction, findings
 
 
-def _usable_scale(wearer: str, sensor: str, scale: float) -> float:
-    least_gravity = 0.05  # of what it is: with less there is none in the samples, and nothing to scale them by
-    if abs(scale) < least_gravity:
+def _has_gravity(scale: float) -> bool:
+    """Whether accelerations hold any gravity to scale them by; ``scale`` is its share of what it is."""
+    return abs(scale) >= 0.05
+
+
+def _refuse_without_gravity(recording: Recording) -> None:
+    """Raise if no sensor's accelerations hold gravity: of one sensor it is a fault, of all the file's convention."""
+    scales = [scale for name in recording.placed if (scale := accelerometer_scale(recording.imus[name])) is not None]
+    if scales and not any(_has_gravity(scale) for scale, _ in scales):
         raise RecordingError(
-            f"wearer '{wearer}': the accelerometer of '{sensor}' measures gravity as {9.81 * scale:.2f} m/s²: expected "
-            "9.81; give accelerations with gravity in them (specific force), not what is left without it"
+            f"wearer '{recording.subject.name}': accelerometers measure gravity as {9.81 * scales[0][0]:.2f} m/s²: "
+            "expected 9.81; give accelerations with gravity in them (specific force), not what is left without it"
         )
-    return scale
+
+
+def sampling_findings(recording: Recording, frames: ImuFrames) -> Iterator[Finding]:
+    """Sensors that are copies of one another, or sampled too slowly to show a motion.
+
+    Args:
+        recording: of the wearer, with samples.
+        frames: of its sensors.
+    """
+    slowest_hz = 10.0  # steps have two strikes a second, and each takes a tenth of one
+    wearer = recording.subject.name
+    for names in copied_sensors(frames):
+        yield Finding("sensors copied", wearer, subject=", ".join(names))
+    rates = {name: recording.imus[name].rate for name in frames.sensors if name in recording.imus}
+    slow = {name: rate for name, rate in rates.items() if 0 < rate < slowest_hz}
+    if slow:
+        numbers = slow if len(slow) < len(rates) else {"all": max(slow.values())}
+        yield Finding("low sampling rate", wearer, numbers=numbers)
+
+
+def copied_sensors(frames: ImuFrames) -> list[tuple[str, ...]]:
+    """Names of sensors that measure the same in every frame, in groups of two and more."""
+    groups = list[list[int]]()
+    for sensor in range(len(frames.sensors)):
+        group = next((group for group in groups if _is_copy(frames, group[0], sensor)), None)
+        if group is None:
+            groups.append([sensor])
+        else:
+            group.append(sensor)
+    return [tuple(frames.sensors[sensor] for sensor in group) for group in groups if len(group) > 1]
+
+
+def _is_copy(frames: ImuFrames, first: int, second: int) -> bool:
+    both = frames.orientation_valid[:, first] & frames.orientation_valid[:, second]
+    R, rounding = frames.R_inertial_sensor[both], 1e-9
+    moves = len(R) > 1 and np.ptp(R[:, first], axis=0).max() > rounding
+    return bool(moves and np.abs(R[:, first] - R[:, second]).max() < rounding)
 
 
 def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay, ...], tuple[int, float] | None]:

@@ -15,6 +15,7 @@ from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.convert import ImportOptions, import_recording, read_log
 from vip_factors.io.importers.column_map import ACCELERATION_UNITS, ANGULAR_RATE_UNITS, TIME_UNITS, read_column_map
+from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.io.importers.table import R_UP, best_reading
 from vip_factors.io.importers.text_table import SEPARATORS, Dialect, read_text_table
 from vip_factors.sensors.imu_stream import ImuStream
@@ -223,25 +224,45 @@ def test_files_of_one_sensor_that_do_not_belong_together(tmp_path: Path) -> None
         read_log(folder)
 
 
-@pytest.mark.parametrize("quaternion", [True, False])
-def test_jumps_are_no_fault_and_left_out_gravity_is(tmp_path: Path, quaternion: bool) -> None:
-    """Jumping wrists feel 24 m/s² on the median; what is added to gravity cancels out over time."""
+def jumping_wrist(up: float, standing_s: float, turning: float = 1.0) -> ImuStream:
+    """A wrist that feels 24 m/s² on the median while its wearer jumps, after standing still."""
     time = np.arange(600) / 100
-    R = exp(np.sin(2 * np.pi * time)[:, None] * [0.3, 0.9, 0.2])
-    rate = 2 * np.pi * np.cos(2 * np.pi * time)[:, None] * [0.3, 0.9, 0.2]
+    moves = time > standing_s
+    angle, pace = np.sin(2 * np.pi * time), 2 * np.pi * np.cos(2 * np.pi * time)
+    axis = turning * np.array([0.3, 0.9, 0.2])
+    R = exp(np.where(moves, angle, 0.0)[:, None] * axis)
     jumping = 30 * np.stack([np.sin(4 * np.pi * time), np.cos(4 * np.pi * time), np.sin(8 * np.pi * time)], axis=1)
+    force = np.einsum("nji,nj->ni", R, np.where(moves[:, None], jumping, 0.0) + np.array([0, 0, up]))
+    return ImuStream("pelvis", time, force, R, np.where(moves, pace, 0.0)[:, None] * axis)
 
-    def reading(up: float) -> None:
-        force = np.einsum("nji,nj->ni", R, jumping + np.array([0, 0, up]))
-        stream = ImuStream("pelvis", time, force, R, rate)
-        log, columns = write_log(tmp_path, {"pelvis": stream}, Layout())
-        if not quaternion:
-            columns.write_text(re.sub("quaternion = .*", "", columns.read_text(encoding="utf-8")), encoding="utf-8")
-        assert np.median(np.linalg.norm(read_log(log, columns=columns).imus["pelvis"].specific_force, axis=1)) > 22
 
-    reading(9.81)
-    with pytest.raises(FileFormatError, match="is gravity left out"):
-        reading(0.0)
+def read_wrist(folder: Path, stream: ImuStream, quaternion: bool) -> ImportedLog:
+    log, columns = write_log(folder, {"pelvis": stream}, Layout())
+    if not quaternion:
+        columns.write_text(re.sub("quaternion = .*", "", columns.read_text(encoding="utf-8")), encoding="utf-8")
+    return read_log(log, columns=columns)
+
+
+@pytest.mark.parametrize("quaternion", [True, False])
+@pytest.mark.parametrize("standing_s", [0.0, 1.0])
+def test_jumps_are_no_fault(tmp_path: Path, quaternion: bool, standing_s: float) -> None:
+    """What is added to gravity cancels out over time."""
+    stream = read_wrist(tmp_path, jumping_wrist(9.81, standing_s), quaternion).imus["pelvis"]
+    assert stream.specific_force is not None
+    assert np.quantile(np.linalg.norm(stream.specific_force, axis=1), 0.6) > 20
+
+
+@pytest.mark.parametrize("quaternion", [True, False])
+def test_gravity_that_is_left_out_shows_at_rest(tmp_path: Path, quaternion: bool) -> None:
+    still = replace(jumping_wrist(0.0, 1.0), name="pelvis")
+    with pytest.raises(FileFormatError, match=r"long at rest.*is gravity left out"):
+        read_wrist(tmp_path, still, quaternion)
+
+
+def test_a_sensor_that_never_rests_is_taken(tmp_path: Path) -> None:
+    log = read_wrist(tmp_path, jumping_wrist(0.0, 0.0, turning=3.0), quaternion=False)
+    assert list(log.imus) == ["pelvis"]
+    assert any("never at rest" in note for note in log.notes)
 
 
 def test_a_table_needs_its_map(log: tuple[Path, Path]) -> None:

@@ -229,7 +229,7 @@ def _stream(
         up = "z" if entry.world_up == UP_OR_DOWN else entry.world_up
         R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, up, where, notes)
     if force is not None:
-        _check_force(where, entry, time, force, rate, R)
+        _check_force(where, entry, time, force, rate, R, notes)
         if R is not None and entry.world_up == UP_OR_DOWN:
             R, turned = z_up(name, R, force)
             notes += turned
@@ -254,21 +254,45 @@ def upright_rotations(
 
 
 def _check_force(
-    where: str, entry: SensorColumns, time: Array, force: Array, rate: Array | None, R: Array | None
+    where: str, entry: SensorColumns, time: Array, force: Array, rate: Array | None, R: Array | None, notes: list[str]
 ) -> None:
+    """Specific force has to be gravity's at rest, or on average; else the unit is wrong, or gravity is left out.
+
+    A sensor that is never at rest may measure anything: it is taken, with a note.
+    """
     known = np.all(np.isfinite(force), axis=1)
     if not np.any(known):
         raise FileFormatError(f"{where}: acceleration holds no sample without a blank: expected numbers in its columns")
-    usual = float(np.median(np.linalg.norm(force[known], axis=1)))
-    if _is_gravity(usual) or _is_gravity(_mean_force(time, force, rate, R)):
+    at_rest = _force_at_rest(time[known], force[known])
+    usual = float(np.median(np.linalg.norm(force[known], axis=1))) if at_rest is None else at_rest
+    if _is_gravity(usual) or (at_rest is None and _is_gravity(_mean_force(time, force, rate, R))):
         return
-    raw = usual / ACCELERATION_UNITS[entry.acceleration_unit]
+    raw, when = usual / ACCELERATION_UNITS[entry.acceleration_unit], "on the median" if at_rest is None else "at rest"
     fits = [unit for unit, factor in ACCELERATION_UNITS.items() if _is_gravity(raw * factor)]
+    size = f"acceleration is {raw:.3g} {entry.acceleration_unit} long {when}"
+    if at_rest is None and not fits and usual > GRAVITY_RANGE[0]:
+        notes.append(f"{where}: {size}: it is never at rest, so nothing checks its unit")
+        return
     hint = f"acceleration_unit '{fits[0]}' would fit" if fits else "is gravity left out, or is this no acceleration?"
     raise FileFormatError(
-        f"{where}: acceleration is {raw:.3g} {entry.acceleration_unit} long on the median: expected about "
-        f"{GRAVITY / ACCELERATION_UNITS[entry.acceleration_unit]:.3g}, gravity included; {hint}"
+        f"{where}: {size}: expected about {GRAVITY / ACCELERATION_UNITS[entry.acceleration_unit]:.3g}, gravity "
+        f"included; {hint}"
     )
+
+
+def _force_at_rest(time: Array, force: Array) -> float | None:
+    """Median length of specific forces ``(N, 3)`` in stretches at rest, in which they hardly vary; None without any."""
+    rest_s, steady = 0.3, 0.05  # shorter ones are the turning points of a motion; a share of the length
+    step = float(np.median(np.diff(time))) if len(time) > 1 else rest_s
+    width = max(int(np.ceil(rest_s / step)), 3)
+    if len(force) < width:
+        return None
+    windows = np.lib.stride_tricks.sliding_window_view(force, width, axis=0)
+    middle = windows.mean(axis=2)
+    spread = np.linalg.norm(windows.std(axis=2), axis=1)
+    length = np.linalg.norm(middle, axis=1)
+    is_at_rest = spread < np.maximum(steady * length, 1e-3)
+    return float(np.median(length[is_at_rest])) if np.any(is_at_rest) else None
 
 
 def _is_gravity(size: float) -> bool:

@@ -137,15 +137,17 @@ def test_gravity_weighs_the_accelerometer() -> None:
     np.testing.assert_allclose(recording.imus["left_foot"].specific_force, sound.specific_force, rtol=0.03, atol=1e-9)
 
 
-def test_samples_without_gravity_are_refused_and_those_in_g_told() -> None:
+def test_samples_in_g_are_scaled_and_one_sensor_without_gravity_keeps_its_orientation() -> None:
     sound, settings = leg().imus["left_foot"], Settings(sensor_clocks=SensorClockSettings(check=False))
     assert sound.specific_force is not None
     in_g = with_stream("left_foot", replace(sound, specific_force=sound.specific_force / 9.81))
     assert "scaled to 9.81; was it given in g?" in str(checked(in_g, settings)[1][0])
     assert sound.R_inertial_sensor is not None
     free = sound.specific_force - 9.81 * sound.R_inertial_sensor[:, 2]
-    with pytest.raises(RecordingError, match=r"'left_foot' measures gravity as .* give accelerations with gravity"):
-        checked(with_stream("left_foot", replace(sound, specific_force=free)), settings)
+    recording, (finding,) = checked(with_stream("left_foot", replace(sound, specific_force=free)), settings)
+    assert "'left_foot' measures gravity as" in str(finding)
+    assert recording.imus["left_foot"].specific_force is None
+    np.testing.assert_array_equal(recording.imus["left_foot"].R_inertial_sensor, sound.R_inertial_sensor)
 
 
 def test_clipped_samples_are_left_out() -> None:

@@ -231,9 +231,9 @@ def unsettled_starts(coarse: SceneSolution) -> Iterator[Finding]:
     """About set-ups, starts and floors that the data does not settle."""
     yield from coarse.about_floor
     yield from coarse.about_starts()
+    is_filmed = bool(coarse.scene.cameras)
     for recording, wearer in zip(coarse.scene.wearers, coarse.wearers, strict=True):
         bones = {JOINT_NAMES[sensor.bone] for sensor in wearer.model.sensors}
-        is_filmed = coarse.start is not None
         yield from precision_findings(recording.subject.name, bones, len(wearer.model.sensors), is_filmed)
 
 

@@ -3,6 +3,7 @@
 import gc
 import time as clock
 from collections import deque
+from collections.abc import Iterable
 from contextlib import nullcontext
 from dataclasses import replace
 
@@ -27,6 +28,9 @@ from vip_factors.sensors.live import LiveSample, checked_head, sensor_columns
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings
 from vip_factors.stages.floor import with_declared_floor
+
+KNOWN_AT_ONCE = frozenset({"sensors exchanged", "sensors copied", "low sampling rate", "limited set-up"})
+"""Kinds of findings on a start that more data cannot settle."""
 
 
 class SolvePace:
@@ -290,8 +294,8 @@ class FixedLagTracker:
             self._next_try = newest + self._lag
             return []
         self._tracking = tracking
-        if not self.settings.recalibration.use:
-            self._estimates.add_findings(*start.findings)
+        at_once = (finding for finding in start.findings if finding.kind in KNOWN_AT_ONCE)
+        self._add_once(start.findings if not self.settings.recalibration.use else at_once)
         gc.freeze()  # what is there stays: the collector need not look at it again in the midst of an update
         answers = self._estimates.initial_estimates(tracking, begin, self._answered + 1)
         self._paths.clear()
@@ -300,11 +304,16 @@ class FixedLagTracker:
         return answers
 
     def _tell_of_doubts(self, start: TrackingStart) -> None:
-        """Tell, once, of a calibration that twice as much data has not settled; of exchanged sensors at once."""
-        persisting = [one for one in start.findings if one.about in self._doubts or one.kind == "sensors exchanged"]
-        self._doubts = {one.about for one in start.findings}
-        self._estimates.add_findings(*(one for one in persisting if one.about not in self._doubts_told))
-        self._doubts_told |= {one.about for one in persisting}
+        """Report, once, a calibration that twice as much data has not settled, and at once what more cannot change."""
+        before, self._doubts = self._doubts, {finding.about for finding in start.findings}
+        self._add_once(
+            finding for finding in start.findings if finding.about in before or finding.kind in KNOWN_AT_ONCE
+        )
+
+    def _add_once(self, findings: Iterable[Finding]) -> None:
+        new = {finding.about: finding for finding in findings if finding.about not in self._doubts_told}
+        self._estimates.add_findings(*new.values())
+        self._doubts_told |= new.keys()
 
     def _fresh_tracking(self, earlier: EarlierCalibration | None) -> tuple[TrackingStart, Tracking]:
         """Tracking with nothing but the last second and what was known earlier."""

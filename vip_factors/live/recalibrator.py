@@ -39,6 +39,7 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings, Settings
+from vip_factors.stages.acceleration_sign import is_sign_opposite
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.scene_solution import SceneSolution
 from vip_factors.stages.sensor_assignment import exchange_finding, exchanges_of
@@ -86,6 +87,11 @@ def recalibrate(
         if stretch.seconds >= SETTLING_S:
             coarse = coarse.with_rivals_solved(batch, Solver(batch.solve, silent))
             exchanges, in_place = ([], True) if in_place else _exchanges(coarse, settings)
+            exchanges += [
+                Finding("acceleration mirrored", one.subject.name)
+                for one in coarse.scene.wearers
+                if is_sign_opposite(one, batch)
+            ]
         findings = (*unsettled_starts(coarse), *exchanges)
         return replace(found, information=information, seconds=stretch.seconds, findings=findings, in_place=in_place)
 

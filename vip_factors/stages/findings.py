@@ -199,20 +199,21 @@ def posture_findings(
 def turned_findings(wearer: str, recording: Recording, start: Array, calibration: Calibration) -> Iterator[Finding]:
     """Sensors that the motion turns far from the mountings ``(S, 3, 3)`` of the start.
 
-    Where no pose was declared, also half of all sensors or more that are far from where they were placed.
+    Where no pose was declared, also half of all sensors or more that are far from where they were placed: the motion
+    settles how they sit, so that is a note.
     """
     least_sensors = 3  # of which half are odd: of two sensors one is no majority
     found = np.stack([one.R_bone_sensor for one in calibration.values()])
-    turned = angle_between(start, found)
+    turned, kind = angle_between(start, found), "placement contradicted"
     declared = "their straps" if recording.initial_pose == "none" else "the declared pose"
     if recording.initial_pose == "none" and not np.any(turned > TURNED) and len(found) >= least_sensors:
         placed = angle_between(np.stack([recording.placement.site(name).R_bone_sensor for name in calibration]), found)
-        turned, declared = np.where(np.mean(placed > TURNED) >= MOST, placed, 0.0), "the placement"
+        turned, kind = np.where(np.mean(placed > TURNED) >= MOST, placed, 0.0), "mountings estimated"
     far = {name: float(np.rad2deg(by)) for name, by in zip(calibration, turned, strict=True) if by > TURNED}
     if far:
         each = ", ".join(f"{name} by {degrees:.0f}°" for name, degrees in far.items())
         words = {"declared": declared, "reason": f"the motion turns {each} on their bones"}
-        yield Finding("placement contradicted", wearer, numbers=far, words=words)
+        yield Finding(kind, wearer, numbers=far, words=words)
 
 
 def lying_findings(wearer: str, motion: Motion) -> Iterator[Finding]:

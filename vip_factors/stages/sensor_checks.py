@@ -15,6 +15,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
 from vip_factors.settings import SensorClockSettings, Settings
+from vip_factors.stages.acceleration_sign import is_sign_opposite, mirrored
 from vip_factors.stages.pauses import between_pauses
 from vip_factors.stages.sensor_assignment import placed_links
 
@@ -62,6 +63,7 @@ class SensorCorrection:
         scale: that its specific force has too much.
         reversed_axis: whose specific force has the wrong sign, if one has.
         has_force: whether its specific force can be used.
+        is_mirrored: whether the force has the opposite sign, and the inertial frame lies upside down for it.
         late: seconds that its times are late.
     """
 
@@ -69,6 +71,7 @@ class SensorCorrection:
     scale: float = 1.0
     reversed_axis: str = ""
     has_force: bool = True
+    is_mirrored: bool = False
     late: float = 0.0
 
     def of(self, stream: ImuStream) -> ImuStream:
@@ -83,6 +86,7 @@ class SensorCorrection:
             stream = replace(stream, specific_force=stream.specific_force * signs)
         if self.scale != 1.0 and stream.specific_force is not None:
             stream = replace(stream, specific_force=stream.specific_force / self.scale)
+        stream = mirrored(stream) if self.is_mirrored else stream
         return replace(stream, time=stream.time - self.late) if self.late else stream
 
 
@@ -144,6 +148,13 @@ def sensor_corrections(
             if found:
                 corrections[name] = correction
             findings += found
+        right = {
+            name: corrections[name].of(one) if name in corrections else one for name, one in recording.imus.items()
+        }
+        if is_sign_opposite(replace(recording, imus=right), settings):
+            for name in recording.placed:
+                corrections[name] = replace(corrections.get(name, SensorCorrection()), is_mirrored=True)
+            findings.append(Finding("acceleration turned round", wearer))
     if settings.sensor_clocks.check:
         right = {name: corrections[name].of(one) if name in corrections else one for name, one in clocks.imus.items()}
         delays, step = _delays(replace(clocks, imus=right), settings)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import vip_factors as vip
+from vip_factors.findings import Severity
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.settings import Settings
 from vip_factors.stages.acceleration_sign import is_sign_opposite, mirrored
@@ -78,3 +79,11 @@ def test_rotation_is_not_mirrored(run, tmp_path: Path, sign: float) -> None:
     at = angles.time + 0.05  # the table begins there
     true = np.interp(at, expected.time, expected.of("pelvis_rotation"))
     assert np.corrcoef(true, angles.of("pelvis_rotation"))[0, 1] > 0.95
+
+
+@pytest.mark.parametrize("placement", ["mvn17", "totalcapture13"])
+def test_straps_that_nobody_declared_are_a_note(placement: str) -> None:
+    imus = {name: strapped_upside_down(stream) for name, stream in walk(placement).imus.items()}
+    estimate = vip.smooth(replace(walk(placement), imus=imus, initial_pose="none", truth=None))
+    assert "mountings estimated" in {one.kind for one in estimate.all_findings}
+    assert estimate.verdict.severity is Severity.CARE

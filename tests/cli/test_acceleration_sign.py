@@ -10,6 +10,7 @@ import pytest
 
 import vip_factors as vip
 from vip_factors.findings import Severity
+from vip_factors.geometry.quaternions import quaternion_from_matrix
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.settings import Settings
 from vip_factors.stages.acceleration_sign import is_sign_opposite, mirrored
@@ -87,3 +88,21 @@ def test_straps_that_nobody_declared_are_a_note(placement: str) -> None:
     estimate = vip.smooth(replace(walk(placement), imus=imus, initial_pose="none", truth=None))
     assert "mountings estimated" in {one.kind for one in estimate.all_findings}
     assert estimate.verdict.severity is Severity.CARE
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_template_never_turns_the_world_silently(run, tmp_path: Path, sign: float) -> None:
+    """A phone's orientation with z up, and acceleration of either sign."""
+    stream, table, made = walk().imus["pelvis"], tmp_path / "phone.csv", tmp_path / "phone.mcap"
+    assert stream.R_inertial_sensor is not None
+    assert stream.specific_force is not None
+    quaternion = quaternion_from_matrix(stream.R_inertial_sensor, "wxyz")
+    values = np.column_stack([stream.time, sign * stream.specific_force, quaternion])
+    header = "time,pelvis_acc_x,pelvis_acc_y,pelvis_acc_z,pelvis_quat_w,pelvis_quat_x,pelvis_quat_y,pelvis_quat_z"
+    np.savetxt(table, values, delimiter=",", header=header, comments="", fmt="%.5f")
+    columns, placement = tmp_path / "phone_columns.toml", tmp_path / "phone_placement.toml"
+    assert run("convert", table, "--template", tmp_path / "phone").code == 0
+    converted = run("convert", table, made, "--columns", columns, "--placement", placement)
+    assert converted.code == 0, converted.err
+    for text in (columns.read_text(encoding="utf-8"), converted.out + converted.err):
+        assert ("world is turned over" in " ".join(text.split())) is (sign < 0)

@@ -32,7 +32,7 @@ from vip_factors.io.importers.column_map import (
     SensorColumns,
 )
 from vip_factors.io.importers.shared import candidates, default_sites, likely_sites
-from vip_factors.io.importers.table import GRAVITY_RANGE, best_reading, read_samples
+from vip_factors.io.importers.table import GRAVITY_RANGE, TURNED_OVER, best_reading, read_samples
 from vip_factors.io.importers.text_table import SUFFIXES, NoTableError, TextTable, number, read_text_table, split
 from vip_factors.io.typed_files import toml_text
 from vip_factors.sensors.calibration import SITES, site_axes
@@ -411,6 +411,7 @@ def with_units(table: TextTable, entry: SensorColumns) -> tuple[SensorColumns, l
         if force is not None:
             (order, sense, up), off = best_reading(quaternion, force)
             reasons.append(f"as {order}, {sense}, {up} up the acceleration stands {off:.0f}° off the vertical")
+            reasons += [TURNED_OVER] if up == "-z" else []
             entry = structs.replace(entry, quaternion_order=order, quaternion_sense=sense, world_up=up)
     return entry, reasons
 

@@ -228,6 +228,7 @@ def _stream(
         _check_length(where, entry, quaternion)
         up = "z" if entry.world_up == UP_OR_DOWN else entry.world_up
         R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, up, where, notes)
+        notes += [f"{where}: {TURNED_OVER}"] if up == "-z" and force is not None else []
     if force is not None:
         _check_force(where, entry, time, force, rate, R, notes)
         if R is not None and entry.world_up == UP_OR_DOWN:
@@ -239,6 +240,12 @@ def _stream(
     if lost := len(time) - len(stream):
         notes.append(f"sensor '{name}': {lost} of {len(time)} samples with missing values dropped")
     return stream
+
+
+TURNED_OVER = (
+    "the quaternions' world is turned over (world_up '-z'); if their z axis points up in truth, the acceleration has "
+    "the opposite sign: change the sign in the log, and use world_up 'z'"
+)
 
 
 def upright_rotations(

@@ -1,45 +1,37 @@
-"""A sender of live messages: a simulated wearer of six sensors, over WebSocket.
+"""A sender of live messages as JSON over WebSocket: ``python example_sender.py ws://127.0.0.1:5005 [SECONDS]``.
 
-Run as ``python example_sender.py ws://127.0.0.1:5005``, with the receiver's token, if it has one, in VIP_FACTORS_TOKEN.
+It needs the package websockets alone. Replace ``reading`` by your sensors' driver: the six here stand still, and turn.
 """
 
+import json
+import math
 import os
 import sys
 import time
 
 from websockets.sync.client import connect
 
-from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.io.schemas.live_message_pb2 import LiveMessage
-from vip_factors.sensors.calibration import preset
-from vip_factors.sensors.live import live_samples
-from vip_factors.sensors.scene import Scene
-from vip_factors.simulate.gestures import gestures
-from vip_factors.simulate.recording import simulate_recording
+SENSORS = ("head", "pelvis", "left_forearm", "right_forearm", "left_shank", "right_shank")
 
 
-def main(address: str, seconds: float = 5.0) -> None:
-    """Send the header, then every sample when it is due."""
-    body = skeleton_from_stature(1.75)
-    recording = simulate_recording(gestures(seconds, 60.0, body), preset("sip6", body))  # your sensors' driver
+def reading(seconds: float) -> dict:
+    """Orientation and specific force (m/s², gravity included) of a sensor that turns about the vertical, its z axis."""
+    half = 0.25 * math.sin(seconds)
+    turn = {"w": math.cos(half), "x": 0, "y": 0, "z": math.sin(half)}
+    return {"orientation_wxyz": turn, "specific_force": {"x": 0, "y": 0, "z": 9.81}}
+
+
+def main(address: str, duration: float = 10.0) -> None:
+    """Send the header, then a message a sensor, 60 times a second."""
     token = {"Authorization": f"Bearer {os.environ.get('VIP_FACTORS_TOKEN', '')}"}
-    with connect(address, additional_headers=token, compression=None) as connection:
-        header = LiveMessage()
-        header.header.name = "simulated"
-        wearer = header.header.wearers.add(initial_pose="none")
-        wearer.subject.name, wearer.subject.stature_m = "Ada", 1.75
-        wearer.placement.preset = "sip6"  # sensors: head, pelvis, left_forearm, right_forearm, left_shank, right_shank
-        connection.send(header.SerializeToString())
-        begun = time.monotonic()
-        for sample in live_samples(Scene("simulated", (recording,))):
-            message = LiveMessage(carrier="Ada")
-            message.imu.sensor, message.imu.seconds = sample.sensor, sample.time
-            turn, force = message.imu.orientation_wxyz, message.imu.specific_force
-            turn.w, turn.x, turn.y, turn.z = quaternion_from_matrix(sample.R_inertial_sensor, Order.WXYZ)
-            force.x, force.y, force.z = sample.specific_force
-            time.sleep(max(0.0, begun + sample.time - time.monotonic()))
-            connection.send(message.SerializeToString())
+    with connect(address, additional_headers=token) as connection:
+        wearer = {"subject": {"name": "Ada", "stature_m": 1.75}, "placement": {"preset": "sip6"}}
+        connection.send(json.dumps({"header": {"name": "session", "wearers": [wearer]}}))
+        begin = time.monotonic()
+        while (seconds := time.monotonic() - begin) < duration:
+            for sensor in SENSORS:
+                connection.send(json.dumps({"imu": {"sensor": sensor, "seconds": seconds, **reading(seconds)}}))
+            time.sleep(1 / 60)
 
 
 if __name__ == "__main__":

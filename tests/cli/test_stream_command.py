@@ -318,7 +318,7 @@ def test_an_interrupt_before_the_wait_is_not_waited_over() -> None:
 
 def test_the_status_and_the_summary() -> None:
     line = status(answer(live_scene(0.3), 9), np.array([0.004, 0.006]))
-    assert line == "frame 9 | 0.1 s | update 5.0 ms, seldom 6.0 ms | seen: ann, bob | headings ±2.9°, head ±2.9°"
+    assert line == "frame 9 | 0.1 s | update 5.0 ms, p99 6.0 ms | seen: ann, bob | headings ±2.9°, head ±2.9°"
     told = summary([0.005] * 99 + [0.02], 60.0)
     assert told == "100 frames; update: median 5.0 ms, 95 % 5.0 ms, 99 % 5.2 ms, worst 20.0 ms (a frame lasts 16.7 ms)"
 

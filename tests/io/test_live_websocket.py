@@ -1,17 +1,21 @@
 """The source over WebSocket on this machine: what arrives, whose turn it is, and clients that err."""
 
+import json
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
+import urllib.request
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from threading import Event
 
 import pytest
+from google.protobuf.json_format import MessageToJson
 from live_sender import live_messages
 from live_streams import PATIENT, Background, assert_arrived, listening, received, send_scene, short_walk
 from websockets.exceptions import ConnectionClosed
@@ -22,6 +26,7 @@ from vip_factors.io.live import websocket
 from vip_factors.io.live.open import VARIABLE, open_source, read_token
 from vip_factors.io.live.source import MOST_FINDINGS, LiveQueue
 from vip_factors.io.live.websocket import MOST_SENDERS
+from vip_factors.io.schemas.live_message_pb2 import LiveMessage
 from vip_factors.sensors.live import LiveFinding, VideoFrame
 from vip_factors.sensors.scene import Scene
 
@@ -61,7 +66,8 @@ def test_a_scene_arrives_and_what_is_no_message_is_left_out() -> None:
     with listening() as source, Background(send, source.url):
         setup, samples, sentences = received(source)
     assert_arrived(SCENE, setup, samples)
-    for sentence, problem in zip(sentences, ("no LiveMessage", "text of 5", "neither header", "second"), strict=True):
+    problems = "bytes are no LiveMessage", "text of 5 characters is no LiveMessage as JSON", "neither header", "second"
+    for sentence, problem in zip(sentences, problems, strict=True):
         assert problem in sentence
 
 
@@ -234,9 +240,10 @@ def test_an_interrupt_ends_the_waiting(text: str) -> None:
 
 def test_the_example_sender_is_understood() -> None:
     script = str(ROOT / "data_schemas" / "example_sender.py")
+    assert "vip_factors." not in Path(script).read_text(encoding="utf-8")
     with listening(token="secret") as source:
         address = source.url.partition("?")[0]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT), VARIABLE: "secret"}
+        environment = {**os.environ, VARIABLE: "secret"}
         with subprocess.Popen([sys.executable, script, address, "1.5"], env=environment) as sender:
             setup, samples, sentences = received(source)
         assert sender.returncode == 0
@@ -244,5 +251,50 @@ def test_the_example_sender_is_understood() -> None:
     placed = {site.sensor for site in setup.wearers[0].placement.sites}
     assert {(sample.carrier, sample.sensor) for sample in samples} == {("Ada", name) for name in placed}
     assert all(sample.R_inertial_sensor is not None and sample.specific_force is not None for sample in samples)
-    assert len(samples) > 400
     assert sentences == []
+
+
+def test_samples_as_json_are_those_of_the_binary_messages() -> None:
+    def send(url: str) -> None:
+        with connect(url) as client:
+            for message in (HEADER, *SAMPLES[:20], b"", *SAMPLES[20:]):
+                client.send(MessageToJson(LiveMessage.FromString(message), preserving_proto_field_name=True))
+            client.send('{"imu": {"sensor": "head", "secnods": 1}}')
+            client.send("[" * 100_000)
+
+    with listening() as source, Background(send, source.url):
+        setup, samples, sentences = received(source)
+    assert_arrived(SCENE, setup, samples)
+    assert len(sentences) == 3
+    assert "neither header nor sample" in sentences[0]
+    assert any('no field named "secnods"' in sentence for sentence in sentences[1:])
+
+
+def test_the_page_says_what_the_stream_waits_for_and_why_angles_of_six_sensors_are_missing() -> None:
+    """The command, and the documented sender: nobody there, then a stream."""
+    command = [sys.executable, "-m", "vip_factors", "stream", "ws://:0", "--web", str(free_port()), "--json"]
+    command += ["--limits.next-client-wait", "0"]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as stream:
+        told = [stream.stderr.readline() for _ in range(2)]
+        where, page = (line.split(" at ")[1].split(",")[0] for line in told)
+
+        def shown() -> str:
+            with urllib.request.urlopen(page) as answer:
+                return answer.read().decode()
+
+        assert f"waiting for a sender at {where} (a header, then a second of samples" in shown()
+        script = str(ROOT / "data_schemas" / "example_sender.py")
+        sender = subprocess.Popen([sys.executable, script, where, "6"])
+        first = json.loads(stream.stdout.readline())
+        assert first["wearers"][0]["guessed_angles"]["left_knee"] == "no sensor on left thigh"
+        live = shown()
+        assert "waiting for a sender" not in live
+        assert "<li>left knee: no sensor on left thigh</li>" in live
+        assert "a second of samples of head, pelvis, left_forearm" in live
+        stream.communicate(timeout=60)
+        assert (sender.wait(), stream.returncode) == (0, 0)
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as found:
+        return found.getsockname()[1]

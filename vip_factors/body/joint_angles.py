@@ -273,9 +273,12 @@ def is_measured(bones: Collection[str] | None, angle: str) -> bool:
 
     ``angle`` is one side's, ``left_hip_flexion``, or both sides', ``hip_flexion``.
     """
-    if bones is None:
-        return True
+    return bones is None or not bare_segments(bones, angle)
+
+
+def bare_segments(bones: Collection[str], angle: str) -> tuple[tuple[str, ...], ...]:
+    """Segments of an angle without a sensor, each as the bones of which any would do, ``(left_ankle, left_foot)``."""
     side, _, rest = angle.partition("_")
     sides, name = ((side,), rest) if side in ("left", "right") else (("left", "right"), angle)
-    ends = _BETWEEN[name.partition("_")[0]]
-    return all(any(one.format(side) in bones for one in end) for end in ends for side in sides)
+    ends = (tuple(one.format(side) for one in end) for end in _BETWEEN[name.partition("_")[0]] for side in sides)
+    return tuple(dict.fromkeys(end for end in ends if not any(one in bones for one in end)))

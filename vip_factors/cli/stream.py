@@ -34,6 +34,7 @@ from vip_factors.viz.viewer import check_display
 if TYPE_CHECKING:
     from vip_factors.cli.stream_session import Interrupts, Session, Sink
     from vip_factors.io.live.source import LiveSource
+    from vip_factors.io.live_server import LiveServer
     from vip_factors.sensors.scene import Scene
     from vip_factors.viz.live_rerun import LiveRerunSink
 
@@ -145,9 +146,15 @@ def _run(
         stack.enter_context(source)
         if source.listens:
             line.note(f"note: {source.listens}")
+        page = _live_page(options, source.awaits, stack, line)
         line.show("waiting for the stream to begin")
         setup = interrupts.waiting_for(lambda: source.setup)
         sinks = list(_sinks(options, settings, setup, stack, line))
+        if page is not None:
+            from vip_factors.report.page import live_page
+
+            page.begin(setup, live_page(setup))
+            sinks.append(page)
         viewers = _viewers(options, settings, setup, stack)
         session = Session(sinks, viewers, line)
         stream = Stream(setup, settings, real_time=not source.is_played, on_finding=session.report)
@@ -212,13 +219,19 @@ def _sinks(
                 f"note: VMC messages: {', '.join(f'{name} on port {port}' for name, port in avatars.ports.items())}"
             )
         yield avatars
-    if options.web is not None:
-        from vip_factors.api import serve
-        from vip_factors.io.live.open import read_token
 
-        server = stack.enter_context(serve(setup, options.web, options.web_host, read_token(options.token_file)))
-        line.note(f"note: {server.listens}")
-        yield server
+
+def _live_page(options: StreamOptions, awaits: str, stack: ExitStack, line: "StatusLine") -> "LiveServer | None":
+    """The server of the live page, which says what the stream waits for until it begins."""
+    if options.web is None:
+        return None
+    from vip_factors.io.live.open import read_token
+    from vip_factors.io.live_server import LiveServer
+    from vip_factors.report.page import waiting_page
+
+    server = LiveServer(None, waiting_page(awaits), options.web, options.web_host, read_token(options.token_file))
+    line.note(f"note: {stack.enter_context(server).listens}")
+    return server
 
 
 def _conclude(

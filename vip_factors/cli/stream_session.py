@@ -139,7 +139,7 @@ class Session:
 def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
     """One line: where the stream is, what updates take, who is seen, how sure headings are."""
     median, late = 1e3 * np.percentile(update_s, [50, 99])
-    parts = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, seldom {late:.1f} ms"]
+    parts = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, p99 {late:.1f} ms"]
     if estimate.preliminary:
         parts.append("preliminary")
     if estimate.camera is not None:

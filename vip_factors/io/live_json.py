@@ -4,13 +4,20 @@ The classes here say what is in it: ``data_schemas/live_answer.schema.json`` is 
 ``python data_schemas/generate.py``.
 """
 
+from collections.abc import Collection
 from typing import IO, Annotated, Final, Literal
 
 import msgspec
 import numpy as np
 from msgspec import UNSET, Meta, UnsetType
 
-from vip_factors.body.joint_angles import ANGLE_DEFINITIONS, R_WORLD_ISB, angles_of_segments, segment_axes
+from vip_factors.body.joint_angles import (
+    ANGLE_DEFINITIONS,
+    R_WORLD_ISB,
+    angles_of_segments,
+    bare_segments,
+    segment_axes,
+)
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
 from vip_factors.errors import naming_file
@@ -20,6 +27,7 @@ from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.sensors.scene import Scene
+from vip_factors.tables import bone_words
 
 VERSION: Final = 1  # of the format: keys may be added; a key that goes, or means something else, makes another one
 QUATERNION_DIGITS, METRE_DIGITS, DEGREE_DIGITS = 5, 4, 2  # 0.001°, a tenth of a millimetre, 0.01°
@@ -94,6 +102,10 @@ class WearerAnswer(msgspec.Struct, frozen=True):
         PoseAnswer | None, Meta(description="the pose one lag earlier, which changes no more; null before the first")
     ]
     headings_deg: Annotated[dict[str, HeadingAnswer], Meta(description="by sensor")]
+    guessed_angles: Annotated[
+        dict[str, str],
+        Meta(description="joints whose angles are a guess, as a segment of theirs has no sensor, and which segment"),
+    ]
     detection: Annotated[
         int | None, Meta(description="index of the person in the newest video frame who is the wearer; null: not seen")
     ]
@@ -149,6 +161,7 @@ class LiveJsonEncoder:
 
     def __init__(self, setup: Scene) -> None:
         self._bodies = [_Body(wearer.subject.body()) for wearer in setup.wearers]
+        self._guessed = [guessed_angles({site.bone for site in wearer.placement.sites}) for wearer in setup.wearers]
         self._found: dict[str, Finding] = {}  # the last of each kind
 
     def answer(self, estimate: LiveEstimate) -> Answer:
@@ -196,8 +209,19 @@ class LiveJsonEncoder:
                 sensor: HeadingAnswer(heading, sigma)
                 for sensor, (heading, sigma) in zip(wearer.calibration, rows, strict=True)
             },
+            guessed_angles=self._guessed[number],
             detection=wearer.detection,
         )
+
+
+def guessed_angles(bones: Collection[str]) -> dict[str, str]:
+    """Why angles are a guess where sensors are on ``bones`` alone, by joint: ``no sensor on left thigh``."""
+    joints = {angle.joint: bare_segments(bones, angle.name) for angle in ANGLE_DEFINITIONS}
+    return {
+        joint: f"no sensor on {', '.join(' or '.join(map(bone_words, one[:3])) for one in segments)}"
+        for joint, segments in joints.items()
+        if segments
+    }
 
 
 class _Body:

@@ -39,7 +39,7 @@ class LiveServer:
     is given, but pages of other sites, which a browser may show as well, get nothing without.
 
     Args:
-        setup: of the stream.
+        setup: of the stream; None until :meth:`begin`.
         page: HTML.
         port: to listen on; 0 takes a free one.
         host: address to listen at.
@@ -52,14 +52,15 @@ class LiveServer:
         InputError: if it cannot listen there, or without the library for WebSocket.
     """
 
-    def __init__(self, setup: Scene, page: str, port: int, host: str = LOCAL, token: str = "") -> None:
-        self._encoder = LiveJsonEncoder(setup)
+    def __init__(self, setup: Scene | None, page: str, port: int, host: str = LOCAL, token: str = "") -> None:
+        self._encoder = None if setup is None else LiveJsonEncoder(setup)
+        self._pages = {"/": Page(page, page_policy(page))}
         self._readers: set[_Reader] = set()
         self._changing = Lock()
         self._stop = Event()
         self._listener = Listener(
             f"live page at {host}:{port}", host, port, token, STREAM, self._send, self._is_full,
-            {"/": Page(page, page_policy(page))}, MOST_REQUEST,
+            self._pages, MOST_REQUEST,
         )  # fmt: skip
         self.port = self._listener.port
 
@@ -79,9 +80,17 @@ class LiveServer:
         """Where the page is and for whom, in words."""
         return f"the live page is at {self.address}, for {self._listener.audience}"
 
-    def write(self, estimate: LiveEstimate) -> None:
-        """Hand the answer to one frame to all who read; it never waits for them."""
+    def begin(self, setup: Scene, page: str) -> None:
+        """Serve another page, and take answers of this stream from now on; who reads already gets them."""
         with self._changing:
+            self._encoder = LiveJsonEncoder(setup)
+            self._pages["/"] = Page(page, page_policy(page))
+
+    def write(self, estimate: LiveEstimate) -> None:
+        """Hand the answer to one frame of a stream that has begun to all who read; it never waits for them."""
+        with self._changing:
+            if self._encoder is None:
+                return
             if not self._readers or self._stop.is_set():
                 self._encoder.note(estimate)
                 return
@@ -102,7 +111,7 @@ class LiveServer:
         """Answers to one reader, in a thread of its own."""
         connection.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         with self._changing:
-            reader = _Reader(connection, self._encoder.findings)
+            reader = _Reader(connection, [] if self._encoder is None else self._encoder.findings)
             self._readers.add(reader)
         try:
             with suppress(ConnectionClosed):

@@ -27,7 +27,7 @@ from vip_factors.display import ProgressCallback, silent
 from vip_factors.estimate import Estimate
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
 from vip_factors.gait import files as gait_files
-from vip_factors.io.live_json import VERSION
+from vip_factors.io.live_json import VERSION, guessed_angles
 from vip_factors.io.video import with_video
 from vip_factors.repetitions.files import repetition_table
 from vip_factors.repetitions.repetitions import all_repetitions
@@ -43,6 +43,7 @@ from vip_factors.report.report_data import (
     report_data,
 )
 from vip_factors.report.sections import PAIRED, TRUNK
+from vip_factors.sensors.live import sensor_columns
 from vip_factors.sensors.scene import Scene
 from vip_factors.tables import degrees, joint_words
 from vip_factors.viz import charts
@@ -246,6 +247,19 @@ def _as_json(data: object) -> Markup:
     return Markup(text.replace("<", "\\u003c"))
 
 
+def waiting_page(awaits: str) -> str:
+    """The page until a stream begins, which makes way for :func:`live_page` then.
+
+    Args:
+        awaits: the first thing that has to come, in words.
+    """
+    return (
+        environment()
+        .get_template("waiting.html")
+        .render(awaits=awaits, version=__version__, style=packaged("templates/live.css"))
+    )
+
+
 def live_page(setup: Scene) -> str:
     """The page as HTML; it asks nobody but its server for anything.
 
@@ -275,8 +289,11 @@ def live_page(setup: Scene) -> str:
     for wearer in setup.wearers:
         bones = {site.bone for site in wearer.placement.sites}
         measured = [name for name in (*TRUNK, *PAIRED) if is_measured(bones, name)]
-        angles.append((wearer.subject.name, [(joint_words(name), name, name in PAIRED) for name in measured]))
+        rows = [(joint_words(name), name, name in PAIRED) for name in measured]
+        why = {joint_words(joint): reason for joint, reason in guessed_angles(bones).items()}
+        angles.append((wearer.subject.name, rows, why))
     return environment().get_template("live.html").render(
         data=data, name=setup.name, angles=angles, version=__version__, style=packaged("templates/live.css"),
         script=packaged("viewer/viewer.min.js"), with_camera=camera is not None, apart=data["apart"],
+        sensors=[sensor for _, sensor in sensor_columns(setup)],
     )  # fmt: skip

@@ -166,19 +166,23 @@ class Client:
         self._session.check(self._described)
         return not self._session.admit(self)
 
-    def take(self, data: bytes) -> None:
-        """One serialised LiveMessage; a sample that cannot be used is told and left out.
+    def take(self, data: bytes | str) -> None:
+        """Take one LiveMessage, serialised or as JSON text; leave a sample that cannot be used out and report it.
 
         Raises:
             ClientError: if this client cannot be listened to any longer.
             FileFormatError: if it is no LiveMessage.
         """
+        from google.protobuf.json_format import Parse, ParseError
         from google.protobuf.message import DecodeError
 
         try:
-            message = LiveMessage.FromString(data)
+            message = Parse(data, LiveMessage()) if isinstance(data, str) else LiveMessage.FromString(data)
         except DecodeError as error:
             raise FileFormatError(f"{len(data)} bytes are no LiveMessage ({error})") from error
+        except (ParseError, RecursionError) as error:
+            reason = " ".join(str(error).split())
+            raise FileFormatError(f"a text of {len(data)} characters is no LiveMessage as JSON ({reason})") from error
         content = message.WhichOneof("content")
         self.messages += 1
         self.heard = time.monotonic()

@@ -196,6 +196,11 @@ class LiveSource(ABC):
         return False
 
     @property
+    def awaits(self) -> str:
+        """The first thing that has to come, in words that anybody may read."""
+        return f"the header of {self.name}"
+
+    @property
     def listens(self) -> str:
         """Where it listens and who can send, in words, once open; empty if it does not listen."""
         return ""

@@ -1,4 +1,4 @@
-"""Live messages over WebSocket: one binary message is one LiveMessage."""
+"""Live messages over WebSocket: a binary message is a serialised LiveMessage, a text the same as JSON."""
 
 import time
 from collections.abc import Callable
@@ -63,6 +63,11 @@ class WebSocketSource(LiveSource):
     def url(self) -> str:
         """Where senders connect to, once open, with a token that was made up."""
         return self._listener.url("ws")
+
+    @property
+    def awaits(self) -> str:
+        """Where senders connect to, without the token."""
+        return f"a sender at {self.url.partition('?')[0]} (a header, then a second of samples of its sensors)"
 
     @property
     def listens(self) -> str:
@@ -155,10 +160,7 @@ def take_message(client: Client, data: str | bytes) -> None:
     Raises:
         ClientError: if this client cannot be listened to any longer.
     """
-    if isinstance(data, str):
-        client.report("text", f"a text of {len(data)} characters is left out: expected binary messages")
-        return
     try:
         client.take(data)
     except FileFormatError as error:
-        client.report("no message", f"a message is left out: {error}")
+        client.report("text" if isinstance(data, str) else "no message", f"a message is left out: {error}")

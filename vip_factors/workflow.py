@@ -315,7 +315,8 @@ def smooth_file(
     reports: list[SolveReport] = []
     estimate = smooth_chunks(source, settings, progress, map_fn=map_fn)
     reported = replace(estimate, chunks=_reporting(estimate.chunks, reports))
-    write_estimate(reported, out, overwrite, start_ns=source.wearers[0].head.start_ns)
+    recorded = source.wearers[0].head
+    write_estimate(reported, out, overwrite, recorded.start_ns, recorded.clock_s)
     head = estimate.head if estimate.closed is None else estimate.closed()
     return replace(head, reports=(*head.reports, *reports)), estimate.frames
 

@@ -67,7 +67,7 @@ def _evaluation(options: EvaluateOptions) -> "Evaluation":
         )
     if all(wearer.truth is None for wearer in scene.wearers):
         raise InputError(f"{source} holds no truth: give a recording that does with --truth")
-    if odd := doubts(estimate, scene, read_start(options.estimate)):
+    if odd := doubts(estimate, scene, read_start(options.estimate)[0]):
         warnings.warn(odd, stacklevel=2)
     wearer = scene.wearers[0]
     if len(scene.wearers) == len(estimate.wearers) == 1 and scene.camera is None and wearer.truth is not None:

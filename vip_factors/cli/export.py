@@ -33,7 +33,7 @@ def main(options: ExportOptions) -> None:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
     from vip_factors.cli.options import keep_inputs
     from vip_factors.io.export.files import export, export_format
-    from vip_factors.io.mcap_estimate import read_estimate
+    from vip_factors.io.mcap_estimate import read_estimate, read_start
 
     source, *targets = options.files
     keep_inputs([source], targets)
@@ -41,8 +41,9 @@ def main(options: ExportOptions) -> None:
         export_format(target)
     with waiting(f"reading {source.name}"):
         estimate = read_estimate(source)
+        start_ns, clock_s = read_start(source)
     for target in targets:
         with waiting(f"writing {target.name}"):
-            written = export(estimate, target, options.settings, options.overwrite, note)
+            written = export(estimate, target, options.settings, options.overwrite, note, start_ns, clock_s)
         for path in written:
             say(path)

@@ -244,6 +244,7 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
         truth=_truth(log, options, start),
         notes="\n".join(notes),
         start_ns=log.start_ns + round(start * 1e9) if log.start_ns else 0,
+        clock_s=(log.clock_s or 0.0) + start,
     )
 
 

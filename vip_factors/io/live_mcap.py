@@ -69,7 +69,8 @@ class LiveMcapSink:
         self._file = open(self.partial, "wb")  # noqa: SIM115 — open as long as the stream
         self._writer = MessageWriter(self._file, LONG_CHUNK_BYTES)  # more than comes in half a second
         prefixes = wearer_topics(names, SINGLE, WEARER)
-        self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, MODEST_FRAMES)
+        clock_s = setup.wearers[0].clock_s
+        self._out = EstimateWriter(self._writer, prefixes, setup.start_ns, MODEST_FRAMES, clock_s)
         self._has_camera = False  # whether its poses have begun
         with self._closed_on_error():
             self._writer.flush()

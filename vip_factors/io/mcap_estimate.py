@@ -141,12 +141,14 @@ def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
     return head, sum(info.motion.frames for info in infos if info is not None)
 
 
-def read_start(path: str | os.PathLike[str]) -> int:
-    """Absolute time in nanoseconds of an estimate's t = 0; 0 if it is not known."""
+def read_start(path: str | os.PathLike[str]) -> tuple[int, float]:
+    """Absolute time of an estimate's t = 0 in nanoseconds, 0 if it is not known; and what the log's own clock said
+    then, in seconds.
+    """
     contents = read_few(path, lambda channel: channel.topic.startswith(ESTIMATE) and is_ours(channel, EstimateInfo))
     topics = Topics(contents)
     infos = [info for topic in contents.topics if topic.endswith(INFO) for info in topics.all(topic, EstimateInfo)]
-    return time_ns_of(infos[0].start) if infos else 0
+    return (time_ns_of(infos[0].start), infos[0].clock_s) if infos else (0, 0.0)
 
 
 def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
@@ -206,6 +208,7 @@ def write_estimate(
     path: str | os.PathLike[str],
     overwrite: bool = False,
     start_ns: int = 0,
+    clock_s: float = 0.0,
 ) -> None:
     """Write an estimate; rotations become quaternions, everything else is kept to the bit.
 
@@ -214,6 +217,7 @@ def write_estimate(
         path: of the new file, which has a temporary name until all is written.
         overwrite: whether an existing file may be replaced.
         start_ns: absolute time of t = 0.
+        clock_s: time of t = 0 on the log's own clock, seconds.
     """
     if not (estimate.wearers if isinstance(estimate, Estimate) else estimate.head.wearers):
         raise InputError("the estimate has no wearer: expected at least one")
@@ -225,7 +229,7 @@ def write_estimate(
         estimate, chunk_bytes = EstimateChunks.of(estimate), CHUNK_BYTES
     head, frames = estimate.head, estimate.frames
     with atomic_open(path, "wb", overwrite) as file, MessageWriter(file, chunk_bytes) as writer:
-        out = EstimateWriter(writer, _wearer_prefixes(head), start_ns)
+        out = EstimateWriter(writer, _wearer_prefixes(head), start_ns, clock_s=clock_s)
         for index, (wearer, count) in enumerate(zip(head.wearers, frames, strict=True)):
             out.begin_wearer(index, wearer, count)
         if head.camera is not None:
@@ -271,12 +275,18 @@ class EstimateWriter:
         prefixes: what the topics of each wearer begin with.
         start_ns: absolute time of t = 0.
         shown_frames: how many frames of a wearer viewers get as transforms of all joints, if these are few.
+        clock_s: time of t = 0 on the log's own clock, seconds.
     """
 
     def __init__(
-        self, writer: MessageWriter, prefixes: Sequence[str], start_ns: int, shown_frames: float = inf
+        self,
+        writer: MessageWriter,
+        prefixes: Sequence[str],
+        start_ns: int,
+        shown_frames: float = inf,
+        clock_s: float = 0.0,
     ) -> None:
-        self._writer, self._prefixes, self._start_ns = writer, prefixes, start_ns
+        self._writer, self._prefixes, self._start_ns, self._clock_s = writer, prefixes, start_ns, clock_s
         self._shown_frames = shown_frames
         self._wearers: dict[int, _WearerTopics] = {}
         self._camera: _CameraTopics | None = None
@@ -290,7 +300,9 @@ class EstimateWriter:
         """Write what the frames of a wearer share; there will be so many of these, 0 where nobody knows yet."""
         prefix = self._prefixes[index]
         shown_frames = self._shown_frames if frames / shown_step(head.motion) <= MODEST_FRAMES else 0
-        self._wearers[index] = _WearerTopics(self._writer, prefix, self._start_ns, head, frames, shown_frames)
+        self._wearers[index] = _WearerTopics(
+            self._writer, prefix, self._start_ns, self._clock_s, head, frames, shown_frames
+        )
         if frames:  # a stream writes its calibration as it goes
             self.write_calibration(index, head.calibration, self._start_ns)
 
@@ -334,9 +346,16 @@ class _WearerTopics:
     """One wearer's topics; what comes once is written at the start."""
 
     def __init__(
-        self, writer: MessageWriter, prefix: str, start_ns: int, head: WearerEstimate, frames: int, shown_frames: float
+        self,
+        writer: MessageWriter,
+        prefix: str,
+        start_ns: int,
+        clock_s: float,
+        head: WearerEstimate,
+        frames: int,
+        shown_frames: float,
     ) -> None:
-        self._writer, self._prefix, self._start_ns = writer, prefix, start_ns
+        self._writer, self._prefix, self._start_ns, self._clock_s = writer, prefix, start_ns, clock_s
         self._head, self._shown_frames, self.next_frame = head, shown_frames, 0
         # Viewers tell frames apart by name only: two wearers' skeletons need names of their own.
         self._name = head.motion.name if prefix == SINGLE else prefix.rpartition("/")[2]
@@ -347,7 +366,7 @@ class _WearerTopics:
     def write_info(self, frames: int) -> None:
         """Write what all frames share, and how many there are."""
         motion = codec.MOTION.encode(self._head.motion, frames=frames)
-        info = HEAD.encode(self._head, start_ns=self._start_ns, motion_info=motion)
+        info = HEAD.encode(self._head, start_ns=self._start_ns, clock_s=self._clock_s, motion_info=motion)
         self._writer.write(self._prefix + INFO, info, self._start_ns)
 
     def streams(self, chunk: WearerEstimate) -> Iterator[Iterable[TimedMessage]]:

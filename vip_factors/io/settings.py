@@ -117,6 +117,14 @@ class BvhSettings:
     """Unit of length: metres come out in true size in Blender; Maya and MotionBuilder expect centimetres."""
 
 
+class TimeZero(StrEnum):
+    """Where the times of a file begin to count."""
+
+    RECORDING = "recording"
+    LOG = "log"
+    ABSOLUTE = "absolute"
+
+
 @dataclass(frozen=True)
 class ExportSettings:
     """How an estimate is written into a format of another program."""
@@ -125,6 +133,9 @@ class ExportSettings:
     """Export this wearer only, by name; of a format that holds one person, each wearer gets a file of its own."""
     frame_rate: MaybeRate = None
     """Frames a second of the file; those of the estimate if absent, for then no frame is interpolated."""
+    zero: TimeZero = TimeZero.RECORDING
+    """Zero of the times in .csv, .trc, .mot, .sto and .c3d: the recording's first sample; that of the log's own time
+    column (log), to lie beside a force plate on the same clock; or 1970-01-01 UTC (absolute)."""
     recording: Path | None = None
     """Recording (.mcap) that the estimate was made from: a .pkl takes its 2D poses and the times of the video frames
     from it; no other format needs it."""

@@ -111,6 +111,7 @@ class Recording(Summarised):
         truth: reference motion and calibration, if known.
         notes: free text, such as the origin of the file.
         start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
+        clock_s: time of t = 0 on the log's own clock, seconds.
         pauses: after which headings may be others.
     """
 
@@ -122,6 +123,7 @@ class Recording(Summarised):
     truth: Truth | None = None
     notes: str = ""
     start_ns: int = 0
+    clock_s: float = 0.0
     pauses: tuple[Pause, ...] = ()
 
     def __post_init__(self) -> None:

@@ -20,7 +20,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.geometry.quaternions import interpolate_smoothly
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.settings import ExportSettings
+from vip_factors.io.settings import ExportSettings, TimeZero
 
 DEFAULT = ExportSettings()
 R_YUP_WORLD = R_WORLD_ISB.T
@@ -37,12 +37,14 @@ class ExportFormat:
     Attributes:
         writer: ``module:function`` in this folder, imported when asked for; a :data:`Writer`.
         several: whether one file holds several wearers.
+        has_times: whether it tells the time of each frame, on a clock that can be chosen.
         package: that must be installed for it, of the extra ``export``.
     """
 
     writer: str
     several: bool = False
     package: str = ""
+    has_times: bool = False
 
     def load(self) -> Writer:
         """The writer, its module imported now."""
@@ -55,11 +57,11 @@ FORMATS: dict[str, ExportFormat] = {
     ".glb": ExportFormat("animation:write_gltf", True, "pygltflib"),
     ".fbx": ExportFormat("animation:write_fbx", True, "pygltflib"),
     ".npz": ExportFormat("smpl:write_amass"),
-    ".csv": ExportFormat("tables:write_csv"),
-    ".trc": ExportFormat("tables:write_trc"),
-    ".mot": ExportFormat("tables:write_mot"),
-    ".sto": ExportFormat("tables:write_opensense"),
-    ".c3d": ExportFormat("tables:write_c3d", package="ezc3d"),
+    ".csv": ExportFormat("tables:write_csv", has_times=True),
+    ".trc": ExportFormat("tables:write_trc", has_times=True),
+    ".mot": ExportFormat("tables:write_mot", has_times=True),
+    ".sto": ExportFormat("tables:write_opensense", has_times=True),
+    ".c3d": ExportFormat("tables:write_c3d", package="ezc3d", has_times=True),
     ".pkl": ExportFormat("smpl:write_three_dpw", several=True),
 }
 
@@ -81,6 +83,8 @@ def export(
     settings: ExportSettings = DEFAULT,
     overwrite: bool = False,
     on_message: Callable[[str], None] = lambda sentence: None,
+    start_ns: int = 0,
+    clock_s: float = 0.0,
 ) -> tuple[Path, ...]:
     """Write an estimate into the format that the suffix of ``path`` names.
 
@@ -90,13 +94,14 @@ def export(
         settings: what is written.
         overwrite: whether files that exist may be replaced.
         on_message: called with the file of each wearer whose name is no name for a file, or that of another's.
+        start_ns, clock_s: t = 0 in nanoseconds since 1970, 0 if unknown, and on the log's own clock, for another zero.
 
     Returns:
         The files that were written.
 
     Raises:
-        InputError: as :func:`export_format`, for an unknown wearer, one without frames, or a file that may not be
-            written.
+        InputError: as :func:`export_format`, for an unknown wearer, one without frames, an absolute time that nobody
+            knows, or a file that may not be written.
     """
     file_format = export_format(path)
     chosen = _chosen(estimate, settings.wearer)
@@ -104,6 +109,8 @@ def export(
         if len(wearer.motion) == 0:
             raise InputError(f"wearer '{wearer.name}' has no frames to export: was the estimate's file cut off?")
     chosen = resampled(chosen, settings.frame_rate)
+    if file_format.has_times:
+        chosen = _from_zero(chosen, settings.zero, start_ns, clock_s)
     parts = [chosen] if file_format.several else [_one_wearer(chosen, number) for number in range(len(chosen.wearers))]
     paths = [path]
     if len(parts) > 1:
@@ -119,6 +126,18 @@ def export(
         if len(parts) > 1 and not target.stem.endswith(f".{name}"):
             on_message(f"wearer '{name}' is written as {target.name}")
     return tuple(paths)
+
+
+def _from_zero(estimate: Estimate, zero: TimeZero, start_ns: int, clock_s: float) -> Estimate:
+    """The wearers' frames with times that count from the chosen zero."""
+    if zero is TimeZero.ABSOLUTE and not start_ns:
+        raise InputError("the recording states no absolute time: expected --zero recording or --zero log")
+    later = {TimeZero.RECORDING: 0.0, TimeZero.LOG: clock_s, TimeZero.ABSOLUTE: start_ns / 1e9}[zero]
+    if not later:
+        return estimate
+    motions = [replace(wearer.motion, start=wearer.motion.start + later) for wearer in estimate.wearers]
+    wearers = zip(estimate.wearers, motions, strict=True)
+    return replace(estimate, wearers=tuple(replace(wearer, motion=motion) for wearer, motion in wearers))
 
 
 def _chosen(estimate: Estimate, wearer: str | None) -> Estimate:

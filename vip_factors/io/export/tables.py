@@ -154,8 +154,9 @@ def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     file["parameters"]["POINT"]["LABELS"]["value"] = list(names)
     file["parameters"]["POINT"]["DESCRIPTIONS"]["value"] = [described.get(name, "") for name in names]
     first = round(motion.start * motion.rate)
-    if first + len(motion) > HEADER_FRAMES:
+    if first < 0 or first + len(motion) > HEADER_FRAMES:
         first = 0
+    if first + len(motion) > HEADER_FRAMES:
         file.add_parameter("POINT", "LONG_FRAMES", [float(len(motion))])
     file["header"]["points"]["first_frame"] = first
     for group, name, value in (
@@ -164,6 +165,7 @@ def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
         ("POINT", "TYPE_GROUPS", ["ANGLES"]),
         ("POINT", "X_SCREEN", ["+X"]),
         ("POINT", "Y_SCREEN", ["+Z"]),  # up, for programs that draw the points
+        ("POINT", "START_TIME", [f"{motion.start:.6f}"]),  # text: as a number it would have 7 digits
         ("SUBJECTS", "USED", [1]),
         ("SUBJECTS", "NAMES", [one_line(wearer.name)]),
         ("MANUFACTURER", "SOFTWARE", ["vip-factors"]),

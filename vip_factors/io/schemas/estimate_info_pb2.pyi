@@ -10,7 +10,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class EstimateInfo(_message.Message):
-    __slots__ = ("name", "method", "settings", "start", "findings", "finding_kinds", "sensors", "residual_kinds", "start_choice", "motion", "body", "sensor_places", "wearer_topics", "wearer_of_detection", "association", "detector")
+    __slots__ = ("name", "method", "settings", "start", "clock_s", "findings", "finding_kinds", "sensors", "residual_kinds", "start_choice", "motion", "body", "sensor_places", "wearer_topics", "wearer_of_detection", "association", "detector")
     class SettingsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -22,6 +22,7 @@ class EstimateInfo(_message.Message):
     METHOD_FIELD_NUMBER: _ClassVar[int]
     SETTINGS_FIELD_NUMBER: _ClassVar[int]
     START_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_S_FIELD_NUMBER: _ClassVar[int]
     FINDINGS_FIELD_NUMBER: _ClassVar[int]
     FINDING_KINDS_FIELD_NUMBER: _ClassVar[int]
     SENSORS_FIELD_NUMBER: _ClassVar[int]
@@ -38,6 +39,7 @@ class EstimateInfo(_message.Message):
     method: str
     settings: _containers.ScalarMap[str, str]
     start: _timestamp_pb2.Timestamp
+    clock_s: float
     findings: _containers.RepeatedScalarFieldContainer[str]
     finding_kinds: _containers.RepeatedScalarFieldContainer[str]
     sensors: _containers.RepeatedScalarFieldContainer[str]
@@ -50,7 +52,7 @@ class EstimateInfo(_message.Message):
     wearer_of_detection: _containers.RepeatedScalarFieldContainer[int]
     association: _containers.RepeatedScalarFieldContainer[str]
     detector: DetectorEstimate
-    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., findings: _Optional[_Iterable[str]] = ..., finding_kinds: _Optional[_Iterable[str]] = ..., sensors: _Optional[_Iterable[str]] = ..., residual_kinds: _Optional[_Iterable[str]] = ..., start_choice: _Optional[_Union[StartChoice, _Mapping]] = ..., motion: _Optional[_Union[_body_pose_pb2.MotionInfo, _Mapping]] = ..., body: _Optional[_Union[BodyEstimate, _Mapping]] = ..., sensor_places: _Optional[_Iterable[_Union[SensorPlaceEstimate, _Mapping]]] = ..., wearer_topics: _Optional[_Iterable[str]] = ..., wearer_of_detection: _Optional[_Iterable[int]] = ..., association: _Optional[_Iterable[str]] = ..., detector: _Optional[_Union[DetectorEstimate, _Mapping]] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., clock_s: _Optional[float] = ..., findings: _Optional[_Iterable[str]] = ..., finding_kinds: _Optional[_Iterable[str]] = ..., sensors: _Optional[_Iterable[str]] = ..., residual_kinds: _Optional[_Iterable[str]] = ..., start_choice: _Optional[_Union[StartChoice, _Mapping]] = ..., motion: _Optional[_Union[_body_pose_pb2.MotionInfo, _Mapping]] = ..., body: _Optional[_Union[BodyEstimate, _Mapping]] = ..., sensor_places: _Optional[_Iterable[_Union[SensorPlaceEstimate, _Mapping]]] = ..., wearer_topics: _Optional[_Iterable[str]] = ..., wearer_of_detection: _Optional[_Iterable[int]] = ..., association: _Optional[_Iterable[str]] = ..., detector: _Optional[_Union[DetectorEstimate, _Mapping]] = ...) -> None: ...
 
 class StartChoice(_message.Message):
     __slots__ = ("supposition", "rival", "margin", "doubtful")

@@ -28,7 +28,7 @@ from vip_factors.io.schemas import sensor_placement_pb2 as vip__factors_dot_sens
 from vip_factors.io.schemas import subject_pb2 as vip__factors_dot_subject__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n vip_factors/recording_info.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a\x1bvip_factors/body_pose.proto\x1a\"vip_factors/sensor_placement.proto\x1a\x19vip_factors/subject.proto\"\xfe\x01\n\rRecordingInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x14\n\x0cinitial_pose\x18\x02 \x01(\t\x12\r\n\x05notes\x18\x03 \x01(\t\x12)\n\x05start\x18\x04 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0f\n\x07sensors\x18\x05 \x03(\t\x12%\n\x07subject\x18\x06 \x01(\x0b\x32\x14.vip_factors.Subject\x12/\n\tplacement\x18\x07 \x01(\x0b\x32\x1c.vip_factors.SensorPlacement\x12&\n\x05truth\x18\x08 \x01(\x0b\x32\x17.vip_factors.MotionInfo\"c\n\tSceneInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x15\n\rwearer_topics\x18\x02 \x03(\t\x12\x12\n\nhas_camera\x18\x03 \x01(\x08\x12\x1d\n\x15\x66urther_camera_topics\x18\x04 \x03(\tb\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n vip_factors/recording_info.proto\x12\x0bvip_factors\x1a\x1fgoogle/protobuf/timestamp.proto\x1a\x1bvip_factors/body_pose.proto\x1a\"vip_factors/sensor_placement.proto\x1a\x19vip_factors/subject.proto\"\x8f\x02\n\rRecordingInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x14\n\x0cinitial_pose\x18\x02 \x01(\t\x12\r\n\x05notes\x18\x03 \x01(\t\x12)\n\x05start\x18\x04 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0f\n\x07\x63lock_s\x18\t \x01(\x01\x12\x0f\n\x07sensors\x18\x05 \x03(\t\x12%\n\x07subject\x18\x06 \x01(\x0b\x32\x14.vip_factors.Subject\x12/\n\tplacement\x18\x07 \x01(\x0b\x32\x1c.vip_factors.SensorPlacement\x12&\n\x05truth\x18\x08 \x01(\x0b\x32\x17.vip_factors.MotionInfo\"c\n\tSceneInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x15\n\rwearer_topics\x18\x02 \x03(\t\x12\x12\n\nhas_camera\x18\x03 \x01(\x08\x12\x1d\n\x15\x66urther_camera_topics\x18\x04 \x03(\tb\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -36,7 +36,7 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.recording_info_
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_RECORDINGINFO']._serialized_start=175
-  _globals['_RECORDINGINFO']._serialized_end=429
-  _globals['_SCENEINFO']._serialized_start=431
-  _globals['_SCENEINFO']._serialized_end=530
+  _globals['_RECORDINGINFO']._serialized_end=446
+  _globals['_SCENEINFO']._serialized_start=448
+  _globals['_SCENEINFO']._serialized_end=547
 # @@protoc_insertion_point(module_scope)

@@ -10,11 +10,12 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class RecordingInfo(_message.Message):
-    __slots__ = ("name", "initial_pose", "notes", "start", "sensors", "subject", "placement", "truth")
+    __slots__ = ("name", "initial_pose", "notes", "start", "clock_s", "sensors", "subject", "placement", "truth")
     NAME_FIELD_NUMBER: _ClassVar[int]
     INITIAL_POSE_FIELD_NUMBER: _ClassVar[int]
     NOTES_FIELD_NUMBER: _ClassVar[int]
     START_FIELD_NUMBER: _ClassVar[int]
+    CLOCK_S_FIELD_NUMBER: _ClassVar[int]
     SENSORS_FIELD_NUMBER: _ClassVar[int]
     SUBJECT_FIELD_NUMBER: _ClassVar[int]
     PLACEMENT_FIELD_NUMBER: _ClassVar[int]
@@ -23,11 +24,12 @@ class RecordingInfo(_message.Message):
     initial_pose: str
     notes: str
     start: _timestamp_pb2.Timestamp
+    clock_s: float
     sensors: _containers.RepeatedScalarFieldContainer[str]
     subject: _subject_pb2.Subject
     placement: _sensor_placement_pb2.SensorPlacement
     truth: _body_pose_pb2.MotionInfo
-    def __init__(self, name: _Optional[str] = ..., initial_pose: _Optional[str] = ..., notes: _Optional[str] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., sensors: _Optional[_Iterable[str]] = ..., subject: _Optional[_Union[_subject_pb2.Subject, _Mapping]] = ..., placement: _Optional[_Union[_sensor_placement_pb2.SensorPlacement, _Mapping]] = ..., truth: _Optional[_Union[_body_pose_pb2.MotionInfo, _Mapping]] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., initial_pose: _Optional[str] = ..., notes: _Optional[str] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., clock_s: _Optional[float] = ..., sensors: _Optional[_Iterable[str]] = ..., subject: _Optional[_Union[_subject_pb2.Subject, _Mapping]] = ..., placement: _Optional[_Union[_sensor_placement_pb2.SensorPlacement, _Mapping]] = ..., truth: _Optional[_Union[_body_pose_pb2.MotionInfo, _Mapping]] = ...) -> None: ...
 
 class SceneInfo(_message.Message):
     __slots__ = ("name", "wearer_topics", "has_camera", "further_camera_topics")

@@ -54,6 +54,22 @@ def test_the_page_works_in_a_browser(with_gl: bool, tmp_path: Path) -> None:
     assert any("left" in one and "right" in one for one in readouts)
 
 
+@pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on the PATH")
+@pytest.mark.skipif(shutil.which("pdftotext") is None, reason="no pdftotext (poppler-utils) on the PATH")
+def test_the_page_prints(tmp_path: Path) -> None:
+    scene, page, printed = scene_sample(0.2), tmp_path / "report.html", tmp_path / "report.pdf"
+    write_report(estimate_of(scene), page, scene)
+    flags = (*QUIET[:-1], *SOFTWARE_GL, f"--user-data-dir={tmp_path / 'profile'}")
+    subprocess.run([str(BROWSER), *flags, f"--print-to-pdf={printed}", page.as_uri()], timeout=300, check=True)
+    text = subprocess.run(["pdftotext", str(printed), "-"], capture_output=True, text=True, check=True).stdout
+    pages = text.split("\f")[:-1]
+    assert 5 <= len(pages) <= 30
+    assert all(page.strip() for page in pages)
+    for heading in ("Summary", "Joint angles", "How well it fits", "What was found", "What was recorded"):
+        assert heading in text
+    assert "Drag to turn" not in text
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(BROWSER is None, reason="no Chromium or Chrome on the PATH")
 def test_the_film_and_the_page_show_one_time(tmp_path: Path) -> None:

@@ -63,15 +63,25 @@ def figure_table(estimate: Estimate) -> Table:
         rows += [("fit to the video", Quantity(median, unit="px"), share)] if math.isfinite(median) else []
     if len(wearers) == 1:
         is_fitted = wearers[0].body is not None and len(wearers[0].body.names) > 0
-        remark = "lengths fitted to the video" if is_fitted else "lengths as given, not measured here"
+        remark = "lengths fitted to the video" if is_fitted else "lengths not measured here"
         rows.append(("stature of the body", Quantity(stature_of(motion.skeleton), unit="m", decimals=2), remark))
     return Table((), rows, words=3)
 
 
 def limb_sigma(wearers: Sequence[WearerEstimate]) -> float:
-    """Median standard deviation of the limbs' joint rotations in radians; NaN without covariances."""
-    sigmas = [wearer.covariance.joint_sigma[:, LIMB_JOINTS].ravel() for wearer in wearers if wearer.covariance]
+    """Median standard deviation of the measured limbs' joint rotations in radians; NaN without covariances."""
+    sigmas = [
+        wearer.covariance.joint_sigma[:, measured_limb_joints(wearer)].ravel()
+        for wearer in wearers
+        if wearer.covariance
+    ]
     return _quantile(np.concatenate([*sigmas, np.zeros(0)]), 0.5)
+
+
+def measured_limb_joints(wearer: WearerEstimate) -> list[int]:
+    """Joints of the limbs whose bone has a sensor; all of them where none has."""
+    bones = {sensor.bone for sensor in wearer.calibration.values()}
+    return [joint for joint in LIMB_JOINTS if JOINT_NAMES[joint] in bones] or list(LIMB_JOINTS)
 
 
 def mountings_are_held(wearers: Sequence[WearerEstimate]) -> bool:

@@ -22,7 +22,7 @@ from vip_factors.atomic import atomic_open
 from vip_factors.body.joint_angles import is_measured
 from vip_factors.body.skeleton import JOINT_NAMES, calibration_pose
 from vip_factors.describe import estimates, recordings
-from vip_factors.describe.estimates import LIMB_JOINTS, limb_sigma, mountings_are_held
+from vip_factors.describe.estimates import limb_sigma, measured_limb_joints, mountings_are_held
 from vip_factors.display import ProgressCallback, silent
 from vip_factors.estimate import Estimate
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
@@ -114,9 +114,10 @@ def _least_certain_joint(wearer: ReportWearer, with_name: bool) -> list[str]:
     covariance = wearer.estimate.covariance
     if covariance is None:
         return []
-    sigma = np.rad2deg(np.nanmedian(covariance.joint_sigma[:, LIMB_JOINTS], axis=0))
+    limbs = measured_limb_joints(wearer.estimate)
+    sigma = np.rad2deg(np.nanmedian(covariance.joint_sigma[:, limbs], axis=0))
     worst = int(np.nanargmax(sigma))
-    joint = f"{joint_words(JOINT_NAMES[LIMB_JOINTS[worst]])} (± {sigma[worst]:.0f}°)"
+    joint = f"{joint_words(JOINT_NAMES[limbs[worst]])} (± {sigma[worst]:.0f}°)"
     return [f"{wearer.name}: {joint}" if with_name else joint] if np.isfinite(sigma[worst]) else []
 
 
@@ -186,7 +187,7 @@ def report_page(data: ReportData, progress: ProgressCallback | None = None, film
     report_progress, wearers, made = progress or silent, data.wearers, dict[str, object]()
     with_camera = data.estimate.camera is not None
     makers: dict[str, Callable[[], object]] = {
-        "angles": lambda: [sections.angle_section(wearer) for wearer in wearers],
+        "angles": lambda: [sections.angle_section(wearer, data.estimate.camera is not None) for wearer in wearers],
         "gait": lambda: [sections.gait_section(wearer, with_camera) for wearer in wearers],
         "repetitions": lambda: [
             replace(repetition_table(exercises), title=exercises.counts) for exercises in all_repetitions(data.estimate)

@@ -3,6 +3,7 @@
 import base64
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from functools import cached_property
 
 import numpy as np
@@ -62,6 +63,12 @@ class ReportData:
     def names(self) -> list[str]:
         """Names of the wearers."""
         return [wearer.name for wearer in self.wearers]
+
+    @property
+    def date(self) -> str:
+        """The day of the recording, empty if its clock tells none."""
+        start_ns = 0 if self.scene is None else self.scene.start_ns
+        return "" if not start_ns else datetime.fromtimestamp(start_ns / 1e9, UTC).strftime("%d %B %Y").lstrip("0")
 
     @cached_property
     def drawn(self) -> DrawnScene:

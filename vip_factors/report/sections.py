@@ -3,7 +3,7 @@
 import itertools
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,6 +84,7 @@ PAIRED = (
     "shoulder_adduction", "elbow_flexion",
 )  # fmt: skip
 TRUNK = ("trunk_flexion", "trunk_lateral_bending", "trunk_axial_rotation", "pelvis_tilt")
+LIMB_BONES = (("hip", "knee", "ankle"), ("collar", "shoulder", "elbow", "wrist"))  # by the joints above them
 SIDES = (Side.LEFT, Side.RIGHT)
 
 
@@ -104,15 +105,15 @@ class AngleSection:
     knows_sensors: bool
 
 
-def angle_section(wearer: ReportWearer) -> AngleSection:
-    """Charts and ranges of a wearer's joint angles."""
+def angle_section(wearer: ReportWearer, is_filmed: bool) -> AngleSection:
+    """Charts and ranges of a wearer's joint angles; without a camera, none of a limb that wears nothing."""
     angles, covariance = joint_angles(wearer.estimate.motion), wearer.estimate.covariance
     sigmas: dict[str, Array] = {}
     if covariance is not None:
         columns = joint_angle_sigmas(wearer.estimate.motion, covariance.joints).T
         sigmas = dict(zip(angles.names, columns, strict=True))
     bones = bones_with_sensors(wearer.estimate, wearer.recording)
-    names = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK)}
+    names = {name: is_measured(bones, name) for name in (*PAIRED, *TRUNK) if is_filmed or _is_worn(bones, name)}
     charts = {name: _chart(angles, sigmas, name) for name in names}
     measured, guessed = (
         [chart for name, is_told in names.items() if is_told == wanted for chart in charts[name]]
@@ -120,6 +121,15 @@ def angle_section(wearer: ReportWearer) -> AngleSection:
     )
     ranges = _range_table(angles, sigmas, [name for name, is_told in names.items() if is_told])
     return AngleSection(measured, guessed, ranges, bones is not None)
+
+
+def _is_worn(bones: Container[str] | None, angle: str) -> bool:
+    """Whether the limb of an angle wears a sensor, or it is not known which do."""
+    joint = angle.partition("_")[0]
+    limb = next((bones_of_limb for bones_of_limb in LIMB_BONES if joint in bones_of_limb), ())
+    if bones is None or not limb:
+        return True
+    return any(f"{side}_{bone}" in bones for side in ("left", "right") for bone in limb)
 
 
 def _chart(angles: JointAngles, sigmas: Mapping[str, Array], name: str) -> list[Chart]:

@@ -165,11 +165,12 @@ def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
     return replace(estimate, wearers=tuple(wearers), findings=tuple(findings))
 
 
-LIMB_JOINTS = [
-    joint_index(f"{side}_{name}")
-    for name in ("knee", "ankle", "shoulder", "elbow", "wrist")
-    for side in ("left", "right")
-]
+# Joints whose places GOOD promises, by the bones of the limb that they belong to.
+LIMBS = {
+    ("hip", "knee", "ankle"): ("knee", "ankle"),
+    ("collar", "shoulder", "elbow", "wrist"): ("shoulder", "elbow", "wrist"),
+}
+SIDES = ("left", "right")
 LEG_BONES = {"hip": "thighs", "knee": "shanks"}  # by the joint above
 
 
@@ -184,7 +185,7 @@ def precision_findings(wearer: str, bones: Set[str], sensors: int, filmed: bool)
     """
     # M, what GOOD promises of where joints are: on the mean over those of the limbs, along each axis
     good_joints, errors = 0.03, FILMED if filmed else UNFILMED
-    off = float(errors.positions(bones)[LIMB_JOINTS].mean())
+    off = float(errors.positions(bones)[_joints_of_worn_limbs(bones)].mean())
     unmeasured = [name for joint, name in LEG_BONES.items() if not {f"left_{joint}", f"right_{joint}"} <= bones]
     told = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > good_joints else []
     told += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
@@ -194,6 +195,14 @@ def precision_findings(wearer: str, bones: Set[str], sensors: int, filmed: bool)
         words = {"limit": f"{verb} {' and '.join(told)} only", "better": " and ".join(better)}
         subject = f"{count(sensors, 'sensor')} and {'a' if filmed else 'no'} camera"
         yield Finding("limited set-up", wearer, subject=subject, words=words)
+
+
+def _joints_of_worn_limbs(bones: Set[str]) -> list[int]:
+    """Joints of the legs, if a leg has a sensor, and of the arms, if an arm has one; of all limbs if none has."""
+    worn = [
+        joints for limb, joints in LIMBS.items() if any(f"{side}_{bone}" in bones for side in SIDES for bone in limb)
+    ]
+    return [joint_index(f"{side}_{joint}") for joints in worn or LIMBS.values() for joint in joints for side in SIDES]
 
 
 def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Settings) -> WearerEstimate:

@@ -198,7 +198,7 @@ def capture_scene(browser: Browser, folder: Path) -> None:
     """The README's scene: its report, its picture, and its film."""
     path, estimate_path, report = folder / "scene.mcap", folder / "scene.estimate.mcap", folder / "scene.html"
     command("simulate", "gestures", path, *SCENE)
-    command("smooth", path, "--covariance")
+    command("smooth", path)
     command("report", estimate_path, "--recording", path, "--out", report)
     tab = browser.new_page(viewport={"width": 1280, "height": 1380})
     tab.goto(report.as_uri())

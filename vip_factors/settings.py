@@ -220,8 +220,8 @@ class Settings(CommonSettings):
     """All settings of the pipeline."""
 
     # Marginals cost about one more iteration a minute.
-    covariance: bool = False
-    """Also say how sure every joint of every frame is."""
+    covariance: bool = True
+    """Estimate the uncertainty of every joint in every frame."""
     assign: bool = False
     """Take sensors for one another that are found in each other's places."""
     # Standard deviations are told with what models leave out (body/model_errors.py). Off: those of the solution alone.

@@ -229,7 +229,7 @@ def steps(options: RunOptions, map_fn: "MapFn" = map) -> Iterator[Step]:
         hint = "if you know the offset, give it as --time-offset-s"
         yield Step("sync", (recording,), None, partial(_sync, recording, synced), hint)
         recording = synced
-    settings = replace(options.settings, covariance=True)  # how sure it is comes first in the report
+    settings = options.settings
     yield Step("smooth", (recording,), settings, partial(_smooth, recording, estimate, settings, map_fn))
     if options.report:
         yield Step("report", (estimate, recording), None, partial(_report, estimate, recording, page))

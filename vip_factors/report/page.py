@@ -91,7 +91,7 @@ def _sureness_remarks(data: ReportData) -> list[Remark]:
                 Severity.NOTE,
                 "How sure the angles are was not computed",
                 "The file holds no uncertainties, so this report cannot say how far the angles may be off.",
-                "Reconstruct with “vip-factors smooth --covariance” to know.",
+                "Reconstruct without --no-covariance to know.",
             )
         ]
     meaning = (

@@ -7,7 +7,6 @@ coarse frames; then windows are solved at the full rate. What is short is one wi
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from itertools import zip_longest
 
 from threadpoolctl import threadpool_limits
@@ -122,8 +121,6 @@ def _smooth_all(
         part = _smooth_scene(alone, (start,), settings, on_progress, extra, map_fn)
         assert isinstance(part, EstimateChunks)
         parts.append(part)
-    if len(parts) > 1:  # several are told apart by who they are; one has the recording's name
-        parts = [part.changed(partial(_named, name)) for name, part in zip(source.head.names, parts, strict=True)]
     return _together(source.head.name, parts, findings, settings)
 
 
@@ -145,16 +142,6 @@ def _smooth_scene(
     calibrated = calibrated_estimate(calibration, settings)
     windows = solve_windows(source, calibration, calibrated, plan, settings, map_fn)
     return join(windows, calibrated, source, plan, on_progress)
-
-
-def _named(name: str, estimate: Estimate) -> Estimate:
-    """The estimate of one wearer under another name."""
-    wearer = estimate.wearer()
-    findings = tuple(
-        replace(finding, wearer=name) if finding.wearer == wearer.motion.name else finding
-        for finding in wearer.findings
-    )
-    return replace(estimate, wearers=(replace(wearer, motion=replace(wearer.motion, name=name), findings=findings),))
 
 
 def _together(

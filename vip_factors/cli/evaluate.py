@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class EvaluateOptions(WritingOptions):
     """Compare an estimate with the truth: positions, orientations, path, headings, mountings, honesty.
 
-    Of scenes also the camera, and who was assigned to what. The first five lines tell the most important, and in
-    which alignment. Limbs of which the truth knows nothing are left out.
+    The first five lines are the summary, each with its alignment; main joints and sensors follow. Limbs that the truth
+    does not know are left out. --json FILE writes every metric, joint, length and sensor.
     """
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]

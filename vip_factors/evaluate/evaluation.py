@@ -71,7 +71,8 @@ class Evaluation(Summarised):
         return self.metrics[metric].value
 
     def __str__(self) -> str:
-        return "\n".join([*self.summary()[1:], "", self.to_table().rstrip()])
+        tables = self._wearer_table(), self._limb_table(), self._sensor_table()
+        return "\n".join([*self.summary()[1:], "", *(line for table in tables for line in markdown(table))]).rstrip()
 
     def summary(self) -> list[str]:
         """A title, and five lines, each with the gauge that its errors are in."""
@@ -91,12 +92,44 @@ class Evaluation(Summarised):
             lines += [f"## {name}", "", wearer.to_table()]
         return "\n".join(lines).rstrip() + "\n"
 
+    def _wearer_table(self) -> Table:
+        """Some metrics of each wearer of a scene."""
+        names = ("mpjpe", "mpjae", "knee_flexion_rmse", "root_translation_error")
+        rows = [
+            (name, *(_mean_text([wearer.metrics], metric) for metric in names)) for name, wearer in self.wearers.items()
+        ]
+        return Table(("wearer", "positions", "orientations", "knee flexion", "path of the pelvis"), rows)
+
+    def _limb_table(self) -> Table:
+        """Errors of the main joints, left and right beside each other; of several wearers the mean."""
+        wearers = list(self.wearers.values()) or [self]
+
+        def mean(joint: str, column: str) -> str:
+            values = [wearer.joints[joint][column] for wearer in wearers if joint in wearer.joints]
+            return number(float(np.mean(values))) if values else NOTHING
+
+        columns = ("position_mm", "orientation_deg")
+        middle = [(joint, *(mean(joint, column) for column in columns), "", "") for joint in MIDDLE_JOINTS]
+        limbs = [
+            (joint, *(mean(f"{side}_{joint}", column) for side in ("left", "right") for column in columns))
+            for joint in LIMB_JOINTS
+        ]
+        rows = [row for row in (*middle, *limbs) if set(row[1:]) - {NOTHING, ""}]
+        return Table(("joint", "left (or middle), mm", "°", "right, mm", "°"), rows)
+
+    def _sensor_table(self) -> Table:
+        """Errors of the sensors of one wearer."""
+        rows = [(name, *map(number, sensor.values())) for name, sensor in self.sensors.items()]
+        return Table(("sensor", "heading, °", "mounting, °"), rows)
+
     def to_json(self) -> str:
         """Everything, as JSON; a number that is not defined is null, what is empty is left out."""
         return json_text(asdict(self))
 
 
 NOTHING = "n/a"
+MIDDLE_JOINTS = ("pelvis", "spine3", "neck", "head")
+LIMB_JOINTS = ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")
 
 
 def number(value: float) -> str:

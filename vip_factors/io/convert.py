@@ -223,7 +223,7 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
     notes += coverage_notes(log.imus)
     if body is None:
         lengths, stature = dict(given.segment_lengths_m), given.stature_m or log.stature_m
-        subject = Subject(given.subject or "subject", stature, given.mass_kg, given.sex, lengths)
+        subject = Subject(given.subject or options.name or path.stem, stature, given.mass_kg, given.sex, lengths)
         notes += [subject.body_note] if subject.body_note else []
     else:
         subject = subject_with(body, given)

@@ -164,8 +164,7 @@ def _calibrate_unfilmed(
         free = with_contacts(with_inflated_contact_sigma(wearer.model), wearer.state)
         problem, state = unfilmed_problem([free], solver.extra), SceneState.unfilmed([wearer.state])
         starts = with_rivals_solved(starts, problem, state, 0, together, settings, solver)
-    # Without a camera an estimate has its recording's name.
-    wearer = InertialSolution(replace(wearer.model, name=recording.head.name), wearer.state, starts)
+    wearer = InertialSolution(wearer.model, wearer.state, starts)
     solution = SceneSolution.unfilmed(Scene(together.name, (together,)), [wearer])
     return Calibration(solution, (corrections,), about_sensors, solver)
 

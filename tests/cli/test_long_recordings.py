@@ -63,7 +63,7 @@ def test_an_interrupt_in_the_second_window_leaves_nothing(
     told = run("smooth", files.recording, "--out", tmp_path / "e.mcap", *WINDOWS)
     assert told.code == 130
     assert windows[1] > windows[0]
-    assert len(asked) == 6  # four stretches, which both check and calibrate the sensors, and two windows
+    assert len(asked) == 7  # a look for silences, four stretches that check and calibrate sensors, two windows
     assert list(tmp_path.iterdir()) == []
 
 

@@ -16,7 +16,8 @@ from vip_factors.io.settings import ExportSettings
 class ExportOptions(WritingOptions):
     """Write an estimate into files of other programs; the suffix tells the format.
 
-    .bvh, .glb and .fbx (through Blender) are for animation programs; .npz holds poses as AMASS has them, .pkl poses,
+    .bvh (in metres; Maya and MotionBuilder expect --bvh.unit cm), .glb and .fbx (through Blender) are for animation
+    programs; .npz holds poses as AMASS has them, .pkl poses,
     camera and 2D poses as 3DPW has them.
 
     Several wearers in a format that holds one person get a file each: walk.npz becomes walk.Ada.npz and walk.Bea.npz.

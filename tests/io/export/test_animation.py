@@ -1,5 +1,6 @@
 """BVH and glTF that we write, read as their specifications say: text; JSON, one block of bytes, and the node tree."""
 
+import itertools
 import json
 import struct
 import sys
@@ -150,7 +151,30 @@ def test_joints_lie_where_the_estimate_has_them(glb: Glb) -> None:
             T = np.array([glb.world(node, frame) for node in joints])
             assert np.abs(zup(T[:, :3, 3]) - one.motion.state.p_world_joint[frame]).max() < TENTH_MM / 10
             R_world_bone = zup(np.swapaxes(T[:, :3, :3], 1, 2)).swapaxes(1, 2)
-            assert np.abs(R_world_bone - one.motion.state.R_world_bone[frame]).max() < 1e-5
+            inverse = glb.array(glb.json["skins"][wearer]["inverseBindMatrices"]).reshape(-1, 4, 4)
+            R_bone_rest = inverse[:, :3, :3].swapaxes(1, 2)
+            assert np.abs(R_world_bone @ R_bone_rest - one.motion.state.R_world_bone[frame]).max() < 1e-5
+
+
+LIMBS = {"hip": "knee", "knee": "ankle", "ankle": "foot", "collar": "shoulder", "shoulder": "elbow", "elbow": "wrist"}
+TRUNK = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
+
+
+def test_bones_point_along_limbs(glb: Glb) -> None:
+    pairs = [
+        *itertools.pairwise(TRUNK),
+        *((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for a, b in LIMBS.items()),
+    ]
+    joints = dict(zip(JOINT_NAMES, glb.json["skins"][0]["joints"], strict=True))
+    for bone, end in pairs:
+        assert glb.parents[joints[end]] == joints[bone]
+        offset = np.array(glb.json["nodes"][joints[end]]["translation"])
+        assert offset / np.linalg.norm(offset) == pytest.approx([0, 1, 0], abs=1e-6), bone
+    skin = glb.json["skins"][0]
+    rest = np.linalg.inv(glb.array(skin["inverseBindMatrices"]).reshape(-1, 4, 4).swapaxes(1, 2))
+    assert np.linalg.det(rest[:, :3, :3]) == pytest.approx(1.0)
+    p_rest = rest[:, :3, 3] - rest[0, :3, 3]  # a T-pose that faces z, its left along x
+    assert np.abs(p_rest - filmed()[1].wearers[0].motion.skeleton.p_pelvis_joint).max() < 1e-5
 
 
 def test_keys_are_at_the_times_of_the_frames(glb: Glb) -> None:
@@ -219,7 +243,7 @@ def test_names_and_one_wearer_without_a_camera(tmp_path: Path) -> None:
 def test_without_blender_there_is_no_fbx(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", "")
     monkeypatch.setitem(sys.modules, "bpy", None)
-    with pytest.raises(InputError, match="pip install bpy"):
+    with pytest.raises(InputError, match="install it so that 'blender' is found"):
         export(any_pose(), tmp_path / "a.fbx")
     assert list(tmp_path.iterdir()) == []
 

@@ -25,7 +25,7 @@ from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Skeleto
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array, continuous, sequence_of_rotation
+from vip_factors.geometry.rotations import Array, continuous, rotation_between, sequence_of_rotation
 from vip_factors.io.export.files import R_YUP_WORLD
 from vip_factors.io.motions.skeleton_maps import bone_names
 from vip_factors.io.settings import ExportSettings, UpAxis
@@ -126,8 +126,8 @@ R_CAMERA_GLTF = np.diag([1.0, -1.0, -1.0])  # glTF's cameras have y up and look 
 def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     """Write all wearers and the camera into one file, with one animation.
 
-    A body's bones have the axes of its T-pose (x to the left, y up, z forward). A camera has its vertical field of
-    view and aspect; a principal point off the image's middle and distortion have no place in the format.
+    The y axis of each bone points to its end (see :func:`bone_axes`). A camera has its vertical field of view and
+    aspect; a principal point off the image's middle and distortion have no place in the format.
     """
     file = _Scene(estimate.wearers[0].motion.start)
     for wearer in estimate.wearers:
@@ -159,16 +159,21 @@ class _Scene:
         gltf, motion = self._gltf, estimate.motion
         holder = self._node(name=estimate.name, children=[len(gltf.nodes) + 1])
         first = len(gltf.nodes)
+        R_rest_bone = bone_axes(motion.skeleton)
+        R_rest_parent = np.concatenate([np.eye(3)[None], R_rest_bone[list(PARENTS[1:])]])
+        offsets = np.einsum("nji,nj->ni", R_rest_parent, motion.skeleton.p_parent_joint)
         for joint, name in enumerate(names):
             children = [first + child for child in _children(joint)]
-            self._node(name=name, children=children, translation=motion.skeleton.p_parent_joint[joint].tolist())
+            self._node(name=name, children=children, translation=offsets[joint].tolist())
         mesh = self._mesh(motion.skeleton, estimate.name)
-        body = self._node(name=f"{estimate.name} body", mesh=mesh, skin=self._skin(motion.skeleton, first, holder))
+        skin = self._skin(motion.skeleton, R_rest_bone, first, holder)
+        body = self._node(name=f"{estimate.name} body", mesh=mesh, skin=skin)
         gltf.scenes[0].nodes += [holder, body]
 
         times = self._times(motion.time)
         R = motion.R_parent_child.copy()
         R[:, 0] = R_YUP_WORLD @ R[:, 0]
+        R = np.swapaxes(R_rest_parent, 1, 2) @ R @ R_rest_bone
         self._animate(first, "translation", times, motion.p_world_pelvis @ R_YUP_WORLD.T)
         for joint in range(JOINT_COUNT):
             self._animate(first + joint, "rotation", times, _quaternions(R[:, joint]))
@@ -238,13 +243,32 @@ class _Scene:
         self._gltf.meshes.append(lib.Mesh(name=f"{name} body", primitives=primitives))
         return len(self._gltf.meshes) - 1
 
-    def _skin(self, skeleton: Skeleton, first: int, holder: int) -> int:
-        inverse = np.broadcast_to(np.eye(4), (JOINT_COUNT, 4, 4)).copy()
-        inverse[:, 3, :3] = -(skeleton.p_pelvis_joint + _stand(skeleton))  # columns in rows
+    def _skin(self, skeleton: Skeleton, R_rest_bone: Array, first: int, holder: int) -> int:
+        inverse = np.broadcast_to(np.eye(4), (JOINT_COUNT, 4, 4)).copy()  # columns in rows
+        inverse[:, :3, :3] = R_rest_bone
+        inverse[:, 3, :3] = -np.einsum("nji,nj->ni", R_rest_bone, skeleton.p_pelvis_joint + _stand(skeleton))
         joints = list(range(first, first + JOINT_COUNT))
         matrices = self._buffer.add(inverse.astype(np.float32))
         self._gltf.skins.append(self._lib.Skin(joints=joints, inverseBindMatrices=matrices, skeleton=holder))
         return len(self._gltf.skins) - 1
+
+
+_NEXT = {"pelvis": "spine1", "spine3": "neck"}  # of bones with several below, the one that they lead to
+
+
+def bone_axes(skeleton: Skeleton) -> Array:
+    """``R_rest_bone`` ``(24, 3, 3)``: y from each joint to the end of its bone, turned there the shortest way from a
+    bone that points up, or of those that point down, from one that points down with z forward.
+    """
+    R = np.empty((JOINT_COUNT, 3, 3))
+    for joint, name in enumerate(JOINT_NAMES):
+        if name in END_SITES:
+            end = _end(skeleton, END_SITES[name])
+        else:
+            end = skeleton.p_parent_joint[JOINT_NAMES.index(_NEXT[name]) if name in _NEXT else _children(joint)[0]]
+        upright = np.diag([-1.0, -1.0, 1.0]) if end[1] < 0 else np.eye(3)
+        R[joint] = rotation_between(upright[:, 1], end) @ upright
+    return R
 
 
 def _stand(skeleton: Skeleton) -> Array:
@@ -323,8 +347,8 @@ def write_fbx(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     blender = shutil.which("blender")
     if blender is None and importlib.util.find_spec("bpy") is None:
         raise InputError(
-            "FBX is written by Blender, which is not there: install it so that 'blender' is found, or "
-            " its Python module, pip install bpy; or export .glb, which most programs read"
+            "FBX is written by Blender, which is not there: install it so that 'blender' is found, or export .glb, "
+            "which most programs read"
         )
     motion = estimate.wearers[0].motion
     with tempfile.TemporaryDirectory() as folder:

@@ -143,4 +143,7 @@ class ExportSettings:
     """Names of the bones in .bvh, .glb and .fbx: smpl (pelvis, left_hip, …), those of all other files of this package;
     humanik (Hips, LeftUpLeg, …), which MotionBuilder and retargeting add-ons map by themselves; mixamo (the same
     after mixamorig:), unity (its Humanoid's), unreal (its mannequins': thigh_l, …)."""
+    plant_feet: bool = True
+    """Feet that stand neither slide nor float in .bvh, .glb and .fbx: legs follow them by inverse kinematics, by a few
+    centimetres; without it, the files have the joints of the estimate exactly."""
     bvh: BvhSettings = field(default_factory=BvhSettings)

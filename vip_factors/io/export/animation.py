@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, continuous, rotation_between, sequence_of_rotation
+from vip_factors.io.export.feet import planted
 from vip_factors.io.export.files import R_YUP_WORLD
 from vip_factors.io.motions.skeleton_maps import bone_names
 from vip_factors.io.settings import ExportSettings, UpAxis
@@ -64,6 +66,8 @@ def write_bvh(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     At rest the body stands in a T-pose with its pelvis at the origin, facing z (y up) or −y (z up).
     """
     motion = estimate.wearers[0].motion
+    if settings.plant_feet:
+        motion = planted(motion)
     R_parent_child = motion.R_parent_child.copy()
     if settings.bvh.up is UpAxis.Y:
         p_file_pelvis = motion.p_world_pelvis @ R_YUP_WORLD.T
@@ -131,7 +135,8 @@ def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings) -> None
     """
     file = _Scene(estimate.wearers[0].motion.start)
     for wearer in estimate.wearers:
-        file.add_wearer(wearer, bone_names(settings.bone_names))
+        moving = replace(wearer, motion=planted(wearer.motion)) if settings.plant_feet else wearer
+        file.add_wearer(moving, bone_names(settings.bone_names))
     if estimate.camera is not None:
         file.add_camera(estimate.camera)
     path.write_bytes(file.to_bytes())

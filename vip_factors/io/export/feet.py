@@ -1,0 +1,88 @@
+"""Feet that stand stay where they are: stance phases of a motion, and legs that follow by inverse kinematics."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import binary_closing, binary_opening, label
+
+from vip_factors.body.kinematics import Motion, local_rotations
+from vip_factors.body.skeleton import contact_points, joint_index
+from vip_factors.geometry.rotations import Array, rotation_between
+
+SPEED_MPS = 0.4  # of a ball on the floor: an estimate's feet creep at 0.1 to 0.2, a swinging one passes at 2 or more
+HEIGHT_M = 0.06  # of a ball over where it stands
+SHORTEST_S = 0.15  # of a stance: a walk's lasts 0.6 s
+STRAIGHT = 0.9995  # of a leg's length: beyond, a knee turns by degrees for a millimetre
+
+
+def planted(motion: Motion) -> Motion:
+    """The motion with feet that neither slide nor float while they stand.
+
+    A stance is where the ball of a foot is slow and low. The ball is moved to its median place of the stance, at one
+    height for all stances, and between two stances gradually from one's shift to the next's. The pelvis moves by the
+    mean of both feet's shifts, and down with the lower one: a straight leg cannot grow. Hips and knees take what is
+    left; feet keep their orientations.
+    """
+    if len(motion) < 3:
+        return motion
+    _, left, _, right = contact_points(motion.skeleton)
+    balls = np.stack([motion.state.point(bone, p) for bone, p in (left, right)])
+    low = np.percentile(balls[..., 2], 5)
+    speed = np.linalg.norm(np.gradient(balls, 1 / motion.rate, axis=1), axis=-1)
+    shifts = np.zeros_like(balls)
+    standing = [_stances(one, motion.rate) for one in (speed < SPEED_MPS) & (balls[..., 2] < low + HEIGHT_M)]
+    heights = [balls[foot, one, 2] for foot, stances in enumerate(standing) for one in stances]
+    if not heights:
+        return motion
+    floor = np.median(np.concatenate(heights))
+    for foot, stances in enumerate(standing):
+        if stances:
+            rows = np.concatenate(stances)
+            places = [np.tile([*np.median(balls[foot, one, :2], axis=0), floor], (len(one), 1)) for one in stances]
+            fixed = np.concatenate(places) - balls[foot, rows]
+            for axis in range(3):
+                shifts[foot, :, axis] = np.interp(np.arange(len(motion)), rows, fixed[:, axis])
+    return _with_feet_moved(motion, shifts)
+
+
+def _stances(is_standing: np.ndarray, rate: float) -> list[np.ndarray]:
+    """Frames of each stance; short gaps are closed, and short stances left out."""
+    frames = np.ones(max(round(SHORTEST_S * rate), 1), bool)
+    padded = np.pad(is_standing, len(frames), mode="edge")
+    steady = binary_opening(binary_closing(padded, frames), frames)[len(frames) : -len(frames)]
+    numbers, count = label(steady)
+    return [np.flatnonzero(numbers == number) for number in range(1, count + 1)]
+
+
+def _with_feet_moved(motion: Motion, shifts: Array) -> Motion:
+    """Both feet moved by ``shifts`` ``(2, T, 3)`` metres in the world, and the pelvis with them."""
+    state, moved = motion.state, np.column_stack([shifts[..., :2].mean(axis=0), shifts[..., 2].min(axis=0)])
+    R = state.R_world_bone.copy()
+    for shift, side in zip(shifts, ("left", "right"), strict=True):
+        hip, knee, ankle = (joint_index(f"{side}_{joint}") for joint in ("hip", "knee", "ankle"))
+        p = state.p_world_joint[:, [hip, knee, ankle]]
+        for frame, (p_hip, p_knee, p_ankle) in enumerate(p):
+            reach = p_ankle + shift[frame] - p_hip - moved[frame]
+            thigh, shank = _bent(p_knee - p_hip, p_ankle - p_knee, reach, R[frame, hip, :, 2])
+            R[frame, hip] = thigh @ R[frame, hip]
+            R[frame, knee] = shank @ R[frame, knee]
+    R_parent_child = local_rotations(R)
+    return replace(motion, R_parent_child=R_parent_child, p_world_pelvis=motion.p_world_pelvis + moved)
+
+
+def _bent(thigh: Array, shank: Array, reach: Array, front: Array) -> tuple[Array, Array]:
+    """How thigh and shank turn in the world for the leg to end at ``reach``, in the plane that the knee bends in.
+
+    The front of a thigh gives the plane of a knee that is straight. A leg that is too short ends as near as it can.
+    """
+    a, b, whole = float(np.linalg.norm(thigh)), float(np.linalg.norm(shank)), thigh + shank
+    R_whole = rotation_between(whole, reach)
+    along = reach / np.linalg.norm(reach)
+    side = R_whole @ (thigh + 0.1 * a * front)  # the front decides where the knee is nearly straight, or beyond
+    side -= (side @ along) * along
+    longest = max(STRAIGHT * (a + b), float(np.linalg.norm(whole)))
+    distance = min(max(float(np.linalg.norm(reach)), abs(a - b) + 1e-6), longest)
+    cosine = (a**2 + distance**2 - b**2) / (2 * a * distance)
+    p_knee = a * (cosine * along + np.sqrt(max(1 - cosine**2, 0.0)) * side / np.linalg.norm(side))
+    R_thigh = rotation_between(R_whole @ thigh, p_knee) @ R_whole
+    return R_thigh, rotation_between(R_whole @ shank, distance * along - p_knee) @ R_whole

@@ -230,8 +230,8 @@ def test_covariance_of_poses_and_camera(camera: CameraKind) -> None:
         assert_positive_definite(one)
 
 
-def test_covariance_is_on_request() -> None:
-    estimate = smooth(scene(), HASTY)
+def test_covariance_can_be_left_out() -> None:
+    estimate = smooth(scene(), replace(HASTY, covariance=False))
     assert estimate.wearers[0].covariance is None
     assert estimate.camera is not None
     assert estimate.camera.covariance is None

@@ -183,7 +183,7 @@ class WearerEstimate(Summarised):
             f"{motion.name}",
             f"motion: {len(motion)} frames at {motion.rate:g} Hz, {len(motion) / motion.rate:.1f} s",
             f"method: {self.method}, from {len(self.sensors)} sensors",
-            f"standard deviations: {'none: ask with covariance=True' if self.covariance is None else 'in it'}",
+            f"standard deviations: {'none: made with covariance=False' if self.covariance is None else 'in it'}",
         ]
 
     def joint_angles(self) -> JointAngles:

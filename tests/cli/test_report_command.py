@@ -1,10 +1,12 @@
 """``vip-factors report``: the page appears beside the estimate, and what the user can mend is told in one line."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from cli.conftest import SMALL
 from films import write_video
 from scene_sample import estimate_of, scene_sample
 
@@ -98,3 +100,14 @@ def test_a_film_is_of_the_video_that_is_named(files: Path, tmp_path: Path) -> No
     good, picture = cv2.VideoCapture(str(page.with_suffix(".mp4"))).read()
     assert good
     assert np.abs(picture[2:8, 2:80].mean(axis=(0, 1)) - [0, 200, 0]).max() < 20
+
+
+def test_the_page_tells_the_uncertainty_of_angles_without_being_asked(run: Callable, tmp_path: Path) -> None:
+    recording, estimate, page = (tmp_path / name for name in ("walk.mcap", "walk.estimate.mcap", "walk.estimate.html"))
+    run("simulate", "gestures", recording, "--seconds", "2")
+    for words, phrase in (((), "typical of the limbs"), (("--no-covariance",), "was not computed")):
+        assert run("smooth", recording, *SMALL, *words, "--overwrite").code == 0
+        assert run("report", estimate, "--overwrite").code == 0
+        text = page.read_text(encoding="utf-8")
+        assert phrase in text
+        assert "± unknown" not in text

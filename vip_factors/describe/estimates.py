@@ -51,8 +51,6 @@ def figure_table(estimate: Estimate) -> Table:
     if math.isfinite(sigma):
         remark = "how sensors sit not included" if mountings_are_held(wearers) else "one standard deviation"
         rows.append(("joint angles", f"± {degrees(sigma)}", f"typical of the limbs; {remark}"))
-    else:
-        rows.append(("joint angles", "± unknown", "not computed (--no-covariance)"))
     residuals = [wearer.residuals.get("orientation_deg", np.zeros(0)).ravel() for wearer in wearers]
     median = _quantile(np.concatenate(residuals), 0.5)
     if math.isfinite(median):

@@ -92,15 +92,14 @@ class SceneCovariance:
         return SceneCovariance(wearers, camera, self.shared)
 
 
-def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> SceneCovariance:
-    """The covariance of all poses at a solution.
-
-    Raises:
-        SolveError: if a variable is not determined.
-    """
+def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> SceneCovariance | None:
+    """The covariance of all poses at a solution; None if a variable is not determined."""
     objective, wearers = SceneObjective(model), list[PoseCovariance]()
     layout, progress = objective.layout, solver.progress_of("standard deviations")
-    marginals = objective.linearise(state).marginals(progress)
+    try:
+        marginals = objective.linearise(state).marginals(progress)
+    except SolveError:
+        return None
     for number in range(len(model.wearers)):
         chain = layout.chain_of(OwnerId(Owner.WEARER, number))
         assert chain is not None

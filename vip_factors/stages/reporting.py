@@ -231,12 +231,13 @@ def told_calibration(
     }
 
 
-def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution, solver: Solver) -> SceneCovariance:
-    """How sure the poses of the full rate are: as sure as those of the nearest coarse frame.
+def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution, solver: Solver) -> SceneCovariance | None:
+    """How sure the poses of the full rate are: as sure as those of the nearest coarse frame; None if not determined.
 
     There headings and mountings are free: at the full rate they are kept, as if they were known.
     """
-    return at_nearest(scene_covariance(coarse.model, coarse.state, solver), coarse, fine.model.wearers[0].frames.time)
+    covariance = scene_covariance(coarse.model, coarse.state, solver)
+    return None if covariance is None else at_nearest(covariance, coarse, fine.model.wearers[0].frames.time)
 
 
 def at_nearest(covariance: SceneCovariance, coarse: FusionSolution, time: Array) -> SceneCovariance:

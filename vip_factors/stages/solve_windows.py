@@ -135,8 +135,9 @@ def _solve_unfilmed(
         (wearer,) = solution.wearers
         model, state = frame_by_frame(wearer.model), wearer.state
     solved = SceneSolution.unfilmed(solution.scene, [InertialSolution(model, state)]).fused
-    covariance = scene_covariance(solved.model, solved.state, solver).wearers[0] if settings.covariance else None
-    estimate = decode(method_of(model, settings), model, state, covariance, flatten(settings))
+    covariance = scene_covariance(solved.model, solved.state, solver) if settings.covariance else None
+    poses = None if covariance is None else covariance.wearers[0]
+    estimate = decode(method_of(model, settings), model, state, poses, flatten(settings))
     return SolvedWindow(span, (replace(estimate, reports=tuple(solver.reports)),))
 
 

@@ -19,13 +19,16 @@ def strikes(side: str, seconds: float) -> Array:
 
 
 def walk(
-    seconds: float = 9.0, turn_at: float | None = None, treadmill: bool = False, strike_deg: float = STRIKE_DEG
-) -> Motion:
-    """A motion at 100 Hz; half a turn begins at a second of it; on a treadmill the world goes with the belt."""
+    seconds: float = 9.0, turn_at: float | None = None, treadmill: bool = False, strike_deg: float = STRIKE_DEG,
+    stop_at: float = np.inf,
+) -> Motion:  # fmt: skip
+    """A motion at 100 Hz; half a turn begins at a second of it, and at another the walker is where they stop, after a
+    half step; on a treadmill the world goes with the belt."""
     time = np.arange(round(seconds * RATE)) / RATE
     skeleton = skeleton_from_stature(1.75)
     heading = np.zeros_like(time) if turn_at is None else np.pi * np.clip((time - turn_at) / TURN_S, 0, 1)
     speed = STRIDE_M / STRIDE_S * (1 if turn_at is None else 1 - 0.6 * ((heading > 0) & (heading < np.pi)))
+    speed = speed * (time < stop_at)
     ways = speed * np.stack([np.cos(heading), np.sin(heading)]) / RATE
     pelvis = np.concatenate([np.cumsum(ways, axis=1), np.full((1, len(time)), 0.92 * _leg(skeleton))]).T
     R = np.tile(_upright(heading)[:, None], (1, JOINT_COUNT, 1, 1))

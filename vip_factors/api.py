@@ -7,7 +7,7 @@ With ``overwrite`` files that exist are replaced. What cannot be read, used or w
 :class:`~vip_factors.errors.InputError` (or a kind of it), whose message says what was expected.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -31,6 +31,7 @@ if TYPE_CHECKING:  # these take a while, and not every command that calls a func
     from vip_factors.evaluate.evaluation import Evaluation
     from vip_factors.factor_graph.extra import ExtraFactors
     from vip_factors.gait.analysis import Gait
+    from vip_factors.gait.strides import Unsteady
     from vip_factors.io.live_server import LiveServer
     from vip_factors.live_estimate import LiveEstimate
     from vip_factors.settings import LiveSettings
@@ -242,19 +243,21 @@ def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
 
 
 def gait(
-    estimate: Moved, recording: Recording | Scene | None = None, *, out: StrPath | None = None, overwrite: bool = False
-) -> "tuple[Gait, ...]":
+    estimate: Moved, recording: Recording | Scene | None = None, *, count: Collection["Unsteady"] = (),
+    out: StrPath | None = None, overwrite: bool = False,
+) -> "tuple[Gait, ...]":  # fmt: skip
     """How each wearer walked: events, strides, figures with their ±, joint angles over the cycle.
 
     Args:
         estimate: of one wearer or several.
         recording: that it was made from: sensors on the feet tell events and lengths better than a motion does.
+        count: strides that are in the means as well: ``start``, ``stop``, ``turn``, ``pause``.
         out: folder for tables, JSON and a picture of it, made if need be; none if absent.
     """
     from vip_factors.gait.analysis import gaits_of
     from vip_factors.gait.files import write_gait
 
-    gaits = gaits_of(as_estimate(estimate), None if recording is None else as_scene(recording))
+    gaits = gaits_of(as_estimate(estimate), None if recording is None else as_scene(recording), count)
     if out is not None:
         write_gait(gaits, Path(out), overwrite)
     return gaits

@@ -1,10 +1,12 @@
 """``vip-factors gait``: tables, JSON and a picture from an estimate, or from a recording."""
 
+import csv
+import json
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from simulated_walk import walk
+from simulated_walk import STRIDE_M, walk
 
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.mcap_estimate import write_estimate
@@ -37,6 +39,41 @@ def test_tables_of_an_estimate(run: Callable, folder: Path, tmp_path: Path) -> N
     }  # fmt: skip
     assert run(*words).code == 2
     assert run(*words, "--overwrite").code == 0
+
+
+def test_a_step_that_stops_a_walk_is_in_no_mean_unless_asked(run: Callable, tmp_path: Path) -> None:
+    motion = walk(5.5, stop_at=4.0)
+    estimate = tmp_path / "walk.estimate.mcap"
+    write_estimate(Estimate.of_one(WearerEstimate("walk", "SIP", motion, {})), estimate)
+    lengths = {}
+    for words in ((), ("--count", "stop")):
+        told = run("gait", estimate, "--overwrite", *words)
+        assert told.code == 0
+        assert "verdict of the estimate: " in told.out
+        assert ("left out: 1 stop" in told.out) == (not words)
+        held = json.loads((tmp_path / "walk.estimate.gait" / "gait.json").read_text())
+        assert held["verdict"].startswith("GOOD")
+        (lengths[words],) = (
+            (one["mean"], one["variability"]) for one in held["figures"]
+            if (one["quantity"], one["side"]) == ("length", "both")
+        )  # fmt: skip
+        with (tmp_path / "walk.estimate.gait" / "figures.csv").open() as file:
+            assert {row["verdict"] for row in csv.DictReader(file)} == {held["verdict"]}
+    (steady, spread), (all_strides, wide) = lengths.values()
+    assert steady == pytest.approx(STRIDE_M, rel=0.03)
+    assert spread < 0.05 < wide
+    assert all_strides < 0.97 * STRIDE_M
+
+
+def test_a_side_with_few_strides_shows_them(run: Callable, tmp_path: Path) -> None:
+    estimate = tmp_path / "short.estimate.mcap"
+    write_estimate(Estimate.of_one(WearerEstimate("short", "SIP", walk(3.2), {})), estimate)
+    assert run("gait", estimate).code == 0
+    with (tmp_path / "short.estimate.gait" / "figures.csv").open() as file:
+        rows = {row["side"]: row for row in csv.DictReader(file) if row["quantity"] == "length"}
+    for side in ("left", "right"):
+        assert 1 <= int(rows[side]["strides"]) <= 2
+        assert float(rows[side]["mean"]) == pytest.approx(STRIDE_M, rel=0.05)
 
 
 def test_a_recording_is_reconstructed_first(run: Callable, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:

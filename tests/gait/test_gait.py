@@ -15,7 +15,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.gait.analysis import Gait, _figures, gait_of, gaits_of
 from vip_factors.gait.events import SIDES, events_of_motion, events_of_sensor
-from vip_factors.gait.files import write_gait
+from vip_factors.gait.files import curves_figure, write_gait
 from vip_factors.gait.strides import travel_of_foot
 from vip_factors.geometry.rotations import rotation_y
 from vip_factors.sensors.calibration import SensorCalibration, SensorSite, preset
@@ -286,3 +286,18 @@ def test_a_difference_is_left_less_right(gait: Gait) -> None:
         for strides in (gait.counted, longer)
     ]
     assert found[1] - found[0] == pytest.approx(0.1)
+
+
+def test_the_picture_says_what_it_shows(gait: Gait) -> None:
+    figure = curves_figure(gait)
+    assert figure is not None
+    words = " ".join(text.get_text() for text in figure.texts)
+    for side in SIDES:
+        assert f"{side} (" in words
+        assert f"n = {sum(one.side == side for one in gait.counted)}" in words
+    for axes in figure.axes:
+        assert axes.get_xlabel() == "% of the gait cycle"
+        assert axes.get_ylabel() == "degrees"
+        assert "(+ " in axes.get_title(loc="left")
+        upright = {line.get_xdata()[0] for line in axes.lines if len(line.get_xdata()) == 2}
+        assert upright == {found.mean for side in SIDES if (found := gait.figure("stance_percent", side))}

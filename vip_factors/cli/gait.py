@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 
@@ -24,6 +24,8 @@ class GaitOptions(WritingOptions):
     """Estimate (.mcap), or a recording (.mcap), which is reconstructed first."""
     recording: Path | None = None
     """Recording (.mcap) that the estimate was made from; the estimate's own file if the recording is in it."""
+    count: tuple[Literal["start", "stop", "turn", "pause"], ...] = ()
+    """Strides that are in the means as well: those that start or stop a walk, turns, pauses."""
     out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
     """Folder to write to, made if need be; beside the first file, ending in .gait, if not given."""
 
@@ -46,7 +48,7 @@ def main(options: GaitOptions) -> None:
             from vip_factors.pipeline import smooth
 
             estimate = smooth(opened.scene, progress=progress)
-        gaits = gaits_of(estimate, scene)
+        gaits = gaits_of(estimate, scene, options.count)
     if not any(gait.strides for gait in gaits):
         raise InputError(f"{options.source}: nobody walks in it: no foot takes two steps")
     for gait in gaits:

@@ -1,5 +1,6 @@
 """Gait of an estimate: strides, means and how sure they are, left against right, joint angles over the cycle."""
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -17,9 +18,11 @@ from vip_factors.gait.strides import (
     QUANTITIES,
     Quantity,
     Stride,
+    Unsteady,
     stretch_by_shank,
     strides_of,
     travel_of_foot,
+    without_starts_and_stops,
 )
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
@@ -38,7 +41,7 @@ LENGTH_BY_LEGS, LENGTH_BY_SHANKS, LENGTH_BY_SENSOR = 0.06, 0.035, 0.015
 SHARED = {"width": 0.09, "clearance": 0.01, "strike_angle": 4.0}  # m, m, degrees
 MOST_STRETCH = 3 * LENGTH_BY_LEGS  # more is no legs that swing too little, but a sensor that is wrong
 LENGTHS = ("length", "speed", "step_length", "width")  # of which the sides do not differ in it
-FEWEST = 3  # strides of a foot, for a mean
+FEWEST = 3  # strides of a foot, for a curve
 # How the feet stand to each other is told by sensors on pelvis and shanks; what a foot does by one on it.
 LEGS = frozenset({"pelvis", "left_knee", "right_knee"})
 OF_BOTH_LEGS, OF_A_FOOT = ("width", "step_length"), ("clearance", "strike_angle")
@@ -53,8 +56,8 @@ class Figure:
         side: ``left``, ``right``, ``both``, or ``difference``: left less right.
         count: of strides.
         mean: of them.
-        variability: standard deviation from stride to stride; NaN of a difference.
-        sigma: standard deviation of the mean: of the strides, and of what all of them share.
+        variability: standard deviation from stride to stride; NaN of a difference, and of one stride.
+        sigma: standard deviation of the mean: of the strides, and of what all of them share; NaN of one stride.
     """
 
     quantity: Quantity
@@ -98,6 +101,7 @@ class Gait(Summarised):
         with_covariance: whether the bands of the curves hold what the estimate itself is unsure of.
         bones: that sensors sat on; None if nobody knows.
         findings: what is left out, as nothing measured it.
+        verdict: of the estimate; empty if not known.
     """
 
     name: str
@@ -108,15 +112,18 @@ class Gait(Summarised):
     with_covariance: bool
     bones: frozenset[str] | None = None
     findings: tuple[Finding, ...] = ()
+    verdict: str = ""
 
     def summary(self) -> list[str]:
         """How many strides there are, what told them, what is odd, and the figures that most ask for."""
         found = f"{len(self.strides)} strides, {len(self.counted)} of them in the means; events by {self.source}"
         lines = [f"{self.name or 'wearer'}: {found}"]
+        lines += [f"verdict of the estimate: {self.verdict}"] if self.verdict else []
+        lines += [f"left out: {self.left_out}"] if self.left_out else []
         lines += [f"{one.severity}: {one}" for one in self.findings]
         for one in filter(None, map(self.figure, ("speed", "cadence", "time", "length"))):
             mean, sigma = (f"{value:.{one.quantity.decimals}f}" for value in (one.mean, one.sigma))
-            lines.append(f"{one.quantity.words}: {mean} ± {sigma} {one.quantity.unit}")
+            lines.append(f"{one.quantity.words}: {mean} ± {sigma} {one.quantity.unit}, n {one.count}")
         return lines
 
     @property
@@ -130,14 +137,21 @@ class Gait(Summarised):
         """Those that means are of."""
         return tuple(one for one in self.strides if not one.left_out)
 
+    @property
+    def left_out(self) -> str:
+        """How many strides are in no mean, by reason, such as ``2 turn, 1 stop``."""
+        reasons = Counter(one.left_out for one in self.strides if one.left_out)
+        return ", ".join(f"{number} {reason}" for reason, number in reasons.most_common())
+
     def figure(self, quantity: str, side: str = "both") -> Figure | None:
-        """One of the figures; None if too few strides tell it."""
+        """One of the figures; None if no stride has it."""
         return next((one for one in self.figures if (one.quantity.name, one.side) == (quantity, side)), None)
 
 
 def gait_of(
-    estimate: WearerEstimate, recording: Recording | None = None, name: str = "", with_camera: bool = False
-) -> Gait:
+    estimate: WearerEstimate, recording: Recording | None = None, name: str = "", with_camera: bool = False,
+    *, count: Collection[Unsteady] = (), verdict: str = "",
+) -> Gait:  # fmt: skip
     """The gait of a wearer; without what no sensor and no camera measured.
 
     Args:
@@ -145,6 +159,8 @@ def gait_of(
         recording: that it was made from: the feet's own sensors tell events and lengths better than a motion does.
         name: of the wearer; the motion's if empty.
         with_camera: whether a camera saw the wearer: it measures what sensors do not.
+        count: reasons for which no stride is left out of the means.
+        verdict: of the estimate.
     """
     sensors = {side: found for side in SIDES if (found := foot_sensor(estimate, recording, side)) is not None}
     feet, travel = {side: events_of_motion(estimate.motion, side) for side in SIDES}, dict[str, dict[float, float]]()
@@ -163,6 +179,9 @@ def gait_of(
         _measured_values(_with_length(one, stretch, travel.get(one.side, {}).get(one.start, np.nan)), measured)
         for one in strides_of(estimate.motion, feet)
     )
+    strides = tuple(
+        replace(one, left_out="") if one.left_out in count else one for one in without_starts_and_stops(strides)
+    )
     counted, name = [one for one in strides if not one.left_out], name or estimate.motion.name
     by_legs = LENGTH_BY_LEGS if stretch is None else LENGTH_BY_SHANKS
     curves = _curves(estimate, counted)
@@ -170,12 +189,12 @@ def gait_of(
     return Gait(
         name, feet, strides, _figures(counted, by_legs), tuple(one for one in curves if one.angle not in guessed),
         estimate.covariance is not None, bones,
-        (*_guessed_events(name, feet, measured), *_left_out(name, list(guessed), measured)),
+        (*_guessed_events(name, feet, measured), *_left_out(name, list(guessed), measured)), verdict,
     )  # fmt: skip
 
 
-def gaits_of(estimate: Estimate, scene: Scene | None = None) -> tuple[Gait, ...]:
-    """The gait of each wearer; ``scene`` is what the estimate was made from.
+def gaits_of(estimate: Estimate, scene: Scene | None = None, count: Collection[Unsteady] = ()) -> tuple[Gait, ...]:
+    """The gait of each wearer; ``scene`` is what the estimate was made from, ``count`` is as in :func:`gait_of`.
 
     Raises:
         InputError: if they do not hold the same number of wearers.
@@ -186,7 +205,14 @@ def gaits_of(estimate: Estimate, scene: Scene | None = None) -> tuple[Gait, ...]
             f"estimate of {len(estimate.wearers)} wearers beside a recording of {len(recordings)}: expected the same"
         )
     return tuple(
-        gait_of(one, recording, "" if recording is None else recording.subject.name, estimate.camera is not None)
+        gait_of(
+            one,
+            recording,
+            "" if recording is None else recording.subject.name,
+            estimate.camera is not None,
+            count=count,
+            verdict=str(estimate.verdict),
+        )
         for one, recording in zip(estimate.wearers, recordings, strict=True)
     )
 
@@ -306,7 +332,7 @@ def _figures(strides: Sequence[Stride], by_legs: float) -> tuple[Figure, ...]:
         found += [*known.values(), *([both] if both is not None else [])]
         if len(known) == len(SIDES):
             left, right = (known[side] for side in SIDES)
-            random = [one.variability / np.sqrt(one.count) for one in (left, right)]
+            random = [one.variability / np.sqrt(one.count) for one in (left, right)]  # NaN of one stride
             own = 0.0 if quantity.name in LENGTHS else _shared(quantity, strides, by_legs) / 2
             sigma = float(np.linalg.norm([*random, own, own]))
             found.append(
@@ -318,9 +344,9 @@ def _figures(strides: Sequence[Stride], by_legs: float) -> tuple[Figure, ...]:
 def _figure(quantity: Quantity, side: str, strides: Sequence[Stride], by_legs: float) -> Figure | None:
     values = np.array([one.values[quantity.name] for one in strides])
     values = values[np.isfinite(values)]
-    if len(values) < FEWEST:
+    if not len(values):
         return None
-    spread = float(np.std(values, ddof=1))
+    spread = float(np.std(values, ddof=1)) if len(values) > 1 else np.nan
     sigma = np.hypot(spread / np.sqrt(len(values)), _shared(quantity, strides, by_legs))
     return Figure(quantity, side, len(values), float(np.mean(values)), spread, float(sigma))
 

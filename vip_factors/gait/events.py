@@ -144,9 +144,12 @@ def _peaks(time: Array, values: Array) -> Array:
 
 def _events(off: list[float], strike: list[float], time: Array, restless: Array, by_sensor: bool) -> FootEvents:
     rest = []
-    longest_stance_s = 1.5  # in which a foot that is not seen to leave rests after its strike
+    # A foot that is not seen to leave, or stands on, rests as long after its strike as in a usual stance: later it may
+    # have made a step too small to be an event.
+    stances = np.subtract(off[1:], strike[:-1])
+    usual_s, longest_s = (float(np.median(stances)), 2 * float(np.median(stances))) if len(stances) else (1.5, 1.5)
     for k, one in enumerate(strike):
-        until = off[k + 1] if k + 1 < len(off) else one + longest_stance_s
+        until = off[k + 1] if k + 1 < len(off) and off[k + 1] < one + longest_s else one + usual_s
         first, last = np.searchsorted(time, [one, max(until, one)])
         last = min(last, len(time) - 1)
         rest.append(float(time[first + np.argmin(restless[first : last + 1])]) if first < last else float(time[last]))

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from vip_factors.atomic import atomic_open, check_target
-from vip_factors.body.joint_angles import is_measured
+from vip_factors.body.joint_angles import ANGLE_DEFINITIONS, is_measured
 from vip_factors.body.mannequin import Side
 from vip_factors.display import distinct_file_names
 from vip_factors.errors import InputError
@@ -37,7 +37,7 @@ DRAWN = (
     "pelvis_tilt", "pelvis_obliquity", "pelvis_rotation", "trunk_flexion", "trunk_lateral_bending",
     "trunk_axial_rotation",
 )  # fmt: skip
-COLUMNS, CELL, MARGIN = 3, (390.0, 270.0), 60.0
+COLUMNS, CELL, MARGIN = 2, (390.0, 280.0), 70.0
 BELOW = "#c9ced6"  # what references are drawn in: grey, beneath
 
 
@@ -85,8 +85,7 @@ def _unit(unit: str) -> str:
 
 def figure_table(gait: Gait) -> Table:
     """The figures that most ask for: label, value and remark."""
-    others = len(gait.strides) - len(gait.counted)
-    remark = f"{others} more are turns, pauses or no steps" if others else "all of them"
+    remark = f"left out: {gait.left_out}" if gait.left_out else "all of them"
     figures: list[Row] = [("strides", str(len(gait.counted)), remark)]
     for name in ("speed", "cadence", "length", "time"):
         figure = gait.figure(name)
@@ -98,7 +97,8 @@ def figure_table(gait: Gait) -> Table:
 
 def side_table(gait: Gait) -> Table:
     """Each quantity left, right, and their difference."""
-    quantities: list[Row] = []
+    numbers = {side: sum(one.side == side for one in gait.counted) for side in ("left", "right")}
+    quantities: list[Row] = [("strides, n", *map(str, numbers.values()), "", str(len(gait.counted)), "")]
     for quantity in QUANTITIES:
         both = gait.figure(quantity.name)
         if both is None:
@@ -125,12 +125,12 @@ def _stride_rows(gait: Gait) -> Iterable[list[object]]:
 
 
 def _figure_rows(gait: Gait) -> Iterable[list[object]]:
-    yield ["quantity", "unit", "side", "strides", "mean", "sigma", "variability"]
+    yield ["quantity", "unit", "side", "strides", "mean", "sigma", "variability", "verdict"]
     for figure in gait.figures:
         values = [
             _number(value, figure.quantity.decimals + 1) for value in (figure.mean, figure.sigma, figure.variability)
         ]
-        yield [figure.quantity.name, figure.quantity.unit, figure.side, figure.count, *values]
+        yield [figure.quantity.name, figure.quantity.unit, figure.side, figure.count, *values, gait.verdict]
 
 
 def _curve_rows(gait: Gait) -> Iterable[list[object]]:
@@ -150,6 +150,8 @@ def as_json(gait: Gait) -> dict[str, Any]:
     """All of it, by names."""
     return {
         "name": gait.name,
+        "verdict": gait.verdict,
+        "left_out": gait.left_out,
         "events": {side: {**vars(events)} for side, events in gait.feet.items()},
         "strides": [vars(stride) for stride in gait.strides],
         "units": {quantity.name: quantity.unit for quantity in QUANTITIES},
@@ -170,17 +172,20 @@ def curves_figure(gait: Gait) -> Figure | None:
     if not drawn:
         return None
     rows = -(-len(drawn) // COLUMNS)
-    figure = page(COLUMNS * CELL[0] + MARGIN, rows * CELL[1] + 110)
+    figure = page(COLUMNS * CELL[0] + MARGIN, rows * CELL[1] + 190)
     speed = gait.figure("speed")
     about = "" if speed is None else f", {speed.mean:.2f} ± {speed.sigma:.2f} m/s"
-    write(figure, (30, 40), f"{gait.name}: joint angles over the cycle{about}", 22, weight="bold")
-    reference = None
+    write(figure, (30, 40), f"{gait.name}: joint angles over the cycle{about}", 20, weight="bold")
+    reference, positive = None, {one.name: one.positive for one in ANGLE_DEFINITIONS}
     for number, name in enumerate(drawn):
         row, column = divmod(number, COLUMNS)
         left, top = MARGIN + column * CELL[0], 70 + row * CELL[1]
-        axes = panel(figure, (left, top + 30, left + CELL[0] - 60, top + CELL[1] - 30))
-        axes.set_title(name.replace("_", " ") + ", °", loc="left", size=14, color=INK)
-        axes.tick_params(labelsize=11)
+        axes = panel(figure, (left, top + 40, left + CELL[0] - 80, top + CELL[1] - 40))
+        meaning = positive.get(f"left_{name}", positive.get(name, "")).partition(";")[0]
+        axes.set_title(f"{name.replace('_', ' ')} (+ {meaning})", loc="left", size=14, color=INK, x=-0.12)
+        axes.set_xlabel("% of the gait cycle", size=12, color=SOFT_INK)
+        axes.set_ylabel("degrees", size=12, color=SOFT_INK)
+        axes.tick_params(labelsize=13)
         axes.grid(color=GRID)
         axes.set_xlim(0, 100)
         beneath = reference_at(speed.mean, name) if speed is not None else None
@@ -191,16 +196,24 @@ def curves_figure(gait: Gait) -> Figure | None:
             )
         for curve in _curves_of(gait, name):
             colour = SIDE_COLOURS[Side(curve.side)]
-            axes.plot(CYCLE, curve.mean, color=colour, linewidth=2)
+            dashes = "-" if curve.side == Side.LEFT else "--"
+            axes.plot(CYCLE, curve.mean, dashes, color=colour, linewidth=2)
+            stance = gait.figure("stance_percent", curve.side)
+            if stance is not None:
+                axes.axvline(stance.mean, color=colour, linestyle=dashes, linewidth=1)
             for spread, alpha in ((curve.variability, 0.15), (curve.sigma, 0.25)):
                 band = curve.mean - spread, curve.mean + spread
                 axes.fill_between(CYCLE, *band, color=colour, alpha=alpha, linewidth=0)
-    words = "mean, its ± (dark) and from stride to stride (pale); 0 and 100 %: foot strike of the same side"
+    words = "mean, its ± (dark) and from stride to stride (pale)"
+    words += "\n0 and 100 %: foot strike of the same side; upright lines: its toe-off"
     if reference is not None:
-        words += f"\ngrey: {reference.people} healthy adults at {reference.speed:.2f} m/s ({SOURCE})"
-    for number, side in enumerate((Side.LEFT, Side.RIGHT)):
-        write(figure, (30 + 50 * number, rows * CELL[1] + 90), side, 14, SIDE_COLOURS[side], weight="bold")
-    write(figure, (140, rows * CELL[1] + 90), words, 12, SOFT_INK, va="top" if reference is None else "center")
+        words += f"\ngrey: {reference.people} healthy adults at {reference.speed:.2f} m/s\n{SOURCE}"
+    bottom = rows * CELL[1] + 95
+    for number, (side, line) in enumerate(((Side.LEFT, "solid"), (Side.RIGHT, "dashed"))):
+        strides = sum(one.side == side for one in gait.counted)
+        legend = f"{side} ({line}), n = {strides}"
+        write(figure, (30 + 190 * number, bottom), legend, 15, SIDE_COLOURS[side], weight="bold")
+    write(figure, (30, bottom + 12), words, 13, SOFT_INK, va="top")
     return figure
 
 

@@ -1,12 +1,14 @@
 """Strides: from a foot's strike to its next one, with what is told of each, and which of them are no walking.
 
 A stride counts where both feet take turns, as they do in a walk: the other foot leaves the ground, strikes it, then
-this foot leaves and strikes. Turns, steps on the spot and pauses are strides too, but no part of means.
+this foot leaves and strikes. Turns, first and last steps, steps on the spot and pauses are strides too, but no part of
+means.
 """
 
 import itertools
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -128,6 +130,8 @@ def _travelled(time: Array, acceleration: Array) -> float:
     return float(np.linalg.norm(np.trapezoid(velocity - u[:, None] * velocity[-1], time, axis=0)[:2]))
 
 
+Unsteady = Literal["start", "stop", "turn", "pause"]
+"""Why a stride of a walk is no part of means."""
 TURN_DEG = 20.0  # that a foot or the pelvis turns by in a stride: straight on it is some 5, half a turn takes three
 
 
@@ -204,7 +208,29 @@ def _without_pause(one: Stride, usual: float) -> Stride:
     pause = 1.6  # times as long as usual: somebody stood in between
     if one.left_out or not one.values["time"] > pause * usual:
         return one
-    return Stride(**{**vars(one), "left_out": "pause"})
+    return replace(one, left_out="pause")
+
+
+def without_starts_and_stops(strides: Sequence[Stride]) -> tuple[Stride, ...]:
+    """The strides, those at an end of a walk that are slower than the median left out.
+
+    A walk ends at a turn, a pause or the end of the recording. Steady strides differ in speed by some 3 %.
+    """
+    slow_share = 0.9  # of the median speed: it takes a walker one to three strides to reach it
+    speeds = [one.values["speed"] for one in strides if not one.left_out]
+    slow = slow_share * float(np.median(speeds)) if speeds else 0.0
+    found = list(strides)
+    for side in SIDES:
+        own = [k for k, one in enumerate(strides) if one.side == side]
+        ways: tuple[tuple[Unsteady, list[int]], ...] = (("start", own), ("stop", own[::-1]))
+        for reason, order in ways:
+            is_end = True
+            for k in order:
+                is_slow = found[k].values["speed"] < slow
+                if is_end and is_slow and not found[k].left_out:
+                    found[k] = replace(found[k], left_out=reason)
+                is_end = bool(found[k].left_out)
+    return tuple(found)
 
 
 class _Feet:

@@ -188,7 +188,7 @@ def report_page(data: ReportData, progress: ProgressCallback | None = None, film
     with_camera = data.estimate.camera is not None
     makers: dict[str, Callable[[], object]] = {
         "angles": lambda: [sections.angle_section(wearer, data.estimate.camera is not None) for wearer in wearers],
-        "gait": lambda: [sections.gait_section(wearer, with_camera) for wearer in wearers],
+        "gait": lambda: [sections.gait_section(wearer, with_camera, str(data.estimate.verdict)) for wearer in wearers],
         "repetitions": lambda: [
             replace(repetition_table(exercises), title=exercises.counts) for exercises in all_repetitions(data.estimate)
         ],

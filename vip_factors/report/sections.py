@@ -177,10 +177,10 @@ def _range_cells(values: Array) -> tuple[str, Quantity]:
     return f"{Quantity(low, unit='°')} … {Quantity(high, unit='°')}", Quantity(high - low, unit="°")
 
 
-def gait_section(wearer: ReportWearer, with_camera: bool) -> Gait | None:
+def gait_section(wearer: ReportWearer, with_camera: bool, verdict: str) -> Gait | None:
     """Gait of a wearer; None of somebody who hardly walks."""
     fewest = 4  # strides
-    gait = gait_of(wearer.estimate, wearer.recording, wearer.name, with_camera)
+    gait = gait_of(wearer.estimate, wearer.recording, wearer.name, with_camera, verdict=verdict)
     return gait if len(gait.counted) >= fewest else None
 
 

@@ -48,8 +48,10 @@ def test_charts_keep_peaks_and_gaps() -> None:
 
 
 def test_who_walks_has_a_section() -> None:
-    section = gait_section(ReportWearer(0, "Ada", WearerEstimate("walk", "SIP", walk(6.0), {}), None), False)
+    section = gait_section(ReportWearer(0, "Ada", WearerEstimate("walk", "SIP", walk(6.0), {}), None), False, "GOOD")
     assert section is not None
-    assert [row[0] for row in side_table(section).rows][:2] == ["stride time, s", "stride length, m"]
+    assert [row[0] for row in side_table(section).rows][:3] == ["strides, n", "stride time, s", "stride length, m"]
     assert curves_figure(section) is not None
-    assert gait_section(ReportWearer(0, "Bea", WearerEstimate("stand", "SIP", walk(0.5), {}), None), False) is None
+    assert (
+        gait_section(ReportWearer(0, "Bea", WearerEstimate("stand", "SIP", walk(0.5), {}), None), False, "GOOD") is None
+    )

@@ -15,11 +15,11 @@ from shutil import copyfile
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from ros2_samples import imu, write_ros2
 
 from tests.io import mvnx_samples, totalcapture_samples
 from tests.io.camera_samples import GOOD, PLAIN, POSE2SIM, write_opencv
 from tests.io.pose_files import person, write_alphapose, write_coco, write_mmpose, write_openpose
-from tests.io.ros2_samples import imu, write_ros2
 from tests.io.table_samples import (
     Layout,
     columns_of,

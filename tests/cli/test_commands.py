@@ -41,6 +41,12 @@ def test_evaluate_prints_a_page_and_writes_everything_as_json(run, files, tmp_pa
     assert np.isfinite(written["metrics"]["mpjpe"]["value"])
 
 
+def test_a_wearer_has_one_name(files) -> None:
+    estimate, (recording,) = read_estimate(files.estimate), read_scene(files.recording).wearers
+    names = {finding.wearer for finding in estimate.all_findings if finding.wearer}
+    assert names | {estimate.wearer().motion.name} == {recording.subject.name}
+
+
 def test_view_writes_what_is_asked(run, files, tmp_path: Path) -> None:
     told = run(
         "view", files.recording, files.estimate, "--save", tmp_path / "a.rrd", "--picture", tmp_path / "a.png",

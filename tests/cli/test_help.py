@@ -1,6 +1,7 @@
 """Help comes without what is slow to import, and says what the settings are; shells complete options."""
 
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -11,8 +12,9 @@ from typing import Any
 
 import pytest
 
-from vip_factors.cli.main import main
-from vip_factors.cli.options import UNPREFIXED, options_of
+from vip_factors.cli.main import COMMANDS, main
+from vip_factors.cli.options import UNPREFIXED, options_of, parse
+from vip_factors.io.export.files import FORMATS
 
 SLOW = ("numpy", "gtsam", "scipy", "cv2", "rerun", "mcap", "matplotlib")
 
@@ -37,6 +39,28 @@ def test_every_group_of_options_has_a_text_of_its_own(command: str, run) -> None
     texts = [" ".join(text.split()) for name, text in groups if not name.endswith(".loss")]
     assert len(texts) > 20
     assert [text for text, after in pairwise(texts) if text == after] == []
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("columns", [80, 100])
+def test_no_line_of_help_breaks_off(command: str, columns: int, run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", str(columns))
+    lines = [line.strip("│ ") for line in run(command, "--help").out.splitlines()]
+    assert len(lines) > 5
+    assert [line for line in lines if line.endswith(("…", "..."))] == []
+
+
+@pytest.mark.parametrize(
+    ("command", "names"),
+    [("export", [*FORMATS]), ("stream", [".mcap", "ws://:", "- -:", "--follow"])],
+    ids=["export", "stream"],
+)
+def test_help_names_formats_and_sources_with_an_example(command: str, names: list[str], run) -> None:
+    text = run(command, "--help").out.partition("╭")[0]
+    assert [name for name in names if name not in text] == []
+    example = re.search(rf"^Example: vip-factors {command} (.*)$", text, re.MULTILINE)
+    assert example is not None
+    parse(options_of(command), f"vip-factors {command}", shlex.split(example.group(1)))
 
 
 def option_names(options: Any, prefix: str = "") -> set[str]:

@@ -62,16 +62,16 @@ class ConvertOptions(LogOptions, WritingOptions):
     the columns mean with --columns. First guesses of both files come from --template.
 
     With --detections and --camera the recording also holds what a 2D pose detector saw in a video. Several wearers:
-    convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap --detections …
+    convert each log on its own, then join the recordings: convert a.mcap both.mcap --join b.mcap
 
-    A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv …
+    A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv.
 
     Several cameras: all but the first stand still where their camera files say (calibrate-camera --floor, with the
     same board in the same place for all of them).
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
-    """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap …"""
+    """File or folder: Xsens .txt, .mvnx, DOT .csv, OpenSense .sto, TotalCapture .sensors, ROS 2 .mcap and others."""
     out: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="RECORDING"), Output(".mcap")] = None
     """Recording (.mcap) to write."""
     template: Annotated[Path | None, tyro.conf.arg(metavar="NAME")] = None

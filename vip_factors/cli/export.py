@@ -14,11 +14,16 @@ from vip_factors.io.settings import ExportSettings
 
 @dataclass(frozen=True)
 class ExportOptions(WritingOptions):
-    """Write an estimate into files of other programs; the suffix tells the format.
+    """Write an estimate into files of other programs.
 
-    .bvh (in metres; Maya and MotionBuilder expect --bvh.unit cm), .glb and .fbx (through Blender) are for animation
-    programs; .npz holds poses as AMASS has them, .pkl poses,
-    camera and 2D poses as 3DPW has them.
+    The suffix names the format:
+    - .bvh, .glb, .fbx (through Blender): animation; Maya and MotionBuilder expect --bvh.unit cm.
+    - .csv: joint positions and joint angles, a row a frame; walk.angles.csv or walk.positions.csv has one of the two.
+    - .trc, .mot, .sto: markers, joint angles and segment orientations for OpenSim.
+    - .c3d: markers and joint angles.
+    - .npz: poses as in AMASS; .pkl: poses, camera and 2D poses as in 3DPW.
+
+    Example: vip-factors export walk.estimate.mcap walk.bvh walk.trc walk.mot
 
     Several wearers in a format that holds one person get a file each: walk.npz becomes walk.Ada.npz and walk.Bea.npz.
     """

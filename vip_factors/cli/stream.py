@@ -45,11 +45,15 @@ INSTEAD_OF_A_WINDOW = "--rerun-save FILE.rrd or --rerun-connect URL instead of -
 class StreamOptions(SettingsOptions, ManyOptions):
     """Track a stream: every frame is answered with the newest pose, and with the smoothed one of a lag earlier.
 
-    SOURCE is a recording (.mcap), played back, or followed while another program writes it; - for standard input;
-    ws://:port to listen to senders on this machine (WebSocket), ws://host:port at another address.
+    SOURCE is one of:
+    - FILE.mcap: a recording, played back, or followed while another program writes it (--follow).
+    - ws://:PORT: a WebSocket for senders on this machine; ws://0.0.0.0:PORT for those in its networks.
+    - -: standard input.
 
-    Ctrl-C, or SIGTERM, ends the stream and completes the files. Every setting of the tracker is an option;
-    --settings reads them from a file, and options win over it.
+    Example: vip-factors stream ws://:5005 --web 8080 --out walk.estimate.mcap
+
+    Ctrl-C, or SIGTERM, ends the stream and completes the files. Every setting of the tracker is an option. The file
+    of --settings holds them too, and options win over it.
     """
 
     source: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SOURCE"), Input()]

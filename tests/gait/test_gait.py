@@ -11,10 +11,11 @@ from simulated_walk import STANCE, STRIDE_M, STRIDE_S, WIDTH_M, strikes, walk
 
 import vip_factors as vip
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import SIDES
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
 from vip_factors.gait.analysis import Gait, _figures, gait_of, gaits_of
-from vip_factors.gait.events import SIDES, events_of_motion, events_of_sensor
+from vip_factors.gait.events import events_of_motion, events_of_sensor
 from vip_factors.gait.files import curves_figure, write_gait
 from vip_factors.gait.strides import travel_of_foot
 from vip_factors.geometry.rotations import rotation_y

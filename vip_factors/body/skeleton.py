@@ -4,7 +4,7 @@ Body axes at rest: x to the wearer's left, y up, z forward; all joint rotations 
 A *bone* is the segment that a joint moves and carries that joint's name: bone ``left_knee`` is the left shank.
 """
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -35,14 +35,20 @@ BONE_ALIASES = {
         "upper_arm": "shoulder", "forearm": "elbow", "lower_arm": "elbow",
     }.items()
 } | {"hips": "pelvis", "sternum": "spine3", "chest": "spine3", "lower_back": "spine1"}  # fmt: skip
-
-
-# Limbs, by the joint at the far end of each.
+SIDES = ("left", "right")
+# Bones of the limbs, from the trunk outwards.
+LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder", "elbow", "wrist", "hand")}
+# Bones that sensors sit along, and the joint at the far end of each.
 LIMB_ENDS = {
     f"{side}_{bone}": f"{side}_{end}"
-    for side in ("left", "right")
+    for side in SIDES
     for bone, end in (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 }
+
+
+def worn_limbs(bones: Container[str]) -> list[tuple[str, ...]]:
+    """Those of the :data:`LIMBS` with a sensor on either side, by the bones that have one."""
+    return [limb for limb in LIMBS.values() if any(f"{side}_{bone}" in bones for side in SIDES for bone in limb)]
 
 
 def joint_index(name: str) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 
 from vip_factors.body.hinges import HingeEstimate
 from vip_factors.body.lengths import stature_of
-from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.body.skeleton import JOINT_NAMES, LIMBS, joint_index
 from vip_factors.describe.recordings import clock_rows, image_text, motion_facts, path_text
 from vip_factors.estimate import (
     BodyEstimate,
@@ -28,7 +28,7 @@ from vip_factors.tables import MM, UNKNOWN, Cell, Quantity, Row, Table, bone_wor
 RESIDUALS = {"orientation_deg": ("orientation", "°"), "acceleration_m_s2": ("acceleration", "m/s²")}
 # The joints that carry limbs: those of the spine share one bend, which is known better than its parts.
 LIMB_JOINTS = tuple(
-    index for index, name in enumerate(JOINT_NAMES) if name.endswith(("hip", "knee", "ankle", "shoulder", "elbow"))
+    joint_index(f"{side}_{bone}") for side in ("left", "right") for bone in (*LIMBS["legs"][:3], *LIMBS["arms"][1:4])
 )
 
 

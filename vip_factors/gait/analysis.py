@@ -8,11 +8,12 @@ import numpy as np
 
 from vip_factors.body.joint_angles import is_measured, joint_angle_sigmas, joint_angles
 from vip_factors.body.model_errors import shape_factor
+from vip_factors.body.skeleton import SIDES
 from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.findings import Finding
-from vip_factors.gait.events import EVENT_S, SIDES, FootEvents, events_of_motion, events_of_sensor
+from vip_factors.gait.events import EVENT_S, FootEvents, events_of_motion, events_of_sensor
 from vip_factors.gait.strides import (
     LEAST_RATE_HZ,
     QUANTITIES,

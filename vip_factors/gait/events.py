@@ -18,7 +18,6 @@ from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.sensors.imu_stream import ImuStream
 
-SIDES = ("left", "right")
 # What strikes and toe-offs are off by together, one standard deviation, as walks with a reference showed.
 EVENT_S = 0.02
 # How far from the last zero of the rate to its next extreme a strike is, and from the extreme to zero a toe-off. Of

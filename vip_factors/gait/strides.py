@@ -13,8 +13,9 @@ from typing import Literal
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import SIDES
 from vip_factors.errors import RecordingError
-from vip_factors.gait.events import EVENT_S, SIDES, FootEvents, angular_rate, foot_bones
+from vip_factors.gait.events import EVENT_S, FootEvents, angular_rate, foot_bones
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, rotation_z, wrap_angle
 from vip_factors.sensors.calibration import SensorCalibration

@@ -78,12 +78,6 @@ def video_facts(path: str | Path) -> VideoFacts:
     return VideoFacts(path, width, height, rate, time)
 
 
-def video_size(path: str | Path) -> tuple[int, int]:
-    """Width and height of a video's frames as they are shown, from its header; raises as :func:`opened_video`."""
-    with opened_video(Path(path)) as capture:
-        return _size(capture)
-
-
 def _size(capture: "cv2.VideoCapture") -> tuple[int, int]:
     import cv2
 

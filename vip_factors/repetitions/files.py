@@ -10,10 +10,10 @@ import numpy as np
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.body.mannequin import Side
+from vip_factors.body.skeleton import SIDES
 from vip_factors.display import table_cell
 from vip_factors.errors import InputError
 from vip_factors.repetitions.repetitions import Measured, Repetition, WearerRepetitions
-from vip_factors.repetitions.signals import SIDES
 from vip_factors.tables import Quantity, Row, Table, json_text
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, page, panel, save, seconds_axis, write
 from vip_factors.viz.colours import SIDE_COLOURS

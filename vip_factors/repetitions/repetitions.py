@@ -14,11 +14,12 @@ from typing import Literal, get_args
 import numpy as np
 
 from vip_factors.body.model_errors import shape_factor
+from vip_factors.body.skeleton import SIDES
 from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.repetitions.signals import SIDES, Signals, signals_of
+from vip_factors.repetitions.signals import Signals, signals_of
 
 Kind = Literal["squat", "lunge", "jump", "curl"]
 Side = Literal["left", "right", "both"]

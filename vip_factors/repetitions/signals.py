@@ -7,11 +7,10 @@ import numpy as np
 
 from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint_angles
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import joint_index
+from vip_factors.body.skeleton import SIDES, joint_index
 from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, transpose
 
-SIDES = ("left", "right")
 MOVEMENT_HZ = 6.0  # people's limbs move below it (Winter, Biomechanics and Motor Control of Human Movement, 4th ed.)
 # Share of the body's mass, and where its centre lies from the first joint to the second (de Leva 1996, J. Biomech. 29,
 # men; women's centres of the whole body differ by millimetres). The head's lies at its joint's height plus the skull's,

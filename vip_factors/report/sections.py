@@ -12,6 +12,7 @@ from markupsafe import Markup
 from vip_factors.body.joint_angles import JointAngles, is_measured, joint_angle_sigmas, joint_angles
 from vip_factors.body.mannequin import Side
 from vip_factors.body.model_errors import shape_factor
+from vip_factors.body.skeleton import LIMBS, worn_limbs
 from vip_factors.describe.estimates import RESIDUALS
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.gait.analysis import Gait, bones_with_sensors, gait_of
@@ -84,7 +85,6 @@ PAIRED = (
     "shoulder_adduction", "elbow_flexion",
 )  # fmt: skip
 TRUNK = ("trunk_flexion", "trunk_lateral_bending", "trunk_axial_rotation", "pelvis_tilt")
-LIMB_BONES = (("hip", "knee", "ankle"), ("collar", "shoulder", "elbow", "wrist"))  # by the joints above them
 SIDES = (Side.LEFT, Side.RIGHT)
 
 
@@ -126,10 +126,8 @@ def angle_section(wearer: ReportWearer, is_filmed: bool) -> AngleSection:
 def _is_worn(bones: Container[str] | None, angle: str) -> bool:
     """Whether the limb of an angle wears a sensor, or it is not known which do."""
     joint = angle.partition("_")[0]
-    limb = next((bones_of_limb for bones_of_limb in LIMB_BONES if joint in bones_of_limb), ())
-    if bones is None or not limb:
-        return True
-    return any(f"{side}_{bone}" in bones for side in ("left", "right") for bone in limb)
+    limb = next((limb for limb in LIMBS.values() if joint in limb), ())
+    return bones is None or not limb or limb in worn_limbs(bones)
 
 
 def _chart(angles: JointAngles, sigmas: Mapping[str, Array], name: str) -> list[Chart]:

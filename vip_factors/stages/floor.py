@@ -12,7 +12,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import BodyState, forward_kinematics
-from vip_factors.body.skeleton import Skeleton, contact_points, joint_index
+from vip_factors.body.skeleton import SIDES, Skeleton, contact_points, joint_index
 from vip_factors.errors import InputError
 from vip_factors.factor_settings import ContactFrom, GroundContactSettings, Weighing
 from vip_factors.findings import Finding
@@ -224,9 +224,6 @@ def _on_its_ray(model: WearerProblem, state: SceneState, number: int) -> tuple[f
     away = float(np.median(np.linalg.norm((own.p_world_pelvis - p_camera_world)[:, :2], axis=1)))
     slope = away / max(abs(float(np.median(p_camera_world[:, 2])) - floor.height), least_height_m)
     return slope * floor.height, slope * float(np.hypot(floor.sigma, SOLE_M))
-
-
-SIDES = ("left", "right")
 
 
 def seen_feet(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[tuple[Foot, ...], list[int]]:

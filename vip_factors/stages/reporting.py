@@ -11,7 +11,7 @@ from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.lengths import LENGTHS, lengths_of
 from vip_factors.body.model_errors import FILMED, UNFILMED, ModelErrors
-from vip_factors.body.skeleton import JOINT_NAMES, joint_index
+from vip_factors.body.skeleton import JOINT_NAMES, LIMBS, SIDES, joint_index, worn_limbs
 from vip_factors.estimate import (
     BodyEstimate,
     DetectorEstimate,
@@ -165,12 +165,6 @@ def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
     return replace(estimate, wearers=tuple(wearers), findings=tuple(findings))
 
 
-# Joints whose places GOOD promises, by the bones of the limb that they belong to.
-LIMBS = {
-    ("hip", "knee", "ankle"): ("knee", "ankle"),
-    ("collar", "shoulder", "elbow", "wrist"): ("shoulder", "elbow", "wrist"),
-}
-SIDES = ("left", "right")
 LEG_BONES = {"hip": "thighs", "knee": "shanks"}  # by the joint above
 
 
@@ -198,11 +192,12 @@ def precision_findings(wearer: str, bones: Set[str], sensors: int, filmed: bool)
 
 
 def _joints_of_worn_limbs(bones: Set[str]) -> list[int]:
-    """Joints of the legs, if a leg has a sensor, and of the arms, if an arm has one; of all limbs if none has."""
-    worn = [
-        joints for limb, joints in LIMBS.items() if any(f"{side}_{bone}" in bones for side in SIDES for bone in limb)
-    ]
-    return [joint_index(f"{side}_{joint}") for joints in worn or LIMBS.values() for joint in joints for side in SIDES]
+    """Joints of the legs, if a leg has a sensor, and of the arms, if an arm has one; of all limbs if none has.
+
+    GOOD promises where they are: those of the trunk and the tips are left out.
+    """
+    limbs = worn_limbs(bones) or LIMBS.values()
+    return [joint_index(f"{side}_{joint}") for limb in limbs for joint in limb[1:-1] for side in SIDES]
 
 
 def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Settings) -> WearerEstimate:

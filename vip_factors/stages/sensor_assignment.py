@@ -18,7 +18,7 @@ from vip_factors.associate.hypothesis import CAUCHY, WearerPoints, hypotheses, k
 from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
-from vip_factors.body.skeleton import POSES
+from vip_factors.body.skeleton import LIMBS, POSES
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.initialise.sensor_assignment import (
@@ -230,7 +230,6 @@ class ReplacedSource:
         return replace(scene, wearers=tuple(replace(one, placement=placement) for one, placement in wearers))
 
 
-LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder", "elbow", "wrist", "hand")}  # bones
 SHOWN = {"legs": ("knee", "ankle", "heel", "toe"), "arms": ("elbow", "wrist")}  # keypoints that their sensors move
 LIKELIER = "the body bends and moves as people do"  # what speaks for an exchange, beside what is seen
 LEAST_FRAMES = 15  # of the recording, and of the video

@@ -3,7 +3,8 @@
 import inspect
 import subprocess
 import sys
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -142,6 +143,39 @@ def test_objects_tell_of_themselves_in_a_few_lines(recording: vip.Scene, estimat
     assert "verdict: " in repr(estimate)
     assert "6, 0.0 to " in repr(recording)
     assert "<th>positions</th><td>" in found._repr_html_()
+
+
+def test_everything_public_shows_itself_in_a_few_lines(recording: vip.Scene, estimate: vip.Estimate) -> None:
+    """Whatever a user meets by way of attributes, down to the arrays; collections by what they hold."""
+    (worn,) = recording.wearers
+    stream = vip.Stream(recording, vip.LiveSettings(frame_rate=20.0), real_time=False)
+    answer = list(stream.answers(vip.live_samples(recording)))[-1]
+    filmed = vip.simulate(seconds=0.6, placement="sip6", camera="hand-held", seed=1)
+    whole = vip.factor_graph(recording, QUICK)
+    met = [recording, worn, filmed, estimate, answer, whole, vip.evaluate(estimate, recording), estimate.joint_angles(),
+           QUICK, vip.LiveSettings(), vip.SceneSettings(), vip.DetectSettings(), vip.ExportSettings(),
+           vip.ImportOptions(), *vip.gait(walk()), *vip.repetitions(exercises(("squat",)))]  # fmt: skip
+    seen, longest = set[type](), dict[str, int]()
+    while met:
+        one = met.pop()
+        if is_dataclass(one):
+            text = repr(one)
+            longest[type(one).__name__] = max(longest.get(type(one).__name__, 0), len(text))
+            assert len(text.splitlines()) <= 45, type(one)
+            if type(one) not in seen:
+                met += [getattr(one, field.name) for field in fields(one)]
+            seen.add(type(one))
+        elif isinstance(one, Mapping | tuple):
+            met += list(one.values() if isinstance(one, Mapping) else one)[:2]
+    assert {"FactorGraph", "SceneState", "ImuStream", "PoseCovariance", "LivePose", "CameraPath", "Settings"} <= {
+        *longest
+    }
+    assert {name: length for name, length in longest.items() if length > 3000} == {}
+    assert repr(whole).startswith(f"factor graph: {whole.graph.size()} factors on ")
+    assert repr(QUICK).splitlines() == [
+        "Settings, by default but for", "  frame_rate: 20.0", "  solve.max_iterations: 3"
+    ]  # fmt: skip
+    assert "R_parent_child: array (" in repr(answer.wearers[0].newest)
 
 
 def test_gait_and_repetitions_tell_of_themselves_and_are_written(tmp_path: Path) -> None:

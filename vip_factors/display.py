@@ -2,9 +2,11 @@
 
 import re
 import unicodedata
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import fields
 from html import escape
 from os import PathLike
+from typing import Any, cast
 
 ProgressCallback = Callable[[str, float], None]
 """Called with the name of a stage and the fraction of it that is done."""
@@ -17,11 +19,12 @@ def silent(stage: str, fraction: float) -> None:
 
 
 class Summarised:
-    """Base of objects that show themselves in a few lines: a title, then ``label: value`` or ``label  value`` each."""
+    """Base of dataclasses that show themselves in a few lines: a title, then ``label: value`` or ``label  value``."""
 
     def summary(self) -> list[str]:
-        """The lines, without indents."""
-        raise NotImplementedError
+        """The lines, without indents: unless a class has its own, its name, and each field that is not empty."""
+        values = [(field.name, _in_brief(getattr(self, field.name))) for field in fields(cast(Any, self))]
+        return [type(self).__name__, *(f"{name}: {text}" for name, text in values if text)]
 
     def __repr__(self) -> str:
         return "\n  ".join(self.summary())
@@ -31,6 +34,21 @@ class Summarised:
         rows = (re.match("(.*?)(?:: +|  +|$)(.*)", escape(line)) for line in lines)
         cells = "".join(f"<tr><th>{row[1]}</th><td>{row[2]}</td></tr>" for row in rows if row)
         return f"<table><caption>{escape(title)}</caption>{cells}</table>"
+
+
+def _in_brief(value: Any) -> str:
+    """A part of a line: the shape of an array, the keys of a mapping, the length of a collection, an object's title."""
+    few, width = 4, 100  # items, characters
+    if shape := getattr(value, "shape", ()):
+        return f"array {shape}" if shape > (few,) or len(shape) > 1 else one_line(str(value))
+    if value is None or (isinstance(value, Collection) and not len(value)):
+        return ""
+    text = value.summary()[0] if isinstance(value, Summarised) else one_line(repr(value))
+    if isinstance(value, Mapping):
+        text = f"{len(value)}, {', '.join(map(str, value))}"
+    elif isinstance(value, list | tuple) and len(text) > width:
+        text = f"{len(value)} of {type(value[0]).__name__}"
+    return text if len(text) <= width else f"{text[: width - 2]} …"
 
 
 def distinct_file_names(names: Iterable[str]) -> list[str]:

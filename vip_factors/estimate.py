@@ -29,8 +29,8 @@ TABLES = ("positions", "angles")  # of an estimate as columns
 KEPT = 0.8  # of the prior's standard deviation: what is no surer than this was hardly measured
 
 
-@dataclass(frozen=True)
-class PoseCovariance:
+@dataclass(frozen=True, repr=False)
+class PoseCovariance(Summarised):
     """Marginal covariance of the joint rotations and of the root, at every frame.
 
     Attributes:
@@ -51,8 +51,8 @@ class PoseCovariance:
         return np.sqrt(np.trace(self.joints, axis1=-2, axis2=-1) / 3)
 
 
-@dataclass(frozen=True)
-class BodyEstimate:
+@dataclass(frozen=True, repr=False)
+class BodyEstimate(Summarised):
     """The body that was found with the motion, and what was taken for likely beforehand.
 
     Attributes:
@@ -107,8 +107,8 @@ class SensorPlaceEstimate:
     sigma: Array
 
 
-@dataclass(frozen=True)
-class DetectorEstimate:
+@dataclass(frozen=True, repr=False)
+class DetectorEstimate(Summarised):
     """Where a detector puts its keypoints, against where the table of its keypoints has them.
 
     Attributes:
@@ -204,8 +204,8 @@ class WearerEstimate(Summarised):
         )
 
 
-@dataclass(frozen=True)
-class CameraEstimate:
+@dataclass(frozen=True, repr=False)
+class CameraEstimate(Summarised):
     """Where the camera was.
 
     Attributes:

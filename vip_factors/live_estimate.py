@@ -14,8 +14,8 @@ from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.camera import CameraPath
 
 
-@dataclass(frozen=True)
-class LivePose:
+@dataclass(frozen=True, repr=False)
+class LivePose(Summarised):
     """One wearer at one instant.
 
     Attributes:
@@ -33,8 +33,8 @@ class LivePose:
     root_covariance: Array | None = None
 
 
-@dataclass(frozen=True)
-class LiveCameraPose:
+@dataclass(frozen=True, repr=False)
+class LiveCameraPose(Summarised):
     """The camera at one instant; ``covariance`` ``(6, 6)`` of right perturbations: rotation (rad), translation (m)."""
 
     time: float
@@ -55,8 +55,8 @@ def path_of(poses: Sequence[LiveCameraPose]) -> CameraPath:
     return CameraPath(np.array([pose.time for pose in poses]), R, p)
 
 
-@dataclass(frozen=True)
-class LiveWearerEstimate:
+@dataclass(frozen=True, repr=False)
+class LiveWearerEstimate(Summarised):
     """One wearer.
 
     Attributes:

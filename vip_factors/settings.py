@@ -6,6 +6,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any, Literal
 
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.factor_settings import CameraFactorSettings, FactorSettings
 from vip_factors.ranges import NotNegative, NotNegativeInt, RangeError, Rate, Share, check_ranges
@@ -160,8 +161,8 @@ class SolveSettings:
     relative_decrease: float = 1e-3  # steps below it move joints by a millimetre in all and take half of the time
 
 
-@dataclass(frozen=True)
-class CommonSettings:
+@dataclass(frozen=True, repr=False)
+class CommonSettings(Summarised):
     """What smoothing a recording and tracking a stream both honour."""
 
     # Brisk motion has its power below 10 Hz.
@@ -184,6 +185,12 @@ class CommonSettings:
 
     def __post_init__(self) -> None:
         check_ranges(self)
+
+    def summary(self) -> list[str]:
+        """The settings that are not the default."""
+        default = flatten(type(self)())
+        changed = [f"{name}: {text}" for name, text in flatten(self).items() if text != default[name]]
+        return [f"{type(self).__name__}, {'all by default' if not changed else 'by default but for'}", *changed]
 
     @property
     def coarse_factor(self) -> int:
@@ -215,7 +222,7 @@ class AssignmentSettings:
     check: bool = True  # off: they are where the placement has them, whatever the motion says
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Settings(CommonSettings):
     """All settings of the pipeline."""
 
@@ -305,7 +312,7 @@ class RelinearisationSettings:
     most: NotNegativeInt = 6  # frames at once, the newest: what an update may cost
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LiveSettings(CommonSettings):
     """All settings of a live session."""
 

@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp
 
@@ -86,8 +87,8 @@ class Landmark:
     p_bone_point: Array
 
 
-@dataclass(frozen=True)
-class Skeleton:
+@dataclass(frozen=True, repr=False)
+class Skeleton(Summarised):
     """Joint positions of one person.
 
     Attributes:

@@ -9,15 +9,27 @@ import gtsam
 import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
-from vip_factors.errors import SolveError
-from vip_factors.factor_graph.extra import UserTerms
+from vip_factors.body.keypoints import OFFSET_KEYPOINTS
+from vip_factors.body.skeleton import JOINT_NAMES
+from vip_factors.display import Summarised
+from vip_factors.errors import InputError, SolveError, nearest
+from vip_factors.factor_graph import keys
+from vip_factors.factor_graph.extra import UserTerms, variable_columns
 from vip_factors.factor_graph.term_factors import TermFactor, term_factors
-from vip_factors.factor_graph.variables import Variable, state_of, values_of, variables_of
+from vip_factors.factor_graph.variables import (
+    HEADINGS,
+    JOINT,
+    Variable,
+    state_of,
+    values_of,
+    variable_of,
+    variables_of,
+)
 from vip_factors.geometry.rotations import Array
-from vip_factors.problem.layout import Layout
+from vip_factors.problem.layout import STATIC, Layout, Owner
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
-from vip_factors.problem.variables import scene_layout
+from vip_factors.problem.variables import ROWS, scene_layout
 from vip_factors.settings import SolveSettings
 from vip_factors.solve.levenberg_marquardt import (
     INITIAL_DAMPING,
@@ -28,9 +40,10 @@ from vip_factors.solve.levenberg_marquardt import (
 )
 
 
-@dataclass(frozen=True)
-class FactorGraph:
-    """A factor graph in the open. Keys are those of :mod:`vip_factors.factor_graph.keys`.
+@dataclass(frozen=True, repr=False)
+class FactorGraph(Summarised):
+    """A factor graph in the open. Keys are those of :mod:`vip_factors.factor_graph.keys`, and its methods give those of
+    sensors by name.
 
     Attributes:
         graph: of GTSAM; factors may be added to it.
@@ -53,13 +66,79 @@ class FactorGraph:
         """The state that values stand for."""
         return state_of(values, self.state, self.variables)
 
-    def solved(self, settings: SolveSettings | None = None) -> SceneState:
-        """Where the package's own solver ends, which sums the terms of all frames at once; it starts at the values.
+    def solved(self, settings: SolveSettings | None = None) -> gtsam.Values:
+        """The values at which the package's own solver ends, which sums the terms of all frames at once.
+
+        It starts where the graph does. Factors that were added to ``graph`` are not in it: give them to ``smooth`` as
+        ``extra_factors``.
 
         Raises:
             SolveError: if the problem is not determined.
         """
-        return levenberg_marquardt(SceneObjective(self.problem), self.state, settings or SolveSettings())[0]
+        state, _ = levenberg_marquardt(SceneObjective(self.problem), self.state, settings or SolveSettings())
+        return values_of(state, self.variables)
+
+    def marginals(self, values: gtsam.Values) -> dict[int, Array]:
+        """The covariance ``(w, w)`` of each variable at a solution, by its key and in GTSAM's tangent space.
+
+        One elimination of all frames finds what ``gtsam.Marginals`` does. Of a heading that drifts, the first alone.
+
+        Raises:
+            SolveError: if a variable is not determined.
+        """
+        objective, covariances = SceneObjective(self.problem), dict[int, Array]()
+        found = objective.linearise(self.state_at(values)).marginals()
+        for one in self.variables:
+            place = variable_columns(objective.layout, one)
+            if place is not None and not one.step:
+                chain, start = place
+                columns = slice(start, start + one.width)
+                covariance = found.static if chain == STATIC else found.chains[chain][one.frame]
+                covariances[one.key] = covariance[columns, columns]
+        return covariances
+
+    @property
+    def sensors(self) -> dict[str, dict[str, int]]:
+        """The number of each sensor in keys, by the names of wearer and sensor."""
+        return {one.name: {name: n for n, name in enumerate(one.frames.sensors)} for one in self.problem.wearers}
+
+    def heading_key(self, wearer: str, sensor: str) -> int:
+        """Key of a sensor's heading, by names, of which an unknown one raises an :class:`InputError`."""
+        return self._sensor_key(HEADINGS, wearer, sensor)
+
+    def mounting_key(self, wearer: str, sensor: str) -> int:
+        """Key of a sensor's mounting R_bone_sensor, by names, of which an unknown one raises an :class:`InputError`."""
+        return self._sensor_key("R_bone_sensor", wearer, sensor)
+
+    def _sensor_key(self, block: str, wearer: str, sensor: str) -> int:
+        for name, names in ((wearer, self.sensors), (sensor, self.sensors.get(wearer, {}))):
+            if name not in names:
+                raise InputError(f"no '{name}' in the factor graph{nearest(name, names)}")
+        return keys.variable_key(block, self.sensors[wearer][sensor], list(self.sensors).index(wearer))
+
+    def key_words(self, key: int) -> str:
+        """A key in words, such as ``heading of left_shank, Ada``: a formatter for what GTSAM prints."""
+        one = variable_of(key)
+        if one is None:
+            return str(gtsam.DefaultKeyFormatter(key))
+        items, words = {JOINT: JOINT_NAMES, "keypoint_offsets": OFFSET_KEYPOINTS}.get(one.block, ()), one.kind
+        wearer = self.problem.wearers[one.wearer] if one.owner.kind is Owner.WEARER else None
+        if wearer is not None and not one.is_of_a_frame and ROWS[one.block].of_sensors:
+            items = wearer.frames.sensors
+        words += f" of {items[one.item]}" if items else ""
+        words += f", frame {one.frame}" if one.is_of_a_frame or one.is_of_the_camera_path else ""
+        words += f", step {one.step}" if one.step else ""
+        return words if wearer is None else f"{words}, {wearer.name}"
+
+    def summary(self) -> list[str]:
+        """How many factors on how many variables in how many frames, and how many of each kind."""
+        title = (
+            f"factor graph: {self.graph.size()} factors on {self.values.size()} variables in {len(self.time)} frames"
+        )
+        counts = {"variables": self.variable_counts, "factors": self.factor_counts}
+        kinds = ((what, (f"{n} {kind}" for kind, n in one.most_common())) for what, one in counts.items())
+        sensors = (f"{wearer}: {', '.join(names)}" for wearer, names in self.sensors.items())
+        return [title, *(f"{what}: {', '.join(words)}" for what, words in kinds), *sensors]
 
     @property
     def factor_counts(self) -> Counter[str]:

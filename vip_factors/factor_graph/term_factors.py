@@ -9,6 +9,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import twists_at
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, ancestors, joint_index
+from vip_factors.display import Summarised
 from vip_factors.errors import SolveError
 from vip_factors.factor_graph.variables import HEADINGS, JOINT, POSES, ROOT, Variable, state_of
 from vip_factors.factor_settings import Loss, RobustLoss
@@ -33,8 +34,8 @@ Evaluation = WearerEvaluation | ViewEvaluation | CameraEvaluation
 Blocks = list[tuple[Variable, Array]]
 
 
-@dataclass(frozen=True)
-class TermFactor:
+@dataclass(frozen=True, repr=False)
+class TermFactor(Summarised):
     """A GTSAM factor and what it stands for."""
 
     kind: str

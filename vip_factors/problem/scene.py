@@ -9,6 +9,7 @@ import numpy as np
 
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS, KeypointOffsets, offset_of
 from vip_factors.body.kinematics import BodyState
+from vip_factors.display import Summarised
 from vip_factors.factor_settings import CameraFactorSettings, KeypointOffsetSettings
 from vip_factors.geometry.rotations import Array, hat
 from vip_factors.problem.layout import Layout
@@ -19,8 +20,8 @@ from vip_factors.sensors.frames import ImuFrames
 from vip_factors.solve.slices import Blocks
 
 
-@dataclass(frozen=True)
-class CameraProblem:
+@dataclass(frozen=True, repr=False)
+class CameraProblem(Summarised):
     """The camera's share of a scene.
 
     Attributes:
@@ -158,8 +159,8 @@ class GroundView:
 OF_FRAMES = ("pixels", "sigma", "oks_px", "seen", "pixels_per_second", "confidence")  # of a view, frame by frame
 
 
-@dataclass(frozen=True)
-class KeypointView:
+@dataclass(frozen=True, repr=False)
+class KeypointView(Summarised):
     """Where one wearer's ``K`` keypoints were seen in the ``T`` frames.
 
     Attributes:
@@ -283,8 +284,8 @@ class ExtraTerms(Protocol):
         ...
 
 
-@dataclass(frozen=True)
-class SceneProblem:
+@dataclass(frozen=True, repr=False)
+class SceneProblem(Summarised):
     """The least-squares problem of a scene; all wearers have the same frames.
 
     Attributes:

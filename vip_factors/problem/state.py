@@ -9,13 +9,14 @@ from vip_factors.body.hinges import HINGE_VARIABLES
 from vip_factors.body.keypoints import OFFSET_KEYPOINTS
 from vip_factors.body.lengths import LENGTHS
 from vip_factors.body.skeleton import JOINT_COUNT
+from vip_factors.display import Summarised
 from vip_factors.geometry.poses import retract_pose
 from vip_factors.geometry.rotations import Array, exp, hat, rotation_z
 from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
 
 
-@dataclass(frozen=True)
-class CameraPoses:
+@dataclass(frozen=True, repr=False)
+class CameraPoses(Summarised):
     """Poses at ``T`` frames: ``R_world_camera`` ``(T, 3, 3)`` and ``p_world_camera`` ``(T, 3)`` in metres.
 
     The tangent is ``(ω, v)``, rotation first, both in the camera's axes: ``T ← T Exp(ω, v)``, that is ``R ← R Exp(ω)``
@@ -42,8 +43,8 @@ class CameraPoses:
         return CameraPoses(*retract_pose(self.R_world_camera, self.p_world_camera, steps))
 
 
-@dataclass(frozen=True)
-class WearerState:
+@dataclass(frozen=True, repr=False)
+class WearerState(Summarised):
     """Values of all variables of one wearer.
 
     Attributes:
@@ -110,8 +111,8 @@ class WearerState:
         return replace(self, R_parent_child=R, p_world_pelvis=p, headings=self.headings + angle, later_headings=later)
 
 
-@dataclass(frozen=True)
-class CameraState:
+@dataclass(frozen=True, repr=False)
+class CameraState(Summarised):
     """Values of the camera's variables.
 
     Attributes:
@@ -160,8 +161,8 @@ class DetectorState:
     keypoint_offsets: Array = field(default_factory=lambda: np.zeros((len(OFFSET_KEYPOINTS), 3)))
 
 
-@dataclass(frozen=True)
-class SceneState:
+@dataclass(frozen=True, repr=False)
+class SceneState(Summarised):
     """Values of all variables of a scene."""
 
     wearers: tuple[WearerState, ...]

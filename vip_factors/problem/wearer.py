@@ -11,6 +11,7 @@ from vip_factors.body.kinematics import BodyState
 from vip_factors.body.lengths import BodyVariation
 from vip_factors.body.pose_prior import JointLimits, PosePrior
 from vip_factors.body.skeleton import HeldPose, Skeleton
+from vip_factors.display import Summarised
 from vip_factors.factor_settings import FactorSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.frames import ImuFrames
@@ -68,8 +69,8 @@ class InitialPose:
         return max(self.frames - self.passed, 0)
 
 
-@dataclass(frozen=True)
-class WearerProblem:
+@dataclass(frozen=True, repr=False)
+class WearerProblem(Summarised):
     """One wearer's least-squares problem.
 
     Attributes:

@@ -8,6 +8,7 @@ import numpy as np
 from vip_factors.body.joint_angles import JointAngles, joint_angle_sigmas, joint_angles
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import SIDES, joint_index
+from vip_factors.display import Summarised
 from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, transpose
 
@@ -22,8 +23,8 @@ _SEGMENTS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True)
-class Signals:
+@dataclass(frozen=True, repr=False)
+class Signals(Summarised):
     """A wearer's motion, low-passed without a delay; all ``(T,)`` unless said otherwise.
 
     Attributes:

@@ -7,6 +7,7 @@ import numpy as np
 
 from vip_factors.body.lengths import stature_of
 from vip_factors.body.skeleton import JOINT_NAMES, Skeleton, joint_index
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 
@@ -91,8 +92,8 @@ class SensorSite:
         return joint_index(self.bone)
 
 
-@dataclass(frozen=True)
-class Placement:
+@dataclass(frozen=True, repr=False)
+class Placement(Summarised):
     """All sensors of one wearer; ``name`` is the preset's or ``"custom"``."""
 
     sites: tuple[SensorSite, ...] = ()

@@ -6,14 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.geometry.poses import Alignment, align_yaw
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, rotation_z, transpose, yaw_of
 
 
-@dataclass(frozen=True)
-class CameraPath:
+@dataclass(frozen=True, repr=False)
+class CameraPath(Summarised):
     """Camera poses ``T_world_camera`` at ``T`` instants; one instant is a camera that stands still.
 
     Attributes:

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from vip_factors.display import Summarised
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.quaternions import interpolate_rotations
 from vip_factors.geometry.rotations import Array
@@ -15,8 +16,8 @@ from vip_factors.sensors.recording import Recording, nothing_placed
 POSE_S = 4.0  # from the start: what is silent sooner comes after a pose that was held before, and is tied to it
 
 
-@dataclass(frozen=True)
-class ImuFrames:
+@dataclass(frozen=True, repr=False)
+class ImuFrames(Summarised):
     """Measurements of ``S`` sensors at ``T`` frames.
 
     Attributes:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vip_factors.display import Summarised
 from vip_factors.errors import RecordingError
 from vip_factors.geometry.quaternions import Order, interpolate_points, interpolate_rotations, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
@@ -16,8 +17,8 @@ ROTATION_TOLERANCE = 1e-3  # of RᵀR from the identity: beyond it the matrix wa
 FORCE_LIMIT = 400.0  # m/s²: above the ±16 g (157 m/s²) or even ±32 g range of body-worn IMUs
 
 
-@dataclass(frozen=True)
-class ImuStream:
+@dataclass(frozen=True, repr=False)
+class ImuStream(Summarised):
     """Samples of one body-worn sensor; anything it does not measure is None. Without samples it is a name alone.
 
     Attributes:
@@ -64,6 +65,13 @@ class ImuStream:
         self._check_values()
         if self.specific_force is None and self.R_inertial_sensor is None:
             raise RecordingError(f"sensor '{self.name}' measures neither orientation nor specific force")
+
+    def summary(self) -> list[str]:
+        """One line: how many samples of what."""
+        words = ("specific_force", "R_inertial_sensor", "angular_rate")
+        measured = ", ".join(name for name in words if getattr(self, name) is not None)
+        samples = f"{len(self)} samples" + (f" at {self.rate:.1f} Hz of {measured}" if len(self) else "")
+        return [f"sensor '{self.name}': {samples}"]
 
     def _check_values(self) -> None:
         spikes = 0.01  # of the samples: fewer beyond that limit are blows or broken packets, more another unit

@@ -19,8 +19,8 @@ from vip_factors.sensors.imu_stream import ImuStream, rotations_of, with_orienta
 DEFAULT_STATURE_M = 1.72  # of logs whose wearers nobody measured, for their sensors' places
 
 
-@dataclass(frozen=True)
-class Subject:
+@dataclass(frozen=True, repr=False)
+class Subject(Summarised):
     """The person who wears the sensors.
 
     Attributes:
@@ -68,8 +68,8 @@ class Subject:
         return likely_body(self.stature_m, self.sex, self.segment_lengths_m, self.mass_kg)
 
 
-@dataclass(frozen=True)
-class Truth:
+@dataclass(frozen=True, repr=False)
+class Truth(Summarised):
     """What a simulator or an optical system knows: motion, and calibration if it does.
 
     Attributes:

@@ -20,8 +20,8 @@ CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its ed
 UNKNOWN_MOUNTING_SIGMA = np.pi  # nobody said how it sits: the data have to tell
 
 
-@dataclass(frozen=True)
-class CameraMount:
+@dataclass(frozen=True, repr=False)
+class CameraMount(Summarised):
     """The IMU on the camera.
 
     Attributes:
@@ -99,8 +99,8 @@ class Camera(Summarised):
         return self.detections.timed(self.clock)
 
 
-@dataclass(frozen=True)
-class SceneTruth:
+@dataclass(frozen=True, repr=False)
+class SceneTruth(Summarised):
     """What a simulator knows of a scene beyond the wearers' own truths (which share one world).
 
     Attributes:

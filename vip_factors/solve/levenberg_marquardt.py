@@ -11,6 +11,7 @@ from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
+from vip_factors.display import Summarised
 from vip_factors.errors import SolveError
 from vip_factors.settings import SolveSettings
 
@@ -27,8 +28,8 @@ class Iteration:
     seconds: Mapping[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class SolveReport:
+@dataclass(frozen=True, repr=False)
+class SolveReport(Summarised):
     """How a solve went.
 
     Attributes:

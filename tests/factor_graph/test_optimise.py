@@ -17,16 +17,16 @@ from vip_factors.pipeline import factor_graph, smooth
 from vip_factors.settings import SolverName, SolveSettings
 from vip_factors.solve.levenberg_marquardt import levenberg_marquardt
 
-WHOLE = cache(lambda: factor_graph(filmed_gestures("fixed", 0.6), QUICK))
+SCENE_GRAPH = cache(lambda: factor_graph(filmed_gestures("fixed", 0.6), QUICK))
 TO_THE_END = SolveSettings(max_iterations=40, relative_decrease=1e-9)
 
 
 def test_both_find_the_same_minimum_of_a_filmed_scene() -> None:
-    whole = WHOLE()
-    assert {"orientation", "acceleration", "reprojection"} <= set(whole.factor_counts)
-    objective = SceneObjective(whole.problem)
-    ours, report = levenberg_marquardt(objective, whole.state, TO_THE_END)
-    theirs, their_report = optimise_with_gtsam(objective, whole.state, TO_THE_END)
+    scene_graph = SCENE_GRAPH()
+    assert {"orientation", "acceleration", "reprojection"} <= set(scene_graph.factor_counts)
+    objective = SceneObjective(scene_graph.problem)
+    ours, report = levenberg_marquardt(objective, scene_graph.state, TO_THE_END)
+    theirs, their_report = optimise_with_gtsam(objective, scene_graph.state, TO_THE_END)
     costs = [sum(one.final_cost.values()) for one in (report, their_report)]
     np.testing.assert_allclose(costs[0], costs[1], rtol=1e-7)
     (one,), (other,) = ours.wearers, theirs.wearers
@@ -34,41 +34,43 @@ def test_both_find_the_same_minimum_of_a_filmed_scene() -> None:
     assert np.rad2deg(angle_between(one.R_parent_child, other.R_parent_child)).max() < 0.05
     assert np.rad2deg(np.abs(one.headings - other.headings)).max() < 0.01
     assert np.abs(ours.camera.poses.p_world_camera - theirs.camera.poses.p_world_camera).max() < 1e-4
-    assert np.abs(one.p_world_pelvis - whole.state.wearers[0].p_world_pelvis).max() > 1e-3  # it was some way
+    assert np.abs(one.p_world_pelvis - scene_graph.state.wearers[0].p_world_pelvis).max() > 1e-3  # it was some way
 
 
 def test_the_solution_and_its_marginals_are_gtsams() -> None:
-    whole = WHOLE()
-    values = whole.solved()
+    scene_graph = SCENE_GRAPH()
+    values = scene_graph.solved()
     assert isinstance(values, gtsam.Values)
-    assert whole.graph.error(values) < 0.9 * whole.graph.error(whole.values)
-    ours, theirs = whole.marginals(values), gtsam.Marginals(whole.graph, values)
-    assert set(ours) == {one.key for one in whole.variables}
-    for one in whole.variables[::7] + whole.variables[-30:]:
-        expected = theirs.marginalCovariance(one.key)
-        np.testing.assert_allclose(ours[one.key], expected, atol=1e-6 * np.abs(expected).max(), err_msg=one.kind)
+    assert scene_graph.graph.error(values) < 0.9 * scene_graph.graph.error(scene_graph.values)
+    covariances, expected = scene_graph.marginals(values), gtsam.Marginals(scene_graph.graph, values)
+    assert set(covariances) == {variable.key for variable in scene_graph.variables}
+    for variable in scene_graph.variables[::7] + scene_graph.variables[-30:]:
+        covariance = expected.marginalCovariance(variable.key)
+        np.testing.assert_allclose(
+            covariances[variable.key], covariance, atol=1e-6 * np.abs(covariance).max(), err_msg=variable.kind
+        )
 
 
 def test_keys_go_by_names() -> None:
-    whole = WHOLE()
-    ((wearer, sensors),) = whole.sensors.items()
+    scene_graph = SCENE_GRAPH()
+    ((wearer, sensors),) = scene_graph.sensors.items()
     for sensor, number in sensors.items():
-        assert whole.heading_key(wearer, sensor) == variable_key("headings", number)
-        assert whole.key_words(whole.heading_key(wearer, sensor)) == f"heading of {sensor}, {wearer}"
-        assert whole.key_words(whole.mounting_key(wearer, sensor)) == f"mounting of {sensor}, {wearer}"
-    words = {whole.key_words(one.key) for one in whole.variables}
-    assert len(words) == len(whole.variables)
+        assert scene_graph.heading_key(wearer, sensor) == variable_key("headings", number)
+        assert scene_graph.key_words(scene_graph.heading_key(wearer, sensor)) == f"heading of {sensor}, {wearer}"
+        assert scene_graph.key_words(scene_graph.mounting_key(wearer, sensor)) == f"mounting of {sensor}, {wearer}"
+    words = {scene_graph.key_words(variable.key) for variable in scene_graph.variables}
+    assert len(words) == len(scene_graph.variables)
     assert {f"joint rotation of left_knee, frame 3, {wearer}", f"root translation, frame 0, {wearer}"} <= words
-    assert whole.key_words(gtsam.symbol("x", 3)) == "x3"
+    assert scene_graph.key_words(gtsam.symbol("x", 3)) == "x3"
     with pytest.raises(InputError, match=r"no 'left_shonk' in the factor graph; did you mean 'left_shank'"):
-        whole.heading_key(wearer, "left_shonk")
+        scene_graph.heading_key(wearer, "left_shonk")
     with pytest.raises(InputError, match="no 'Nobody' in the factor graph"):
-        whole.mounting_key("Nobody", "left_shank")
+        scene_graph.mounting_key("Nobody", "left_shank")
 
 
 def test_gtsam_prints_with_these_names(capfd: pytest.CaptureFixture[str]) -> None:
-    whole = WHOLE()
-    whole.values.print("", whole.key_words)
+    scene_graph = SCENE_GRAPH()
+    scene_graph.values.print("", scene_graph.key_words)
     assert "Value heading of left_shank, " in capfd.readouterr().out
 
 

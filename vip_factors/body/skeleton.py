@@ -187,8 +187,8 @@ _LEFT_MEANS = {
 }
 
 
-@dataclass(frozen=True)
-class HeldPose:
+@dataclass(frozen=True, repr=False)
+class HeldPose(Summarised):
     """A calibration pose as people hold it: ``(24, 3, 3)`` rotations, of which the root's heading is free, and standard
     deviations ``(24, 3)`` in radians about each joint's own axes; the root's row has no meaning.
     """

@@ -87,27 +87,30 @@ class FactorGraph(Summarised):
             SolveError: if a variable is not determined.
         """
         objective, covariances = SceneObjective(self.problem), dict[int, Array]()
-        found = objective.linearise(self.state_at(values)).marginals()
-        for one in self.variables:
-            place = variable_columns(objective.layout, one)
-            if place is not None and not one.step:
+        marginals = objective.linearise(self.state_at(values)).marginals()
+        for variable in self.variables:
+            place = variable_columns(objective.layout, variable)
+            if place is not None and not variable.step:
                 chain, start = place
-                columns = slice(start, start + one.width)
-                covariance = found.static if chain == STATIC else found.chains[chain][one.frame]
-                covariances[one.key] = covariance[columns, columns]
+                columns = slice(start, start + variable.width)
+                covariance = marginals.static if chain == STATIC else marginals.chains[chain][variable.frame]
+                covariances[variable.key] = covariance[columns, columns]
         return covariances
 
     @property
     def sensors(self) -> dict[str, dict[str, int]]:
         """The number of each sensor in keys, by the names of wearer and sensor."""
-        return {one.name: {name: n for n, name in enumerate(one.frames.sensors)} for one in self.problem.wearers}
+        return {
+            wearer.name: {name: number for number, name in enumerate(wearer.frames.sensors)}
+            for wearer in self.problem.wearers
+        }
 
     def heading_key(self, wearer: str, sensor: str) -> int:
-        """Key of a sensor's heading, by names, of which an unknown one raises an :class:`InputError`."""
+        """Key of a sensor's heading, by names; an :class:`InputError` for an unknown name."""
         return self._sensor_key(HEADINGS, wearer, sensor)
 
     def mounting_key(self, wearer: str, sensor: str) -> int:
-        """Key of a sensor's mounting R_bone_sensor, by names, of which an unknown one raises an :class:`InputError`."""
+        """Key of a sensor's mounting R_bone_sensor, by names; an :class:`InputError` for an unknown name."""
         return self._sensor_key("R_bone_sensor", wearer, sensor)
 
     def _sensor_key(self, block: str, wearer: str, sensor: str) -> int:
@@ -118,16 +121,16 @@ class FactorGraph(Summarised):
 
     def key_words(self, key: int) -> str:
         """A key in words, such as ``heading of left_shank, Ada``: a formatter for what GTSAM prints."""
-        one = variable_of(key)
-        if one is None:
+        variable = variable_of(key)
+        if variable is None:
             return str(gtsam.DefaultKeyFormatter(key))
-        items, words = {JOINT: JOINT_NAMES, "keypoint_offsets": OFFSET_KEYPOINTS}.get(one.block, ()), one.kind
-        wearer = self.problem.wearers[one.wearer] if one.owner.kind is Owner.WEARER else None
-        if wearer is not None and not one.is_of_a_frame and ROWS[one.block].of_sensors:
+        items, words = {JOINT: JOINT_NAMES, "keypoint_offsets": OFFSET_KEYPOINTS}.get(variable.block, ()), variable.kind
+        wearer = self.problem.wearers[variable.wearer] if variable.owner.kind is Owner.WEARER else None
+        if wearer is not None and not variable.is_of_a_frame and ROWS[variable.block].of_sensors:
             items = wearer.frames.sensors
-        words += f" of {items[one.item]}" if items else ""
-        words += f", frame {one.frame}" if one.is_of_a_frame or one.is_of_the_camera_path else ""
-        words += f", step {one.step}" if one.step else ""
+        words += f" of {items[variable.item]}" if items else ""
+        words += f", frame {variable.frame}" if variable.is_of_a_frame or variable.is_of_the_camera_path else ""
+        words += f", step {variable.step}" if variable.step else ""
         return words if wearer is None else f"{words}, {wearer.name}"
 
     def summary(self) -> list[str]:
@@ -136,9 +139,9 @@ class FactorGraph(Summarised):
             f"factor graph: {self.graph.size()} factors on {self.values.size()} variables in {len(self.time)} frames"
         )
         counts = {"variables": self.variable_counts, "factors": self.factor_counts}
-        kinds = ((what, (f"{n} {kind}" for kind, n in one.most_common())) for what, one in counts.items())
+        kinds = ((label, (f"{n} {kind}" for kind, n in count.most_common())) for label, count in counts.items())
         sensors = (f"{wearer}: {', '.join(names)}" for wearer, names in self.sensors.items())
-        return [title, *(f"{what}: {', '.join(words)}" for what, words in kinds), *sensors]
+        return [title, *(f"{label}: {', '.join(words)}" for label, words in kinds), *sensors]
 
     @property
     def factor_counts(self) -> Counter[str]:

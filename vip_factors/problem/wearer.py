@@ -52,8 +52,8 @@ def sole_shift(thickness: float) -> Array:
     return np.array([0.0, -thickness, 0.0])
 
 
-@dataclass(frozen=True)
-class InitialPose:
+@dataclass(frozen=True, repr=False)
+class InitialPose(Summarised):
     """A declared pose over the first ``frames``; the root's heading is free.
 
     Of a stretch of something longer, ``passed`` frames are before it.

@@ -84,15 +84,19 @@ def interpolate_points(time: ArrayLike, points: ArrayLike, query: ArrayLike) -> 
     return np.stack([np.interp(query, time, column) for column in points.T], axis=1)
 
 
+def continuous(q: Array) -> Array:
+    """Quaternions ``(N, ..., 4)`` of either order with signs like those before them: the same rotations."""
+    turned = np.sum(q[1:] * q[:-1], axis=-1, keepdims=True) < 0
+    return np.concatenate([q[:1], q[1:] * np.cumprod(np.where(turned, -1.0, 1.0), axis=0)])
+
+
 def interpolate_smoothly(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Array:
     """Rotations ``(N, ..., 3, 3)`` at ``time`` ``(N,)``, smoothly to ``query`` ``(M,)``: angular rates have no steps.
 
     A cubic spline through unit quaternions of like sign, normalised. Queries outside the range take the nearest end.
     """
     time, query = np.asarray(time, float), np.asarray(query, float)
-    q = quaternion_from_matrix(R, Order.WXYZ)
-    turned = np.sum(q[1:] * q[:-1], axis=-1, keepdims=True) < 0
-    q[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)
+    q = continuous(quaternion_from_matrix(R, Order.WXYZ))
     from scipy.interpolate import make_interp_spline  # takes a fifth of a second, which info need not wait for
 
     found = make_interp_spline(time, q, k=min(3, len(time) - 1))(np.clip(query, time[0], time[-1]))

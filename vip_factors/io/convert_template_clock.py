@@ -39,7 +39,11 @@ def guess_clock(table: TextTable) -> tuple[SensorColumns, dict[str, float]]:
     for name in sorted(table.names, key=_rank):
         at = table.names.index(name)
         is_number = number(first[at].replace(",", ".")) is not None
-        if _rank(name) > len(_TIMES) or table.names.count(name) > 1 or not (is_number or ":" in first[at]):
+        if (
+            _rank(name) > len(_TIMES)
+            or table.names.count(name) > 1
+            or not (is_number or re.search(r":|\d\.\d\d\.\d", first[at]))
+        ):
             continue
         time = column_times(short, at, "s")
         steps = np.diff(time[np.isfinite(time)])

@@ -25,7 +25,8 @@ _STATED = re.compile(
 )  # fmt: skip
 _OTHER_RATES = re.compile(r"mag|baro|video|camera|gps|gnss|temp|emg|heart|baud", re.IGNORECASE)
 _TIME = re.compile(
-    r"(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})[T ,_]+)?(?:(\d{1,2}):)?(\d{1,2}):(\d{1,2})(?:[.,:_](\d+))?"
+    r"(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})[T ,_]+)?(?:(\d{1,2})(?(1)[:.]|:))?(\d{1,2})(?(1)[:.]|:)(\d{1,2})"
+    r"(?:[.,:_](\d+))?"
     r"\s*([ap]m)?\s*(?:z|([+-]\d\d):?(\d\d))?", re.IGNORECASE,
 )  # fmt: skip
 
@@ -163,6 +164,10 @@ def _dated(table: TextTable, column: int, cells: list[str]) -> Array:
         raise FileFormatError(
             f"{table.path}: '{cells[0]}' is no date: expected such as 2023-05-04 10:11:12.5"
         ) from None
+    if (zone := re.search(r"\(([+-]?\d\d):?(\d\d)\)", table.names[column])) and not any(
+        match and match[9] for match in matches
+    ):
+        seconds = seconds - 60.0 * _minutes_east(zone[1], zone[2])
     return seconds + DAY_S * np.array([days[match.group(1, 2, 3)] if match else np.nan for match in matches])
 
 
@@ -172,8 +177,12 @@ def _second_of_day(match: re.Match[str] | None) -> float:
     hour, minute, second = (int(match[i] or 0) for i in (4, 5, 6))
     if match[8]:
         hour = hour % 12 + 12 * (match[8].lower() == "pm")
-    east = int(f"{match[9][0]}1") * (60 * int(match[9][1:]) + int(match[10])) if match[9] else 0
+    east = _minutes_east(match[9], match[10]) if match[9] else 0
     return 3600.0 * hour + 60.0 * (minute - east) + second + float(f"0.{match[7] or 0}")
+
+
+def _minutes_east(hours: str, minutes: str) -> int:
+    return (-1 if hours.startswith("-") else 1) * (60 * abs(int(hours)) + int(minutes))
 
 
 def _unwrapped(time: Array, turn: float) -> Array:

@@ -176,9 +176,17 @@ def likely_sites(names: list[str]) -> dict[str, str]:
         site = _SHORT_MIDLINE.get(letters)
         if site is None and letters[:1] in ("L", "R") and letters[1:] in _SHORT_LIMBS:
             site = f"{_SIDES[letters[0].lower()]}_{_SHORT_LIMBS[letters[1:]]}"
+        site = site or _site_within(name)
         if site is not None and name not in told and site not in told.values():
             told[name] = site
     return told
+
+
+def _site_within(name: str) -> str | None:
+    """The site that the most words in a row of a longer name tell: ``walk1_left_foot_B7``."""
+    words = re.split(r"[^A-Za-z0-9]+", name)
+    runs = ("_".join(words[i : i + n]) for n in range(len(words), 0, -1) for i in range(len(words) - n + 1))
+    return next((site for run in runs if (site := site_of_name(run))), None)
 
 
 GRAVITY = 9.80665  # m/s², standard; what vendors subtract
@@ -292,19 +300,21 @@ def stream_of_quantities(
     """
     time, _ = next(sampled for sampled in (angular_rate, force, orientation) if sampled is not None)
     points = [
-        None if sampled is None else _values_at(sampled, time, interpolate_points) for sampled in (force, angular_rate)
+        None if sampled is None else values_at(sampled, time, interpolate_points) for sampled in (force, angular_rate)
     ]
-    R = None if orientation is None else _values_at(orientation, time, interpolate_rotations)
+    R = None if orientation is None else values_at(orientation, time, interpolate_rotations)
     return ImuStream.from_samples(name, time, points[0], R, points[1])
 
 
-def _values_at(sampled: Sampled, time: Array, interpolate: Callable[[Array, Array, Array], Array]) -> Array:
+def values_at(sampled: Sampled, time: Array, interpolate: Callable[[Array, Array, Array], Array]) -> Array:
     """Values at other times; NaN before the first sample, after the last one, and within gaps."""
     own_time, values = sampled
     if own_time is time:
         return values
     finite = np.all(np.isfinite(values), axis=tuple(range(1, values.ndim)))
     own_time, values = own_time[finite], values[finite]
+    if not len(own_time):
+        return np.full((len(time), *values.shape[1:]), np.nan)
     result = interpolate(own_time, values, time)
     half_step = 0.5 / rate_of(own_time) if len(own_time) > 1 else 0.0
     absent = (time < own_time[0] - half_step) | (time > own_time[-1] + half_step)

@@ -9,7 +9,7 @@ import numpy as np
 from msgspec import structs
 
 from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
-from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order
+from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, continuous, interpolate_points
 from vip_factors.geometry.rotations import Array, transpose
 from vip_factors.io.importers.clocks import Clock, table_clock
 from vip_factors.io.importers.column_map import (
@@ -28,11 +28,13 @@ from vip_factors.io.importers.shared import (
     GRAVITY,
     TILT_LIMIT_DEG,
     ImportedLog,
+    Sampled,
     candidates,
     default_sites,
     merge_notes,
     rotations_or_nan,
     tilt_of_up,
+    values_at,
     z_up,
 )
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
@@ -43,7 +45,7 @@ FORMAT = "table"
 GRAVITY_RANGE = (5.0, 20.0)
 IMPOSSIBLE_TILT_DEG = 60.0  # of mean specific force from the vertical: mis-scaled and moving sensors stay within 5°
 SINCE_1970_S = 1e8  # times above it are no seconds since a recording's start, but Unix time
-SAME_TIME_S = 1e-4  # times of one sample in two files: they are printed with four decimals and more
+SAME_TIME_S = 1e-4  # between times of one sample in two files: they are printed with four decimals and more
 
 R_UP = {
     "z": np.eye(3),
@@ -172,9 +174,8 @@ def _samples(
     ``clocks`` are those of other sensors in the same rows.
     """
     where = f"{columns.source}: sensor '{name}'"
-    time: Array | None = None
     period: float | None = None
-    values: dict[str, Array] = {}
+    sampled: dict[str, Sampled] = {}
     for quantity in QUANTITIES:
         at: Columns | None = getattr(entry, quantity)
         if at is None:
@@ -184,33 +185,30 @@ def _samples(
         key = table.path, entry.time, entry.time_unit, entry.counter, entry.rate_hz, None if rows is None else name
         if key not in clocks:
             clocks[key] = table_clock(table, entry, rows, where, notes)
-        at_rows, its_time, its_period = clocks[key]
-        numbers = table.numbers(indices)[at_rows]
-        if time is None:
-            time, values[quantity], period = its_time, numbers, its_period
-        else:
-            time, values = _common(time, values, its_time, quantity, numbers, table.path, notes)
-    assert time is not None  # the column map has at least one quantity
-    return time, values, period
+        at_rows, time, its_period = clocks[key]
+        period = its_period if not sampled else period
+        sampled[quantity] = time, table.numbers(indices)[at_rows]
+    return (*_joined(where, sampled, notes), period)
 
 
-def _common(
-    time: Array, values: dict[str, Array], other: Array, quantity: str, numbers: Array, path: Path, notes: list[str]
-) -> tuple[Array, dict[str, Array]]:
-    """The samples whose times are in both files."""
-    if len(time) == len(other) and np.allclose(time, other, rtol=0, atol=SAME_TIME_S):
-        return time, {**values, quantity: numbers}
-    ticks, other_ticks = np.round(time / SAME_TIME_S), np.round(other / SAME_TIME_S)
-    _, a, b = np.intersect1d(ticks, other_ticks, return_indices=True)
-    if len(a) < max(len(time), len(other)) / 2:
-        raise FileFormatError(
-            f"{path}: its times from {other[0]:g} to {other[-1]:g} s are not those of the sensor's other file, "
-            f"{time[0]:g} to {time[-1]:g} s: expected one table of times for all quantities"
-        )
-    notes.append(
-        f"{path.name}: {max(len(time), len(other)) - len(a)} samples are not in the sensor's other file: dropped"
-    )
-    return time[a], {**{key: rows[a] for key, rows in values.items()}, quantity: numbers[b]}
+def _joined(where: str, sampled: dict[str, Sampled], notes: list[str]) -> tuple[Array, dict[str, Array]]:
+    """The quantities of a sensor at common times: the gyroscope's, where they have clocks of their own."""
+    reference = "angular_rate" if "angular_rate" in sampled else next(iter(sampled))
+    time, _ = sampled[reference]
+    if all(len(t) == len(time) and np.allclose(t, time, rtol=0, atol=SAME_TIME_S) for t, _ in sampled.values()):
+        return time, {quantity: values for quantity, (_, values) in sampled.items()}
+    if (quaternion := sampled.get("quaternion")) is not None:
+        sampled = {**sampled, "quaternion": (quaternion[0], continuous(quaternion[1]))}
+    for quantity, (its_time, _) in sampled.items():
+        shared = min(time[-1], its_time[-1]) - max(time[0], its_time[0])
+        if shared < max(np.ptp(time), np.ptp(its_time)) / 2:
+            raise FileFormatError(
+                f"{where}: the times of {quantity}, {its_time[0]:g} to {its_time[-1]:g} s, are not those of the "
+                f"sensor's other file, {time[0]:g} to {time[-1]:g} s: expected files of one recording"
+            )
+    interpolated = " and ".join(quantity for quantity in sampled if quantity != reference)
+    notes.append(f"{where}: {interpolated} interpolated at the times of {reference}")
+    return time, {quantity: values_at(each, time, interpolate_points) for quantity, each in sampled.items()}
 
 
 def _stream(

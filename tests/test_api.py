@@ -220,6 +220,26 @@ def test_an_estimate_in_pandas(estimate: vip.Estimate) -> None:
     assert isinstance(table, pandas.DataFrame)
 
 
+def test_gait_and_repetitions_in_pandas_are_their_csv_files(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    (gait,) = vip.gait(walk(), out=tmp_path)
+    (exercised,) = vip.repetitions(exercises(("squat", "squat")), out=tmp_path)
+    tables = {name: gait.to_dataframe(name) for name in ("strides", "figures", "curves")}
+    tables["repetitions"] = exercised.to_dataframe()
+    for name, table in tables.items():
+        written = pandas.read_csv(tmp_path / f"{name}.csv")
+        pandas.testing.assert_frame_equal(table, written.drop(columns="wearer", errors="ignore"))
+    assert tables["strides"]["length_m"].mean() == pytest.approx(
+        np.mean([s.values["length"] for s in gait.strides]), abs=1e-3
+    )
+    assert set(tables["figures"]["side"]) == {"left", "right", "both", "difference"}
+    assert list(tables["repetitions"]["kind"]) == ["squat", "squat"]
+    (idle,) = vip.repetitions(walk())
+    assert idle.to_dataframe().empty
+    with pytest.raises(vip.VipFactorsError, match=r"no table 'stride'; did you mean 'strides'"):
+        gait.to_dataframe("stride")
+
+
 def test_an_estimate_has_the_dimensions_of_movement(estimate: vip.Estimate) -> None:
     pytest.importorskip("xarray")
     poses = replace(estimate, wearers=(*estimate.wearers, renamed(estimate))).to_xarray()

@@ -2,10 +2,10 @@
 
     import vip_factors as vip
 
-    recording = vip.read("walk.mcap")
-    estimate = vip.smooth(recording)
-    print(vip.evaluate(estimate, recording))
-    vip.export(estimate, "walk.npz")
+    scene = vip.simulate("walk", "sip6", camera="hand-held", seconds=4.0, seed=1)  # or vip.read, vip.convert
+    estimate = vip.smooth(scene)
+    print(vip.evaluate(estimate, scene))
+    vip.export(estimate, "walk.bvh")
 
 The public names stand in ``__init__.pyi`` and are imported at their first use: ``docs/python.md`` describes them all.
 """

@@ -20,7 +20,8 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Moved, WearerEstimate, as_estimate
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.settings import CameraOptions, ExportSettings, LiveSourceSettings
-from vip_factors.repetitions.repetitions import WearerRepetitions, all_repetitions
+from vip_factors.repetitions.repetition import WearerRepetitions
+from vip_factors.repetitions.repetitions import all_repetitions
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.recording import Recording

@@ -1,7 +1,9 @@
 """What the estimators return: motion, calibration, how sure they are, and how the solve went. Plain data."""
 
+import csv
+import io
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
@@ -407,6 +409,18 @@ def as_estimate(moved: Moved) -> Estimate:
     if not isinstance(moved, WearerEstimate | Estimate):
         raise InputError(f"{described(moved)}: expected an estimate, as vip.smooth makes, or vip.read_estimate reads")
     return moved if isinstance(moved, Estimate) else Estimate.of_one(moved)
+
+
+def dataframe(rows: Iterable[Sequence[object]]) -> "pandas.DataFrame":
+    """Rows as a CSV file has them, the first with the names of the columns, as a pandas table; NaN for empty cells.
+
+    Raises:
+        InputError: without pandas.
+    """
+    pandas, file = _package("pandas"), io.StringIO()
+    csv.writer(file).writerows(rows)
+    file.seek(0)
+    return pandas.read_csv(file, keep_default_na=False, na_values=[""])
 
 
 def _package(name: str) -> Any:

@@ -14,7 +14,7 @@ from vip_factors.body.skeleton import joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import PoseCovariance, WearerEstimate
 from vip_factors.geometry.rotations import exp, log
-from vip_factors.repetitions.repetitions import Repetition
+from vip_factors.repetitions.repetition import Repetition
 from vip_factors.simulate.gestures import gestures
 
 

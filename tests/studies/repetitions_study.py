@@ -15,7 +15,8 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.pipeline import smooth
-from vip_factors.repetitions.repetitions import Repetition, repetitions_of
+from vip_factors.repetitions.repetition import Repetition
+from vip_factors.repetitions.repetitions import repetitions_of
 from vip_factors.sensors.scene import Scene
 
 # Counted by hand: in the videos of the sit-to-stands, and by what the index of the clips says and the motion shows.

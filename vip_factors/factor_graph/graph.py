@@ -81,7 +81,8 @@ class FactorGraph(Summarised):
     def marginals(self, values: gtsam.Values) -> dict[int, Array]:
         """The covariance ``(w, w)`` of each variable at a solution, by its key and in GTSAM's tangent space.
 
-        One elimination of all frames finds what ``gtsam.Marginals`` does. Of a heading that drifts, the first alone.
+        One elimination of all frames gives the blocks of ``gtsam.Marginals``. Of a heading that drifts only the first
+        step has an entry.
 
         Raises:
             SolveError: if a variable is not determined.

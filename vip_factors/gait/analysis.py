@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,10 +11,11 @@ from vip_factors.body.joint_angles import is_measured, joint_angle_sigmas, joint
 from vip_factors.body.model_errors import shape_factor
 from vip_factors.body.skeleton import SIDES
 from vip_factors.display import Summarised
-from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.errors import InputError, nearest
+from vip_factors.estimate import Estimate, WearerEstimate, dataframe
 from vip_factors.findings import Finding
 from vip_factors.gait.events import EVENT_S, FootEvents, events_of_motion, events_of_sensor
+from vip_factors.gait.numbers import ROWS, TableName
 from vip_factors.gait.strides import (
     LEAST_RATE_HZ,
     QUANTITIES,
@@ -31,6 +33,9 @@ from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas
 
 CYCLE = np.arange(101.0)  # per cent
 # What all strides of a recording are off by together, one standard deviation, as walks of six people with a reference
@@ -147,6 +152,17 @@ class Gait(Summarised):
     def figure(self, quantity: str, side: str = "both") -> Figure | None:
         """One of the figures; None if no stride has it."""
         return next((one for one in self.figures if (one.quantity.name, one.side) == (quantity, side)), None)
+
+    def to_dataframe(self, table: TableName = "strides") -> "pandas.DataFrame":
+        """All strides, figures or curves as a pandas table: the columns of ``strides.csv``, ``figures.csv``,
+        ``curves.csv``.
+
+        Raises:
+            InputError: without pandas, or for another table.
+        """
+        if table not in ROWS:
+            raise InputError(f"gait has no table '{table}'{nearest(table, ROWS)}")
+        return dataframe(ROWS[table](self))
 
 
 def gait_of(

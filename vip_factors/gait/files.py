@@ -22,6 +22,7 @@ from vip_factors.body.mannequin import Side
 from vip_factors.display import distinct_file_names
 from vip_factors.errors import InputError
 from vip_factors.gait.analysis import CYCLE, Curve, Gait
+from vip_factors.gait.numbers import curve_rows, figure_rows, stride_rows
 from vip_factors.gait.strides import QUANTITIES
 from vip_factors.geometry.rotations import Array
 from vip_factors.tables import UNKNOWN, Cell, Quantity, Row, Table, count, json_text
@@ -61,9 +62,9 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
         strides, figures, curves, whole, picture = paths = [folder / f"{begin}{name}" for name in NAMES]
         for path in paths:
             check_target(path, overwrite)
-        _write_table(strides, _stride_rows(gait), overwrite)
-        _write_table(figures, _figure_rows(gait), overwrite)
-        _write_table(curves, _curve_rows(gait), overwrite)
+        _write_table(strides, stride_rows(gait), overwrite)
+        _write_table(figures, figure_rows(gait), overwrite)
+        _write_table(curves, curve_rows(gait), overwrite)
         with atomic_open(whole, "w", overwrite) as file:
             file.write(json_text(as_json(gait), decimals=5))
         written += paths[:-1]
@@ -110,40 +111,6 @@ def side_table(gait: Gait) -> Table:
             cells.append(UNKNOWN if figure is None else Quantity(figure.mean, figure.sigma, decimals=decimals))
         quantities.append((*cells, Quantity(both.variability, decimals=decimals)))
     return Table(("quantity", "left", "right", "left less right", "both", "from stride to stride"), quantities)
-
-
-def _stride_rows(gait: Gait) -> Iterable[list[object]]:
-    columns = [
-        f"{quantity.name}_{quantity.unit}".replace("/", "_per_").replace("%", "").rstrip("_") for quantity in QUANTITIES
-    ]
-    yield ["side", "strike_s", "toe_off_s", "next_strike_s", *columns, "turn_deg", "counted", "left_out", "length_by"]
-    for stride in gait.strides:
-        values = [_number(stride.values[quantity.name], quantity.decimals + 1) for quantity in QUANTITIES]
-        times = [f"{time:.4f}" for time in (stride.start, stride.off, stride.end)]
-        by = "foot sensor" if stride.by_sensor else "motion"
-        yield [stride.side, *times, *values, f"{stride.turn_deg:.1f}", int(not stride.left_out), stride.left_out, by]
-
-
-def _figure_rows(gait: Gait) -> Iterable[list[object]]:
-    yield ["quantity", "unit", "side", "strides", "mean", "sigma", "variability", "verdict"]
-    for figure in gait.figures:
-        values = [
-            _number(value, figure.quantity.decimals + 1) for value in (figure.mean, figure.sigma, figure.variability)
-        ]
-        yield [figure.quantity.name, figure.quantity.unit, figure.side, figure.count, *values, gait.verdict]
-
-
-def _curve_rows(gait: Gait) -> Iterable[list[object]]:
-    yield ["angle", "measured", "cycle_of", "strides", "percent", "mean_deg", "sigma_deg", "variability_deg"]
-    for curve in gait.curves:
-        measured = "" if gait.bones is None else int(is_measured(gait.bones, curve.angle))
-        for percent, *values in zip(CYCLE, curve.mean, curve.sigma, curve.variability, strict=True):
-            yield [curve.angle, measured, curve.side, curve.count, int(percent), *(f"{value:.3f}" for value in values)]
-
-
-def _number(value: float, decimals: int) -> str:
-    """Nothing for what is not known."""
-    return f"{value:.{decimals}f}" if np.isfinite(value) else ""
 
 
 def as_json(gait: Gait) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from vip_factors.body.mannequin import Side
 from vip_factors.body.skeleton import SIDES
 from vip_factors.display import table_cell
 from vip_factors.errors import InputError
-from vip_factors.repetitions.repetitions import Measured, Repetition, WearerRepetitions
+from vip_factors.repetitions.repetition import Measured, Repetition, WearerRepetitions
 from vip_factors.tables import Quantity, Row, Table, json_text
 from vip_factors.viz.charts import GRID, INK, SOFT_INK, page, panel, save, seconds_axis, write
 from vip_factors.viz.colours import SIDE_COLOURS
@@ -71,7 +71,7 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
     for path in paths:
         check_target(path, overwrite)
     lines = [
-        {"wearer": table_cell(wearer.name), **as_columns(repetition)}
+        {"wearer": table_cell(wearer.name), **repetition.columns()}
         for wearer in wearers
         for repetition in wearer.repetitions
     ]
@@ -84,30 +84,6 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
         file.write(json_text(repetitions, decimals=5))
     draw_repetitions(wearers, picture, overwrite)
     return paths
-
-
-def as_columns(repetition: Repetition) -> dict[str, object]:
-    """Columns of a table of numbers: standard deviations follow as ``…_sd_…``, nothing stands for what is not known."""
-    units = {"start": "start_s", "turn": "turn_s", "end": "end_s"}
-    columns: dict[str, object] = {}
-    for name, value in vars(repetition).items():
-        if isinstance(value, dict):
-            for angle, extent in value.items():
-                columns |= _pair(f"{angle}_range_deg", extent)
-        elif isinstance(value, Measured):
-            columns |= _pair(name, value)
-        else:
-            columns[units.get(name, name)] = _cell(value) if isinstance(value, float) else value
-    return columns
-
-
-def _pair(name: str, measured: Measured) -> dict[str, object]:
-    quantity, _, unit = name.rpartition("_")
-    return {name: _cell(measured.value), f"{quantity}_sd_{unit}": _cell(measured.sigma)}
-
-
-def _cell(value: float) -> str:
-    return f"{value:.4f}" if np.isfinite(value) else ""
 
 
 def draw_repetitions(wearers: Sequence[WearerRepetitions], path: Path, overwrite: bool = False) -> None:

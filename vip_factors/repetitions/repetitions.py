@@ -6,70 +6,21 @@ of the elbow's flexion while the upper arm hangs. Both count where at least two 
 no exercise. A jump counts by itself: the centre of mass falls freely while both feet are off the floor.
 """
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Literal, get_args
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vip_factors.body.model_errors import shape_factor
 from vip_factors.body.skeleton import SIDES
-from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
+from vip_factors.repetitions.repetition import UNKNOWN, Kind, Measured, Repetition, Side, WearerRepetitions
 from vip_factors.repetitions.signals import Signals, signals_of
 
-Kind = Literal["squat", "lunge", "jump", "curl"]
-Side = Literal["left", "right", "both"]
 GRAVITY = 9.81  # m/s²
-UNKNOWN = float("nan")
 LEAST_DEPTH = 0.12  # lengths of a leg: who walks sinks by 0.09 at most, shallow squats are 0.18 and deeper
-
-
-@dataclass(frozen=True)
-class Measured:
-    """A value and its standard deviation, NaN if that is not known; both NaN of what there is not."""
-
-    value: float = UNKNOWN
-    sigma: float = UNKNOWN
-
-
-@dataclass(frozen=True)
-class Repetition:
-    """One repetition; seconds on the recording's clock.
-
-    Attributes:
-        kind: of exercise.
-        side: the leg in front in a lunge, the arm that curls.
-        start, turn, end: when it begins, is deepest (a jump highest) and ends.
-        down_s, hold_s, up_s: the ways there and back and the stay between; a jump's squat before it, and no stay.
-        depth_m: that the pelvis sinks; a jump's before it. None of a curl.
-        depth_deg: flexion of the knees, or elbows, at the turn; mean of the sides that take part.
-        ranges_deg: of every principal angle, by name, between its least and most.
-        left_less_right_deg: what the left knee's or elbow's range is larger than the right one's; of both sides alike
-            only.
-        flight_s: without a foot on the floor.
-        flight_height_m: that free fall says of it: that the centre of mass rises beyond take-off.
-        rise_m: of the centre of mass above that of standing before.
-    """
-
-    kind: Kind
-    side: Side
-    start: float
-    turn: float
-    end: float
-    down_s: float
-    hold_s: float
-    up_s: float
-    depth_m: Measured
-    depth_deg: Measured
-    ranges_deg: dict[str, Measured] = field(default_factory=dict)
-    left_less_right_deg: Measured = Measured()
-    flight_s: float = UNKNOWN
-    flight_height_m: Measured = Measured()
-    rise_m: Measured = Measured()
 
 
 @dataclass(frozen=True)
@@ -83,27 +34,6 @@ class _Low:
     turn: int
     left: float
     end: float
-
-
-@dataclass(frozen=True, repr=False)
-class WearerRepetitions(Summarised):
-    """The repetitions of one wearer, in the order of time, and the signals that they were told from."""
-
-    name: str
-    signals: Signals
-    repetitions: tuple[Repetition, ...]
-
-    @property
-    def counts(self) -> str:
-        """``6 squats, 2 jumps``."""
-        kinds = Counter(one.kind for one in self.repetitions)
-        counts = (f"{kinds[kind]} {kind}{'s' if kinds[kind] > 1 else ''}" for kind in get_args(Kind) if kinds[kind])
-        return ", ".join(counts) or "no repetitions"
-
-    def summary(self) -> list[str]:
-        """How many of each kind, and when."""
-        title = f"{self.name or 'wearer'}: {self.counts}"
-        return [title, *(f"{one.kind}: {one.start:.1f} to {one.end:.1f} s, {one.side}" for one in self.repetitions)]
 
 
 def all_repetitions(estimate: Estimate) -> tuple[WearerRepetitions, ...]:

@@ -1,0 +1,115 @@
+"""A repetition of an exercise, and those of one wearer."""
+
+import math
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, get_args
+
+from vip_factors.display import Summarised
+from vip_factors.estimate import dataframe
+from vip_factors.repetitions.signals import Signals
+
+if TYPE_CHECKING:
+    import pandas
+
+Kind = Literal["squat", "lunge", "jump", "curl"]
+Side = Literal["left", "right", "both"]
+UNKNOWN = float("nan")
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value and its standard deviation, NaN if that is not known; both NaN of what there is not."""
+
+    value: float = UNKNOWN
+    sigma: float = UNKNOWN
+
+
+@dataclass(frozen=True)
+class Repetition:
+    """One repetition; seconds on the recording's clock.
+
+    Attributes:
+        kind: of exercise.
+        side: the leg in front in a lunge, the arm that curls.
+        start, turn, end: when it begins, is deepest (a jump highest) and ends.
+        down_s, hold_s, up_s: the ways there and back and the stay between; a jump's squat before it, and no stay.
+        depth_m: that the pelvis sinks; a jump's before it. None of a curl.
+        depth_deg: flexion of the knees, or elbows, at the turn; mean of the sides that take part.
+        ranges_deg: of every principal angle, by name, between its least and most.
+        left_less_right_deg: what the left knee's or elbow's range is larger than the right one's; of both sides alike
+            only.
+        flight_s: without a foot on the floor.
+        flight_height_m: that free fall says of it: that the centre of mass rises beyond take-off.
+        rise_m: of the centre of mass above that of standing before.
+    """
+
+    kind: Kind
+    side: Side
+    start: float
+    turn: float
+    end: float
+    down_s: float
+    hold_s: float
+    up_s: float
+    depth_m: Measured
+    depth_deg: Measured
+    ranges_deg: dict[str, Measured] = field(default_factory=dict)
+    left_less_right_deg: Measured = Measured()
+    flight_s: float = UNKNOWN
+    flight_height_m: Measured = Measured()
+    rise_m: Measured = Measured()
+
+    def columns(self) -> dict[str, object]:
+        """Columns of a table of numbers: standard deviations follow as ``…_sd_…``; an unknown number is empty text."""
+        units = {"start": "start_s", "turn": "turn_s", "end": "end_s"}
+        columns: dict[str, object] = {}
+        for name, value in vars(self).items():
+            if isinstance(value, dict):
+                for angle, extent in value.items():
+                    columns |= _pair(f"{angle}_range_deg", extent)
+            elif isinstance(value, Measured):
+                columns |= _pair(name, value)
+            else:
+                columns[units.get(name, name)] = _cell(value) if isinstance(value, float) else value
+        return columns
+
+
+def _pair(name: str, measured: Measured) -> dict[str, object]:
+    quantity, _, unit = name.rpartition("_")
+    return {name: _cell(measured.value), f"{quantity}_sd_{unit}": _cell(measured.sigma)}
+
+
+def _cell(value: float) -> str:
+    return f"{value:.4f}" if math.isfinite(value) else ""
+
+
+@dataclass(frozen=True, repr=False)
+class WearerRepetitions(Summarised):
+    """The repetitions of one wearer, in the order of time, and the signals that they were told from."""
+
+    name: str
+    signals: Signals
+    repetitions: tuple[Repetition, ...]
+
+    @property
+    def counts(self) -> str:
+        """``6 squats, 2 jumps``."""
+        kinds = Counter(one.kind for one in self.repetitions)
+        counts = (f"{kinds[kind]} {kind}{'s' if kinds[kind] > 1 else ''}" for kind in get_args(Kind) if kinds[kind])
+        return ", ".join(counts) or "no repetitions"
+
+    def summary(self) -> list[str]:
+        """How many of each kind, and when."""
+        title = f"{self.name or 'wearer'}: {self.counts}"
+        return [title, *(f"{one.kind}: {one.start:.1f} to {one.end:.1f} s, {one.side}" for one in self.repetitions)]
+
+    def to_dataframe(self) -> "pandas.DataFrame":
+        """The repetitions as a pandas table, a row each: the columns of ``repetitions.csv``.
+
+        Raises:
+            InputError: without pandas.
+        """
+        lines = [repetition.columns() for repetition in self.repetitions]
+        names = list(dict.fromkeys(name for line in lines for name in line)) or ["kind", "side", "start_s", "end_s"]
+        return dataframe([names, *([line.get(name, "") for name in names] for line in lines)])

@@ -412,11 +412,7 @@ def as_estimate(moved: Moved) -> Estimate:
 
 
 def dataframe(rows: Iterable[Sequence[object]]) -> "pandas.DataFrame":
-    """Rows as a CSV file has them, the first with the names of the columns, as a pandas table; NaN for empty cells.
-
-    Raises:
-        InputError: without pandas.
-    """
+    """A pandas table of a CSV file's rows, the first the columns' names; an :class:`InputError` without pandas."""
     pandas, file = _package("pandas"), io.StringIO()
     csv.writer(file).writerows(rows)
     file.seek(0)

@@ -56,12 +56,8 @@ class JointAngles(Summarised):
 
     def summary(self) -> list[str]:
         """How many there are, and how they are called."""
-        N = len(self.names)
-        return [
-            "joint angles",
-            f"degrees: {len(self.time)} frames, {N} angles",
-            f"names: {', '.join(self.names[:3])} …",
-        ]
+        degrees = f"degrees: {len(self.time)} frames, {len(self.names)} angles"
+        return ["joint angles", degrees, f"names: {', '.join(self.names[:3])} …"]
 
     @property
     def names(self) -> tuple[str, ...]:

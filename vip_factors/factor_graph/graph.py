@@ -16,15 +16,7 @@ from vip_factors.errors import InputError, SolveError, nearest
 from vip_factors.factor_graph import keys
 from vip_factors.factor_graph.extra import UserTerms, variable_columns
 from vip_factors.factor_graph.term_factors import TermFactor, term_factors
-from vip_factors.factor_graph.variables import (
-    HEADINGS,
-    JOINT,
-    Variable,
-    state_of,
-    values_of,
-    variable_of,
-    variables_of,
-)
+from vip_factors.factor_graph.variables import HEADINGS, JOINT, Variable, state_of, values_of, variable_of, variables_of
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout, Owner
 from vip_factors.problem.scene import SceneProblem
@@ -92,8 +84,7 @@ class FactorGraph(Summarised):
         for variable in self.variables:
             place = variable_columns(objective.layout, variable)
             if place is not None and not variable.step:
-                chain, start = place
-                columns = slice(start, start + variable.width)
+                chain, columns = place[0], slice(place[1], place[1] + variable.width)
                 covariance = marginals.static if chain == STATIC else marginals.chains[chain][variable.frame]
                 covariances[variable.key] = covariance[columns, columns]
         return covariances
@@ -101,10 +92,8 @@ class FactorGraph(Summarised):
     @property
     def sensors(self) -> dict[str, dict[str, int]]:
         """The number of each sensor in keys, by the names of wearer and sensor."""
-        return {
-            wearer.name: {name: number for number, name in enumerate(wearer.frames.sensors)}
-            for wearer in self.problem.wearers
-        }
+        wearers = ((wearer.name, wearer.frames.sensors) for wearer in self.problem.wearers)
+        return {wearer: {sensor: number for number, sensor in enumerate(sensors)} for wearer, sensors in wearers}
 
     def heading_key(self, wearer: str, sensor: str) -> int:
         """Key of a sensor's heading, by names; an :class:`InputError` for an unknown name."""
@@ -136,13 +125,11 @@ class FactorGraph(Summarised):
 
     def summary(self) -> list[str]:
         """How many factors on how many variables in how many frames, and how many of each kind."""
-        title = (
-            f"factor graph: {self.graph.size()} factors on {self.values.size()} variables in {len(self.time)} frames"
-        )
+        size = f"{self.graph.size()} factors on {self.values.size()} variables in {len(self.time)} frames"
         counts = {"variables": self.variable_counts, "factors": self.factor_counts}
         kinds = ((label, (f"{n} {kind}" for kind, n in count.most_common())) for label, count in counts.items())
         sensors = (f"{wearer}: {', '.join(names)}" for wearer, names in self.sensors.items())
-        return [title, *(f"{label}: {', '.join(words)}" for label, words in kinds), *sensors]
+        return [f"factor graph: {size}", *(f"{label}: {', '.join(words)}" for label, words in kinds), *sensors]
 
     @property
     def factor_counts(self) -> Counter[str]:

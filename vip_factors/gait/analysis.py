@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from vip_factors.errors import InputError, nearest
 from vip_factors.estimate import Estimate, WearerEstimate, dataframe
 from vip_factors.findings import Finding
 from vip_factors.gait.events import EVENT_S, FootEvents, events_of_motion, events_of_sensor
-from vip_factors.gait.numbers import ROWS, TableName
+from vip_factors.gait.numbers import ROWS
 from vip_factors.gait.strides import (
     LEAST_RATE_HZ,
     QUANTITIES,
@@ -153,13 +153,8 @@ class Gait(Summarised):
         """One of the figures; None if no stride has it."""
         return next((one for one in self.figures if (one.quantity.name, one.side) == (quantity, side)), None)
 
-    def to_dataframe(self, table: TableName = "strides") -> "pandas.DataFrame":
-        """All strides, figures or curves as a pandas table: the columns of ``strides.csv``, ``figures.csv``,
-        ``curves.csv``.
-
-        Raises:
-            InputError: without pandas, or for another table.
-        """
+    def to_dataframe(self, table: Literal["strides", "figures", "curves"] = "strides") -> "pandas.DataFrame":
+        """A pandas table, as the CSV file of that name; an :class:`InputError` without pandas or for another table."""
         if table not in ROWS:
             raise InputError(f"gait has no table '{table}'{nearest(table, ROWS)}")
         return dataframe(ROWS[table](self))

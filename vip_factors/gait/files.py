@@ -22,7 +22,7 @@ from vip_factors.body.mannequin import Side
 from vip_factors.display import distinct_file_names
 from vip_factors.errors import InputError
 from vip_factors.gait.analysis import CYCLE, Curve, Gait
-from vip_factors.gait.numbers import curve_rows, figure_rows, stride_rows
+from vip_factors.gait.numbers import ROWS
 from vip_factors.gait.strides import QUANTITIES
 from vip_factors.geometry.rotations import Array
 from vip_factors.tables import UNKNOWN, Cell, Quantity, Row, Table, count, json_text
@@ -59,13 +59,12 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
     written = []
     for gait, part in zip(gaits, distinct_file_names(names), strict=True):
         begin = f"{part}." if len(gaits) > 1 else ""
-        strides, figures, curves, whole, picture = paths = [folder / f"{begin}{name}" for name in NAMES]
+        *tables, numbers, picture = paths = [folder / f"{begin}{name}" for name in NAMES]
         for path in paths:
             check_target(path, overwrite)
-        _write_table(strides, stride_rows(gait), overwrite)
-        _write_table(figures, figure_rows(gait), overwrite)
-        _write_table(curves, curve_rows(gait), overwrite)
-        with atomic_open(whole, "w", overwrite) as file:
+        for path, rows in zip(tables, ROWS.values(), strict=True):
+            _write_table(path, rows(gait), overwrite)
+        with atomic_open(numbers, "w", overwrite) as file:
             file.write(json_text(as_json(gait), decimals=5))
         written += paths[:-1]
         figure = curves_figure(gait)

@@ -1,7 +1,7 @@
 """Gait as tables of numbers, a row each under a row of names: strides, figures, curves."""
 
-from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,14 +11,11 @@ from vip_factors.gait.strides import QUANTITIES
 if TYPE_CHECKING:
     from vip_factors.gait.analysis import Gait
 
-TableName = Literal["strides", "figures", "curves"]
-
 
 def stride_rows(gait: "Gait") -> Iterator[list[object]]:
     """Every stride, and why it is in no mean."""
-    columns = [
-        f"{quantity.name}_{quantity.unit}".replace("/", "_per_").replace("%", "").rstrip("_") for quantity in QUANTITIES
-    ]
+    names = (f"{quantity.name}_{quantity.unit}" for quantity in QUANTITIES)
+    columns = [name.replace("/", "_per_").replace("%", "").rstrip("_") for name in names]
     yield ["side", "strike_s", "toe_off_s", "next_strike_s", *columns, "turn_deg", "counted", "left_out", "length_by"]
     for stride in gait.strides:
         values = [_number(stride.values[quantity.name], quantity.decimals + 1) for quantity in QUANTITIES]
@@ -31,9 +28,8 @@ def figure_rows(gait: "Gait") -> Iterator[list[object]]:
     """Every figure: its mean, the mean's standard deviation, and that from stride to stride."""
     yield ["quantity", "unit", "side", "strides", "mean", "sigma", "variability", "verdict"]
     for figure in gait.figures:
-        values = [
-            _number(value, figure.quantity.decimals + 1) for value in (figure.mean, figure.sigma, figure.variability)
-        ]
+        numbers = (figure.mean, figure.sigma, figure.variability)
+        values = [_number(number, figure.quantity.decimals + 1) for number in numbers]
         yield [figure.quantity.name, figure.quantity.unit, figure.side, figure.count, *values, gait.verdict]
 
 
@@ -51,6 +47,4 @@ def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if np.isfinite(value) else ""
 
 
-ROWS: Mapping[TableName, Callable[["Gait"], Iterator[list[object]]]] = {
-    "strides": stride_rows, "figures": figure_rows, "curves": curve_rows
-}  # fmt: skip
+ROWS = {"strides": stride_rows, "figures": figure_rows, "curves": curve_rows}

@@ -65,19 +65,14 @@ class Repetition:
         units = {"start": "start_s", "turn": "turn_s", "end": "end_s"}
         columns: dict[str, object] = {}
         for name, value in vars(self).items():
-            if isinstance(value, dict):
-                for angle, extent in value.items():
-                    columns |= _pair(f"{angle}_range_deg", extent)
-            elif isinstance(value, Measured):
-                columns |= _pair(name, value)
-            else:
-                columns[units.get(name, name)] = _cell(value) if isinstance(value, float) else value
+            ranges = {f"{angle}_range_deg": extent for angle, extent in self.ranges_deg.items()}
+            for column, cell in (ranges if name == "ranges_deg" else {units.get(name, name): value}).items():
+                if isinstance(cell, Measured):
+                    quantity, _, unit = column.rpartition("_")
+                    columns |= {column: _cell(cell.value), f"{quantity}_sd_{unit}": _cell(cell.sigma)}
+                else:
+                    columns[column] = _cell(cell) if isinstance(cell, float) else cell
         return columns
-
-
-def _pair(name: str, measured: Measured) -> dict[str, object]:
-    quantity, _, unit = name.rpartition("_")
-    return {name: _cell(measured.value), f"{quantity}_sd_{unit}": _cell(measured.sigma)}
 
 
 def _cell(value: float) -> str:
@@ -105,11 +100,7 @@ class WearerRepetitions(Summarised):
         return [title, *(f"{one.kind}: {one.start:.1f} to {one.end:.1f} s, {one.side}" for one in self.repetitions)]
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The repetitions as a pandas table, a row each: the columns of ``repetitions.csv``.
-
-        Raises:
-            InputError: without pandas.
-        """
+        """A pandas table with the columns of ``repetitions.csv``; an :class:`InputError` without pandas."""
         lines = [repetition.columns() for repetition in self.repetitions]
         names = list(dict.fromkeys(name for line in lines for name in line)) or ["kind", "side", "start_s", "end_s"]
         return dataframe([names, *([line.get(name, "") for name in names] for line in lines)])

@@ -66,13 +66,6 @@ class ImuStream(Summarised):
         if self.specific_force is None and self.R_inertial_sensor is None:
             raise RecordingError(f"sensor '{self.name}' measures neither orientation nor specific force")
 
-    def summary(self) -> list[str]:
-        """One line: how many samples of what."""
-        words = ("specific_force", "R_inertial_sensor", "angular_rate")
-        measured = ", ".join(name for name in words if getattr(self, name) is not None)
-        samples = f"{len(self)} samples" + (f" at {self.rate:.1f} Hz of {measured}" if len(self) else "")
-        return [f"sensor '{self.name}': {samples}"]
-
     def _check_values(self) -> None:
         spikes = 0.01  # of the samples: fewer beyond that limit are blows or broken packets, more another unit
         if self.specific_force is not None and np.max(np.abs(self.specific_force)) > FORCE_LIMIT:

@@ -82,11 +82,8 @@ class Camera(Summarised):
         """What it is, and what was detected in its video."""
         known = "" if self.known_path is None else ", pose known"
         stands = f"{'moves' if self.moving else 'stands still'}{known}"
-        return [
-            f"camera '{self.name}'",
-            f"image: {self.model.width} by {self.model.height} pixels, {stands}",
-            *self.detections.summary()[1:],
-        ]
+        image = f"image: {self.model.width} by {self.model.height} pixels, {stands}"
+        return [f"camera '{self.name}'", image, *self.detections.summary()[1:]]
 
     @property
     def keypoints(self) -> KeypointSet:

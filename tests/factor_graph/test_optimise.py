@@ -25,16 +25,16 @@ def test_both_find_the_same_minimum_of_a_filmed_scene() -> None:
     scene_graph = SCENE_GRAPH()
     assert {"orientation", "acceleration", "reprojection"} <= set(scene_graph.factor_counts)
     objective = SceneObjective(scene_graph.problem)
-    ours, report = levenberg_marquardt(objective, scene_graph.state, TO_THE_END)
-    theirs, their_report = optimise_with_gtsam(objective, scene_graph.state, TO_THE_END)
-    costs = [sum(one.final_cost.values()) for one in (report, their_report)]
+    fast, report = levenberg_marquardt(objective, scene_graph.state, TO_THE_END)
+    reference, reference_report = optimise_with_gtsam(objective, scene_graph.state, TO_THE_END)
+    costs = [sum(solve.final_cost.values()) for solve in (report, reference_report)]
     np.testing.assert_allclose(costs[0], costs[1], rtol=1e-7)
-    (one,), (other,) = ours.wearers, theirs.wearers
-    assert np.abs(one.p_world_pelvis - other.p_world_pelvis).max() < 1e-4  # m
-    assert np.rad2deg(angle_between(one.R_parent_child, other.R_parent_child)).max() < 0.05
-    assert np.rad2deg(np.abs(one.headings - other.headings)).max() < 0.01
-    assert np.abs(ours.camera.poses.p_world_camera - theirs.camera.poses.p_world_camera).max() < 1e-4
-    assert np.abs(one.p_world_pelvis - scene_graph.state.wearers[0].p_world_pelvis).max() > 1e-3  # it was some way
+    (wearer,), (expected,) = fast.wearers, reference.wearers
+    assert np.abs(wearer.p_world_pelvis - expected.p_world_pelvis).max() < 1e-4  # m
+    assert np.rad2deg(angle_between(wearer.R_parent_child, expected.R_parent_child)).max() < 0.05
+    assert np.rad2deg(np.abs(wearer.headings - expected.headings)).max() < 0.01
+    assert np.abs(fast.camera.poses.p_world_camera - reference.camera.poses.p_world_camera).max() < 1e-4
+    assert np.abs(wearer.p_world_pelvis - scene_graph.state.wearers[0].p_world_pelvis).max() > 1e-3  # it was some way
 
 
 def test_the_solution_and_its_marginals_are_gtsams() -> None:

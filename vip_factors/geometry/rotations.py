@@ -152,10 +152,10 @@ def transpose(R: ArrayLike) -> Array:
 
 
 def rotation_between(start: ArrayLike, end: ArrayLike) -> Array:
-    """The smallest rotation ``(3, 3)`` that takes one direction ``(3,)`` to another, not opposite, one."""
-    a, b = (np.asarray(v, dtype=float) / np.linalg.norm(v) for v in (start, end))
+    """The smallest rotations ``(..., 3, 3)`` that take directions ``(..., 3)`` to others, not opposite, ones."""
+    a, b = (np.asarray(v, dtype=float) / np.linalg.norm(v, axis=-1, keepdims=True) for v in (start, end))
     axis = hat(np.cross(a, b))
-    return np.eye(3) + axis + axis @ axis / (1 + a @ b)
+    return np.eye(3) + axis + axis @ axis / (1 + np.sum(a * b, axis=-1)[..., None, None])
 
 
 def angle_between(R_a: ArrayLike, R_b: ArrayLike) -> Array:

@@ -60,29 +60,33 @@ def _with_feet_moved(motion: Motion, shifts: Array) -> Motion:
     R = state.R_world_bone.copy()
     for shift, side in zip(shifts, ("left", "right"), strict=True):
         hip, knee, ankle = (joint_index(f"{side}_{joint}") for joint in ("hip", "knee", "ankle"))
-        p = state.p_world_joint[:, [hip, knee, ankle]]
-        for frame, (p_hip, p_knee, p_ankle) in enumerate(p):
-            reach = p_ankle + shift[frame] - p_hip - moved[frame]
-            thigh, shank = _bent(p_knee - p_hip, p_ankle - p_knee, reach, R[frame, hip, :, 2])
-            R[frame, hip] = thigh @ R[frame, hip]
-            R[frame, knee] = shank @ R[frame, knee]
+        p_hip, p_knee, p_ankle = (state.p_world_joint[:, joint] for joint in (hip, knee, ankle))
+        reach = p_ankle + shift - p_hip - moved
+        thigh, shank = _bent(p_knee - p_hip, p_ankle - p_knee, reach, R[:, hip, :, 2])
+        R[:, hip] = thigh @ R[:, hip]
+        R[:, knee] = shank @ R[:, knee]
     R_parent_child = local_rotations(R)
     return replace(motion, R_parent_child=R_parent_child, p_world_pelvis=motion.p_world_pelvis + moved)
 
 
 def _bent(thigh: Array, shank: Array, reach: Array, front: Array) -> tuple[Array, Array]:
-    """How thigh and shank turn in the world for the leg to end at ``reach``, in the plane that the knee bends in.
+    """How thighs and shanks ``(T, 3)`` turn in the world for legs to end at ``reach`` ``(T, 3)``, as ``(T, 3, 3)``.
 
-    The front of a thigh gives the plane of a knee that is straight. A leg that is too short ends as near as it can.
+    The knee bends in its plane, which the front ``(T, 3)`` of the thigh gives where it is straight. A leg that is too
+    short ends as near as it can.
     """
-    a, b, whole = float(np.linalg.norm(thigh)), float(np.linalg.norm(shank)), thigh + shank
-    R_whole = rotation_between(whole, reach)
-    along = reach / np.linalg.norm(reach)
-    side = R_whole @ (thigh + 0.1 * a * front)  # the front decides where the knee is nearly straight, or beyond
-    side -= (side @ along) * along
-    longest = max(STRAIGHT * (a + b), float(np.linalg.norm(whole)))
-    distance = min(max(float(np.linalg.norm(reach)), abs(a - b) + 1e-6), longest)
+    a, b, d, whole = (np.linalg.norm(v, axis=1, keepdims=True) for v in (thigh, shank, reach, thigh + shank))
+    R_whole = rotation_between(thigh + shank, reach)
+    along = reach / d
+    side = _turned(R_whole, thigh + 0.1 * a * front)  # the front decides where the knee is nearly straight, or beyond
+    side -= np.sum(side * along, axis=1, keepdims=True) * along
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    distance = np.clip(d, np.abs(a - b) + 1e-6, np.maximum(STRAIGHT * (a + b), whole))
     cosine = (a**2 + distance**2 - b**2) / (2 * a * distance)
-    p_knee = a * (cosine * along + np.sqrt(max(1 - cosine**2, 0.0)) * side / np.linalg.norm(side))
-    R_thigh = rotation_between(R_whole @ thigh, p_knee) @ R_whole
-    return R_thigh, rotation_between(R_whole @ shank, distance * along - p_knee) @ R_whole
+    p_knee = a * (cosine * along + np.sqrt(np.maximum(1 - cosine**2, 0.0)) * side)
+    R_thigh = rotation_between(_turned(R_whole, thigh), p_knee) @ R_whole
+    return R_thigh, rotation_between(_turned(R_whole, shank), distance * along - p_knee) @ R_whole
+
+
+def _turned(R: Array, v: Array) -> Array:
+    return np.asarray(np.einsum("tij,tj->ti", R, v))

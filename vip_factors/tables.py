@@ -23,7 +23,7 @@ class Quantity:
         value: NaN if not known.
         sigma: one standard deviation; NaN if not known.
         unit: written behind both.
-        decimals: of both.
+        decimals: of both; one more where the standard deviation would round to zero.
     """
 
     value: float
@@ -34,9 +34,12 @@ class Quantity:
     def __str__(self) -> str:
         if not math.isfinite(self.value):
             return UNKNOWN
-        sigma = f" ± {self.sigma:.{self.decimals}f}" if math.isfinite(self.sigma) else ""
+        decimals, sigma = self.decimals, ""
+        if math.isfinite(self.sigma) and self.sigma > 0:
+            decimals += self.sigma < 0.5 / 10**decimals  # ± 0 is no uncertainty
+            sigma = f" ± {self.sigma:.{decimals}f}"
         space = "" if self.unit in ("", "°") else " "
-        return f"{self.value:z.{self.decimals}f}{sigma}{space}{self.unit}"
+        return f"{self.value:z.{decimals}f}{sigma}{space}{self.unit}"
 
 
 Cell = str | Quantity

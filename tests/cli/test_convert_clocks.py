@@ -100,7 +100,8 @@ def test_a_stated_rate_decides_between_units(run, tmp_path: Path, preamble: str,
 def test_what_cannot_be_decided_is_to_be_declared(run, tmp_path: Path) -> None:
     lines = [f"{25 * i},0.1,0.2,9.8,0,0,0" for i in range(COUNT)]
     (tmp_path / "left_foot.csv").write_text("\n".join([f"time,{AXES}", *lines]) + "\n")
-    assert run("convert", tmp_path / "left_foot.csv", "--template", tmp_path / "g").code == 0
+    told = run("convert", tmp_path / "left_foot.csv", "--template", tmp_path / "g")
+    assert (told.code, "PLEASE DECLARE time_unit" in told.err) == (0, True)
     text = (tmp_path / "g_columns.toml").read_text()
     assert "ms (40 Hz) or 0.1ms (400 Hz): PLEASE DECLARE time_unit" in text
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.cli.conftest import assert_one_sentence
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.io.mcap_recording import read_scene
@@ -121,3 +122,50 @@ def test_sites_are_drawn(run, tmp_path) -> None:
     assert run("info", "--sites", "--picture", str(picture)).code == 0
     assert "left_shank_side" in picture.read_text(encoding="utf-8")
     assert "goes with --sites" in run("info", "--picture", str(tmp_path / "other.svg")).err
+
+
+def spoiled(log: Path, row: int, column: int, cell: str) -> None:
+    lines = log.read_text(encoding="utf-8-sig").splitlines()
+    cells = lines[row].split(",")
+    cells[column] = cell
+    log.write_text("\n".join([*lines[:row], ",".join(cells), *lines[row + 1 :]]) + "\n")
+
+
+@pytest.mark.parametrize("column", [1, 4], ids=["acceleration", "angular rate"])
+@pytest.mark.parametrize("cell", ["1e300", "-1e300", "1e20", "1e6"])
+def test_a_number_that_no_sensor_measures_costs_its_sample_only(run, tmp_path: Path, column: int, cell: str) -> None:
+    log = write_raw(tmp_path / "log.csv", 1.0, 1.0)
+    spoiled(log, 70, column, cell)
+    told = run("convert", log, "--template", tmp_path / "guess.toml")
+    assert (told.code, "encountered" in told.err) == (0, False), told.err
+    maps = "--columns", tmp_path / "guess_columns.toml", "--placement", tmp_path / "guess_placement.toml"
+    told = run("convert", log, tmp_path / "a.mcap", *maps)
+    assert (told.code, "encountered" in told.err) == (0, False), told.err
+    recording = read_scene(tmp_path / "a.mcap").wearers[0]
+    told = run("info", tmp_path / "a.mcap")
+    assert "impossible ones, dropped" in told.out or "more than 400 m/s² in 1 samples: interpolated" in told.out
+    assert [len(stream) for stream in recording.imus.values()][1:] == [150, 150]
+    for stream in recording.imus.values():
+        assert stream.specific_force is not None
+        assert np.abs(stream.specific_force).max() < 20
+
+
+@pytest.mark.parametrize("pause_s", [5, 600])
+def test_a_pause_of_a_raw_log_is_the_reason_that_is_given(run, tmp_path: Path, pause_s: int) -> None:
+    log = write_raw(tmp_path / "log.csv", 1.0, 1.0)
+    for row in range(71, 151):
+        spoiled(log, row, 0, f"{20 * (row - 1) + 1000 * pause_s}")
+    assert run("convert", log, "--template", tmp_path / "guess.toml").code == 0
+    maps = "--columns", tmp_path / "guess_columns.toml", "--placement", tmp_path / "guess_placement.toml"
+    told = run("convert", log, tmp_path / "a.mcap", *maps)
+    assert_one_sentence(told, f"lost {pause_s + 0.02:.2f} s of samples", "--end-s 1.38")
+    told = run("convert", log, tmp_path / "a.mcap", *maps, "--end-s", "1.38")
+    assert told.code == 0, told.err
+
+
+def test_what_nobody_declared_is_printed(run, tmp_path: Path) -> None:
+    log = write_raw(tmp_path / "log.csv", 1.0, 1.0)
+    log.write_text(log.read_text(encoding="utf-8-sig").replace("TR_", "thing_"))
+    told = run("convert", log, "--template", tmp_path / "guess.toml")
+    assert "note: no mounting is declared: the axes of LF, RS are taken as their sites'" in told.err
+    assert "note: no site is known of thing" in told.err

@@ -49,6 +49,8 @@ def test_names_steer_no_terminal(name: str) -> None:
     [
         (Quantity(1.754, unit="m", decimals=2), "1.75 m"),
         (Quantity(432.4, 12.6), "432 ± 13"),
+        (Quantity(91.26, 0.31), "91.3 ± 0.3"),
+        (Quantity(91.26, 0.0), "91"),
         (Quantity(-0.001, math.inf, "°", 1), "0.0°"),
         (Quantity(math.nan, 1.0, "mm"), UNKNOWN),
     ],

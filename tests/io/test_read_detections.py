@@ -180,7 +180,7 @@ def test_files_beside_the_poses_are_left_out(tmp_path: Path) -> None:
         (folder / f"._{file.name}").write_bytes(b"\0\5\x16\7Mac OS X")
     assert len(read_detections(folder, 30.0)) == 4
     (folder / "config.json").write_text('{"model": "BODY_25"}')
-    with pytest.warns(DetectionsWarning, match=r"1 files without 2D poses are left out: config\.json"):
+    with pytest.warns(DetectionsWarning, match=r"left out, without 2D poses: 1 file \(config\.json\)"):
         assert len(read_detections(folder, 30.0)) == 4
 
 

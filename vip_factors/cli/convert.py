@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from vip_factors.cli.options import UNPREFIXED, Input, Output, WritingOptions
-from vip_factors.cli.terminal import say, waiting
+from vip_factors.cli.terminal import note, say, waiting
 from vip_factors.errors import InputError
 from vip_factors.io.settings import CameraOptions
 
@@ -142,6 +142,8 @@ def _write_templates(options: ConvertOptions) -> None:
     with waiting(f"reading {options.log}"):
         files = write_templates(options.log, options.template, options.overwrite, options.rate_hz)
     columns = f" --columns {files.columns}" if files.columns is not None else ""
+    for sentence in files.undeclared:
+        note(f"note: {sentence}")
     say("first guesses; check them, then:")
     say(f"  vip-factors convert {options.log} RECORDING.mcap{columns} --placement {files.placement}")
     for path in (files.columns, files.placement):

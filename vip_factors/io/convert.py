@@ -313,8 +313,12 @@ def _truth(log: ImportedLog, options: ImportOptions, zero: float) -> Truth | Non
 
 
 def _oriented(imus: Mapping[str, ImuStream], notes: list[str]) -> dict[str, ImuStream]:
-    """The streams, those with acceleration and angular rate only having their orientation filled in."""
-    done, filtered = {}, []
+    """The streams, those with acceleration and angular rate only having their orientation filled in.
+
+    Raises:
+        RecordingError: if no stream has an orientation, for the reason of the first that could have one.
+    """
+    done, filtered, errors = {}, [], list[RecordingError]()
     for name, stream in imus.items():
         done[name] = stream
         if stream.R_inertial_sensor is not None:
@@ -326,7 +330,10 @@ def _oriented(imus: Mapping[str, ImuStream], notes: list[str]) -> dict[str, ImuS
             done[name] = with_orientation(stream)
             filtered.append(name)
         except RecordingError as error:
+            errors.append(error)
             notes.append(f"sensor '{name}' has no orientation, and none can be found: {error}")
+    if errors and all(stream.R_inertial_sensor is None for stream in done.values()):
+        raise errors[0]
     if filtered:
         notes.append(f"orientation from acceleration and angular rate (VQF), heading arbitrary: {', '.join(filtered)}")
     return done

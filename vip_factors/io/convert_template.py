@@ -8,6 +8,7 @@ from vip_factors.atomic import atomic_open, check_target
 from vip_factors.display import one_line
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.convert import detect_format, read_log
+from vip_factors.io.convert_template_clock import PLEASE_DECLARE
 from vip_factors.io.convert_template_guess import guess
 from vip_factors.io.convert_template_units import UNIT_KEYS
 from vip_factors.io.importers.column_map import QUANTITIES, TIME_UNITS, ColumnMap, Columns, SensorColumns
@@ -22,10 +23,12 @@ class Templates(NamedTuple):
     Attributes:
         placement: where the sensors sit.
         columns: what the columns mean; None for a log whose format is known.
+        undeclared: a sentence on each thing that the log does not say and only its owner knows.
     """
 
     placement: Path
     columns: Path | None = None
+    undeclared: tuple[str, ...] = ()
 
 
 def write_templates(path: str | Path, name: Path, overwrite: bool = False, rate_hz: float | None = None) -> Templates:
@@ -56,12 +59,17 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False, rate_
         sensors, files = list(read_log(path, known_format, rate_hz=rate_hz).imus), Templates(placement_file)
     else:
         columns, reasons, sensors = guess(path, rate_hz)
-        files = Templates(placement_file, columns_file)
+        asked = dict.fromkeys(reason for why in reasons.values() for reason in why if PLEASE_DECLARE in reason)
+        files = Templates(placement_file, columns_file, tuple(asked))
         with atomic_open(columns_file, "w", overwrite) as stream:
             stream.write(columns_text(path, columns, reasons))
     with atomic_open(files.placement, "w", overwrite) as stream:
         stream.write(placement_text(path, sensors, files))
-    return files
+    sites = likely_sites(sensors)
+    placed, others = [name for name in sensors if name in sites], [name for name in sensors if name not in sites]
+    mounted = f"no mounting is declared: the axes of {', '.join(placed)} are taken as their sites'"
+    nowhere = f"no site is known of {', '.join(others)}"
+    return files._replace(undeclared=(*files.undeclared, *[mounted] * bool(placed), *[nowhere] * bool(others)))
 
 
 def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]]) -> str:

@@ -23,6 +23,7 @@ _NAMES = {
 GROWING = 0.1  # of the steps of times that fall somewhere, at least, and at most fall: of many sensors most repeat
 USED_ROWS = 20000  # enough to tell units; a day's log need not be read twice
 STATED_TOLERANCE = 0.2
+PLEASE_DECLARE = "PLEASE DECLARE"  # what follows, in reasons for guesses
 CONSISTENT = 1.6  # factor by which motion may disagree with a unit of time that it decides
 
 
@@ -88,11 +89,11 @@ def decide_unit(
         if off[unit] < np.log(CONSISTENT) and sum(value < 2 * np.log(CONSISTENT) for value in off.values()) == 1:
             return unit, f"{rates[unit]:.4g} samples a second as {unit}, as gravity's direction turns"
         unit, choices = next(iter(rates)), " or ".join(f"{each} ({rate:.4g} Hz)" for each, rate in rates.items())
-        return unit, f"{choices}: PLEASE DECLARE time_unit"
+        return unit, f"{choices}: {PLEASE_DECLARE} time_unit"
     if not BODY_RATES_HZ[0] <= rates[unit] <= BODY_RATES_HZ[1]:
         return (
             unit,
-            f"{rates[unit]:.4g} SAMPLES A SECOND as {unit}: PLEASE DECLARE time_unit, or rate_hz instead of time",
+            f"{rates[unit]:.4g} SAMPLES A SECOND as {unit}: {PLEASE_DECLARE} time_unit, or rate_hz instead of time",
         )
     return unit, f"{rates[unit]:.4g} samples a second as {unit}"
 

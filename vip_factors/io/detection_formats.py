@@ -23,6 +23,7 @@ import numpy as np
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.typed_files import MOST_MOTION_BYTES, Number, convert, read_json
+from vip_factors.tables import count
 
 PERSON = 1  # COCO's category
 EXPECTED = "2D poses as OpenPose (a folder), AlphaPose, MMPose or COCO's results (a .json file)"
@@ -173,7 +174,7 @@ def _folder(path: Path) -> DetectedPeople:
     stray = list[str]()
     people = _frames_of_files(path, _contents_of_frames(files, stray))
     if stray:
-        warn(path, f"{len(stray)} files without 2D poses are left out: {', '.join(stray[:4])}")
+        warn(path, f"left out, without 2D poses: {count(len(stray), 'file')} ({', '.join(stray[:4])})")
     return people
 
 

@@ -3,7 +3,7 @@
 import base64
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from datetime import datetime
 from functools import cached_property
 
 import numpy as np
@@ -66,9 +66,12 @@ class ReportData:
 
     @property
     def date(self) -> str:
-        """The day of the recording, empty if its clock tells none."""
+        """The local day of the recording's start, or of this report if the recording's clock tells none; which of both
+        comes first.
+        """
         start_ns = 0 if self.scene is None else self.scene.start_ns
-        return "" if not start_ns else datetime.fromtimestamp(start_ns / 1e9, UTC).strftime("%d %B %Y").lstrip("0")
+        day = datetime.fromtimestamp(start_ns / 1e9) if start_ns else datetime.now()
+        return f"{'recorded' if start_ns else 'reported'} {day:%d %B %Y}".replace(" 0", " ")
 
     @cached_property
     def drawn(self) -> DrawnScene:

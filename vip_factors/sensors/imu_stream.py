@@ -15,6 +15,8 @@ from vip_factors.geometry.rotations import Array
 GAP_FACTOR = 1.5  # a step longer than this many sample periods is a gap: half a period of jitter is common
 ROTATION_TOLERANCE = 1e-3  # of RᵀR from the identity: beyond it the matrix was never a rotation
 FORCE_LIMIT = 400.0  # m/s²: above the ±16 g (157 m/s²) or even ±32 g range of body-worn IMUs
+RATE_LIMIT = 70.0  # rad/s: the widest gyroscopes measure 4000 °/s; more means degrees per second
+SPIKES = 0.01  # of the samples: fewer beyond a limit are blows or broken packets, more another unit
 
 
 @dataclass(frozen=True, repr=False)
@@ -67,11 +69,10 @@ class ImuStream(Summarised):
             raise RecordingError(f"sensor '{self.name}' measures neither orientation nor specific force")
 
     def _check_values(self) -> None:
-        spikes = 0.01  # of the samples: fewer beyond that limit are blows or broken packets, more another unit
         if self.specific_force is not None and np.max(np.abs(self.specific_force)) > FORCE_LIMIT:
             most = np.max(np.abs(self.specific_force), axis=1)
-            beyond = most > FORCE_LIMIT
-            if np.mean(beyond) > spikes:
+            beyond = force_spikes(self.specific_force)
+            if not np.any(beyond):
                 raise RecordingError(
                     f"sensor '{self.name}': specific force of {most.max():.3g} m/s² at sample {int(most.argmax())}: "
                     f"expected at most {FORCE_LIMIT:g}; check the unit (m/s², not g or mg)"
@@ -96,8 +97,8 @@ class ImuStream(Summarised):
         R_inertial_sensor: Array | None = None,
         angular_rate: Array | None = None,
     ) -> "ImuStream":
-        """A stream from raw samples: those with a value that is not finite, or a time no clock shows, are dropped and
-        become gaps.
+        """A stream from raw samples: those with a value that is not finite, a single angular rate beyond a gyroscope's
+        range, or a time no clock shows, are dropped and become gaps.
 
         Raises:
             RecordingError: if nothing is left, and as the constructor does.
@@ -109,6 +110,8 @@ class ImuStream(Summarised):
             if len(values) != len(time):
                 return cls(name, time, specific_force, R_inertial_sensor, angular_rate)  # it says which and how long
             good &= np.all(np.isfinite(values), axis=tuple(range(1, values.ndim)))
+        if angular_rate is not None:
+            good &= ~rate_spikes(angular_rate)
         if not np.any(good):
             raise RecordingError(f"sensor '{name}': none of its {len(time)} samples is finite")
         measured = (specific_force, R_inertial_sensor, angular_rate)
@@ -138,6 +141,18 @@ class ImuStream(Summarised):
         inside = (self.time >= start) & (self.time <= end)
         measured = {name: values[inside] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         return replace(self, **measured)  # type: ignore[arg-type]  # all but the name
+
+
+def force_spikes(specific_force: Array) -> np.ndarray:
+    """Which samples ``(N, 3)`` m/s² are beyond any range; none of them where many are, for then the unit is another."""
+    beyond = np.max(np.abs(specific_force), axis=1) > FORCE_LIMIT
+    return beyond & (np.mean(beyond) <= SPIKES)
+
+
+def rate_spikes(angular_rate: Array) -> np.ndarray:
+    """Which samples ``(N, 3)`` rad/s are beyond any range; none where many are fast, for then these are degrees."""
+    most = np.max(np.abs(angular_rate), axis=1)
+    return (most > RATE_LIMIT) & (np.mean(most > RATE_LIMIT / 2) <= SPIKES)
 
 
 def rotations_of(orientation: Array) -> Array:
@@ -188,9 +203,6 @@ def check_times(time: Array, whose: str) -> None:
             f"{whose}: time goes from {time[row - 1]:.4f} s to {time[row]:.4f} s at sample {row}: expected strictly "
             "increasing times; sort the samples and drop duplicates"
         )
-
-
-RATE_LIMIT = 70.0  # rad/s: the widest gyroscopes measure 4000 °/s; more means degrees per second
 
 
 # Over a longer gap the turn about the vertical is a guess, and no later sample undoes it. In one second a limb can turn
@@ -248,7 +260,8 @@ def _checked(stream: ImuStream) -> tuple[Array, Array]:
         if end - start > LONGEST_GAP_S:
             raise RecordingError(
                 f"sensor '{name}' lost {end - start:.2f} s of samples at t = {start:.2f} s: its heading cannot be "
-                f"carried over more than {LONGEST_GAP_S:g} s; cut the recording there, or export orientations"
+                f"carried over more than {LONGEST_GAP_S:g} s; cut the recording there (--end-s {start:.2f}, or "
+                f"--start-s {end:.2f}), or export orientations"
             )
     return stream.specific_force, stream.angular_rate
 

@@ -23,7 +23,7 @@ from vip_factors.geometry.quaternions import (
 )
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Placement
-from vip_factors.sensors.imu_stream import ImuStream, gaps_of, rate_of
+from vip_factors.sensors.imu_stream import ImuStream, force_spikes, gaps_of, rate_of
 
 
 @dataclass(frozen=True)
@@ -199,9 +199,9 @@ R_UP_DOWN = np.diag([1.0, -1.0, -1.0])
 
 
 def mean_force_inertial(R_inertial_sensor: Array, specific_force: Array) -> Array:
-    """Average specific force ``(3,)`` m/s² in the inertial frame over the samples that are finite."""
+    """Average specific force ``(3,)`` m/s² in the inertial frame over the samples that are finite and no spikes."""
     force = np.einsum("nij,nj->ni", R_inertial_sensor, specific_force)
-    force = force[np.all(np.isfinite(force), axis=1)]
+    force = force[np.all(np.isfinite(force), axis=1) & ~force_spikes(specific_force)]
     return force.mean(axis=0) if len(force) else np.full(3, np.nan)
 
 

@@ -38,7 +38,7 @@ from vip_factors.io.importers.shared import (
     z_up,
 )
 from vip_factors.io.importers.text_table import SUFFIXES, TextTable, read_text_table
-from vip_factors.sensors.imu_stream import RATE_LIMIT, ImuStream, with_orientation
+from vip_factors.sensors.imu_stream import RATE_LIMIT, ImuStream, force_spikes, rate_spikes, with_orientation
 
 FORMAT = "table"
 # A worn sensor's specific force is 9.8 m/s² on the median, within the worst scale errors seen (22 %) and brisk motion.
@@ -228,15 +228,16 @@ def _stream(
         R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, up, where, notes)
         notes += [f"{where}: {TURNED_OVER}"] if up == "-z" and force is not None else []
     if force is not None:
-        _check_force(where, entry, time, force, rate, R, notes)
+        calm = np.where(force_spikes(force)[:, None], np.nan, force)
+        _check_force(where, entry, time, calm, rate, R, notes)
         if R is not None and entry.world_up == UP_OR_DOWN:
             R, turned = z_up(name, R, force)
             notes += turned
         elif R is not None and quaternion is not None:
-            _check_tilt(where, entry, quaternion, R, force, notes)
+            _check_tilt(where, entry, quaternion, R, calm, notes)
     stream = ImuStream.from_samples(name, time, force, R, rate)
     if lost := len(time) - len(stream):
-        notes.append(f"sensor '{name}': {lost} of {len(time)} samples with missing values dropped")
+        notes.append(f"sensor '{name}': {lost} of {len(time)} samples with missing values, or impossible ones, dropped")
     return stream
 
 
@@ -319,7 +320,7 @@ def _mean_force(time: Array, force: Array, rate: Array | None, R: Array | None) 
 
 
 def _check_rate(where: str, entry: SensorColumns, rate: Array) -> None:
-    fastest = float(np.nanmax(np.abs(rate), initial=0.0))
+    fastest = float(np.nanmax(np.abs(rate[~rate_spikes(rate)]), initial=0.0))
     if fastest > RATE_LIMIT:
         raise FileFormatError(
             f"{where}: angular_rate reaches {fastest / ANGULAR_RATE_UNITS[entry.angular_rate_unit]:.3g} "

@@ -26,6 +26,7 @@ LOOKED_AT = 200  # lines, to tell the dialect: preambles of loggers are shorter
 RUN = 3  # rows of numbers in a row: a line of settings may look like one
 HEADER_LINES = 4  # device, names or axes, how they are calibrated, and units in lines of their own
 COMPONENTS = {3: "xyz", 4: "wxyz"}
+LARGEST = 1e30  # in any unit: nanoseconds since 1970 are 1.8e18
 LONGEST_LINE = 200_000  # characters: of some 10,000 columns
 PEEK_BYTES = 16384  # the longest preamble seen is 1.5 kB; this holds it and the first rows
 
@@ -101,7 +102,7 @@ class TextTable:
         return self.names.index(column)
 
     def numbers(self, columns: Sequence[int]) -> Array:
-        """The columns of these indices ``(N, len(columns))``; blank cells are NaN.
+        """The columns of these indices ``(N, len(columns))``; blank cells, and numbers that nothing has, are NaN.
 
         Raises:
             FileFormatError: for a cell that is not a number; line and column are named.
@@ -110,11 +111,12 @@ class TextTable:
         if self.separator != "," and any("," in row for row in rows[:LOOKED_AT]):
             rows = [row.replace(",", ".") for row in rows]  # a decimal comma
         try:
-            return np.loadtxt(
+            values = np.loadtxt(
                 rows, delimiter=self.separator or None, usecols=columns, comments=None, quotechar='"', ndmin=2
             )
         except ValueError:
-            return np.array([self._row(row, line, columns) for row, line in zip(rows, self.lines, strict=True)])
+            values = np.array([self._row(row, line, columns) for row, line in zip(rows, self.lines, strict=True)])
+        return np.where(np.abs(values) < LARGEST, values, np.nan)
 
     def group(self, names: Sequence[str]) -> Array | None:
         """The columns of these names ``(N, len(names))``; None if one is missing or holds no number at all."""

@@ -52,11 +52,11 @@ def figure_table(estimate: Estimate) -> Table:
         remark = "how sensors sit not included" if mountings_are_held(wearers) else "one standard deviation"
         rows.append(("joint angles", f"± {degrees(sigma)}", f"typical of the limbs; {remark}"))
     residuals = [wearer.residuals.get("orientation_deg", np.zeros(0)).ravel() for wearer in wearers]
-    median = _quantile(np.concatenate(residuals), 0.5)
+    median = finite_quantile(np.concatenate(residuals), 0.5)
     if math.isfinite(median):
         rows.append(("fit to the sensors", Quantity(median, unit="°", decimals=1), "median difference of orientation"))
     if camera is not None and camera.residual_px is not None:
-        median = _quantile(camera.residual_px, 0.5)
+        median = finite_quantile(camera.residual_px, 0.5)
         share = f"{100 * median / camera.model.height:.1f} % of the image's height"
         rows += [("fit to the video", Quantity(median, unit="px"), share)] if math.isfinite(median) else []
     if len(wearers) == 1:
@@ -73,7 +73,7 @@ def limb_sigma(wearers: Sequence[WearerEstimate]) -> float:
         for wearer in wearers
         if wearer.covariance
     ]
-    return _quantile(np.concatenate([*sigmas, np.zeros(0)]), 0.5)
+    return finite_quantile(np.concatenate([*sigmas, np.zeros(0)]), 0.5)
 
 
 def measured_limb_joints(wearer: WearerEstimate) -> list[int]:
@@ -88,7 +88,8 @@ def mountings_are_held(wearers: Sequence[WearerEstimate]) -> bool:
     return bool(sigmas) and not np.isfinite(sigmas).any()
 
 
-def _quantile(values: Array, share: float) -> float:
+def finite_quantile(values: Array, share: float) -> float:
+    """The quantile of those values that are finite; NaN without any."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, share)) if len(finite) else math.nan
 
@@ -99,7 +100,7 @@ def wearer_facts(wearer: WearerEstimate) -> Table:
     rows.append(("standard deviations", "yes" if wearer.covariance is not None else "no"))
     for kind, values in wearer.residuals.items():
         name, unit = RESIDUALS.get(kind, (kind, ""))
-        half, most = (Quantity(_quantile(values, share), unit=unit, decimals=2) for share in (0.5, 0.95))
+        half, most = (Quantity(finite_quantile(values, share), unit=unit, decimals=2) for share in (0.5, 0.95))
         rows.append((f"difference of {name}", f"{half} (median), 95 % below {most}"))
     return facts(f"wearer '{wearer.motion.name or wearer.name}'", *rows)
 
@@ -221,7 +222,7 @@ def residual_table(wearer: WearerEstimate) -> Table:
     for column, sensor in enumerate(wearer.sensors if any(values.size for values in residuals) else ()):
         cells: list[Cell] = [sensor]
         for values in residuals:
-            shares = (_quantile(values[:, column], share) for share in (0.5, 0.95, 1.0))
+            shares = (finite_quantile(values[:, column], share) for share in (0.5, 0.95, 1.0))
             cells += [Quantity(value, decimals=decimals) for value, decimals in zip(shares, (2, 2, 1), strict=True)]
         rows.append(cells)
     head = ["sensor"]
@@ -252,7 +253,7 @@ def reprojection_table(estimate: Estimate, names: Sequence[str]) -> Table:
     residuals = estimate.camera.residual_px if estimate.camera is not None else None
     rows = []
     for name, values in zip(names, () if residuals is None else residuals.T, strict=residuals is not None):
-        half, most = (Quantity(_quantile(values, share), decimals=1) for share in (0.5, 0.95))
+        half, most = (Quantity(finite_quantile(values, share), decimals=1) for share in (0.5, 0.95))
         rows.append((name, str(int(np.isfinite(values).sum())), half, most))
     return Table(("seen by the camera", "frames", "median, px", "95 % below, px"), rows)
 

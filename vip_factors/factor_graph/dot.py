@@ -65,7 +65,8 @@ def dot(graph: FactorGraph, title: str, first: int | None = None) -> str:
         ends = ends[::-1] if frames and nodes[key][1] is None else ends
         return f'{"--".join(ends)}[color="{colours[kind]}"];'
 
-    lines = [f'graph {{\n  label="{_quoted(title)}"; labelloc=t; fontsize=18; {GRAPH}']
+    title = title.replace("\\", "\\\\").replace('"', '\\"')
+    lines = [f'graph {{\n  label="{title}"; labelloc=t; fontsize=18; {GRAPH}']
     for frame in window:
         members = [f"var{key};" for node, key in keys.items() if node[1] == frame]
         members += [f"factor{number};" for number, (_, frames) in enumerate(boxes) if frames == (frame,)]
@@ -91,10 +92,6 @@ def _node(graph: FactorGraph, variable: Variable) -> Node:
 
 def _label(kind: str, count: int, between: str = " ") -> str:
     return f"{kind}{between}\N{MULTIPLICATION SIGN} {count}" if count > 1 else kind
-
-
-def _quoted(text: str) -> str:
-    return text.replace("\\", "\\\\").replace('"', '\\"')
 
 
 def svg(text: str) -> bytes | None:

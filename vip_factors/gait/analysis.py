@@ -391,7 +391,7 @@ def _curves(estimate: WearerEstimate, strides: Sequence[Stride]) -> tuple[Curve,
         at = np.stack([one.start + CYCLE / 100 * (one.end - one.start) for one in own])
         values, unsure = (
             interpolate_points(angles.time, one[:, columns], at.ravel()).reshape(*at.shape, -1)
-            for one in (_unwrapped(angles.degrees), sigmas)
+            for one in (np.unwrap(angles.degrees, axis=0, period=360.0), sigmas)
         )
         turning = angles.names.index("pelvis_rotation")  # which way somebody walks is no part of it
         values[..., columns.index(turning)] -= values[..., columns.index(turning)].mean(axis=1, keepdims=True)
@@ -402,7 +402,3 @@ def _curves(estimate: WearerEstimate, strides: Sequence[Stride]) -> tuple[Curve,
             for k, column in enumerate(columns)
         ]
     return tuple(curves)
-
-
-def _unwrapped(degrees: Array) -> Array:
-    return np.unwrap(degrees, axis=0, period=360.0)

@@ -63,7 +63,8 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
         for path in paths:
             check_target(path, overwrite)
         for path, rows in zip(tables, ROWS.values(), strict=True):
-            _write_table(path, rows(gait), overwrite)
+            with atomic_open(path, "w", overwrite) as file:
+                csv.writer(file, lineterminator="\n").writerows(rows(gait))
         with atomic_open(numbers, "w", overwrite) as file:
             file.write(json_text(as_json(gait), decimals=5))
         written += paths[:-1]
@@ -72,11 +73,6 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
             save(figure, picture, overwrite)
             written.append(picture)
     return written
-
-
-def _write_table(path: Path, rows: Iterable[Sequence[object]], overwrite: bool) -> None:
-    with atomic_open(path, "w", overwrite) as file:
-        csv.writer(file, lineterminator="\n").writerows(rows)
 
 
 def _unit(unit: str) -> str:

@@ -65,7 +65,8 @@ def _likely(words: str, rates: dict[str, float], stated: float | None) -> dict[s
         low, high = stated * (1 - STATED_TOLERANCE), stated * (1 + STATED_TOLERANCE)
     fits = {unit: rate for unit, rate in rates.items() if low <= rate <= high}
     low, high = PLAUSIBLE_RATES_HZ
-    named = {unit: rates[unit] for unit in rates if low <= rates[unit] <= high and _is_named(unit, words)}
+    spelt = {unit for unit, names in _NAMES.items() if re.search(rf"(?i)(?<![a-z])({names})(?![a-z])", words)}
+    named = {unit: rates[unit] for unit in rates if low <= rates[unit] <= high and unit in spelt}
     both = {unit: rate for unit, rate in fits.items() if unit in named}
     nearest = min(rates, key=lambda unit: abs(np.log(rates[unit] / 100)))
     return both or {**named, **fits} or {nearest: rates[nearest]}
@@ -96,10 +97,6 @@ def decide_unit(
             f"{rates[unit]:.4g} SAMPLES A SECOND as {unit}: {PLEASE_DECLARE} time_unit, or rate_hz instead of time",
         )
     return unit, f"{rates[unit]:.4g} samples a second as {unit}"
-
-
-def _is_named(unit: str, words: str) -> bool:
-    return bool(re.search(rf"(?i)(?<![a-z])({_NAMES.get(unit, '$^')})(?![a-z])", words))
 
 
 def _spaced(name: str) -> str:

@@ -59,8 +59,8 @@ class LiveServer:
         self._changing = Lock()
         self._stop = Event()
         self._listener = Listener(
-            f"live page at {host}:{port}", host, port, token, STREAM, self._send, self._is_full,
-            self._pages, MOST_REQUEST,
+            f"live page at {host}:{port}", host, port, token, STREAM, self._send,
+            lambda: len(self._readers) >= MOST_READERS, self._pages, MOST_REQUEST,
         )  # fmt: skip
         self.port = self._listener.port
 
@@ -103,9 +103,6 @@ class LiveServer:
         """Send what waits, say goodbye, and let go of the port."""
         self._stop.set()
         self._listener.close()
-
-    def _is_full(self) -> bool:
-        return len(self._readers) >= MOST_READERS
 
     def _send(self, connection: ServerConnection) -> None:
         """Answers to one reader, in a thread of its own."""

@@ -138,7 +138,8 @@ def coverage_notes(imus: Mapping[str, ImuStream]) -> list[str]:
                 f"sensor '{name}' has {len(long)} gaps longer than {LONG_GAP_S:g} s, the longest of {longest:.1f} s, "
                 f"the first at {long[0, 0]:.1f} s"
             )
-    rates = {name: _usual_rate(stream) for name, stream in imus.items() if len(stream) > 1}
+    # A low percentile of the steps, which losses do not lengthen.
+    rates = {name: 1 / float(np.percentile(np.diff(one.time), 10)) for name, one in imus.items() if len(one) > 1}
     if rates:
         slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
         if rates[fast] > rates[slow] * (1 + UNEQUAL_RATE):
@@ -166,11 +167,6 @@ def check_leaps(imus: Mapping[str, ImuStream]) -> None:
             f"pauses for days; leave out what is before with --start-s {np.floor(100 * after) / 100:.2f}, or, if it is "
             "a pose that was held before, say --initial-pose n-pose (or t-pose) and --pose-from LOG:1"
         )
-
-
-def _usual_rate(stream: ImuStream) -> float:
-    """Samples per second where none are lost: a low percentile of the steps, which losses do not lengthen."""
-    return float(1 / np.percentile(np.diff(stream.time), 10))
 
 
 def log_in_parts(logs: Sequence[ImportedLog], sources: Sequence[str]) -> ImportedLog:

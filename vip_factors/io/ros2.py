@@ -98,7 +98,7 @@ def _with_gyroscopes(
     for gyroscope in alone["angular rate"]:
         free = [name for name in alone["acceleration"] if name not in partner.values()]
         if free:
-            partner[gyroscope] = max(free, key=lambda name: _likeness(name, gyroscope))
+            partner[gyroscope] = max(free, key=lambda name: SequenceMatcher(None, name, gyroscope).ratio())
     for name, samples in sensors.items():
         if name in partner:
             accelerometer = partner[name]
@@ -107,10 +107,6 @@ def _with_gyroscopes(
             yield joined, samples, sensors[accelerometer]
         elif name not in partner.values():
             yield name, samples, None
-
-
-def _likeness(first: str, second: str) -> float:
-    return SequenceMatcher(None, first, second).ratio()
 
 
 def _names(raw: Sequence["_Samples"]) -> list[str]:

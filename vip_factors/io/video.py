@@ -66,7 +66,7 @@ def video_facts(path: str | Path) -> VideoFacts:
         while capture.grab():
             stamps.append(capture.get(cv2.CAP_PROP_POS_MSEC) / 1000)
         nominal = capture.get(cv2.CAP_PROP_FPS)
-        width, height = _size(capture)
+        width, height = (int(capture.get(side)) for side in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
     if not stamps:
         raise FileFormatError(f"{path}: not a single frame of the video can be read: it may be cut off; copy it again")
     time = np.array(stamps) - stamps[0]
@@ -76,12 +76,6 @@ def video_facts(path: str | Path) -> VideoFacts:
         time = np.arange(len(time)) / nominal
     rate = float(1 / np.median(np.diff(time))) if len(time) > 1 else float(nominal)
     return VideoFacts(path, width, height, rate, time)
-
-
-def _size(capture: "cv2.VideoCapture") -> tuple[int, int]:
-    import cv2
-
-    return int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from vip_factors.body.joint_angles import JointAngles, is_measured, joint_angle_
 from vip_factors.body.mannequin import Side
 from vip_factors.body.model_errors import shape_factor
 from vip_factors.body.skeleton import LIMBS, worn_limbs
-from vip_factors.describe.estimates import RESIDUALS
+from vip_factors.describe.estimates import RESIDUALS, finite_quantile
 from vip_factors.evaluate.evaluation import evaluate, evaluate_scene
 from vip_factors.gait.analysis import Gait, bones_with_sensors, gait_of
 from vip_factors.geometry.rotations import Array
@@ -155,18 +155,13 @@ def _range_table(angles: JointAngles, sigmas: Mapping[str, Array], names: Sequen
             continue
         sides = [f"{side}_{name}" for side in SIDES]
         (left, left_range), (right, right_range) = (_range_cells(angles.of(side)) for side in sides)
-        shapes = [shape_factor(joints[side]) * _median(sigmas[side]) for side in sides if sigmas]
+        shapes = [shape_factor(joints[side]) * finite_quantile(sigmas[side], 0.5) for side in sides if sigmas]
         sigma = float(np.linalg.norm(shapes)) if shapes else np.nan
         difference = Quantity(left_range.value - right_range.value, unit="°")
         known = f"± {Quantity(sigma, unit='°')}" if np.isfinite(sigma) else UNKNOWN
         rows.append((joint_words(name), left, left_range, right, right_range, difference, known))
     head = ("angle", "left: from … to", "range", "right: from … to", "range", "left less right", "uncertain by")
     return Table(head, rows)
-
-
-def _median(values: Array) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.median(finite)) if len(finite) else np.nan
 
 
 def _range_cells(values: Array) -> tuple[str, Quantity]:

@@ -179,7 +179,10 @@ def precision_findings(wearer: str, bones: Set[str], sensors: int, filmed: bool)
     """
     # M, what GOOD promises of where joints are: on the mean over those of the limbs, along each axis
     good_joints, errors = 0.03, FILMED if filmed else UNFILMED
-    off = float(errors.positions(bones)[_joints_of_worn_limbs(bones)].mean())
+    # Legs count if a leg has a sensor, arms if an arm has one; all limbs if none has. Trunk and tips are not promised.
+    limbs = worn_limbs(bones) or LIMBS.values()
+    joints = [joint_index(f"{side}_{joint}") for limb in limbs for joint in limb[1:-1] for side in SIDES]
+    off = float(errors.positions(bones)[joints].mean())
     unmeasured = [name for joint, name in LEG_BONES.items() if not {f"left_{joint}", f"right_{joint}"} <= bones]
     told = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > good_joints else []
     told += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
@@ -189,15 +192,6 @@ def precision_findings(wearer: str, bones: Set[str], sensors: int, filmed: bool)
         words = {"limit": f"{verb} {' and '.join(told)} only", "better": " and ".join(better)}
         subject = f"{count(sensors, 'sensor')} and {'a' if filmed else 'no'} camera"
         yield Finding("limited set-up", wearer, subject=subject, words=words)
-
-
-def _joints_of_worn_limbs(bones: Set[str]) -> list[int]:
-    """Joints of the legs, if a leg has a sensor, and of the arms, if an arm has one; of all limbs if none has.
-
-    GOOD promises where they are: those of the trunk and the tips are left out.
-    """
-    limbs = worn_limbs(bones) or LIMBS.values()
-    return [joint_index(f"{side}_{joint}") for limb in limbs for joint in limb[1:-1] for side in SIDES]
 
 
 def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Settings) -> WearerEstimate:

@@ -15,7 +15,6 @@ from itertools import zip_longest
 import numpy as np
 
 from vip_factors.associate.hypothesis import CAUCHY, WearerPoints, hypotheses, keypoint_sigma, used_confidence
-from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import LIMBS, POSES
@@ -426,14 +425,11 @@ def _misfits(
     square = np.sum(found.error**2, axis=-1) / sigma**2
     misfits = {}
     for limbs, names in SHOWN.items():
-        own = _of(detections.keypoints, names) & np.isfinite(square)
+        is_shown = np.array([any(name in each for name in names) for each in detections.keypoints.keypoints])
+        own = is_shown & np.isfinite(square)
         off = np.sum(np.where(own, weight * np.log1p(np.where(own, square, 0.0) / CAUCHY**2), 0.0), axis=1)
         misfit = np.full(len(detections), refused)
         seen = np.where(own, weight, 0.0).sum(axis=1)
         misfit[found.detection[seen > 0]] = off[seen > 0] / seen[seen > 0]
         misfits[limbs] = misfit
     return misfits
-
-
-def _of(keypoints: KeypointSet, names: Sequence[str]) -> np.ndarray:
-    return np.array([any(name in one for name in names) for one in keypoints.keypoints])

@@ -65,8 +65,7 @@ def _with_feet_moved(motion: Motion, shifts: Array) -> Motion:
         thigh, shank = _bent(p_knee - p_hip, p_ankle - p_knee, reach, R[:, hip, :, 2])
         R[:, hip] = thigh @ R[:, hip]
         R[:, knee] = shank @ R[:, knee]
-    R_parent_child = local_rotations(R)
-    return replace(motion, R_parent_child=R_parent_child, p_world_pelvis=motion.p_world_pelvis + moved)
+    return replace(motion, R_parent_child=local_rotations(R), p_world_pelvis=motion.p_world_pelvis + moved)
 
 
 def _bent(thigh: Array, shank: Array, reach: Array, front: Array) -> tuple[Array, Array]:
@@ -78,15 +77,12 @@ def _bent(thigh: Array, shank: Array, reach: Array, front: Array) -> tuple[Array
     a, b, d, whole = (np.linalg.norm(v, axis=1, keepdims=True) for v in (thigh, shank, reach, thigh + shank))
     R_whole = rotation_between(thigh + shank, reach)
     along = reach / d
-    side = _turned(R_whole, thigh + 0.1 * a * front)  # the front decides where the knee is nearly straight, or beyond
+    # The front decides where the knee is nearly straight, or beyond.
+    side, thigh, shank = np.moveaxis(R_whole @ np.stack([thigh + 0.1 * a * front, thigh, shank], axis=2), 2, 0)
     side -= np.sum(side * along, axis=1, keepdims=True) * along
     side /= np.linalg.norm(side, axis=1, keepdims=True)
     distance = np.clip(d, np.abs(a - b) + 1e-6, np.maximum(STRAIGHT * (a + b), whole))
     cosine = (a**2 + distance**2 - b**2) / (2 * a * distance)
     p_knee = a * (cosine * along + np.sqrt(np.maximum(1 - cosine**2, 0.0)) * side)
-    R_thigh = rotation_between(_turned(R_whole, thigh), p_knee) @ R_whole
-    return R_thigh, rotation_between(_turned(R_whole, shank), distance * along - p_knee) @ R_whole
-
-
-def _turned(R: Array, v: Array) -> Array:
-    return np.asarray(np.einsum("tij,tj->ti", R, v))
+    R_thigh = rotation_between(thigh, p_knee) @ R_whole
+    return R_thigh, rotation_between(shank, distance * along - p_knee) @ R_whole

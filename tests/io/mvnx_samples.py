@@ -1,5 +1,6 @@
 """MVNX files of both versions, from a motion that is known."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -64,25 +65,37 @@ def frame(R: np.ndarray, p: np.ndarray, attributes: str, more: str = "") -> str:
     return f"<frame {attributes}><orientation>{numbers(q)}</orientation><position>{numbers(p)}</position>{more}</frame>"
 
 
-def write(path: Path, R: np.ndarray, version: int = 4, points: bool = True) -> tuple[np.ndarray, np.ndarray]:
+def write(
+    path: Path,
+    R: np.ndarray,
+    version: int = 4,
+    points: bool = True,
+    sensors: tuple[str, ...] = SENSORS,
+    segments: Sequence[str] = tuple(SEGMENTS),
+) -> tuple[np.ndarray, np.ndarray]:
     """An MVNX file of this motion; returns sensor orientations ``(T, S, 3, 3)`` and specific forces it implies."""
     rng, names, tag = np.random.default_rng(5), list(SEGMENTS), "pos_b" if version == 4 else "pos_s"
     # Version 3 turns the arms' axes, and says so by the pose of its calibration only.
     zero = np.stack([rotation_x(np.pi / 2 if "Arm" in name and version == 3 else 0.0) for name in names])
-    segments, joints = "", ""
+    rows = [names.index(name) for name in segments]
+    described, joints = "", ""
     for row, (name, (parent, _)) in enumerate(SEGMENTS.items()):
+        if name not in segments:
+            continue
         own: list[tuple[str, tuple[float, ...]]] = [(f"j{name}", (0, 0, 0))] if parent else []
         own += [(f"j{child}", offset) for child, (above, offset) in SEGMENTS.items() if above == name]
         own += [TIPS[name]] if name in TIPS else []
         tags = "".join(f'<point label="{p}"><{tag}>{numbers(np.array(x))}</{tag}></point>' for p, x in own)
-        segments += f'<segment label="{name}" id="{row + 1}"><points>{tags if points else ""}</points></segment>'
+        described += f'<segment label="{name}" id="{row + 1}"><points>{tags if points else ""}</points></segment>'
         if parent:
             ends = f"<connector1>{parent}/j{name}</connector1><connector2>{name}/j{name}</connector2>"
             joints += f'<joint label="j{name}">{ends}</joint>'
     straight = poses(np.tile(np.eye(3), (1, 23, 1, 1)))[0]
-    frames = frame(zero, straight, 'time="0" type="identity"' if version == 4 else 'time="0" index="-3" type="npose"')
-    R_sensor = exp(rng.normal(size=(FRAMES, len(SENSORS), 3)))
-    free = rng.normal(size=(FRAMES, len(SENSORS), 3))
+    frames = frame(
+        zero[rows], straight[rows], 'time="0" type="identity"' if version == 4 else 'time="0" index="-3" type="npose"'
+    )
+    R_sensor = exp(rng.normal(size=(FRAMES, len(sensors), 3)))
+    free = rng.normal(size=(FRAMES, len(sensors), 3))
     force = np.einsum("tsji,tsj->tsi", R_sensor, free + np.array([0, 0, 9.80665]))
     for t, (turned, p) in enumerate(zip(R @ zero, poses(R), strict=True)):
         acceleration = ("sensorFreeAcceleration", free) if version == 4 else ("sensorAcceleration", force)
@@ -90,12 +103,12 @@ def write(path: Path, R: np.ndarray, version: int = 4, points: bool = True) -> t
         more = f"<sensorOrientation>{numbers(q)}</sensorOrientation>"
         more += f"<{acceleration[0]}>{numbers(acceleration[1][t])}</{acceleration[0]}>"
         attributes = f'time="{round(t * 1000 / 60)}" index="{t}" ms="{1542082631842 + t * 17}" type="normal"'
-        frames += "\n" + frame(turned, p, attributes, more)
+        frames += "\n" + frame(turned[rows], p[rows], attributes, more)
     path.write_text(
         '<?xml version="1.0" encoding="UTF-8"?>\n<!-- a comment -->\n'
         f'<mvnx xmlns="http://www.xsens.com/mvn/mvnx" version="{version}"><mvn version="2019.0.0"/><comment/>'
-        f'<subject label="x" frameRate="60" segmentCount="23"><segments>{segments}</segments><sensors>'
-        + "".join(f'<sensor label="{name}"/>' for name in SENSORS)
-        + f'</sensors><joints>{joints}</joints><frames sensorCount="4">{frames}</frames></subject></mvnx>'
+        f'<subject label="x" frameRate="60" segmentCount="23"><segments>{described}</segments><sensors>'
+        + "".join(f'<sensor label="{name}"/>' for name in sensors)
+        + f'</sensors><joints>{joints}</joints><frames sensorCount="{len(sensors)}">{frames}</frames></subject></mvnx>'
     )
     return R_sensor, force

@@ -85,6 +85,38 @@ def test_a_file_that_breaks_off_gives_what_it_holds(tmp_path: Path) -> None:
     assert any("breaks off" in note for note in log.notes)
 
 
+@pytest.mark.parametrize("configuration", ["", 'configuration="FullBody" ', 'configuration="UpperBody" '])
+@pytest.mark.parametrize("every_limb", [True, False])
+def test_limbs_without_sensors_are_no_truth(tmp_path: Path, configuration: str, every_limb: bool) -> None:
+    """The configuration says which limbs are measured; without one the sensors do."""
+    path = tmp_path / "walk.mvnx"
+    write(path, motion(), sensors=tuple(mvnx.SENSOR_SITES) if every_limb else SENSORS)
+    path.write_text(path.read_text().replace('frameRate="60"', f'{configuration}frameRate="60"'))
+    log = mvnx.read(path)
+    assert log.truth_motion is not None
+    is_all = "Full" in configuration or (not configuration and every_limb)
+    assert (log.truth_bones is None) == is_all
+    assert any("limbs without sensors are no truth" in note for note in log.notes) == (not is_all)
+    if not is_all and not every_limb:
+        assert log.truth_bones is not None
+        assert {"left_elbow", "spine3"} <= log.truth_bones
+        assert not log.truth_bones & {"left_hip", "right_elbow"}
+
+
+@pytest.mark.parametrize(
+    "words", [("Leg", "Foot", "Toe"), ("L5", "L3", "T12", "T8", "Neck", "Head", "Shoulder", "Arm", "Hand")]
+)
+def test_segments_of_half_a_body_leave_the_sensors(tmp_path: Path, words: tuple[str, ...]) -> None:
+    path = tmp_path / "walk.mvnx"
+    kept = ["Pelvis", *(name for name in SEGMENTS if name.endswith(words))]
+    R_sensor, _ = write(path, motion(), segments=kept)
+    log = mvnx.read(path)
+    assert any("no motion of MVN's own: segment" in note for note in log.notes)
+    assert log.truth_motion is None
+    assert log.default_sites == {"Pelvis": "pelvis", "T8": "sternum", "LeftForeArm": "left_forearm"}
+    assert np.max(angle_between(log.imus["T8"].R_inertial_sensor, R_sensor[:, 1])) < 1e-7
+
+
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [

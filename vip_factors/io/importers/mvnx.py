@@ -97,7 +97,7 @@ class MvnxDocument:
         version: of the format, as written.
         software: version of MVN, as written.
         frame_rate: Hz.
-        configuration: which sensors the subject wears, in MVN's words.
+        configuration: which sensors the subject wears, in MVN's words; blank if the file does not say.
         segments, sensors: labels, in the order of the rows of every channel.
         points: (segment, point) → metres, in the segment's axes in the T-pose (x forward, y left, z up).
         joints: pairs of (segment, point), parent first, that coincide.
@@ -110,7 +110,7 @@ class MvnxDocument:
     version: str = "?"
     software: str = "?"
     frame_rate: float = 0.0
-    configuration: str = FULL_BODY
+    configuration: str = ""
     segments: list[str] = field(default_factory=list)
     sensors: list[str] = field(default_factory=list)
     points: dict[tuple[str, str], Array] = field(default_factory=dict)
@@ -118,6 +118,11 @@ class MvnxDocument:
     samples: list[MvnxFrame] = field(default_factory=list)
     calibration_poses: list[MvnxFrame] = field(default_factory=list)
     truncated: str = ""
+
+    @property
+    def is_full_body(self) -> bool:
+        """Whether every limb carries a sensor: as the configuration says, or else the sensors themselves."""
+        return self.configuration == FULL_BODY or (not self.configuration and set(SENSOR_SITES) <= set(self.sensors))
 
     def shape(self, name: str) -> tuple[int, int]:
         """Rows and columns of a channel."""
@@ -173,7 +178,7 @@ def _take(document: MvnxDocument, tag: str, element: ET.Element) -> None:
     elif tag == "mvn":
         document.software = element.get("version", "?")
     elif tag == "subject":
-        document.configuration = element.get("configuration", FULL_BODY)
+        document.configuration = element.get("configuration", "")
         rate = element.get("frameRate", "0")
         try:
             document.frame_rate = float(rate)
@@ -248,9 +253,10 @@ def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Moti
     )
     if closure_m > SANE_CLOSURE_M:
         notes.append("MVN's joints do not meet in any known convention of its axes: distrust its motion")
-    if document.configuration != FULL_BODY:
+    if not document.is_full_body:
         notes.append(
-            f"MVN's configuration is {document.configuration}: limbs without sensors are no truth, and not compared"
+            f"MVN's configuration is {document.configuration or 'not stated'}: limbs without sensors are no truth, and "
+            "not compared"
         )
     return motion, has_stature
 
@@ -421,7 +427,7 @@ def _placement(imus: dict[str, ImuStream], motion: Motion) -> Placement:
 
 def _known_bones(document: MvnxDocument, placement: Placement | None) -> frozenset[str] | None:
     """Bones that carry a sensor, and those between such bones; None, which is all, where every limb has one."""
-    if placement is None or document.configuration == FULL_BODY:
+    if placement is None or document.is_full_body:
         return None
     worn = {site.bone_index for site in placement.sites}
     above = {joint for sensor in worn for joint in ancestors(sensor)}

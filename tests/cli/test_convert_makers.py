@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -127,6 +128,20 @@ def write_sensor_logger(folder: Path) -> Path:
     return folder
 
 
+def zipped(write_folder: Callable[[Path], Path], name: str) -> Callable[[Path], Path]:
+    """An archive of what is written, with what macOS adds."""
+
+    def write_zip(folder: Path) -> Path:
+        inside = write_folder(folder / name / "inside")
+        with ZipFile(folder / f"{name}.zip", "w") as archive:
+            for path in inside.iterdir():
+                archive.write(path, path.name)
+            archive.writestr("__MACOSX/._Gyroscope.csv", b"\x00\x05\x16\x07")
+        return folder / f"{name}.zip"
+
+    return write_zip
+
+
 def in_folder(write_folder: Callable[[Path], Path], name: str) -> Callable[[Path], Path]:
     return lambda folder: write_folder(folder / name)
 
@@ -148,6 +163,10 @@ MAKERS = {
     "x-IMU3": Maker(write_x_imu3, {"left_foot": "left_foot", "right_foot": "right_foot"}, has_orientation=True),
     "Sensor Logger": Maker(
         in_folder(write_sensor_logger, "left_thigh-2023-11-14_22-13-20"), {"left_thigh": "left_thigh"},
+        has_orientation=True, start_s=START + LATE_S["angular_rate"],
+    ),
+    "Sensor Logger, zipped": Maker(
+        zipped(write_sensor_logger, "left_thigh-2023-11-14_22-13-20"), {"left_thigh": "left_thigh"},
         has_orientation=True, start_s=START + LATE_S["angular_rate"],
     ),
 }  # fmt: skip
@@ -176,3 +195,20 @@ def test_what_a_maker_writes_is_read_with_its_template(run, tmp_path: Path, make
         np.testing.assert_allclose(stream.angular_rate, angular_rate(time), atol=0.01)
         if maker.has_orientation:
             np.testing.assert_allclose(stream.R_inertial_sensor, orientation(time), atol=0.01)
+
+
+def test_an_archive_that_is_none(run, tmp_path: Path) -> None:
+    (tmp_path / "walk.zip").write_bytes(b"PK no")
+    told = run("convert", tmp_path / "walk.zip", tmp_path / "a.mcap")
+    assert (told.code, told.err.count("\n")) == (2, 1)
+    assert "walk.zip: cannot be unpacked" in told.err
+
+
+def test_errors_name_the_archive(run, tmp_path: Path) -> None:
+    log = zipped(write_sensor_logger, "thigh")(tmp_path)
+    assert run("convert", log, "--template", tmp_path / "g").code == 0
+    columns = tmp_path / "g_columns.toml"
+    columns.write_text(columns.read_text(encoding="utf-8").replace("Gyroscope.csv", "Gyro.csv"), encoding="utf-8")
+    told = run("convert", log, tmp_path / "a.mcap", "--columns", columns)
+    assert told.code == 2
+    assert f"'Gyro.csv' is not in {log}; did you mean 'Gyroscope.csv'" in told.err

@@ -13,6 +13,7 @@ from vip_factors.body.skeleton import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, subject_with
+from vip_factors.io.importers.archives import unpacked
 from vip_factors.io.importers.shared import ImportedLog
 from vip_factors.io.log_streams import (
     LEAD_S,
@@ -117,6 +118,11 @@ def detect_format(path: str | Path) -> str:
     """
     path = Path(path)
     _check_exists(path)
+    with unpacked(path) as log:
+        return _format_of(log)
+
+
+def _format_of(path: Path) -> str:
     if path.is_file():
         with path.open("rb") as file:
             start = file.read(len(MAGIC))
@@ -163,7 +169,11 @@ def read_log(
         InputError: as :func:`detect_format` and the format's reader, for a table without a column map, and for a
             recording of ours.
     """
-    path = Path(path)
+    with unpacked(Path(path)) as log:
+        return _read_log(log, format_name, columns, rate_hz)
+
+
+def _read_log(path: Path, format_name: str | None, columns: str | Path | None, rate_hz: float | None) -> ImportedLog:
     format_name = "table" if columns is not None else format_name or detect_format(path)
     if format_name == "table":
         return _read_table(path, columns, rate_hz)

@@ -11,6 +11,7 @@ from vip_factors.io.convert import detect_format, read_log
 from vip_factors.io.convert_template_clock import PLEASE_DECLARE
 from vip_factors.io.convert_template_guess import guess
 from vip_factors.io.convert_template_units import UNIT_KEYS
+from vip_factors.io.importers.archives import unpacked
 from vip_factors.io.importers.column_map import QUANTITIES, TIME_UNITS, ColumnMap, Columns, SensorColumns
 from vip_factors.io.importers.shared import likely_sites
 from vip_factors.io.typed_files import toml_text
@@ -58,7 +59,8 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False, rate_
     if known_format:
         sensors, files = list(read_log(path, known_format, rate_hz=rate_hz).imus), Templates(placement_file)
     else:
-        columns, reasons, sensors = guess(path, rate_hz)
+        with unpacked(path) as log:
+            columns, reasons, sensors = guess(log, rate_hz)
         asked = dict.fromkeys(reason for why in reasons.values() for reason in why if PLEASE_DECLARE in reason)
         files = Templates(placement_file, columns_file, tuple(asked))
         with atomic_open(columns_file, "w", overwrite) as stream:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from zipfile import ZipFile
 
@@ -22,8 +23,14 @@ def orientation(time: Array) -> Array:
     return exp(np.stack([0.4 * np.sin(3 * time), 0.3 * np.cos(2 * time), 0.2 * time], axis=1))
 
 
+def linear(time: Array) -> Array:
+    """Acceleration without gravity."""
+    moved = 0.8 * np.stack([np.sin(5 * time), np.cos(4 * time), np.sin(7 * time)], axis=1)
+    return np.einsum("nji,nj->ni", orientation(time), moved)
+
+
 def force(time: Array) -> Array:
-    return np.einsum("nji,j->ni", orientation(time), GRAVITY)
+    return np.einsum("nji,j->ni", orientation(time), GRAVITY) + linear(time)
 
 
 def angular_rate(time: Array) -> Array:
@@ -99,17 +106,19 @@ def write_x_imu3(folder: Path) -> Path:
     return folder
 
 
-def write_sensor_logger(folder: Path) -> Path:
+def write_sensor_logger(folder: Path, total: bool = True) -> Path:
     """A phone's folder: axes backwards, nanoseconds since 1970; Accelerometer.csv is without gravity."""
     for quantity, label, values in (
         ("acceleration", "TotalAcceleration", force),
-        ("acceleration", "Accelerometer", lambda time: 0.7 * np.sin(force(time))),
-        ("acceleration", "Gravity", force),
+        ("acceleration", "Accelerometer", linear),
+        ("acceleration", "Gravity", lambda time: force(time) - linear(time)),
         ("acceleration", "AccelerometerUncalibrated", force),
         ("angular_rate", "Gyroscope", angular_rate),
         ("angular_rate", "GyroscopeUncalibrated", angular_rate),
         ("acceleration", "Magnetometer", force),
     ):
+        if label == "TotalAcceleration" and not total:
+            continue
         time = times(quantity)
         write(
             folder / f"{label}.csv",
@@ -165,6 +174,10 @@ MAKERS = {
         in_folder(write_sensor_logger, "left_thigh-2023-11-14_22-13-20"), {"left_thigh": "left_thigh"},
         has_orientation=True, start_s=START + LATE_S["angular_rate"],
     ),
+    "Sensor Logger, gravity left out": Maker(
+        in_folder(partial(write_sensor_logger, total=False), "left_thigh"), {"left_thigh": "left_thigh"},
+        has_orientation=True, start_s=START + LATE_S["angular_rate"],
+    ),
     "Sensor Logger, zipped": Maker(
         zipped(write_sensor_logger, "left_thigh-2023-11-14_22-13-20"), {"left_thigh": "left_thigh"},
         has_orientation=True, start_s=START + LATE_S["angular_rate"],
@@ -191,7 +204,7 @@ def test_what_a_maker_writes_is_read_with_its_template(run, tmp_path: Path, make
         time = stream.time + LATE_S["angular_rate"]
         assert len(stream) > 290
         np.testing.assert_allclose(np.diff(stream.time), 0.01, atol=0.002)
-        np.testing.assert_allclose(stream.specific_force, force(time), atol=0.02)
+        np.testing.assert_allclose(stream.specific_force, force(time), atol=0.05)
         np.testing.assert_allclose(stream.angular_rate, angular_rate(time), atol=0.01)
         if maker.has_orientation:
             np.testing.assert_allclose(stream.R_inertial_sensor, orientation(time), atol=0.01)

@@ -9,22 +9,28 @@ from collections.abc import Mapping
 import numpy as np
 from msgspec import structs
 
-from vip_factors.geometry.rotations import Array
+from vip_factors.geometry.quaternions import Order
+from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.io.convert_template_clock import decide_unit
 from vip_factors.io.importers.column_map import (
     ACCELERATION_UNITS,
     ANGULAR_RATE_UNITS,
     QUANTITIES,
+    SENSES,
     TIME_UNITS,
+    UPS,
     Columns,
     SensorColumns,
 )
-from vip_factors.io.importers.table import GRAVITY_RANGE, TURNED_OVER, best_reading
+from vip_factors.io.importers.table import GRAVITY_RANGE, TURNED_OVER, best_reading, upright_rotations
 from vip_factors.io.importers.text_table import TextTable
 
 # What a map says of each quantity, and the choices there are.
 UNIT_KEYS = {
-    "acceleration": {"acceleration_unit": "m/s2, g or mg; gravity included"},
+    "acceleration": {
+        "acceleration_unit": "m/s2, g or mg",
+        "gravity": "included or left out: at rest acceleration is 9.81 m/s2 upward, or nothing",
+    },
     "angular_rate": {"angular_rate_unit": "rad/s or deg/s"},
     "quaternion": {
         "quaternion_order": "wxyz or xyzw: of the columns as they are listed",
@@ -35,6 +41,7 @@ UNIT_KEYS = {
 DEGREES_SLOPE = 0.13  # between 1 and π/180, in the geometric middle
 SLOWEST_TOLD = 0.004  # a slope below it is that of a sensor that hardly moved
 TURN_S = 0.25  # of a turn of the vertical: long against impacts, short against strides
+GRAVITY_FREE_DEG = 45.0  # of acceleration from the vertical in the mean: with gravity it is less, at any motion
 FASTEST_BODY = 20.0  # rad/s: feet and hands of people who walk stay below; larger numbers are degrees
 
 
@@ -66,10 +73,30 @@ def with_units(
         reasons.append(f"quaternion: {_usual_length(quaternion):.3g} long on the median")
         if force is not None:
             (order, sense, up), off = best_reading(quaternion, force)
+            if off > GRAVITY_FREE_DEG and time is not None and rate is not None:
+                sense = _sense(quaternion, time, rate)
+                reasons.append(
+                    f"acceleration stands {off:.0f}° off the vertical at best, SO GRAVITY IS LEFT OUT; as the angular "
+                    f"rates have it the quaternion is {sense}; please look at acceleration_unit"
+                )
+                return structs.replace(
+                    entry, acceleration_unit="m/s2", gravity="left out", quaternion_sense=sense
+                ), reasons
             reasons.append(f"as {order}, {sense}, {up} up the acceleration stands {off:.0f}° off the vertical")
             reasons += [TURNED_OVER] if up == "-z" else []
             entry = structs.replace(entry, quaternion_order=order, quaternion_sense=sense, world_up=up)
     return entry, reasons
+
+
+def _sense(quaternion: Array, time: Array, rate: Array) -> str:
+    """The sense in which quaternions ``(N, 4)``, w first, turn as the angular rates ``(N, 3)`` have it."""
+    R = upright_rotations(quaternion, Order.WXYZ.value, SENSES[0], UPS[0])
+    pace = np.diff(time)[:, None]
+    agreement = []
+    for R_world_sensor in (R, transpose(R)):
+        turned = log(transpose(R_world_sensor[:-1]) @ R_world_sensor[1:]) / pace
+        agreement.append(float(np.nansum(turned * (rate[1:] + rate[:-1]))))
+    return SENSES[int(np.argmax(agreement))]
 
 
 def _usual_length(values: Array) -> float:

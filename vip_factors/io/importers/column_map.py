@@ -5,7 +5,8 @@
     time = "t"                             # or rate_hz = 100, or what the file states above its header
     time_unit = "ms"                       # s, ms, us, ns, 0.1ms, days; dates and times of day need none
     counter = "packet"                     # counts the packets: lost ones are gaps, at rate_hz or by the times
-    acceleration_unit = "g"                # m/s2, g, mg; gravity included
+    acceleration_unit = "g"                # m/s2, g, mg
+    gravity = "included"                   # or "left out" of the acceleration: the quaternion restores it
     angular_rate_unit = "deg/s"            # rad/s, deg/s
     quaternion_order = "wxyz"              # wxyz, xyzw: of the columns named
     quaternion_sense = "sensor_to_world"   # or world_to_sensor
@@ -42,6 +43,7 @@ from vip_factors.io.typed_files import convert, read_toml
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "0.1ms": 1e-4, "days": 86_400.0}  # likelier ones first
 ACCELERATION_UNITS = {"m/s2": 1.0, "g": GRAVITY, "mg": GRAVITY / 1000}
 ANGULAR_RATE_UNITS = {"rad/s": 1.0, "deg/s": 0.017453292519943295}
+GRAVITIES = ("included", "left out")
 SENSES = ("sensor_to_world", "world_to_sensor")
 UPS = ("z", "y", "-z")
 UP_OR_DOWN = "z or -z"  # as gravity tells: of makers whose exports differ; no column map says it
@@ -49,6 +51,7 @@ QUANTITIES = {"acceleration": 3, "angular_rate": 3, "quaternion": 4}
 CHOICES: dict[str, tuple[str, ...]] = {
     "time_unit": tuple(TIME_UNITS),
     "acceleration_unit": tuple(ACCELERATION_UNITS),
+    "gravity": GRAVITIES,
     "angular_rate_unit": tuple(ANGULAR_RATE_UNITS),
     "quaternion_order": tuple(order.value for order in Order),
     "quaternion_sense": SENSES,
@@ -74,6 +77,7 @@ class SensorColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     counter: str | int | None = None
     acceleration: Columns | None = None
     acceleration_unit: str = "m/s2"
+    gravity: str = "included"
     angular_rate: Columns | None = None
     angular_rate_unit: str = "rad/s"
     quaternion: Columns | None = None

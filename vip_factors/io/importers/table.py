@@ -15,6 +15,7 @@ from vip_factors.io.importers.clocks import Clock, table_clock
 from vip_factors.io.importers.column_map import (
     ACCELERATION_UNITS,
     ANGULAR_RATE_UNITS,
+    GRAVITIES,
     QUANTITIES,
     SENSES,
     UP_OR_DOWN,
@@ -27,6 +28,7 @@ from vip_factors.io.importers.packet_counters import common_base
 from vip_factors.io.importers.shared import (
     GRAVITY,
     TILT_LIMIT_DEG,
+    UP,
     ImportedLog,
     Sampled,
     candidates,
@@ -227,6 +229,10 @@ def _stream(
         up = "z" if entry.world_up == UP_OR_DOWN else entry.world_up
         R = upright_rotations(quaternion, entry.quaternion_order, entry.quaternion_sense, up, where, notes)
         notes += [f"{where}: {TURNED_OVER}"] if up == "-z" and force is not None else []
+    if force is not None and entry.gravity != GRAVITIES[0]:
+        if R is None:
+            raise FileFormatError(f"{where}: gravity is '{entry.gravity}': expected a quaternion, which restores it")
+        force = force + np.einsum("nji,j->ni", R, GRAVITY * UP)
     if force is not None:
         calm = np.where(force_spikes(force)[:, None], np.nan, force)
         _check_force(where, entry, time, calm, rate, R, notes)

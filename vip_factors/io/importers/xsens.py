@@ -189,18 +189,19 @@ def _packets(table: TextTable, notes: list[str]) -> Packets:
         return Packets(everything, np.round(count).astype(np.int64), COUNTER_MODULUS)
 
 
-def clock_tick(clock: Array, count: np.ndarray) -> tuple[float, float] | None:
-    """Seconds per tick of SampleTimeFine and samples per second it implies, or None if neither unit is plausible.
+def _clock(table: TextTable, packets: Packets) -> tuple[np.ndarray, float] | None:
+    """SampleTimeFine of the packets, unwrapped, and the seconds of a tick; None if it is missing or no clock.
 
     MTw stations count tenths of milliseconds, DOTs microseconds; the ticks between packets tell which.
     """
-    if len(count) < 2:
+    column, (rows, count, _) = table.group(["SampleTimeFine"]), packets
+    if column is None or len(rows) < 2 or not np.all(np.isfinite(column[rows])):
         return None
-    ticks = float(np.median(np.diff(np.unwrap(clock.astype(np.int64), period=CLOCK_MODULUS)) / np.diff(count)))
-    for tick, low, high in ((1e-4, 1.0, 900.0), (1e-6, 900.0, 250000.0)):
-        if low <= ticks < high:
-            return tick, 1 / (tick * ticks)
-    return None
+    clock = np.unwrap(column[rows, 0].astype(np.int64), period=CLOCK_MODULUS)
+    ticks = float(np.median(np.diff(clock) / np.diff(count)))
+    if np.any(np.diff(clock) <= 0) or not 1.0 <= ticks < 250_000.0:
+        return None
+    return clock, 1e-4 if ticks < 900.0 else 1e-6
 
 
 def _times(
@@ -228,32 +229,21 @@ def _clock_times(
     tables: dict[str, TextTable], packets: dict[str, Packets], stated: dict[str, float], notes: list[str]
 ) -> dict[str, Array] | None:
     """Times by SampleTimeFine, or None where a file lacks it or the clocks have nothing in common."""
-    clocks, ticks, rate_notes = [], set(), []
-    for sensor, table in tables.items():
-        column, (rows, count, _) = table.group(["SampleTimeFine"]), packets[sensor]
-        if column is None or not np.all(np.isfinite(column[rows])):
-            return None
-        tick_and_rate = clock_tick(column[rows, 0], count)
-        clock = np.unwrap(column[rows, 0].astype(np.int64), period=CLOCK_MODULUS)
-        if tick_and_rate is None or np.any(np.diff(clock) <= 0):
-            return None
-        clocks.append(clock)
-        tick, rate = tick_and_rate
-        ticks.add(tick)
-        if sensor in stated and abs(rate / stated[sensor] - 1) > SAME_RATE:
-            rate_notes.append(
-                f"{table.path.name}: says {stated[sensor]:g} Hz, but its SampleTimeFine runs at {rate:.2f} Hz; "
-                "the clock is believed"
-            )
-    if len(ticks) > 1:
+    clocks = [clock for sensor, table in tables.items() if (clock := _clock(table, packets[sensor])) is not None]
+    if len(clocks) < len(tables) or len({tick for _, tick in clocks}) > 1:
         return None
-    tick = ticks.pop()
-    aligned = common_base(clocks, CLOCK_MODULUS)
+    aligned, tick = common_base([clock for clock, _ in clocks], CLOCK_MODULUS), clocks[0][1]
     # A sensor that starts after the longest recording could have ended was never on the others' clock.
     if max(clock[0] for clock in aligned) > max(clock[-1] - clock[0] for clock in aligned):
         notes.append("the sensors' clocks (SampleTimeFine) were not set together; packet counters are used instead")
         return None
-    notes += rate_notes
+    for (sensor, table), clock in zip(tables.items(), aligned, strict=True):
+        rate = 1 / (tick * float(np.median(np.diff(clock) / np.diff(packets[sensor].counts))))
+        if sensor in stated and abs(rate / stated[sensor] - 1) > SAME_RATE:
+            notes.append(
+                f"{table.path.name}: says {stated[sensor]:g} Hz, but its SampleTimeFine runs at {rate:.2f} Hz; the "
+                "clock is believed"
+            )
     return {sensor: clock * tick for sensor, clock in zip(tables, aligned, strict=True)}
 
 

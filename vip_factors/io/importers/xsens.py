@@ -178,14 +178,11 @@ def _packets(table: TextTable, notes: list[str]) -> Packets:
     try:
         return order_packets(table, table.names.index(label), everything, notes, COUNTER_MODULUS)
     except FileFormatError as restart:
-        clock = table.group(["SampleTimeFine"])
-        if clock is None or not np.all(np.isfinite(clock)):
-            raise
-        ticks = np.diff(np.unwrap(clock[:, 0].astype(np.int64), period=CLOCK_MODULUS))
-        if np.any(ticks <= 0):
+        clock = _clock(table, Packets(everything, everything, COUNTER_MODULUS))
+        if clock is None:
             raise
         notes.append(restart_note(table, restart, "SampleTimeFine"))
-        count = np.concatenate([[0], np.cumsum(ticks)]) / np.median(ticks)
+        count = (clock[0] - clock[0][0]) / np.median(np.diff(clock[0]))
         return Packets(everything, np.round(count).astype(np.int64), COUNTER_MODULUS)
 
 
@@ -229,7 +226,7 @@ def _clock_times(
     tables: dict[str, TextTable], packets: dict[str, Packets], stated: dict[str, float], notes: list[str]
 ) -> dict[str, Array] | None:
     """Times by SampleTimeFine, or None where a file lacks it or the clocks have nothing in common."""
-    clocks = [clock for sensor, table in tables.items() if (clock := _clock(table, packets[sensor])) is not None]
+    clocks = [each for sensor, table in tables.items() if (each := _clock(table, packets[sensor])) is not None]
     if len(clocks) < len(tables) or len({tick for _, tick in clocks}) > 1:
         return None
     aligned, tick = common_base([clock for clock, _ in clocks], CLOCK_MODULUS), clocks[0][1]

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,12 @@ for _variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", 
     os.environ.setdefault(_variable, "1")
 
 CHECKOUT = Path(__file__).resolve().parent.parent
+
+# Compiling the libraries costs a program seconds: bytecode that may not be beside the sources is in pytest's cache.
+if sys.dont_write_bytecode:
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix = str(CHECKOUT / ".pytest_cache" / "bytecode")
+    sys.dont_write_bytecode = False
 
 # No deadline: a first call may compile or import. In CI the same examples every time, so that red means changed code.
 settings.register_profile("default", deadline=None, suppress_health_check=[HealthCheck.too_slow])

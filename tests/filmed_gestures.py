@@ -14,7 +14,7 @@ from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
 from vip_factors.simulate.staging import from_time, placed
 
-QUICK = Settings(frame_rate=15.0)
+QUICK = Settings(frame_rate=15.0, covariance=False)
 # As much as findings need that are made before the last solve: one round of association, a few steps.
 HASTY = replace(QUICK, fusion=FusionSettings(rounds=1, refits=0), solve=replace(QUICK.solve, max_iterations=2))
 

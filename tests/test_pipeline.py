@@ -17,7 +17,7 @@ from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.staging import with_initial_pose
 
-QUICK = Settings(frame_rate=15.0, calibration=CalibrationSettings(passes=1))
+QUICK = Settings(frame_rate=15.0, covariance=False, calibration=CalibrationSettings(passes=1))
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.settings import Settings
 from vip_factors.stages.acceleration_sign import is_sign_opposite, mirrored
 
+QUICK = vip.Settings(frame_rate=20.0, covariance=False)
 LEGS = ("pelvis", "left_thigh", "right_thigh", "left_shank", "right_shank", "left_foot", "right_foot")
 
 
@@ -71,7 +72,7 @@ def test_rotation_is_not_mirrored(run, tmp_path: Path, sign: float) -> None:
     columns, placement = tmp_path / "log_columns.toml", tmp_path / "log_placement.toml"
     options = ("--stature-m", 1.75, "--initial-pose", "n-pose")
     assert run("convert", table, made, "--columns", columns, "--placement", placement, *options).code == 0
-    estimate = vip.smooth(vip.read(made))
+    estimate = vip.smooth(vip.read(made), QUICK)
     assert ("acceleration turned round" in {one.kind for one in estimate.all_findings}) is (sign < 0)
     angles = vip.joint_angles(estimate.wearers[0].motion)
     truth = walk().truth
@@ -85,7 +86,7 @@ def test_rotation_is_not_mirrored(run, tmp_path: Path, sign: float) -> None:
 @pytest.mark.parametrize("placement", ["mvn17", "totalcapture13"])
 def test_straps_that_nobody_declared_are_a_note(placement: str) -> None:
     imus = {name: strapped_upside_down(stream) for name, stream in walk(placement).imus.items()}
-    estimate = vip.smooth(replace(walk(placement), imus=imus, initial_pose="none", truth=None))
+    estimate = vip.smooth(replace(walk(placement), imus=imus, initial_pose="none", truth=None), QUICK)
     assert "mountings estimated" in {one.kind for one in estimate.all_findings}
     assert estimate.verdict.severity is Severity.CARE
 

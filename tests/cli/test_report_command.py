@@ -104,7 +104,7 @@ def test_a_film_is_of_the_video_that_is_named(files: Path, tmp_path: Path) -> No
 
 def test_the_page_tells_the_uncertainty_of_angles_without_being_asked(run: Callable, tmp_path: Path) -> None:
     recording, estimate, page = (tmp_path / name for name in ("walk.mcap", "walk.estimate.mcap", "walk.estimate.html"))
-    run("simulate", "gestures", recording, "--seconds", "2")
+    run("simulate", "gestures", recording, "--seconds", "2", "--placement", "sip6")
     for words, phrase in (((), "typical of the limbs"), (("--no-covariance",), "was not computed")):
         assert run("smooth", recording, *SMALL, *words, "--overwrite").code == 0
         assert run("report", estimate, "--overwrite").code == 0

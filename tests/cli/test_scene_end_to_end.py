@@ -13,7 +13,7 @@ from vip_factors.cli.main import main
 from vip_factors.io.mcap_recording import read_scene, write_recording
 from vip_factors.sensors.scene import Scene
 
-QUICK = ("--frame-rate", "15", "--fusion.rounds", "1", "--solve.max-iterations", "3")
+QUICK = ("--frame-rate", "15", "--no-covariance", "--fusion.rounds", "1", "--solve.max-iterations", "3")
 
 
 @pytest.fixture(scope="module")

@@ -14,7 +14,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 
-SMALL = replace(Settings(), frame_rate=15.0)
+SMALL = Settings(frame_rate=15.0, covariance=False)
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ HASTY = replace(
 )
 # The same, and half as many frames.
 OPTIONS = (
-    "--frame-rate", "5", "--calibration.start.no-search", "--fusion.rounds", "1",
+    "--frame-rate", "5", "--no-covariance", "--calibration.start.no-search", "--fusion.rounds", "1",
     "--fusion.refits", "0", "--solve.max-iterations", "3", "--windows.above-s", "2", "--windows.window-s", "2.4",
     "--windows.overlap-s", "1", "--windows.calibration-stretches", "1", "--windows.calibration-stretch-s", "3",
 )  # fmt: skip

@@ -21,7 +21,9 @@ from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.stages.inertial import find_start
 from vip_factors.stages.pauses import headings_after_pauses, pauses_of, with_pauses
 
-SETTINGS = Settings(frame_rate=15.0, calibration=CalibrationSettings(passes=1), solve=SolveSettings(max_iterations=12))
+SETTINGS = Settings(
+    frame_rate=15.0, covariance=False, calibration=CalibrationSettings(passes=1), solve=SolveSettings(max_iterations=12)
+)
 JUMPS = np.deg2rad([70.0, -120.0, 35.0, 150.0, -60.0, 100.0, -40.0, 170.0, 80.0, -90.0])
 
 

@@ -45,6 +45,7 @@ from vip_factors.stages.windows import WindowPlan, scene_plan
 
 QUICK = Settings(
     frame_rate=10.0,
+    covariance=False,
     calibration=CalibrationSettings(passes=0, start=StartSettings(search=False)),
     solve=SolveSettings(relative_decrease=1e-7),
     windows=WindowSettings(above_s=1.0, window_s=1000.0, overlap_s=2.0),

@@ -41,7 +41,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.staging import floor_height
 
-SETTINGS = Settings(frame_rate=30.0, calibration_rate=10.0, solve=SolveSettings(max_iterations=2))
+SETTINGS = Settings(frame_rate=30.0, calibration_rate=10.0, covariance=False, solve=SolveSettings(max_iterations=2))
 LIVE = LiveSettings(frame_rate=30.0, calibration_rate=10.0, solve=SolveSettings(max_iterations=2))
 PERFECT = SimulateSettings.noise_free(heading_offset_deg=90.0)
 # Recordings of a moment.

@@ -18,7 +18,7 @@ from vip_factors.sensors.scene import Scene
 from vip_factors.settings import Settings
 
 HABIT = 0.015 * np.random.default_rng(3).standard_normal((len(OFFSET_KEYPOINTS), 3))
-SETTINGS = replace(Settings(), frame_rate=15.0)
+SETTINGS = Settings(frame_rate=15.0, covariance=False)
 
 
 def seen_with_habit(seconds: float, noise_px: float = 0.5) -> Scene:

@@ -143,7 +143,7 @@ static void in_stretch(Target* target, Out<3> rows, Out<2> gradient, Out<2> shar
 
 // A body's sums, from the frame `begin` on; see BodySums.
 static void in_body(BodySums* self, const Target& target, int64_t begin, In<4> R, In<3> p, In<4> turns, int64_t first,
-                    int64_t frame, Indices<1> parents, Indices<1> columns, In<3> directions) {
+                    int64_t frame, Indices<1> parents, Indices<1> columns, In<3> directions, Indices<2> cameras) {
     const auto T = static_cast<int64_t>(R.shape(0));
     vip::expect_parents(parents);
     expect_shape(parents, {vip::JOINTS}), expect_shape(columns, {vip::BLOCKS}), expect_within(columns, INT64_MIN, target.width());
@@ -152,9 +152,12 @@ static void in_body(BodySums* self, const Target& target, int64_t begin, In<4> R
     expect(turns.size() == 0 || (turns.shape(0) >= R.shape(0) && has_shape(turns, {ANY, vip::JOINTS, 3, 3})));
     expect(directions.size() == 0 || (has_shape(directions, {vip::JOINTS, 3, ANY}) && directions.shape(2) <= 60));
     expect(begin >= 0 && begin + target.frames <= T && frame >= 0);
+    expect_shape(cameras, {ANY, vip::VIEWED});
+    for (size_t i = 0; i < cameras.size(); i++) expect(cameras.data()[i] < target.width());
     const vip::Bones bones{R.data(), p.data(), turns.size() ? turns.data() : nullptr, static_cast<int64_t>(R.shape(0))};
     new (self) BodySums(target, begin, bones, first, frame, parents.data(), columns.data(),
-                        directions.size() ? directions.data() : nullptr, static_cast<int>(directions.shape(2)));
+                        directions.size() ? directions.data() : nullptr, static_cast<int>(directions.shape(2)),
+                        cameras.data(), cameras.shape(0));
     self->later([R, p, turns, directions](int64_t) {});  // keeps the arrays
 }
 
@@ -211,7 +214,7 @@ static void add_contact(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> sh
 
 static void add_reprojection(BodySums& sums, Indices<1> bones, In<2> p_bone, In<3> shift, In<3> R_camera, In<2> p_camera,
                              In<1> lens, In<3> pixels, In<2> sigma, Mask seen, In<3> speed, In<1> late, In<1> since,
-                             std::string_view loss, double k, double share, bool variables, In<3> charts, Indices<1> items,
+                             std::string_view loss, double k, double share, int64_t camera, In<3> charts, Indices<1> items,
                              In<2> signs) {
     const auto n = static_cast<int64_t>(bones.size()), T = sums.bones().frames;
     expect_shape(R_camera, {ANY, 3, 3}), expect_one_or_all(sums, R_camera), expect_shape(p_camera, {ANY, 3}), expect_one_or_all(sums, p_camera);
@@ -222,11 +225,11 @@ static void add_reprojection(BodySums& sums, Indices<1> bones, In<2> p_bone, In<
     expect_within(items, INT64_MIN, 1 << 20);
     for (int64_t i = 0; i < n; i++) offsets = std::max(offsets, 3 * (items(i) + 1));
     sums.expect_block(vip::OFFSETS, offsets);
-    if (variables) sums.expect_poses(1), sums.expect_block(vip::CLOCK, 1), sums.expect_block(vip::CLOCK_DRIFT, 1), sums.expect_block(vip::ZOOM, 1);
+    sums.expect_camera(camera);
     vip::Lens model;
     std::copy(lens.data(), lens.data() + 12, reinterpret_cast<double*>(&model));
     sums.later(vip::Reprojection{moving(sums, bones, p_bone, shift), R_camera, p_camera, model, pixels, sigma, seen, speed, late,
-                                 since, believed(loss, k, share), variables, charts, items, signs});
+                                 since, believed(loss, k, share), camera, charts, items, signs});
 }
 
 static void add_pose_prior(BodySums& sums, In<4> R, In<2> information, In<1> mean, double weight) {

@@ -71,6 +71,7 @@ struct Target {
 
 // Blocks of variables, in the order of vip_factors/assembly/compiled_sums.py.
 enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, ZOOM, OFFSETS, BLOCKS };
+constexpr int VIEWED = 4;  // blocks that reprojections of a camera see: POSES, CLOCK, CLOCK_DRIFT, ZOOM
 
 // Derivatives (m, width) of a factor by columns of the slice from one on. Twists meet all such parts of factors in sums
 // of bones, from column `dense` of these on; or, if `each` is not below nought, apart for each item of a block.
@@ -104,11 +105,13 @@ struct Bones {
 class BodySums {
   public:
     // begin: frame of the first slice; first: column of the body in a frame, below nought of one that is kept; frame:
-    // width of one; directions (24, 3, lengths): how joints' offsets change with lengths, if these move
+    // width of one; directions (24, 3, lengths): how joints' offsets change with lengths, if these move; cameras: of each
+    // that sees the body, first columns of its VIEWED blocks
     BodySums(const Target& target, int64_t begin, const Bones& bones, int64_t first, int64_t frame, const int64_t* parents,
-             const int64_t* columns, const double* directions, int lengths)
+             const int64_t* columns, const double* directions, int lengths, const int64_t* cameras, int64_t count)
         : target_(target), begin_(begin), bones_(bones), first_(first), frame_(frame), parents_(parents, parents + JOINTS),
-          directions_(directions), lengths_(directions == nullptr || columns[LENGTHS] < 0 ? 0 : lengths) {
+          directions_(directions), lengths_(directions == nullptr || columns[LENGTHS] < 0 ? 0 : lengths),
+          cameras_(count * VIEWED) {
         std::copy(columns, columns + BLOCKS, columns_);
         for (int i = 0; moves() && i < FRAMES; i++) {
             target.expect_run(column(i, 0), 3 * SCREWS, i);
@@ -116,14 +119,10 @@ class BodySums {
                 if (target.rows[column(i, c)] - target.rows[column(i, c - 1)] != row_width(i) || target.kind[column(i, c)] != target.kind[column(i, 0)])
                     throw std::out_of_range("a body's rows are not side by side");
         }
-        const int widths[] = {lengths_, 1, TWIST, 1, 1, 1};
-        const Block dense[] = {LENGTHS, SOLE, POSES, CLOCK, CLOCK_DRIFT, ZOOM};
-        std::fill(dense_, dense_ + BLOCKS, -1);
-        for (int i = 0; i < 6; i++) {
-            if (i == 2) later_ = stride_;
-            if (columns_[dense[i]] < 0) continue;
-            dense_[dense[i]] = stride_, dense_width_[dense[i]] = widths[i], stride_ += widths[i];
-        }
+        shared_[0] = added({columns_[LENGTHS], lengths_}), shared_[1] = added({columns_[SOLE], 1});
+        later_ = stride_;
+        for (int64_t i = 0; i < count * VIEWED; i++) cameras_[i] = added({cameras[i], i % VIEWED ? 1 : TWIST});
+        if (stride_ > MOST_SHARED) throw std::out_of_range("a column too many");
         if (!moves()) return;
         information_.resize(PAIRS * JOINTS * 36), coupling_.resize(FRAMES * JOINTS * TWIST * stride_);
         screws_.resize(FRAMES * SCREWS * 24), by_lengths_.resize(FRAMES * JOINTS * 3 * lengths_);
@@ -140,6 +139,12 @@ class BodySums {
     void expect_block(Block name, int64_t width, int64_t reach = 0) const {
         if (columns_[name] >= 0) target_.expect_run(columns_[name], width, reach);
     }
+    // Throws unless a camera's blocks that move have their columns.
+    void expect_camera(int64_t camera) const {
+        if (camera < 0 || (camera + 1) * VIEWED > static_cast<int64_t>(cameras_.size())) throw std::out_of_range("no such camera");
+        for (int i = 0; i < VIEWED; i++)
+            if (const Run& run = cameras_[camera * VIEWED + i]; run.column >= 0) target_.expect_run(run.column, run.width, 0);
+    }
     // Of a camera's pose, in a frame after that of the slice where it moves.
     int64_t pose(int ahead) const {
         return columns_[POSES] < 0 ? -1 : columns_[POSES] + (columns_[POSES] < FRAMES * frame_ ? ahead * frame_ : 0);
@@ -147,7 +152,13 @@ class BodySums {
     void expect_poses(int frames) const {
         for (int ahead = 0; pose(0) >= 0 && ahead < frames; ahead++) target_.expect_run(pose(ahead), TWIST, ahead);
     }
-    Part part(Block name, int width, const double* J) const { return {columns_[name], width, J, dense_[name]}; }
+    Part part(Block name, int width, const double* J) const {
+        return {columns_[name], width, J, name == LENGTHS ? shared_[0].dense : name == SOLE ? shared_[1].dense : -1};
+    }
+    Part part_of_camera(int64_t camera, int block, const double* J) const {  // block: 0 … VIEWED - 1
+        const Run& run = cameras_[camera * VIEWED + block];
+        return {run.column, run.width, J, run.dense};
+    }
     Part part_of_each(Block name, int width, const double* J, int slot, int item) const {
         const int64_t of_item = each_[slot].items[item];
         return {columns_[name] < 0 || of_item < 0 ? -1 : columns_[name] + of_item * width, width, J, -1, slot, item};
@@ -299,6 +310,18 @@ class BodySums {
         std::vector<int64_t> bones, items;
         std::vector<double> sums;  // (FRAMES, n, 6, width)
     };
+    struct Run {  // columns that bones' sums meet from column `dense` of theirs on
+        int64_t column;
+        int width, dense = -1;
+    };
+    Run added(Run run) {
+        if (run.column >= 0) run.dense = stride_, stride_ += run.width;
+        return run;
+    }
+    void put_run(int64_t t, int64_t own, const Run& run, const double* sums, int used) const {
+        if (run.dense > 0 && run.dense < used) put_row(t, own, run.column, run.width, sums + run.dense);
+    }
+    static constexpr int MOST_SHARED = 256;
     const Target& target_;
     int64_t begin_;
     Bones bones_;
@@ -307,8 +330,9 @@ class BodySums {
     const double* directions_;
     int lengths_;
     int64_t columns_[BLOCKS];
-    int dense_[BLOCKS], dense_width_[BLOCKS] = {};  // where bones' sums have blocks: the force, and these
-    int stride_ = 1, later_ = 1;  // of all of them, and of those that frames after the first meet
+    Run shared_[2] = {};        // lengths and sole
+    std::vector<Run> cameras_;  // (count, VIEWED)
+    int stride_ = 1, later_ = 1;  // of the force and all runs, and of those that frames after the first meet
     std::vector<Each> each_;
     std::vector<double> information_, coupling_, screws_, by_lengths_;  // of one slice
     int64_t screws_of_[FRAMES] = {-1, -1, -1}, by_lengths_of_[FRAMES] = {-1, -1, -1};
@@ -427,8 +451,7 @@ class BodySums {
         for (int b = JOINTS - 1; b > 0; b--)
             for (int e = 0; e < TWIST; e++)
                 for (int d = 0; d < used; d++) C[(parents_[b] * TWIST + e) * stride_ + d] += C[(b * TWIST + e) * stride_ + d];
-        double sums[64];
-        if (used > 64) throw std::out_of_range("a column too many");
+        double sums[MOST_SHARED];
         for (int b = 0; b <= JOINTS; b++)
             for (int c = 0; c < 3; c++) {
                 const double *from = coupling(i, b < JOINTS ? b : 0), *screw = S + 24 * b + c;
@@ -437,9 +460,8 @@ class BodySums {
                     for (int d = 0; d < used; d++) sums[d] += screw[4 * e] * from[e * stride_ + d];
                 const int64_t own = column(i, 3 * b + c);
                 target_.gradient(t, own) += sums[0];
-                for (int name = 0; name < BLOCKS; name++)
-                    if (dense_[name] > 0 && dense_[name] < used)
-                        put_row(t, own, columns_[name], dense_width_[name], sums + dense_[name]);
+                for (const Run& run : shared_) put_run(t, own, run, sums, used);
+                for (const Run& run : cameras_) put_run(t, own, run, sums, used);
             }
     }
 

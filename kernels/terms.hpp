@@ -249,7 +249,7 @@ struct Lens {
     }
 };
 
-// terms/reprojection.py; charts (T or 1, 6, 6) of poses, or none; `variables`: whether the camera has any
+// terms/reprojection.py; camera: its number; charts (T or 1, 6, 6) of its poses, or none
 struct Reprojection {
     MovingPoints points;
     In<3> R_camera;
@@ -261,7 +261,7 @@ struct Reprojection {
     In<3> speed;
     In<1> late, since;
     Believed believed;
-    bool variables;
+    int64_t camera;
     In<3> charts;
     Indices<1> items;
     In<2> signs;
@@ -291,11 +291,9 @@ struct Reprojection {
                 for (int i = 0; i < 3; i++) L[3 + i] = P[i], C[3 + i] = -own[i];
             }
             Rows rows{2, believed.weight(1.0, residual, 2), residual};
-            if (variables) {
-                by_chart<2, 6>(by_pose, charts.size() ? at(charts, f) : nullptr);
-                rows.add(sums.part(POSES, 6, by_pose)), rows.add(sums.part(CLOCK, 1, by_clock)), rows.add(sums.part(CLOCK_DRIFT, 1, by_drift));
-                rows.add(sums.part(ZOOM, 1, by_zoom));
-            }
+            by_chart<2, 6>(by_pose, charts.size() ? at(charts, f) : nullptr);
+            const double* by_camera[VIEWED] = {by_pose, by_clock, by_drift, by_zoom};
+            for (int i = 0; i < VIEWED; i++) rows.add(sums.part_of_camera(camera, i, by_camera[i]));
             double by_lengths[128], by_offset[6];
             if (const int B = sums.lengths()) {
                 sums.by_lengths(f, points.bones(k), &points.shift(k, 0, 0), points.of_one);

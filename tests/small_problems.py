@@ -17,7 +17,7 @@ from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import held_pose, joint_index
 from vip_factors.factor_settings import CameraFactorSettings, FactorSettings
 from vip_factors.geometry.rotations import exp
-from vip_factors.problem.scene import CameraProblem, Foot, GroundView, KeypointView, SceneProblem, Viewpoint
+from vip_factors.problem.scene import CameraProblem, Foot, GroundView, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
 from vip_factors.sensors.calibration import preset
@@ -97,11 +97,11 @@ def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerPr
 
 
 R_WORLD_CAMERA = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])  # looks along the world's y, four metres away
-KINDS = ["moving", "standing", "known path", "no IMU", "further cameras"]
+KINDS = ["moving", "standing", "known path", "no IMU", "further cameras", "two carried"]
 
 
 def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, SceneState]:
-    """Two wearers, a camera, and detections with noise, at a random state."""
+    """Two wearers, a camera or several, and detections with noise, at a random state."""
     random = np.random.default_rng(7)
     first, state = small_model(silent=silent)
     second = replace(first, is_gauge=False)
@@ -144,10 +144,18 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
                 points, pixels, sigma, 0.5 * sigma, seen, rate, ground=ground, names=names, clock=(0.004, -0.01)
             )
         )
-    further = tuple(known_camera(lens, views, random) for _ in range(2 if kind == "further cameras" else 0))
-    model = SceneProblem((first, second), camera, tuple(views), further, free_keypoints=True)
+    own = CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01, 0.02, 0.1)
+    cameras = [(camera, own, tuple(views))]
+    if kind == "further cameras":
+        cameras += [further_camera(camera, views, random, free_pose=free) for free in (False, True)]
+    if kind == "two carried":
+        cameras.append(
+            (replace(camera, imu=None), replace(own, poses=poses.shifted(np.array([0.3, 0, 0]))), tuple(views))
+        )
+    problems, states, of_cameras = zip(*cameras, strict=True)
+    model = SceneProblem((first, second), problems, of_cameras, free_keypoints=True)
     detector = DetectorState(0.02 * np.random.default_rng(8).standard_normal((len(OFFSET_KEYPOINTS), 3)))
-    return model, SceneState((state, other), CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01, 0.02, 0.1), detector)
+    return model, SceneState((state, other), states, detector)
 
 
 def standing_feet(
@@ -162,14 +170,16 @@ def standing_feet(
     return GroundView(feet, pixel_rays(lens, pixels[:, columns]), whitening, seen[:, columns])
 
 
-def known_camera(lens: CameraModel, views: list[KeypointView], random: np.random.Generator) -> Viewpoint:
-    """Beside the first one, with what was seen there moved a little."""
+def further_camera(
+    camera: CameraProblem, views: list[KeypointView], random: np.random.Generator, free_pose: bool
+) -> tuple[CameraProblem, CameraState, tuple[KeypointView, ...]]:
+    """One that stands still beside the first one, with what was seen there moved a little."""
     position = np.array([[0.0, -4.0, 0.3]]) + 0.1 * random.standard_normal((1, 3))
     moved = tuple(
         replace(view, pixels=view.pixels + 5, seen=random.uniform(size=view.seen.shape) < 0.7) for view in views
     )
-    problem = CameraProblem(lens, moving=False, free_pose=False, settings=CameraFactorSettings())
-    return Viewpoint(problem, CameraState(CameraPoses(R_WORLD_CAMERA[None], position)), moved)
+    problem = replace(camera, moving=False, free_pose=free_pose, imu=None)
+    return problem, CameraState(CameraPoses(R_WORLD_CAMERA[None], position), zoom=-0.05, clock=0.02), moved
 
 
 # Of the five frames, around which headings are the same.

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from vip_factors.assembly.compiled_sums import VIEWED
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.compiled import kernels
 from vip_factors.geometry import rotations
@@ -24,7 +25,7 @@ PARENT = np.array(PARENTS)
 LOSS = ("cauchy", 2.0, 1.0)
 BLOCK_WIDTHS = {
     "headings": S, "mountings": 3 * S, "lengths": LENGTHS, "places": 3 * S, "sole": 1, "hinges": 6, "pose mean": POSE,
-    "poses": 0, "heading": 1, "camera mounting": 3, "clock": 1, "clock drift": 1, "zoom": 1, "offsets": 3 * S,
+    "poses": 0, "heading": 1, "camera mounting": 3, "clock": 1, "clock_drift": 1, "zoom": 1, "offsets": 3 * S,
 }  # fmt: skip
 STATIC = sum(BLOCK_WIDTHS.values())
 WIDTHS = [width or 6 for width in BLOCK_WIDTHS.values()]
@@ -112,7 +113,8 @@ def body_arguments() -> tuple[Any, ...]:
     starts = 3 * FRAME + np.cumsum([0, *BLOCK_WIDTHS.values()])
     columns = np.array(starts[:-1])
     columns[list(BLOCK_WIDTHS).index("poses")] = BODY
-    return 0, rotation(T, J), normal(T, J, 3), np.zeros((0, 0, 0, 0)), 0, FRAME, PARENT, columns, normal(J, 3, LENGTHS)
+    body = 0, rotation(T, J), normal(T, J, 3), np.zeros((0, 0, 0, 0)), 0, FRAME, PARENT, columns, normal(J, 3, LENGTHS)
+    return *body, columns[[list(BLOCK_WIDTHS).index(name) for name in VIEWED]][None]
 
 
 def slice_target() -> tuple[Any, ...]:
@@ -135,7 +137,7 @@ def term_calls() -> dict[str, Call]:
         "contact": call(bones, p_bone, shift, np.ones((T, S)), 1.0, 0.02, 0.1, *LOSS, follows),
         "reprojection": call(
             bones, p_bone, shift, *camera[:2], np.array([500.0, 500, 320, 240, *np.zeros(8)]), normal(T, S, 2),
-            np.ones((T, S)), valid, normal(T, S, 2), normal(T), normal(T), *LOSS, True, np.zeros((0, 0, 0)),
+            np.ones((T, S)), valid, normal(T, S, 2), normal(T), normal(T), *LOSS, 0, np.zeros((0, 0, 0)),
             np.array([0, 1]), np.ones((S, 3)), signed=(17,),
         ),
         "pose_prior": call(R, information, normal(POSE), 1.0),
@@ -223,7 +225,7 @@ def test_bodies_refuse_what_does_not_fit(target: Callable[[], tuple[Any, ...]]) 
     assert_refused(
         lambda *arguments: kernels.BodySums(sums, *arguments),
         "BodySums",
-        call(*body_arguments(), free=((8, "axis 2"),), signed=(7,)),
+        call(*body_arguments(), free=((8, "axis 2"), (9, "axis 0")), signed=(7, 9)),
     )
     begin, *arguments = body_arguments()
     for first, frame in ((WIDTH, FRAME), (0, WIDTH)):
@@ -240,7 +242,8 @@ def test_blocks_beyond_a_slice_are_refused(block: int) -> None:
     columns[block] = WIDTH - WIDTHS[block] + 1  # the last column is one too far
 
     def add_all_terms() -> None:
-        sums = kernels.BodySums(kernels.Target(*slice_target()), begin, *arguments[:6], columns, arguments[7])
+        cameras = columns[[list(BLOCK_WIDTHS).index(name) for name in VIEWED]][None]
+        sums = kernels.BodySums(kernels.Target(*slice_target()), begin, *arguments[:6], columns, arguments[7], cameras)
         for name, valid in term_calls().items():
             getattr(sums, name)(*valid.arguments)
 

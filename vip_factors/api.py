@@ -73,51 +73,49 @@ def write(content: Recording | Scene | Moved, path: StrPath, overwrite: bool = F
 def convert(
     log: StrPath,
     options: ImportOptions | None = None,
-    camera: CameraOptions | None = None,
+    cameras: CameraOptions | Sequence[CameraOptions] = (),
     *,
     join: Sequence[StrPath] = (),
-    further_cameras: Sequence[CameraOptions] = (),
 ) -> Scene:
     """A sensor log of any known format as a recording: Xsens, MVNX, OpenSense, TotalCapture, ROS 2, tables …
 
     Args:
         log: file or folder.
         options: who wore what where, and what was held at the start.
-        camera: what filmed the wearers: its file, and the 2D poses that a detector found.
+        cameras: what filmed the wearers, one or several: the 2D poses that a detector found, and what is known of each.
         join: recordings (.mcap) of further wearers at the same time.
-        further_cameras: that stand still at known poses.
     """
-    from vip_factors.io.scene_building import add_camera, add_further_camera, join_wearers, read_log_as_scene
+    from vip_factors.io.scene_building import add_cameras, join_wearers, read_log_as_scene
 
     options = options or ImportOptions()
     scene = read_log_as_scene(Path(log), options)
     if join:
         others = [read_log_as_scene(Path(path), ImportOptions()) for path in join]
         scene = join_wearers([scene, *others], options.name)
-    if camera is not None:
-        scene = add_camera(scene, camera)
-    for further in further_cameras:
-        scene = add_further_camera(scene, further)
-    return scene
+    several = [cameras] if isinstance(cameras, CameraOptions) else list(cameras)
+    return add_cameras(scene, several) if several else scene
 
 
 def sync(scene: Scene, max_offset: float = 10.0) -> Scene:
-    """The scene with the offset between the clocks of its video and its sensors, found from how people move.
+    """The scene with the offsets between the clocks of its videos and its sensors, found from how people move.
 
     Offsets of up to ``max_offset`` seconds either way are looked at.
     """
     from vip_factors.initialise.clock import find_clock_offset
 
-    offset = find_clock_offset(scene, max_offset)
-    if not offset.determined:
-        raise InputError(f"scene '{scene.name}': {offset.sentence}")
-    return with_clock(scene, offset.clock)
+    for number, camera in enumerate(scene.cameras):
+        offset = find_clock_offset(scene, max_offset, number)
+        if not offset.determined:
+            raise InputError(f"scene '{scene.name}', camera '{camera.name}': {offset.sentence}")
+        scene = with_clock(scene, offset.clock, number)
+    return scene
 
 
-def with_clock(scene: Scene, clock: VideoClock) -> Scene:
-    """The scene whose video's clock is so far off the sensors'."""
-    assert scene.camera is not None
-    return replace(scene, camera=replace(scene.camera, clock=clock))
+def with_clock(scene: Scene, clock: VideoClock, number: int = 0) -> Scene:
+    """The scene in which the video's clock of the camera of a number is so far off the sensors'."""
+    return scene.with_cameras(
+        [replace(camera, clock=clock) if at == number else camera for at, camera in enumerate(scene.cameras)]
+    )
 
 
 def detect(

@@ -267,6 +267,7 @@ class Estimate(Summarised):
         settings: the effective settings, flattened to text.
         detector: where it puts its keypoints; None if that was not looked for.
         association: sentences about what told who is who in the first camera's picture, one of each wearer.
+        further_cameras: beside the first one, those that show a wearer.
     """
 
     name: str
@@ -279,6 +280,7 @@ class Estimate(Summarised):
     settings: Mapping[str, str] = field(default_factory=dict)
     detector: DetectorEstimate | None = None
     association: tuple[str, ...] = ()
+    further_cameras: tuple[CameraEstimate, ...] = ()
 
     @classmethod
     def of_one(cls, wearer: WearerEstimate) -> "Estimate":
@@ -313,6 +315,19 @@ class Estimate(Summarised):
             (one.name, one.method, one.findings, dict(one.settings)) for one in (self, Estimate.of_one(self.wearers[0]))
         )
         return own == plain and not (self.reports or self.association or len(self.wearer_of_detection))
+
+    @property
+    def cameras(self) -> tuple[CameraEstimate, ...]:
+        """All cameras that show a wearer, in the scene's order."""
+        return (*(() if self.camera is None else (self.camera,)), *self.further_cameras)
+
+    def with_cameras(
+        self, cameras: Sequence[CameraEstimate], wearers: Sequence[WearerEstimate] | None = None
+    ) -> "Estimate":
+        """The same with other estimates of its cameras, and of its wearers if they are given."""
+        first, further = (None, cameras) if self.camera is None else (cameras[0], cameras[1:])
+        wearers = self.wearers if wearers is None else wearers
+        return replace(self, camera=first, further_cameras=tuple(further), wearers=tuple(wearers))
 
     def wearer(self, name: str | None = None) -> WearerEstimate:
         """The estimate of the wearer of a name, or of the only one.

@@ -1,6 +1,6 @@
 """An estimate of any length, made and handed on in chunks of consecutive frames, and put together again."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,9 +14,9 @@ class EstimateChunks:
     """An estimate of any length, which need not be in memory at once.
 
     Attributes:
-        head: all but the frames: its wearers' motions have none, and its camera's path is the first pose.
+        head: all but the frames: its wearers' motions have none, and its cameras' paths are the first pose.
         frames: how many each wearer will have.
-        camera_poses: how many the camera will have: one if it stands still.
+        camera_poses: how many each camera will have: one if it stands still.
         chunks: estimates of consecutive frames in the order of time, made as they are asked for, once. Their reports
             are of the solves that made them; their detections follow those of the chunk before.
         closed: makes the head with what is known of the whole once all chunks were made (findings, headings over time,
@@ -26,23 +26,19 @@ class EstimateChunks:
     head: Estimate
     frames: tuple[int, ...]
     chunks: Iterator[Estimate]
-    camera_poses: int = 1
+    camera_poses: tuple[int, ...] = ()
     closed: Callable[[], Estimate] | None = None
 
     @classmethod
     def of(cls, estimate: Estimate) -> "EstimateChunks":
         """A whole estimate as one chunk."""
-        wearers, camera, none = estimate.wearers, estimate.camera, slice(0, 0)
+        wearers, none = estimate.wearers, slice(0, 0)
         without = tuple(replace(one, reports=()) for one in wearers)
         return cls(
-            replace(
-                estimate,
-                wearers=tuple(one.frames(none) for one in wearers),
-                camera=None if camera is None else camera.start,
-            ),
+            estimate.with_cameras([camera.start for camera in estimate.cameras], [one.frames(none) for one in wearers]),
             tuple(len(one.motion) for one in wearers),
             iter([replace(estimate, wearers=without, reports=())]),
-            1 if camera is None else len(camera.path),
+            tuple(len(camera.path) for camera in estimate.cameras),
         )
 
     def changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
@@ -59,15 +55,10 @@ class EstimateChunks:
         """All chunks together, in memory."""
         chunks = list(self.chunks)
         head = self.closed() if self.closed is not None else self.head
-        cameras = [one.camera for one in chunks if one.camera is not None]
-        return replace(
-            head,
-            wearers=tuple(
-                _joined_wearer(*own) for own in zip(head.wearers, *(one.wearers for one in chunks), strict=True)
-            ),
-            camera=None if head.camera is None else _joined_camera(head.camera, cameras),
-            reports=(*head.reports, *(report for one in chunks for report in one.reports)),
-        )
+        wearers = [_joined_wearer(*own) for own in zip(head.wearers, *(one.wearers for one in chunks), strict=True)]
+        cameras = [_joined_camera(*own) for own in zip(head.cameras, *(one.cameras for one in chunks), strict=True)]
+        reports = (*head.reports, *(report for one in chunks for report in one.reports))
+        return replace(head.with_cameras(cameras, wearers), reports=reports)
 
 
 def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstimate:
@@ -86,7 +77,7 @@ def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstim
     )
 
 
-def _joined_camera(head: CameraEstimate, chunks: Sequence[CameraEstimate]) -> CameraEstimate:
+def _joined_camera(head: CameraEstimate, *chunks: CameraEstimate) -> CameraEstimate:
     paths = [one.path for one in chunks]
     covariances = [one.covariance for one in chunks if one.covariance is not None]
     residuals = [one.residual_px for one in chunks if one.residual_px is not None]

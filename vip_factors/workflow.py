@@ -144,11 +144,11 @@ class RunOptions:
     Attributes:
         logs: of each wearer, file or folder of the sensors and what is known of it.
         out: folder for all files, made if it is not there.
-        camera: what filmed the wearers, if anything did.
-        detector: finds the 2D poses in the camera's video and writes them to its file of detections; None if that file
-            is there already.
-        overlay: file (.mp4) for that video with the poses drawn over it; none if None.
-        sync: whether to find the offset between the clocks of video and sensors.
+        cameras: what filmed the wearers, if anything did.
+        detector: finds the 2D poses in each camera's video and writes them to its file of detections; None if these
+            files are there already.
+        overlay: whether to write each video with the poses drawn over it (.mp4) beside its detections.
+        sync: whether to find the offsets between the clocks of videos and sensors.
         settings: of the reconstruction.
         report: whether to write ``report.html``.
         exports: files of other programs; the suffix tells the format.
@@ -157,9 +157,9 @@ class RunOptions:
 
     logs: tuple[tuple[Path, ImportOptions], ...]
     out: Path
-    camera: CameraOptions | None = None
+    cameras: tuple[CameraOptions, ...] = ()
     detector: DetectSettings | None = None
-    overlay: Path | None = None
+    overlay: bool = False
     sync: bool = True
     settings: Settings = field(default_factory=Settings)
     report: bool = True
@@ -194,10 +194,12 @@ def check(options: RunOptions) -> None:
     """
     if not options.logs:
         raise InputError("a run without a log: expected the file or folder of a wearer's sensors")
-    if options.detector is not None and (options.camera is None or options.camera.video is None):
-        raise InputError("a run with a detector and no video: expected camera.video to be a file")
-    if options.camera is not None and options.camera.video is not None and not options.camera.video.is_file():
-        raise InputError(f"{options.camera.video}: no such video file")
+    videos = [camera.video for camera in options.cameras]
+    if options.detector is not None and (not videos or None in videos):
+        raise InputError("a run with a detector and no video: expected the video of each camera to be a file")
+    for video in videos:
+        if video is not None and not video.is_file():
+            raise InputError(f"{video}: no such video file")
     if options.out.exists() and not options.out.is_dir():
         raise InputError(f"{options.out} is a file: expected a folder for all files")
     for target in options.exports:
@@ -207,24 +209,21 @@ def check(options: RunOptions) -> None:
 
 def steps(options: RunOptions, map_fn: "MapFn" = map) -> Iterator[Step]:
     """All steps in order; ``map_fn`` solves the windows of a long recording, in other processes say."""
-    folder, camera = options.out, options.camera
+    folder, cameras = options.out, options.cameras
     recording, estimate, page = folder / "recording.mcap", folder / ESTIMATE, folder / "report.html"
-    if camera is not None and options.detector is not None:
-        assert camera.video is not None
-        assert camera.detections is not None
-        make = partial(_detect, camera.video, camera.detections, options.overlay, options.detector)
-        yield Step("detect", (camera.video,), (options.detector, options.overlay), make)
+    if options.detector is not None:
+        yield from _detections(cameras, options.detector, options.overlay)
     logs, join = options.logs, list[Path]()
     if len(logs) > 1:
         parts = [folder / f"wearer{number}.mcap" for number in range(1, len(logs) + 1)]
         for (log, known), part in zip(logs, parts, strict=True):
-            make = partial(_convert, log, known, None, (), part)
+            make = partial(_convert, log, known, (), (), part)
             yield Step(f"convert {part.stem}", (log, *_files_named(known)), known, make)
         logs, join = ((parts[0], ImportOptions()),), parts[1:]
     ((log, known),) = logs
-    inputs = (log, *_files_named(known), *join, *_files_named(camera))
-    yield Step("convert", inputs, (known, camera), partial(_convert, log, known, camera, join, recording))
-    if camera is not None and options.sync:
+    inputs = (log, *_files_named(known), *join, *(file for camera in cameras for file in _files_named(camera)))
+    yield Step("convert", inputs, (known, cameras), partial(_convert, log, known, cameras, join, recording))
+    if cameras and options.sync:
         synced = folder / "synced.mcap"
         hint = "if you know the offset, give it as --time-offset-s"
         yield Step("sync", (recording,), None, partial(_sync, recording, synced), hint)
@@ -237,16 +236,25 @@ def steps(options: RunOptions, map_fn: "MapFn" = map) -> Iterator[Step]:
         yield Step(f"export {target.name}", (estimate,), target, partial(_export, estimate, target))
 
 
-def _files_named(options: ImportOptions | CameraOptions | None) -> tuple[Path, ...]:
+def _detections(cameras: Sequence[CameraOptions], detector: DetectSettings, overlay: bool) -> Iterator[Step]:
+    """The 2D poses of each camera's video."""
+    for camera in cameras:
+        assert camera.video is not None
+        assert camera.detections is not None
+        drawn = camera.detections.with_suffix(".mp4") if overlay else None
+        make = partial(_detect, camera.video, camera.detections, drawn, detector)
+        name = "detect" if len(cameras) == 1 else f"detect {camera.camera_name}"
+        yield Step(name, (camera.video,), (detector, drawn), make)
+
+
+def _files_named(options: ImportOptions | CameraOptions) -> tuple[Path, ...]:
     """The files that options may name."""
     if isinstance(options, CameraOptions):
         named = [options.video, options.detections, options.camera, options.camera_imu_log, options.camera_imu_columns]
-    elif isinstance(options, ImportOptions):
+    else:
         placement = options.placement if isinstance(options.placement, str | Path) else None
         names = (placement, options.columns, options.pose_from, options.body)
         named = [*(Path(name) for name in names if name), *options.then]
-    else:
-        named = []
     return tuple(path for path in named if path is not None)
 
 
@@ -260,11 +268,11 @@ def _detect(
 
 
 def _convert(
-    log: Path, known: ImportOptions, camera: CameraOptions | None, join: Sequence[Path], out: Path, overwrite: bool,
-    progress: ProgressCallback,
+    log: Path, known: ImportOptions, cameras: Sequence[CameraOptions], join: Sequence[Path], out: Path,
+    overwrite: bool, progress: ProgressCallback,
 ) -> Result:  # fmt: skip
     check_target(out, overwrite)
-    return Result((api.write(api.convert(log, known, camera, join=join), out, overwrite),))
+    return Result((api.write(api.convert(log, known, cameras, join=join), out, overwrite),))
 
 
 def _sync(recording: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
@@ -272,10 +280,14 @@ def _sync(recording: Path, out: Path, overwrite: bool, progress: ProgressCallbac
 
     check_target(out, overwrite)
     scene = api.read(recording)
-    offset = find_clock_offset(scene)
-    if not offset.determined:
-        raise InputError(f"{recording}: {offset.sentence}")
-    return Result((api.write(api.with_clock(scene, offset.clock), out, overwrite),), (offset.sentence,))
+    sentences = list[str]()
+    for number, camera in enumerate(scene.cameras):
+        offset, label = find_clock_offset(scene, number=number), f"{camera.name}: " if scene.further_cameras else ""
+        if not offset.determined:
+            raise InputError(f"{recording}: {label}{offset.sentence}")
+        scene = api.with_clock(scene, offset.clock, number)
+        sentences.append(label + offset.sentence)
+    return Result((api.write(scene, out, overwrite),), tuple(sentences))
 
 
 def _smooth(

@@ -39,9 +39,9 @@ def test_longer_correlations_scale_what_frames_say_and_no_prior() -> None:
         wearers = tuple(
             replace(one, settings=replace(one.settings, correlation_s=correlation_s)) for one in problem.wearers
         )
-        settings = replace(problem.camera.settings, correlation_s=correlation_s)
-        camera = replace(problem.camera, settings=settings)
-        return dict(SceneObjective(replace(problem, wearers=wearers, camera=camera)).cost(state))
+        settings = replace(problem.cameras[0].settings, correlation_s=correlation_s)
+        camera = replace(problem.cameras[0], settings=settings)
+        return dict(SceneObjective(replace(problem, wearers=wearers, cameras=(camera,))).cost(state))
 
     once, shared = costs(step), costs(4 * step)
     for kind, cost in shared.items():

@@ -30,13 +30,13 @@ def assert_same(one: SceneState, other: SceneState) -> None:
             "sole",
         ):
             np.testing.assert_allclose(getattr(ours, name), getattr(theirs, name), atol=1e-12, err_msg=name)
-    np.testing.assert_allclose(one.camera.poses.R_world_camera, other.camera.poses.R_world_camera, atol=1e-12)
-    np.testing.assert_allclose(one.camera.poses.p_world_camera, other.camera.poses.p_world_camera, atol=1e-12)
-    np.testing.assert_allclose(one.camera.R_camera_imu, other.camera.R_camera_imu, atol=1e-12)
+    np.testing.assert_allclose(one.cameras[0].poses.R_world_camera, other.cameras[0].poses.R_world_camera, atol=1e-12)
+    np.testing.assert_allclose(one.cameras[0].poses.p_world_camera, other.cameras[0].poses.p_world_camera, atol=1e-12)
+    np.testing.assert_allclose(one.cameras[0].R_camera_imu, other.cameras[0].R_camera_imu, atol=1e-12)
     np.testing.assert_allclose(one.detector.keypoint_offsets, other.detector.keypoint_offsets, atol=1e-12)
-    assert one.camera.heading == pytest.approx(other.camera.heading)
-    assert one.camera.clock == pytest.approx(other.camera.clock)
-    assert one.camera.clock_drift == pytest.approx(other.camera.clock_drift)
+    assert one.cameras[0].heading == pytest.approx(other.cameras[0].heading)
+    assert one.cameras[0].clock == pytest.approx(other.cameras[0].clock)
+    assert one.cameras[0].clock_drift == pytest.approx(other.cameras[0].clock_drift)
 
 
 @pytest.mark.parametrize("far", [NEAR, FAR])
@@ -81,7 +81,7 @@ def test_a_stream_moves_by_coordinates_as_batch_moves_by_steps(kind: str, far: f
     layout, random = scene_layout(problem), np.random.default_rng(2)
     steps = far * random.standard_normal((problem.frames, layout.frame_width))
     static = far * random.standard_normal(layout.static_width)
-    poses = state.camera.at_frames(slice(0, problem.frames))
+    poses = state.cameras[0].at_frames(slice(0, problem.frames))
     origins = [
         FrameState(
             np.stack([one.R_parent_child[t] for one in state.wearers]),
@@ -98,7 +98,7 @@ def test_a_stream_moves_by_coordinates_as_batch_moves_by_steps(kind: str, far: f
             np.testing.assert_allclose(one.R_parent_child[number], wearer.R_parent_child[t], atol=1e-12)
             np.testing.assert_allclose(one.p_world_pelvis[number], wearer.p_world_pelvis[t], atol=1e-12)
         if kind == "moving":
-            np.testing.assert_allclose(one.R_world_camera, batch.camera.poses.R_world_camera[t], atol=1e-12)
-            np.testing.assert_allclose(one.p_world_camera, batch.camera.poses.p_world_camera[t], atol=1e-12)
+            np.testing.assert_allclose(one.R_world_camera, batch.cameras[0].poses.R_world_camera[t], atol=1e-12)
+            np.testing.assert_allclose(one.p_world_camera, batch.cameras[0].poses.p_world_camera[t], atol=1e-12)
     shared, expected = without_frames(state).retract_static(layout, static), without_frames(batch)
     assert_same(shared, expected)

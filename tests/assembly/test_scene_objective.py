@@ -34,7 +34,7 @@ def test_the_camera_alone_follows_kept_wearers(kind: str) -> None:
     assert_same(dense(objective, state), dense_of_graph(whole))
     solved, _ = levenberg_marquardt(objective, state, SolveSettings(max_iterations=3))
     assert solved.wearers == state.wearers
-    assert np.abs(solved.camera.poses.p_world_camera - state.camera.poses.p_world_camera).max() > 1e-6
+    assert np.abs(solved.cameras[0].poses.p_world_camera - state.cameras[0].poses.p_world_camera).max() > 1e-6
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -49,15 +49,15 @@ def test_turning_the_world_leaves_the_cost_alone(kind: str) -> None:
     model, state = small_scene(kind)
     wearers = tuple(replace(one, free_headings=False, p_world_start=np.zeros(3)) for one in model.wearers)
     model = replace(model, wearers=wearers)
-    turn, poses = rotation_z(1.1), state.camera.poses
+    turn, poses = rotation_z(1.1), state.cameras[0].poses
     moved = CameraPoses(turn @ poses.R_world_camera, poses.p_world_camera @ turn.T)
-    camera = replace(state.camera, poses=moved, heading=state.camera.heading + 1.1)
-    turned_state = replace(state, wearers=tuple(wearer.turned(1.1) for wearer in state.wearers), camera=camera)
+    camera = replace(state.cameras[0], poses=moved, heading=state.cameras[0].heading + 1.1)
+    turned_state = replace(state, wearers=tuple(wearer.turned(1.1) for wearer in state.wearers), cameras=(camera,))
     costs = dict(SceneObjective(model).cost(state))
     turned = replace(
         model,
-        camera=replace(model.camera, prior_heading=model.camera.prior_heading + 1.1),
-        views=tuple(with_turned_ground(view, turn) for view in model.views),
+        cameras=(replace(model.cameras[0], prior_heading=model.cameras[0].prior_heading + 1.1),),
+        views=(tuple(with_turned_ground(view, turn) for view in model.views[0]),),
     )
     assert dict(SceneObjective(turned).cost(turned_state)) == pytest.approx(costs, rel=1e-9)
 
@@ -72,10 +72,10 @@ def test_a_step_lowers_the_cost_and_moves_what_is_free(kind: str) -> None:
     model, state = small_scene(kind)
     solved, report = levenberg_marquardt(SceneObjective(model), state, SolveSettings(max_iterations=5))
     assert sum(report.final_cost.values()) < 0.8 * sum(report.initial_cost.values())
-    moved = np.abs(solved.camera.poses.p_world_camera - state.camera.poses.p_world_camera).max()
+    moved = np.abs(solved.cameras[0].poses.p_world_camera - state.cameras[0].poses.p_world_camera).max()
     assert (moved > 1e-6) == (kind != "known path")
-    assert solved.camera.clock != state.camera.clock
-    assert solved.camera.clock_drift != state.camera.clock_drift
+    assert solved.cameras[0].clock != state.cameras[0].clock
+    assert solved.cameras[0].clock_drift != state.cameras[0].clock_drift
 
 
 @pytest.mark.parametrize("pure", [False, True])
@@ -87,7 +87,8 @@ def test_steps_of_several_wearers_before_a_moving_camera_are_those_of_dense_alge
         times = model.wearers[0].frames.time[[0, -1]]
         several = (replace(several[0], heading_times=times), *several[1:])
         states = (states[0].with_headings(2), *states[1:])
-    model = replace(model, wearers=several, views=(*model.views, model.views[1]))
+    views = tuple((*of_camera, of_camera[1]) for of_camera in model.views)
+    model = replace(model, wearers=several, views=views)
     state = replace(state, wearers=states)
     objective = SceneObjective(model, kernels=None if pure else kernels)
     damping = 0.1

@@ -111,7 +111,7 @@ def test_a_slice_does_not_depend_on_what_came_before(silent: Sequence[int]) -> N
 
 def _inner(model: SceneProblem) -> SceneProblem:
     wearers = tuple(replace(one, is_beginning=False, initial_pose=None) for one in model.wearers)
-    return replace(model, wearers=wearers, camera=replace(model.camera, is_beginning=False))
+    return replace(model, wearers=wearers, cameras=tuple(replace(one, is_beginning=False) for one in model.cameras))
 
 
 @pytest.mark.parametrize("kind", ["moving", "standing"])

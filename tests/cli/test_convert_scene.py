@@ -85,39 +85,40 @@ def test_what_does_not_fit_is_one_sentence(run, files, tmp_path: Path, monkeypat
 FLOOR = "[floor]\nR_floor_camera = [[1, 0, 0], [0, 0, 1], [0, -1, 0]]\np_floor_camera = [{0}, -4, 1.2]\n"
 
 
-def test_further_cameras_stand_where_their_files_say(run, files, tmp_path: Path, poses: Path) -> None:
+def test_cameras_stand_where_their_files_say(run, files, tmp_path: Path, poses: Path) -> None:
     plain = (tmp_path / "camera.toml").read_text()
     for number, name in enumerate(("left", "right")):
         (tmp_path / f"{name}.toml").write_text(plain + FLOOR.format(number))
-    first = ("--video-rate", "10", "--detections", poses, "--camera", tmp_path / "camera.toml", "--static-camera")
-    further = [
-        word
-        for name, offset in (("left", "0"), ("right", "-0.5"))
-        for word in ("--further-camera", tmp_path / f"{name}.toml", poses, offset)
-    ]
-    told = run("convert", files.recording, tmp_path / "out.mcap", *first, *further)
+    words = ["--video-rate", "10", "--static-camera", "--known-camera-pose"]
+    for name, offset in (("camera", "0"), ("left", "0"), ("right", "-0.5")):
+        words += ["--detections", poses, "--camera", tmp_path / f"{name}.toml", "--time-offset-s", offset]
+        words += ["--camera-name", name]
+    told = run("convert", files.recording, tmp_path / "out.mcap", *words)
     assert told.code == 0, told.err
     scene = read_scene(tmp_path / "out.mcap")
     assert [camera.name for camera in scene.cameras] == ["camera", "left", "right"]
-    assert [camera.clock.offset for camera in scene.further_cameras] == [0.0, -0.5]
-    np.testing.assert_allclose(scene.further_cameras[1].known_path.p_world_camera, [[1, -4, 1.2]], atol=1e-12)
+    assert [camera.clock.offset for camera in scene.cameras] == [0.0, 0.0, -0.5]
+    assert scene.cameras[0].known_path is None  # its file tells none
+    np.testing.assert_allclose(scene.cameras[2].known_path.p_world_camera, [[1, -4, 1.2]], atol=1e-12)
     info = run("info", tmp_path / "out.mcap")
     assert len(re.findall("pose known at: +1 instant", info.out)) == 2
-    # To a scene that has its first camera already.
-    told = run("convert", files.recording, tmp_path / "one.mcap", *first)
-    told = run("convert", tmp_path / "one.mcap", tmp_path / "two.mcap", "--video-rate", "10", *further[:4])
+
+
+def test_what_is_said_once_is_of_all_cameras(run, files, tmp_path: Path, poses: Path) -> None:
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / poses.name).write_bytes(poses.read_bytes())
+    words = ["--detections", poses, "--detections", tmp_path / "b" / poses.name, "--video-rate", "10"]
+    told = run("convert", files.recording, tmp_path / "out.mcap", *words, "--static-camera", "--carried-camera", "b")
     assert told.code == 0, told.err
-    assert [camera.name for camera in read_scene(tmp_path / "two.mcap").cameras] == ["camera", "left"]
-
-
-@pytest.mark.parametrize(
-    ("camera", "words"), [("camera.toml", "its pose cannot be taken as known"), ("left.toml", "no first one")]
-)
-def test_what_is_no_further_camera_is_told(run, files, tmp_path: Path, poses: Path, camera: str, words: str) -> None:
-    (tmp_path / "left.toml").write_text((tmp_path / "camera.toml").read_text() + FLOOR.format(0))
+    cameras = read_scene(tmp_path / "out.mcap").cameras
+    assert [camera.name for camera in cameras] == [poses.parent.name, "b"]
+    assert [camera.moving for camera in cameras] == [False, True]
+    assert [camera.detections.rate for camera in cameras] == pytest.approx([10.0, 10.0])
     told = run(
-        "convert", files.recording, tmp_path / "out.mcap", "--video-rate", "10", "--further-camera", tmp_path / camera,
-        poses, "0",
-    )  # fmt: skip
+        "convert", files.recording, tmp_path / "no.mcap", *words, "--camera", "a", "--camera", "b", "--camera", "c"
+    )
     assert told.code == 2
-    assert words in told.err
+    assert "--camera is said 3 times of 2 cameras (--detections): expected one for all, or one for each" in told.err
+    told = run("convert", files.recording, tmp_path / "no.mcap", *words, "--carried-camera", "c")
+    assert told.code == 2
+    assert "--carried-camera c: expected the name of a camera" in told.err

@@ -9,6 +9,7 @@ from vip_factors.cli.run import RunOptions, run_options, usual_folder
 from vip_factors.errors import InputError
 from vip_factors.workflow import check, steps
 
+LOG = (Path("a"),)
 SMOOTH = "--frame-rate 20 --solve.max-iterations 2"
 
 
@@ -39,7 +40,7 @@ def test_a_log_alone_to_files_and_a_page(run: Callable, files: object, tmp_path:
 
 def options(tmp_path: Path, **more: object) -> RunOptions:
     (tmp_path / "walk.mp4").write_bytes(b"")
-    return RunOptions(log=(tmp_path / "xsens",), video=tmp_path / "walk.mp4", out=tmp_path / "o", **more)  # type: ignore[arg-type]
+    return RunOptions(log=(tmp_path / "xsens",), video=(tmp_path / "walk.mp4",), out=tmp_path / "o", **more)  # type: ignore[arg-type]
 
 
 def test_the_steps_of_one_wearer_with_a_video(tmp_path: Path) -> None:
@@ -48,8 +49,8 @@ def test_the_steps_of_one_wearer_with_a_video(tmp_path: Path) -> None:
     check(made)
     ((_, known),) = made.logs
     assert (known.placement, known.stature_m) == ("ada.toml", 1.7)
-    assert made.camera is not None
-    assert made.camera.camera is None
+    (camera,) = made.cameras
+    assert camera.camera is None
     names = [step.name for step in steps(made)]
     assert names == ["detect", "convert", "sync", "smooth", "report", "export walk.bvh"]
     inputs = {step.name: step.inputs for step in steps(made)}
@@ -58,12 +59,26 @@ def test_the_steps_of_one_wearer_with_a_video(tmp_path: Path) -> None:
 
 
 def test_found_poses_need_no_video() -> None:
-    given = RunOptions((Path("xsens"),), detections=Path("poses.json"), camera=Path("c.toml"), video_rate=30.0)
+    given = RunOptions((Path("xsens"),), detections=(Path("poses.json"),), camera=(Path("c.toml"),), video_rate=(30.0,))
     made = run_options(given)
     check(made)
-    assert made.camera is not None
-    assert made.camera.video_rate == 30.0
+    (camera,) = made.cameras
+    assert camera.video_rate == 30.0
     assert [step.name for step in steps(made)] == ["convert", "sync", "smooth", "report"]
+
+
+def test_the_steps_of_two_videos(tmp_path: Path) -> None:
+    for name in ("left.mp4", "right.mov"):
+        (tmp_path / name).write_bytes(b"")
+    videos = (tmp_path / "left.mp4", tmp_path / "right.mov")
+    made = run_options(RunOptions(log=(tmp_path / "xsens",), video=videos, out=tmp_path / "o", overlay=True))
+    check(made)
+    assert [camera.camera_name for camera in made.cameras] == ["left", "right"]
+    assert [camera.video for camera in made.cameras] == list(videos)
+    names = [step.name for step in steps(made)]
+    assert names == ["detect left", "detect right", "convert", "sync", "smooth", "report"]
+    inputs = {step.name: step.inputs for step in steps(made)}
+    assert set(inputs["convert"]) >= {tmp_path / "o" / "poses-1.json", tmp_path / "o" / "poses-2.json", *videos}
 
 
 def test_the_steps_of_two_wearers(tmp_path: Path) -> None:
@@ -78,10 +93,16 @@ def test_the_steps_of_two_wearers(tmp_path: Path) -> None:
     [
         (RunOptions(), "no --log"),
         (RunOptions(log=(Path("a"), Path("b")), placement=("a.toml",)), "2 --log and 1 --placement"),
-        (RunOptions(log=(Path("a"),), static_camera=True, time_offset_s=1.0), "--static-camera, --time-offset-s given"),
-        (RunOptions(log=(Path("a"),), video=Path("no.mp4")), "no such video"),
-        (RunOptions(log=(Path("a"),), detections=Path("d"), camera=Path("c"), overlay=True), "--overlay given without"),
-        (RunOptions(log=(Path("a"),), video=Path(__file__), detections=Path("d"), overlay=True), "--overlay"),
+        (
+            RunOptions(log=(Path("a"),), static_camera=True, time_offset_s=(1.0,)),
+            "--static-camera, --time-offset-s given",
+        ),
+        (RunOptions(log=(Path("a"),), video=(Path("no.mp4"),)), "no such video"),
+        (
+            RunOptions(log=(Path("a"),), detections=(Path("d"),), camera=(Path("c"),), overlay=True),
+            "--overlay given without",
+        ),
+        (RunOptions(log=(Path("a"),), video=(Path(__file__),), detections=(Path("d"),), overlay=True), "--overlay"),
     ],
 )
 def test_what_cannot_be_is_said_before_anything_is_done(given: RunOptions, words: str) -> None:
@@ -91,5 +112,5 @@ def test_what_cannot_be_is_said_before_anything_is_done(given: RunOptions, words
 
 def test_the_folder_is_beside_the_video(tmp_path: Path) -> None:
     (tmp_path / "walk.mp4").touch()
-    assert usual_folder(RunOptions((tmp_path,), video=tmp_path / "walk.mp4")) == tmp_path / "walk_motion"
+    assert usual_folder(RunOptions((tmp_path,), video=(tmp_path / "walk.mp4",))) == tmp_path / "walk_motion"
     assert usual_folder(RunOptions(log=(tmp_path,))) == tmp_path.with_name(f"{tmp_path.name}_motion")

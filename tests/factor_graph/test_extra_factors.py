@@ -83,7 +83,7 @@ def test_cost_and_equations_are_those_of_the_graph_with_them(kind: str) -> None:
     objective = SceneObjective(problem)
     time = problem.wearers[0].frames.time
     bare = factor_graph_of(problem, state)
-    kept = set() if problem.camera.free_pose else {camera_key(0)}
+    kept = set() if problem.cameras[0].free_pose else {camera_key(0)}
     for index in range(many_kinds(time, 0).size()):
         factor = many_kinds(time, 0).at(index)
         if not kept & {int(key) for key in list(factor.keys())}:

@@ -37,8 +37,8 @@ def everything(spread: float) -> tuple[SceneProblem, SceneState]:
         )
         for one, other in zip(problem.wearers, silent.wearers, strict=True)
     )
-    camera = replace(problem.camera, settings=with_square_losses(problem.camera.settings))
-    problem = replace(problem, wearers=wearers, camera=camera)
+    cameras = tuple(replace(one, settings=with_square_losses(one.settings)) for one in problem.cameras)
+    problem = replace(problem, wearers=wearers, cameras=cameras)
     states = tuple(
         replace(
             one,

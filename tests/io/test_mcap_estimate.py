@@ -19,7 +19,7 @@ from vip_factors.describe.estimates import estimate_tables
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.estimate import Estimate, StartChoice, WearerEstimate
 from vip_factors.findings import Finding, bare
-from vip_factors.io.mcap_estimate import CAMERA_INFO, read_estimate, write_estimate
+from vip_factors.io.mcap_estimate import CAMERA, INFO, read_estimate, write_estimate
 from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_reader import McapWarning
 from vip_factors.io.mcap_recording import read_scene, write_recording
@@ -185,6 +185,6 @@ def test_more_reprojection_errors_than_there_can_be_are_not_made_room_for(tmp_pa
     with (tmp_path / "e.mcap").open("wb") as file, MessageWriter(file) as writer:
         copy_messages(tmp_path / "whole.mcap", writer._writer)
         info = CameraEstimateInfo(name="phone", has_residuals=True, wearers=2, residual_frames=10**9)
-        writer.write(CAMERA_INFO, info, 0)
+        writer.write(CAMERA + INFO, info, 0)
     with pytest.raises(FileFormatError, match=r"e\.mcap: tells of reprojection errors in \d+ frames of \d wearers"):
         read_estimate(tmp_path / "e.mcap")

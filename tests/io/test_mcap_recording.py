@@ -149,18 +149,6 @@ def three_cameras() -> Scene:
     return replace(scene, further_cameras=further, truth=replace(scene.truth, further=(scene.truth, scene.truth)))
 
 
-def test_a_further_camera_without_its_pose_is_left_out(tmp_path: Path) -> None:
-    scene = three_cameras()
-    write_recording(scene, tmp_path / "whole.mcap")
-    with (tmp_path / "cut.mcap").open("wb") as file, MessageWriter(file) as writer:
-        copy_messages(tmp_path / "whole.mcap", writer._writer, ("/camera/left/pose",))
-    with pytest.warns(McapWarning, match="'left' is left out"):
-        read = read_scene(tmp_path / "cut.mcap")
-    assert [camera.name for camera in read.cameras] == ["phone", "a/info"]
-    assert read.truth is not None
-    assert len(read.truth.further) == 1
-
-
 def test_topics_of_wearers_cannot_be_confused() -> None:
     assert wearer_topics(["a"]) == [""]
     assert wearer_topics(["a", "a/imu", "%2F"]) == ["/wearer/a", "/wearer/a%2Fimu", "/wearer/%252F"]

@@ -13,12 +13,16 @@ from scene_samples import filmed_walk
 from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import rotation_z
-from vip_factors.io.scene_building import SceneWarning, add_camera, join_wearers
+from vip_factors.io.scene_building import SceneWarning, add_cameras, join_wearers
 from vip_factors.io.settings import CameraOptions
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 
 CAMERA = "width = {0}\nheight = {1}\nfx = 500\nfy = 500\ncx = 320\ncy = 240\n"
+
+
+def add_camera(scene: Scene, options: CameraOptions) -> Scene:
+    return add_cameras(scene, [options])
 
 
 def of(name: str, **changes: object) -> Recording:

@@ -70,7 +70,7 @@ def stretch(settings: LiveSettings) -> tuple[LagSmoother, SceneProblem]:
 
 def test_feet_that_stand_are_held_where_their_pixels_meet_the_floor() -> None:
     smoother, model = stretch(SETTINGS)
-    ground, view = model.views[0].ground, model.views[0]
+    ground, view = model.views[0][0].ground, model.views[0][0]
     assert ground is not None
     assert ground.stands.any()
     assert not ground.stands[~view.seen.any(axis=1)].any()
@@ -81,7 +81,7 @@ def test_feet_that_stand_are_held_where_their_pixels_meet_the_floor() -> None:
     true = truth.motion.frames(slice(0, None)).state.p_world_joint[nearest]
     heights = np.stack([true[:, foot.bone, 2] for foot in ground.feet], axis=1)
     assert np.median(heights[ground.stands]) < np.median(heights[~ground.stands]) - 0.01  # swinging feet are higher
-    camera = smoother.shared.camera.poses
+    camera = smoother.shared.cameras[0].poses
     for g, foot in enumerate(ground.feet):
         rows = np.flatnonzero(ground.stands[:, g])
         d = ground.rays[rows, g] @ camera.R_world_camera[0].T
@@ -93,15 +93,15 @@ def test_feet_that_stand_are_held_where_their_pixels_meet_the_floor() -> None:
 
 def test_feet_may_be_told_by_their_sensors() -> None:
     _, model = stretch(with_ground(SETTINGS, contact_from=ContactFrom.ACCELERATION))
-    assert model.views[0].ground is not None
+    assert model.views[0][0].ground is not None
     # One of both feet always stands, by their word.
-    seen = model.views[0].seen.all(axis=1)
-    assert model.views[0].ground.stands[seen].any(axis=1).all()
+    seen = model.views[0][0].seen.all(axis=1)
+    assert model.views[0][0].ground.stands[seen].any(axis=1).all()
 
 
 def test_where_it_is_not_wanted_or_the_pose_unknown_there_is_none() -> None:
     _, model = stretch(with_ground(SETTINGS, use=False))
-    assert model.views[0].ground is None
+    assert model.views[0][0].ground is None
     tracker = FixedLagTracker(stream_head(filmed()), SETTINGS)
     for sample in live_samples(filmed()):
         if sample.time < 1.5:
@@ -201,3 +201,13 @@ def test_a_stretch_without_the_wearer_does_not_lose_their_estimator() -> None:
     one = track(placed_camera(), map(blind, live_samples(placed_camera())), settings)
     assert "lost" not in one.findings
     assert placed_cm(one, "newest") < 25
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_two_cameras_of_unknown_pose_are_followed(moving: bool) -> None:
+    scene = two_cameras()
+    first, second = (replace(camera, known_path=None, moving=False) for camera in scene.cameras)
+    tracked = track(replace(scene, camera=replace(first, moving=moving), further_cameras=(second,), truth=None))
+    assert tracked.answers[-1].camera is not None
+    alone = track(replace(scene, camera=replace(first, moving=moving), further_cameras=(), truth=None))
+    assert tracked.error_mm("smoothed") < 1.1 * alone.error_mm("smoothed")

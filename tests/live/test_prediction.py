@@ -22,7 +22,6 @@ from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.stages.inertial import InertialSolution, inertial_tracker
 from vip_factors.stages.solver import Solver
-from vip_factors.terms.registry import unfilmed_problem
 
 RATE = 60.0
 
@@ -51,11 +50,11 @@ def problem_of(use_acceleration: bool = True) -> tuple[LagProblem, SceneState]:
     assert made.truth is not None
     assert made.truth.calibration is not None
     model = replace(solved.model, settings=Settings().factors, use_acceleration=use_acceleration)
-    scene, names = unfilmed_problem([model]), model.frames.sensors
+    names = model.frames.sensors
     headings = np.array([made.truth.calibration[name].heading for name in names])
     state = SceneState.unfilmed([replace(solved.state, headings=headings)])
     columns = [np.arange(len(names)), np.zeros(0, int)]
-    return LagProblem([model], scene.camera, scene.views, (), columns, 1 / RATE, LiveSettings()), state
+    return LagProblem([model], (), (), columns, 1 / RATE, LiveSettings()), state
 
 
 def frames_at(numbers: range) -> list[LiveFrame]:

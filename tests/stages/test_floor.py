@@ -133,7 +133,7 @@ def two_walkers(raised_m: float, seconds: float = 6.0) -> tuple[list[Any], Scene
     middle = motion.p_world_pelvis.mean(axis=0)
     camera = CameraState(CameraPoses(np.eye(3)[None], np.array([[middle[0] - 4.0, middle[1], 2.0]])))
     problems: list[Any] = [SimpleNamespace(**vars(problem), name=name) for name in ("anna", "ben")]
-    return problems, SceneState(cast(Any, tuple(own)), camera)
+    return problems, SceneState(cast(Any, tuple(own)), (camera,))
 
 
 def test_people_on_one_floor_are_not_remarked_on_and_one_too_near_is() -> None:
@@ -146,18 +146,18 @@ def test_people_on_one_floor_are_not_remarked_on_and_one_too_near_is() -> None:
 
 def test_a_camera_on_the_floor_does_not_tell_who_is_nearer() -> None:
     problems, state = two_walkers(0.0)
-    low = replace(state.camera.poses, p_world_camera=state.camera.poses.p_world_camera * [1, 1, 0])
-    (found,) = distance_findings(problems, replace(state, camera=replace(state.camera, poses=low)))
+    low = replace(state.cameras[0].poses, p_world_camera=state.cameras[0].poses.p_world_camera * [1, 1, 0])
+    (found,) = distance_findings(problems, replace(state, cameras=(replace(state.cameras[0], poses=low),)))
     assert found.numbers["sigma"] > abs(found.numbers["metres"])
 
 
 def tilted(state: SceneState, degrees: float, axis: Array) -> SceneState:
     """The state with roots and camera turned about an axis through the camera."""
-    turn, poses = exp(np.deg2rad(degrees) * axis), state.camera.poses
+    turn, poses = exp(np.deg2rad(degrees) * axis), state.cameras[0].poses
     about = poses.p_world_camera[0]
     wearers = tuple(replace(one, p_world_pelvis=about + (one.p_world_pelvis - about) @ turn.T) for one in state.wearers)
     poses = replace(poses, R_world_camera=turn @ poses.R_world_camera)
-    return replace(state, wearers=wearers, camera=replace(state.camera, poses=poses))
+    return replace(state, wearers=wearers, cameras=(replace(state.cameras[0], poses=poses),))
 
 
 @pytest.mark.parametrize("degrees", [-2.0, 2.0])
@@ -165,7 +165,7 @@ def test_a_world_that_is_tilted_is_turned_until_its_floor_is_level(degrees: floa
     problems, state = two_walkers(0.0, seconds=12.0)
     again = levelled(problems, tilted(state, degrees, ACROSS))
     assert again is not None
-    off = angle_between(again.camera.poses.R_world_camera, state.camera.poses.R_world_camera)
+    off = angle_between(again.cameras[0].poses.R_world_camera, state.cameras[0].poses.R_world_camera)
     assert np.rad2deg(off.item()) < 0.3
     for one, true in zip(again.wearers, state.wearers, strict=True):
         np.testing.assert_allclose(one.p_world_pelvis, true.p_world_pelvis, atol=0.03)
@@ -182,7 +182,7 @@ def test_a_standing_camera_that_was_found_tilted_stands_upright(monkeypatch: pyt
 
     def found_tilted(*given: Any) -> Any:
         solution, associated = fused(*given)
-        across = solution.state.camera.poses.R_world_camera[0][:, 0]
+        across = solution.state.cameras[0].poses.R_world_camera[0][:, 0]
         found.append(tilted(solution.state, 1.5, across))
         return replace(solution, state=found[0]), associated
 
@@ -191,7 +191,7 @@ def test_a_standing_camera_that_was_found_tilted_stands_upright(monkeypatch: pyt
     assert "level floor" in [one.stage for one in estimate.reports]
     assert scene.truth is not None
     assert estimate.camera is not None
-    cameras = scene.truth.camera, found[0].camera.poses, estimate.camera.path
+    cameras = scene.truth.camera, found[0].cameras[0].poses, estimate.camera.path
     true, before, after = (one.R_world_camera[0, 2] for one in cameras)  # where up is in the camera
     assert np.rad2deg(np.arccos(true @ before)) > 1.5
     assert np.rad2deg(np.arccos(true @ after)) < 0.8

@@ -1,7 +1,8 @@
-"""Cameras of known pose beside the first one: they tie everything to their world, and each may see nobody."""
+"""Several cameras: those of known pose tie everything to their world, others are found, and each may see nobody."""
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,8 +11,10 @@ from filmed_gestures import QUICK, camera_of
 from vip_factors.estimate import Estimate
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between
+from vip_factors.io.mcap_estimate import read_estimate, write_estimate
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import preset
+from vip_factors.sensors.camera import UNCALIBRATED_FOCAL_SIGMA, VideoClock
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
@@ -84,3 +87,61 @@ def test_known_cameras_that_show_nobody_do_no_harm() -> None:
     plain = smooth(replace(scene, further_cameras=(), truth=None), QUICK)
     np.testing.assert_array_equal(estimate.wearers[0].motion.p_world_pelvis, plain.wearers[0].motion.p_world_pelvis)
     assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
+
+
+@cache
+def nobody_calibrated(camera: str = "fixed") -> Scene:
+    """Two cameras of unknown pose and lens, the second's video half a second late."""
+    scene = filmed(camera, cameras=2, known_pose=False)
+    first, second = (
+        replace(one, model=one.model.zoomed(error), focal_sigma=UNCALIBRATED_FOCAL_SIGMA, known_path=None)
+        for one, error in zip(scene.cameras, (-0.15, 0.15), strict=True)
+    )
+    late = second.clock.offset + 0.02  # of which half a video frame is found with the motion
+    return replace(scene, camera=first, further_cameras=(replace(second, clock=VideoClock(late)),), truth=None)
+
+
+@pytest.mark.parametrize("camera", ["fixed", "hand-held"])
+def test_cameras_that_nobody_calibrated_are_found_together(camera: str) -> None:
+    scene = filmed(camera, cameras=2, known_pose=False)
+    estimate = smooth(nobody_calibrated(camera), QUICK)
+    assert [one.name for one in estimate.cameras] == [one.name for one in scene.cameras]
+    first, second = estimate.cameras
+    apart = second.path.p_world_camera[0] - first.path.at(second.path.time).p_world_camera[0]
+    truths = [one.camera for one in (scene.truth, *scene.truth.further)]
+    true_apart = truths[1].p_world_camera[0] - truths[0].at(second.path.time).p_world_camera[0]
+    assert np.linalg.norm(apart) == pytest.approx(np.linalg.norm(true_apart), rel=0.1)  # depth and zoom hang together
+    for found, true in zip(estimate.cameras, scene.cameras, strict=True):
+        assert abs(np.log(found.model.focal[0] / true.model.focal[0])) < 3 * found.focal_sigma
+        assert 0 < found.focal_sigma < UNCALIBRATED_FOCAL_SIGMA
+    assert second.clock.offset == pytest.approx(scene.cameras[1].clock.offset, abs=0.01)
+    assert second.residual_px.shape == (len(estimate.wearers[0].motion), 1)
+
+
+def test_cameras_that_have_no_wearer_in_common_are_not_put_into_one_world() -> None:
+    scene = nobody_calibrated()
+    blind = replace(scene, further_cameras=tuple(map(seeing_nobody, scene.further_cameras)))
+    estimate = smooth(blind, QUICK)
+    assert [one.name for one in estimate.cameras] == ["camera"]
+    assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
+
+
+def test_estimates_of_several_cameras_are_read_as_they_were_written(tmp_path: Path) -> None:
+    estimate = smooth(nobody_calibrated("hand-held"), QUICK)
+    write_estimate(estimate, tmp_path / "e.mcap")
+    read = read_estimate(tmp_path / "e.mcap")
+    assert [one.name for one in read.cameras] == [one.name for one in estimate.cameras]
+    for one, other in zip(read.cameras, estimate.cameras, strict=True):
+        np.testing.assert_allclose(one.path.p_world_camera, other.path.p_world_camera, atol=1e-12)
+        np.testing.assert_array_equal(one.residual_px, other.residual_px)
+        assert (one.model, one.clock, one.focal_sigma) == (other.model, other.clock, other.focal_sigma)
+
+
+def test_windows_have_all_cameras() -> None:
+    scene = nobody_calibrated("hand-held")
+    windows = replace(QUICK.windows, window_s=1.6, overlap_s=0.6, above_s=3.0, calibration_stretches=1,
+                      calibration_stretch_s=2.4)  # fmt: skip
+    whole, parts = smooth(scene, QUICK), smooth(scene, replace(QUICK, windows=windows))
+    assert [len(one.path) for one in parts.cameras] == [len(one.path) for one in whole.cameras]
+    for one, other in zip(parts.cameras, whole.cameras, strict=True):
+        assert one.model.focal[0] == pytest.approx(other.model.focal[0], rel=0.08)

@@ -15,7 +15,7 @@ from vip_factors.evaluate.calibration import nees
 from vip_factors.geometry.rotations import Array, log, transpose, wrap_angle
 from vip_factors.problem.layout import ROOT, Layout, Owner, OwnerId
 from vip_factors.problem.state import CameraState
-from vip_factors.problem.variables import CAMERA
+from vip_factors.problem.variables import camera_owner
 from vip_factors.sensors.calibration import PRESETS
 from vip_factors.settings import SolveSettings
 from vip_factors.simulate.settings import CameraKind
@@ -122,7 +122,7 @@ def gaussian_nees(scene: GaussianScene) -> dict[str, Array]:
     return {
         "headings": nees(heading[None], headings[None]),
         "mountings": nees(mounting[None], mountings[None]),
-        "camera": _camera_nees(layout, state.camera, scene.truth.camera, marginals, frames),
+        "camera": _camera_nees(layout, state.cameras[0], scene.truth.cameras[0], marginals, frames),
         "joints": nees(joints, of_frames[:, :ROOT, :ROOT]),
         "root": nees(root, of_frames[:, ROOT:, ROOT:]),
     }
@@ -135,9 +135,9 @@ def _camera_nees(
     turn = log(transpose(R) @ truth.poses.R_world_camera)
     shift = np.einsum("tji,tj->ti", R, truth.poses.p_world_camera - camera.poses.p_world_camera)
     tangent = np.concatenate([turn, shift], axis=1)
-    path = layout.chain_of(CAMERA)
+    path = layout.chain_of(camera_owner(0))
     if path is None:
-        standing = SharedCovariance(layout, marginals.static).of(CAMERA, "poses")
+        standing = SharedCovariance(layout, marginals.static).of(camera_owner(0), "poses")
         assert standing is not None
         return nees(tangent, standing[None])
     return nees(tangent[frames], marginals.chains[path][frames])

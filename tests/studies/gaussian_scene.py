@@ -69,7 +69,7 @@ def gaussian_scene(settings: GaussianSettings, seed: int) -> GaussianScene:
     model = _measured(wearer[0], wearer[1], body, random)
     camera, state = _camera(settings, random)
     view = _view(settings, model, body, state, random)
-    return GaussianScene(SceneProblem((model,), camera, (view,)), SceneState((wearer[1],), state))
+    return GaussianScene(SceneProblem((model,), (camera,), ((view,),)), SceneState((wearer[1],), (state,)))
 
 
 def _factor_settings(settings: GaussianSettings) -> FactorSettings:

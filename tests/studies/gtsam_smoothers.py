@@ -96,9 +96,11 @@ def _window(
         )
         for number, (one, own) in enumerate(zip(model.wearers, shared.wearers, strict=True))
     ]  # fmt: skip
-    imu = shared.camera
-    camera = replace(model.camera, prior_heading=imu.heading, prior_R_camera_imu=imu.R_camera_imu)
-    fresh = LagProblem(wearers, camera, model.views, model.further, problem.sensors, model.step, settings)
+    cameras = [
+        replace(camera, prior_heading=imu.heading, prior_R_camera_imu=imu.R_camera_imu)
+        for camera, imu in zip(model.cameras, shared.cameras, strict=True)
+    ]
+    fresh = LagProblem(wearers, cameras, model.views, problem.sensors, model.step, settings)
     return RecordedWindow(fresh, tuple(frames), tuple(states), shared)
 
 
@@ -125,7 +127,7 @@ def feed(window: RecordedWindow, first: int) -> Iterator[Arrival]:
     """The window's GTSAM factors, each with the last of its frames: up to ``first`` at once, then frame by frame."""
     state = stacked(window.states, window.shared)
     problem = window.problem.model(window.frames, beginning=True)
-    whole, moving = factor_graph_of(problem, state), problem.camera.moving
+    whole, moving = factor_graph_of(problem, state), problem.cameras[0].moving
     of_frames = [one for one in whole.variables if one.is_of_a_frame or (one.is_of_the_camera_path and moving)]
     static = [one for one in whole.variables if one not in set(of_frames)]
     for begin, newest in [(0, first), *((t, t) for t in range(first + 1, problem.frames))]:

@@ -28,7 +28,7 @@ from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import mean_rotation, rotation_z, transpose
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.mcap_recording import read_scene, write_recording
-from vip_factors.io.scene_building import add_camera
+from vip_factors.io.scene_building import add_cameras
 from vip_factors.io.settings import CameraOptions
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import SensorCalibration
@@ -125,16 +125,10 @@ def made(scene: PopulationScene, simulator: Path, motions: Path, folder: Path) -
     if scene.camera != "none":
         carried = scene.camera == "carried"
         log = raw / "camera_imu.sensors" if carried else None
-        whole = add_camera(
-            whole,
-            CameraOptions(
-                raw / "openpose",
-                raw / "camera.toml",
-                video_rate=FRAME_RATE,
-                static_camera=not carried,
-                camera_imu_log=log,
-            ),
+        filmed = CameraOptions(
+            raw / "openpose", raw / "camera.toml", video_rate=FRAME_RATE, static_camera=not carried, camera_imu_log=log
         )
+        whole = add_cameras(whole, [filmed])
     write_recording(whole, out)
     return out
 

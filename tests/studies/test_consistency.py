@@ -21,7 +21,7 @@ def test_the_noise_is_as_large_as_the_factors_suppose(moving: bool) -> None:
         made = gaussian_scene(GaussianSettings(frames=8, moving=moving), seed)
         for kind, cost in SceneObjective(made.model).cost(made.truth).items():
             costs[kind] = costs.get(kind, 0.0) + cost / runs
-        seen = int(made.model.views[0].seen.sum())
+        seen = int(made.model.views[0][0].seen.sum())
     T, S = 8, 13
     expected = {
         "orientation": 3 * T * S, "acceleration": 3 * (T - 2) * S, "pose prior": 69 * T, "heading prior": S,
@@ -49,7 +49,7 @@ def test_nees_is_within_its_bounds(camera: str) -> None:
 
 def test_too_small_a_covariance_is_seen() -> None:
     made = gaussian_scene(SMALL, 0)
-    (view,) = made.model.views
+    ((view,),) = made.model.views
     view.sigma[:] /= 5
     assert np.mean(gaussian_nees(made)["camera"]) > 3
 

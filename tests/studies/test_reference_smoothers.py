@@ -87,7 +87,7 @@ def _at_the_minimum(window: RecordedWindow) -> RecordedWindow:
     solved, _ = levenberg_marquardt(
         SceneObjective(problem.model(window.frames, beginning=True)), state, SolveSettings(max_iterations=30)
     )
-    (body,), poses = solved.wearers, solved.camera.poses
+    (body,), poses = solved.wearers, solved.cameras[0].poses
     states = tuple(
         FrameState(
             body.R_parent_child[t, None], body.p_world_pelvis[t, None], poses.R_world_camera[t], poses.p_world_camera[t]

@@ -29,7 +29,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import SceneInMemory
 from vip_factors.settings import Settings
-from vip_factors.stages.association import associate_cameras, associate_cameras_again, usable_cameras
+from vip_factors.stages.association import CameraPlacement, associate_cameras, associate_cameras_again, usable_cameras
 from vip_factors.stages.decode import SharedCovariance, motion_of
 from vip_factors.stages.fusion import FusionSolution, fusion_problem
 from vip_factors.stages.fusion_start import start_fusion
@@ -211,17 +211,18 @@ def _offsets_before(scene: Scene, settings: Settings, on_progress: Callable[[flo
         return None
     initial = start_fusion(associated, [true], settings)
     initial = replace(initial, wearers=(true,), state=replace(initial.state, wearers=(true.state,)))
-    path, clock, solution = scene.cameras[0].known_path, VideoClock(), None
+    paths, solution = [each.camera.known_path for each in associated], None
+    placements = [CameraPlacement(path, each.camera.model, VideoClock())
+                  for path, each in zip(paths, associated, strict=True) if path is not None]  # fmt: skip
     for done in range(ROUNDS):
-        if path is not None:
-            lens = associated[0].camera.model if solution is None else solution.lens
-            associated = associate_cameras_again(associated, lens, path, clock, [motion], settings, lambda done: None)
+        if len(placements) == len(associated):
+            associated = associate_cameras_again(associated, placements, [motion], settings, lambda done: None)
         if not any(np.any(one.association.wearer == 0) for one in associated):
             return None
         start = _of_joints(fusion_problem(initial, solution, associated, settings))
         state = solver.solve(SceneObjective(start.model, wearers_move=False), start.state, "keypoint offsets")
         solution = replace(start, state=state)
-        path, clock = solution.camera_path, solution.clock
+        placements = list(solution.placements)
         on_progress(0.5 + 0.5 * (done + 1) / ROUNDS)
     assert solution is not None
     scattered = max(one[0] for one in solution.measured_spreads())
@@ -269,9 +270,8 @@ def _of_joints(solution: FusionSolution) -> FusionSolution:
         return replace(view, seen=view.seen & (view.offsets[0] >= 0))
 
     model = solution.model
-    further = tuple(replace(one, views=tuple(with_offsets_only(view) for view in one.views)) for one in model.further)
-    model = replace(model, views=tuple(with_offsets_only(view) for view in model.views), further=further)
-    return replace(solution, model=model)
+    views = tuple(tuple(map(with_offsets_only, of_camera)) for of_camera in model.views)
+    return replace(solution, model=replace(model, views=views))
 
 
 def _decoded(solution: FusionSolution) -> KeypointOffsets:

@@ -22,18 +22,18 @@ class Charts:
 
     Attributes:
         turns: by wearer ``(T, 24, 3, 3)`` of the joints.
-        poses: ``(T, 6, 6)`` of a moving camera, or None.
+        poses: by camera ``(T, 6, 6)``, of those that move.
         static: by owner and block ``(items, c, c)``.
     """
 
     turns: Mapping[int, Array]
-    poses: Array | None
+    poses: Mapping[OwnerId, Array]
     static: Mapping[tuple[OwnerId, str], Array]
 
     @classmethod
     def at(cls, layout: Layout, frames: Array, static: Array) -> "Charts":
         """At coordinates ``(T, w)`` of frames and ``(s,)`` of what they share."""
-        turns, poses = {}, None
+        turns, poses = {}, {}
         bodies = [number for number, one in enumerate(layout.chains) if one.owner.kind is Owner.WEARER]
         vectors = [
             frames[:, layout.chain_columns[number]][:, :ROOT].reshape(len(frames), JOINT_COUNT, 3) for number in bodies
@@ -43,7 +43,7 @@ class Charts:
             turns = {layout.chains[number].owner.number: own for number, own in zip(bodies, stacked, strict=True)}
         for number, one in enumerate(layout.chains):
             if one.owner.kind is Owner.CAMERA:
-                poses = pose_right_jacobian(frames[:, layout.chain_columns[number]])
+                poses[one.owner] = pose_right_jacobian(frames[:, layout.chain_columns[number]])
         blocks = {
             (owner, block.name): block.chart(static[columns])
             for owner, block, columns in layout.placed
@@ -65,7 +65,7 @@ class Charts:
         static = self.static.get((owner, block))
         if static is not None:
             return static[item]
-        return self.poses[frame] if block == "poses" and self.poses is not None else None
+        return self.poses[owner][frame] if block == "poses" and owner in self.poses else None
 
     def jacobian(self, block: JacobianBlock, first: int) -> Array:
         """A block's derivative ``(t, n, m, c)`` by the coordinates."""
@@ -73,8 +73,8 @@ class Charts:
         static = self.static.get((block.owner, block.block))
         if static is not None:
             return block.jacobian @ static
-        if block.block == "poses" and self.poses is not None:
-            return block.jacobian @ self.poses[frames, None]
+        if block.block == "poses" and block.owner in self.poses:
+            return block.jacobian @ self.poses[block.owner][frames, None]
         if block.block in JOINT_NAMES:
             return block.jacobian @ self.turns[block.owner.number][frames, None, joint_index(block.block)]
         return block.jacobian

@@ -19,7 +19,7 @@ from vip_factors.compiled import kernels
 from vip_factors.factor_settings import SQUARE, RobustLoss
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import STATIC, Layout, Owner, OwnerId
-from vip_factors.problem.variables import ROWS
+from vip_factors.problem.variables import DETECTOR, ROWS
 from vip_factors.problem.wearer import BodyPoints
 from vip_factors.solve.slices import REACH, Blocks
 from vip_factors.terms.camera_velocity import camera_velocity_sigmas
@@ -27,11 +27,12 @@ from vip_factors.terms.equations import Evaluation, Term
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.terms.hinge import hinge_sigmas, hinges_of_rows
 
-CAMERA = -1  # beside the numbers of wearers
 _PARENTS = np.array(PARENTS)
 _NONE = np.zeros((0, 0, 0))
 _NEVER = np.zeros((0, 0, 0, 0))
 _NO_FRAME = np.zeros(0, bool)
+VIEWED = ("poses", "clock", "clock_drift", "zoom")  # of a camera, by reprojections
+_NO_CAMERA = np.zeros((0, len(VIEWED)), dtype=int)
 
 
 class CompiledAccumulator(Accumulator):
@@ -42,7 +43,7 @@ class CompiledAccumulator(Accumulator):
     ) -> None:
         super().__init__(layout, blocks, begin, bodies, charts)
         self._target = blocks.target
-        self._sums = dict[int, Any]()  # by wearer; and the camera
+        self._sums = dict[OwnerId, Any]()
 
     def add_term(self, term: Term[Any], at: Any) -> None:
         """See the base."""
@@ -61,43 +62,51 @@ class CompiledAccumulator(Accumulator):
 
     def _body(self, at: WearerEvaluation) -> Any:
         """Where a wearer's terms are summed."""
-        if at.number not in self._sums:
+        if at.owner not in self._sums:
             chain, variation = self.layout.chain_of(at.owner), at.problem.variation
             first = -1 if chain is None else self.layout.chain_columns[chain].start
             turns = _NEVER if self.charts is None or chain is None else self.charts.turns[at.number]
             directions = variation.directions if at.problem.body_moves and variation is not None else _NONE
-            self._sums[at.number] = kernels.BodySums(
+            self._sums[at.owner] = kernels.BodySums(
                 self._target, self.begin, at.body.R_world_bone, at.body.p_world_joint, turns, first,
-                self.layout.frame_width, _PARENTS, self.first_columns(at.number), directions,
+                self.layout.frame_width, _PARENTS, self.first_columns(at.owner), directions, self._camera_columns(),
             )  # fmt: skip
-        return self._sums[at.number]
+        return self._sums[at.owner]
 
     def _camera(self, at: CameraEvaluation) -> Any:
-        """Where the terms of the camera alone are summed."""
-        if CAMERA not in self._sums:
+        """Where the terms of a camera alone are summed."""
+        if at.owner not in self._sums:
             R, p = np.zeros((at.frames, 0, 3, 3)), np.zeros((at.frames, 0, 3))
-            width, columns = self.layout.frame_width, self.first_columns(CAMERA)
-            self._sums[CAMERA] = kernels.BodySums(
-                self._target, self.begin, R, p, _NEVER, -1, width, _PARENTS, columns, _NONE
+            width, columns = self.layout.frame_width, self.first_columns(at.owner)
+            self._sums[at.owner] = kernels.BodySums(
+                self._target, self.begin, R, p, _NEVER, -1, width, _PARENTS, columns, _NONE, _NO_CAMERA
             )
-        return self._sums[CAMERA]
+        return self._sums[at.owner]
 
-    def first_columns(self, wearer: int) -> np.ndarray:
-        """First columns of all blocks in a slice, as one wearer sees them; below nought of one that does not move."""
-        columns, layout = np.full(len(ROWS), -1), self.layout
-        for number, (name, kind) in enumerate(_names()):
-            found = layout.columns_of(OwnerId(kind, wearer) if kind is Owner.WEARER else OwnerId(kind), name)
-            if found is not None:
-                static = (REACH + 1) * layout.frame_width
-                start = static if found.chain == STATIC else layout.chain_columns[found.chain].start
-                columns[number] = start + found.start
-        return columns
+    def first_columns(self, owner: OwnerId) -> np.ndarray:
+        """First columns of the blocks of an owner and of the detector in a slice; below nought of any other, and of
+        one that does not move."""
+        owners = {owner.kind: owner, Owner.DETECTOR: DETECTOR}
+        return np.array([self._first_column(owners.get(kind), name) for name, kind in _names()])
+
+    def _camera_columns(self) -> np.ndarray:
+        """``(C, 4)`` of what reprojections see of each camera."""
+        owners = [owner for owner, _ in self.layout.blocks if owner.kind is Owner.CAMERA]
+        columns = [self._first_column(owner, name) for owner in owners for name in VIEWED]
+        return np.array(columns, dtype=int).reshape(-1, len(VIEWED))
+
+    def _first_column(self, owner: OwnerId | None, name: str) -> int:
+        found, layout = None if owner is None else self.layout.columns_of(owner, name), self.layout
+        if found is None:
+            return -1
+        static = (REACH + 1) * layout.frame_width
+        return found.start + (static if found.chain == STATIC else layout.chain_columns[found.chain].start)
 
     def chart(self, owner: OwnerId, block: str) -> Array:
         """Of a static block's items, or of a camera's poses; nothing where steps are coordinates."""
         if self.charts is None:
             return _NONE
-        poses = self.charts.poses if block == "poses" else None
+        poses = self.charts.poses.get(owner) if block == "poses" else None
         found = self.charts.static.get((owner, block), poses)
         return _NONE if found is None else found
 
@@ -203,13 +212,13 @@ def _reprojection(sums: Any, at: ViewEvaluation, scatter: CompiledAccumulator) -
     view, poses, lens = at.view, at.state.poses, at.lens
     if not view.points or not view.seen.any():
         return
-    settings, every, is_first = at.camera.settings.reprojection, slice(None), at.owner.number == 0
+    settings, every = at.camera.settings.reprojection, slice(None)
     numbers = np.array([*lens.focal, *lens.centre, *lens.distortion, *[0.0] * (8 - len(lens.distortion))])
     sums.reprojection(
         _numbers(view.body_points.bones), at.points_on(view.body_points).p_bone_point,
         _shift(at.wearer, view.body_points), poses.R_world_camera, poses.p_world_camera, numbers, view.pixels,
         view.sigma, view.seen, view.pixels_per_second, at.seconds_late(every), at.since_middle(every),
-        *_believed(settings.loss, at), is_first, scatter.chart(at.owner, "poses") if is_first else _NONE, *view.offsets,
+        *_believed(settings.loss, at), at.owner.number, scatter.chart(at.owner, "poses"), *view.offsets,
     )  # fmt: skip
 
 

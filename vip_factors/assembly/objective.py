@@ -14,7 +14,7 @@ from vip_factors.compiled import Kernels, kernels
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
-from vip_factors.problem.variables import scene_layout
+from vip_factors.problem.variables import camera_owner, scene_layout
 from vip_factors.solve.slices import Blocks, Slices
 from vip_factors.terms.equations import Equations, Term
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
@@ -36,14 +36,17 @@ class SceneEvaluation:
         ]
         self.bodies = [wearer.body for wearer in self.wearers]  # once, and before threads ask for them
         self._offsets = state.detector.keypoint_offsets, problem.free_keypoints
-        self.camera = CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step, *self._offsets)
-        self._viewpoints = problem.viewpoints(state.camera)
+        self.cameras = [
+            CameraEvaluation(number, camera, own, problem.frames, problem.step, *self._offsets)
+            for number, (camera, own) in enumerate(zip(problem.cameras, state.cameras, strict=True))
+        ]
+        self._viewpoints = problem.viewpoints(state)
         self._wearers_move = wearers_move
 
     def equations(self) -> Iterator[tuple[str, Equations]]:
         """Of all factors, with their kinds."""
         bodies = (self.of_body(number) for number in range(len(self.wearers)))
-        for term, at in itertools.chain(*bodies, self.of_camera()):
+        for term, at in itertools.chain(*bodies, self.of_cameras()):
             yield from ((term.kind, one) for one in term.all(at))
 
     def of_body(self, number: int) -> Iterator[tuple[Term[Any], Any]]:
@@ -52,18 +55,17 @@ class SceneEvaluation:
         if self._wearers_move:
             yield from ((term, at) for term in WEARER_TERMS)
         for camera, one in enumerate(self._viewpoints):
-            owner = OwnerId(Owner.CAMERA, camera)
-            view = ViewEvaluation(at, owner, one.problem, one.state, one.views[number], *self._offsets)
+            view = ViewEvaluation(at, camera_owner(camera), one.problem, one.state, one.views[number], *self._offsets)
             yield from ((seen, view) for seen in VIEW_TERMS)
 
-    def of_camera(self) -> Iterator[tuple[Term[Any], Any]]:
-        """Those that see the camera alone."""
-        return ((term, self.camera) for term in CAMERA_TERMS)
+    def of_cameras(self) -> Iterator[tuple[Term[Any], Any]]:
+        """Those that see a camera alone."""
+        return ((term, camera) for camera in self.cameras for term in CAMERA_TERMS)
 
-    def add_to(self, sums: Accumulator, wearers: Sequence[int], with_camera: bool) -> None:
-        """Sum what sees some wearers, and what sees the camera alone if asked to."""
-        if with_camera:
-            for term, at in self.of_camera():
+    def add_to(self, sums: Accumulator, wearers: Sequence[int], with_cameras: bool) -> None:
+        """Sum what sees some wearers, and what sees cameras alone if asked to."""
+        if with_cameras:
+            for term, at in self.of_cameras():
                 sums.add_term(term, at)
         for number in wearers:
             for term, at in self.of_body(number):
@@ -76,7 +78,7 @@ class SceneObjective:
 
     Args:
         problem: of the scene.
-        wearers_move: False keeps the wearers as they are: the camera alone follows them.
+        wearers_move: False keeps the wearers as they are: the cameras alone follow them.
         kernels: to sum and to eliminate with.
         chunk: frames summed together: enough to amortise calls, few enough to stay in a processor's cache.
     """
@@ -104,7 +106,7 @@ class SceneObjective:
 
         def add(blocks: Blocks, part: Part, begin: int) -> None:
             sums = accumulator(part.layout, blocks, begin, evaluation.bodies, kernels=self._kernels)
-            evaluation.add_to(sums, part.wearers, part.has_camera)
+            evaluation.add_to(sums, part.wearers, part.has_cameras)
             if extra is not None:
                 extra.add_to(blocks, begin)
 
@@ -137,13 +139,13 @@ def joined_slices(
 ) -> list[Slices]:  # fmt: skip
     """The slices of a scene's problem at a state, in the memory of earlier ``slices`` if that is enough.
 
-    They are apart for each wearer, whose layout has the camera's variables too, and last for the camera alone. A single
-    layout is of all.
+    They are apart for each wearer, whose layout has the cameras' variables too, and last for the cameras alone. A
+    single layout is of all.
     """
     slices = [one.emptied(problem.frames) for one in slices]
     evaluation, wearers = SceneEvaluation(problem, state), range(len(problem.wearers))
     apart = [[number] for number in wearers] + [[]] if len(layouts) > 1 else [list(wearers)]
     for layout, one, own in zip(layouts, slices, apart, strict=True):
         sums = accumulator(layout, one.blocks(problem.frames), 0, evaluation.bodies, charts, kernels)
-        evaluation.add_to(sums, own, with_camera=one is slices[-1])
+        evaluation.add_to(sums, own, with_cameras=one is slices[-1])
     return slices

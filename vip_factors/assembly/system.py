@@ -41,11 +41,11 @@ class Part:
         layout: of the part.
         frame, static: its columns in the vector of a frame and in that of what all frames share.
         wearers: numbers of those whose terms it has.
-        has_camera: whether it has the terms of the camera alone.
+        has_cameras: whether it has the terms of cameras alone.
         shape: of the chain.
         drifting: those of the wearers whose headings drift.
         stretches: of frames, in which headings are constant.
-        wearer_parts: of several wearers before a moving camera each one's variables with the camera's, with columns
+        wearer_parts: of several wearers before moving cameras each one's variables with the cameras', with columns
             among those of the part: they are quicker eliminated apart.
         memory: of the last elimination.
     """
@@ -54,7 +54,7 @@ class Part:
     frame: np.ndarray
     static: np.ndarray
     wearers: list[int]
-    has_camera: bool
+    has_cameras: bool
     shape: Shape
     drifting: list[int]
     stretches: list[slice]
@@ -93,14 +93,14 @@ def parts_of(problem: SceneProblem, layout: Layout, chunk: int) -> list[Part]:
             for begin, end in itertools.pairwise(sorted(cuts))
             for begin in range(begin, end, chunk)
         ]
-        if moving and problem.extra is None and len(part.layout.chains) > 2:  # one of them the camera
+        if moving and problem.extra is None and sum(one.owner.kind is Owner.WEARER for one in part.layout.chains) > 1:
             for each in owners_together(part.layout, together=False):
                 part.wearer_parts.append(_part_of(problem, part.layout, each, moving, not part.wearer_parts))
         parts.append(part)
     return parts
 
 
-def _part_of(problem: SceneProblem, layout: Layout, owners: set[OwnerId], moving: bool, has_camera: bool) -> Part:
+def _part_of(problem: SceneProblem, layout: Layout, owners: set[OwnerId], moving: bool, has_cameras: bool) -> Part:
     """The part of some owners, whose columns are among those of a layout, without its stretches."""
     own = layout.of_owners(owners)
     wearers = [one.owner.number for one in own.chains if one.owner.kind is Owner.WEARER]
@@ -110,7 +110,7 @@ def _part_of(problem: SceneProblem, layout: Layout, owners: set[OwnerId], moving
                 if problem.wearers[number].free_headings and problem.wearers[number].headings_drift]  # fmt: skip
     return Part(
         layout=own, frame=layout.frame_columns(owners), static=layout.static_columns(owners),
-        wearers=wearers or list(range(len(problem.wearers))), has_camera=has_camera,
+        wearers=wearers or list(range(len(problem.wearers))), has_cameras=has_cameras,
         shape=Shape(own.frame_width, own.static_width, far, tied), drifting=drifting, stretches=[],
     )  # fmt: skip
 
@@ -184,7 +184,7 @@ class SceneSystem:
             part.memory = BandElimination(part.shape, damping, part.memory, self._kernels)
         else:
             chains = [Chain(one.frame, one.static) for one in parts]
-            met = parts[0].layout.chains[-1].width
+            met = sum(one.width for one in parts[0].layout.chains if one.owner.kind is Owner.CAMERA)
             part.memory = EliminationApart(part.shape, damping, part.memory, chains, met, self._kernels)
         return part.memory
 

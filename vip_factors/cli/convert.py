@@ -1,6 +1,7 @@
 """``vip-factors convert``: foreign sensor logs in, one recording out; with a video's 2D poses, a scene."""
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -14,7 +15,23 @@ from vip_factors.io.settings import CameraOptions
 if TYPE_CHECKING:
     from vip_factors.io.convert import ImportOptions
 
-OF_DETECTOR = {"keypoints", "video_rate", "first_frame"}  # options that hold for further cameras too
+# Options of a camera that several cameras have each for itself: said once they stand for all, else for each in turn.
+PATHS = Annotated[tuple[Path, ...], tyro.conf.UseAppendAction]
+TEXTS = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
+OF_EACH_CAMERA = {
+    "detections": PATHS, "camera": PATHS, "video": PATHS, "keypoints": TEXTS, "camera_name": TEXTS,
+    "video_rate": Annotated[tuple[float, ...], tyro.conf.UseAppendAction],
+    "time_offset_s": Annotated[tuple[float, ...], tyro.conf.UseAppendAction],
+    "first_frame": Annotated[tuple[int, ...], tyro.conf.UseAppendAction],
+}  # fmt: skip
+OF_ONE_CAMERA = ("detections", "video", "camera_name")  # of these, what two cameras cannot share
+FilmedOptions = make_dataclass(
+    "FilmedOptions",
+    [(name, hint, field(default=())) for name, hint in OF_EACH_CAMERA.items()],
+    bases=(CameraOptions,),
+    frozen=True,
+)
+"""What filmed a scene: the options of one camera or of several."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +83,8 @@ class ConvertOptions(LogOptions, WritingOptions):
 
     A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv.
 
-    Several cameras: all but the first stand still where their camera files say (calibrate-camera --floor, with the
-    same board in the same place for all of them).
+    Several cameras: say --detections once for each, in any number. --camera, --video-rate, --keypoints, --first-frame
+    and --time-offset-s stand for all if said once, else for each in turn.
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -84,14 +101,9 @@ class ConvertOptions(LogOptions, WritingOptions):
     """Name of the recording; the log's own if absent."""
     join: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING")] = ()
     """Recording (.mcap) of another wearer at the same time, to be part of the scene; may be said several times."""
-    filmed: Annotated[CameraOptions, UNPREFIXED, tyro.conf.FlagCreatePairsOff] = field(default_factory=CameraOptions)
-    further_camera: Annotated[
-        tuple[tuple[Path, Path, float], ...],
-        tyro.conf.UseAppendAction,
-        tyro.conf.arg(metavar="CAMERA.toml DETECTIONS OFFSET_S"),
-    ] = ()
-    """Another camera that stands still at the pose over the floor that its file tells, its 2D poses, and the seconds
-    to add to its video's times; rate and keypoints are the first one's; may be said several times."""
+    filmed: Annotated[CameraOptions, UNPREFIXED, tyro.conf.FlagCreatePairsOff] = field(default_factory=FilmedOptions)
+    carried_camera: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")] = ()
+    """Name of a camera that is carried, though --static-camera is said of the others; may be said several times."""
 
 
 def main(options: ConvertOptions) -> None:
@@ -106,16 +118,9 @@ def main(options: ConvertOptions) -> None:
         return
     if options.out is None:
         raise InputError("no RECORDING.mcap to write is named: convert LOG RECORDING.mcap, or LOG --template NAME")
-    camera = camera_options(options)
-    further = [
-        CameraOptions(
-            detections, file, **{name: getattr(options.filmed, name) for name in OF_DETECTOR}, time_offset_s=offset_s,
-            camera_name=file.name.rpartition(":")[2] if ":" in file.name else file.stem,
-        )
-        for file, detections, offset_s in options.further_camera
-    ]  # fmt: skip
+    cameras = camera_options(options)
     with waiting(f"reading {options.log}"):
-        scene = convert(options.log, import_options(options), camera, join=options.join, further_cameras=further)
+        scene = convert(options.log, import_options(options), cameras, join=options.join)
         if scene.camera is None and len(scene.wearers) == 1:
             write_recording(scene.wearers[0], options.out, overwrite=options.overwrite)
             tables = recording_tables(scene.wearers[0])
@@ -151,17 +156,48 @@ def _write_templates(options: ConvertOptions) -> None:
             say(path)
 
 
-def camera_options(options: ConvertOptions) -> CameraOptions | None:
-    """What was said of the camera; None if nothing was.
+def camera_options(options: ConvertOptions) -> list[CameraOptions]:
+    """The options of each camera, in turn; none if nothing was said of any.
 
     Raises:
-        InputError: if detections are missing.
+        InputError: if detections are missing, or options do not fit their number.
     """
-    filmed = options.filmed
-    if filmed.detections is not None:
-        return filmed
-    given = [field.name for field in fields(filmed) if getattr(filmed, field.name) != field.default]
-    if not given or (options.further_camera and set(given) <= OF_DETECTOR):
-        return None
-    names = ", ".join("--" + name.replace("_", "-") for name in given)
-    raise InputError(f"{names} given without --detections, the 2D poses of the video's frames")
+    from vip_factors.io.camera_file import read_floor
+
+    filmed, cameras = options.filmed, list[CameraOptions]()
+    said = {field.name: getattr(filmed, field.name) for field in fields(filmed)}
+    given = [field.name for field in fields(filmed) if said[field.name] != field.default]
+    count = len(said["detections"])
+    if given and not count:
+        words = ", ".join(_option(name) for name in given)
+        raise InputError(f"{words} given without --detections, the 2D poses of the video's frames")
+    for name in OF_EACH_CAMERA:
+        if len(said[name]) not in ({0, count} if name in OF_ONE_CAMERA else {0, 1, count}):
+            raise InputError(
+                f"{_option(name)} is said {len(said[name])} times of {count} cameras (--detections): expected "
+                f"{'one' if name in OF_ONE_CAMERA else 'one for all, or one'} for each"
+            )
+    names = said["camera_name"] or (["camera"] if count == 1 else _names(said["detections"]))
+    unknown = sorted(set(options.carried_camera) - set(names))
+    if unknown:
+        raise InputError(f"--carried-camera {unknown[0]}: expected the name of a camera: {', '.join(names)}")
+    for number, name in enumerate(names):
+        own = {key: said[key][number % len(said[key])] for key in OF_EACH_CAMERA if said[key]}
+        shared = {key: said[key] for key in said if key not in OF_EACH_CAMERA and (number == 0 or "imu" not in key)}
+        shared["static_camera"] = filmed.static_camera and name not in options.carried_camera
+        if count > 1 and filmed.known_camera_pose and "camera" in own:
+            shared["known_camera_pose"] = read_floor(own["camera"]) is not None
+        cameras.append(CameraOptions(**shared | own | {"camera_name": name}))
+    return cameras
+
+
+def _option(name: str) -> str:
+    return "--" + name.replace("_", "-")
+
+
+def _names(detections: Sequence[Path]) -> list[str]:
+    """Names of several cameras: those of the files of their detections, or else of the folders that these are in."""
+    for parts in ([path.stem for path in detections], [path.resolve().parent.name for path in detections]):
+        if len(set(parts)) == len(parts):
+            return parts
+    return [f"camera {number + 1}" for number in range(len(detections))]

@@ -15,7 +15,6 @@ from vip_factors.cli.options import FailOn, Flag, Output, fail_on, parse
 from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
-from vip_factors.ranges import MaybeRate
 
 if TYPE_CHECKING:
     from vip_factors.cli.smooth import SmoothOptions
@@ -38,10 +37,11 @@ class RunOptions(LogOptions):
     placement: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PLACEMENT")] = ()
     """Where they sit: placement file (.toml, .json) or preset (sip6, tnt10, totalcapture13, mvn17); absent, the
     sensors' names must tell. The file may also hold the wearer's name, stature and initial pose."""
-    video: Path | None = None
-    """Video of the wearers."""
-    camera: Path | None = None
-    """Camera file (vip-factors calibrate-camera makes one); without it the focal length is estimated."""
+    video: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="VIDEO")] = ()
+    """Video of the wearers; say it once for each camera."""
+    camera: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="CAMERA")] = ()
+    """Camera file (vip-factors calibrate-camera makes one), of all cameras or of each in turn; without it the focal
+    length is estimated."""
     out: Path | None = None
     """Folder for all files, made if it is not there; VIDEO_motion beside the video if absent."""
     export: Annotated[
@@ -52,11 +52,13 @@ class RunOptions(LogOptions):
     """Write report.html, a page that tells what was found."""
     static_camera: Flag = False
     """The camera stands still."""
-    time_offset_s: float | None = None
-    """Seconds to add to the video's times to get the sensors', if you know them; absent, sync finds them."""
-    detections: Path | None = None
-    """2D poses that were found before, instead of detecting."""
-    video_rate: MaybeRate = None
+    carried_camera: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")] = ()
+    """Name of a camera, which is that of its video, that is carried, though --static-camera is said of the others."""
+    time_offset_s: Annotated[tuple[float, ...], tyro.conf.UseAppendAction] = ()
+    """Seconds to add to a video's times to get the sensors', if you know them; absent, sync finds them."""
+    detections: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="POSES")] = ()
+    """2D poses that were found before, instead of detecting; say it once for each camera."""
+    video_rate: Annotated[tuple[float, ...], tyro.conf.UseAppendAction] = ()
     """Frames a second of these, if neither they nor a video tell their times."""
     overlay: Flag = False
     """Also write poses.mp4, the video with the 2D poses drawn over it."""
@@ -107,15 +109,15 @@ def _check(options: RunOptions) -> None:
         )
     if options.then and len(options.log) > 1:
         raise InputError(f"{len(options.log)} --log and --then are given: convert the parts of each wearer before")
-    if options.video is None:
+    if not options.video:
         usual = RunOptions()
-        poses = options.detections is not None
-        of_poses = () if poses else ("camera", "static_camera", "time_offset_s", "video_rate")
+        poses = bool(options.detections)
+        of_poses = () if poses else ("camera", "static_camera", "carried_camera", "time_offset_s", "video_rate")
         of_video = (*of_poses, "overlay")
         names = [f"--{name.replace('_', '-')}" for name in of_video if getattr(options, name) != getattr(usual, name)]
         if names:
             raise InputError(f"{', '.join(names)} given without --video{'' if poses else ' or --detections'}")
-    if options.detections is not None and (options.overlay or options.detect_options):
+    if options.detections and (options.overlay or options.detect_options):
         raise InputError("--detections given: nothing is detected, so leave out --overlay and --detect-options")
     if any(word.startswith("--fail-on") for word in _words(options.smooth_options)):
         raise InputError(f"{options.smooth_options}: say --fail-on to run itself")
@@ -123,7 +125,7 @@ def _check(options: RunOptions) -> None:
 
 def usual_folder(options: RunOptions) -> Path:
     """Beside the video, or else the first log."""
-    source = options.video or options.log[0]
+    source = (options.video or options.log)[0]
     if not source.name:  # this folder
         source = source.resolve()
     return source.with_name(f"{source.stem if source.is_file() else source.name}_motion")
@@ -157,10 +159,10 @@ def run_options(options: RunOptions) -> "Run":
             for log, parsed in zip(options.log, converted, strict=True)
         ),
         out=folder,
-        camera=camera_options(converted[0]) if filmed else None,
+        cameras=tuple(camera_options(converted[0])) if filmed else (),
         detector=_detector(options),
-        overlay=folder / "poses.mp4" if options.overlay else None,
-        sync=options.time_offset_s is None,
+        overlay=options.overlay,
+        sync=not options.time_offset_s,
         settings=_smooth_options(options).settings,
         report=options.report,
         exports=options.export,
@@ -175,22 +177,28 @@ def _known(options: LogOptions) -> dict[str, Any]:
 
 
 def _filmed_words(options: RunOptions, folder: Path) -> list[str]:
-    """What ``convert`` is told of the camera."""
-    if options.video is None and options.detections is None:
+    """What ``convert`` is told of the cameras."""
+    if not (options.video or options.detections):
         return []
-    words = ["--detections", str(options.detections or folder / "poses.json")]
-    words += (
-        _given("--camera", options.camera)
-        + _given("--video", options.video)
-        + _given("--video-rate", options.video_rate)
-    )
-    return words + _given("--time-offset-s", options.time_offset_s) + ["--static-camera"] * options.static_camera
+    names = ["poses"] if len(options.video) == 1 else [f"poses-{number + 1}" for number in range(len(options.video))]
+    words = ["--static-camera"] * options.static_camera
+    for option, values in {
+        "--detections": options.detections or [folder / f"{name}.json" for name in names],
+        "--camera": options.camera,
+        "--video": options.video,
+        "--video-rate": options.video_rate,
+        "--time-offset-s": options.time_offset_s,
+        "--carried-camera": options.carried_camera,
+        "--camera-name": [video.stem for video in options.video] if len(options.video) > 1 else (),
+    }.items():
+        words += [word for value in values for word in _given(option, value)]
+    return words
 
 
 def _detector(options: RunOptions) -> DetectSettings | None:
-    if options.video is None or options.detections is not None:
+    if not options.video or options.detections:
         return None
-    return parse(DetectOptions, "vip-factors detect", [str(options.video), *_words(options.detect_options)]).settings
+    return parse(DetectOptions, "vip-factors detect", [str(options.video[0]), *_words(options.detect_options)]).settings
 
 
 def _smooth_options(options: RunOptions) -> "SmoothOptions":

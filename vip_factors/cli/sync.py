@@ -49,22 +49,24 @@ def main(options: SyncOptions) -> None:
     if scene.camera is None:
         raise InputError(f"{options.scene} has no camera: there is no clock to compare with the sensors'")
     seconds = options.seconds
-    clock = VideoClock(seconds or 0.0)
-    if seconds is None or options.picture is not None:
-        with waiting("comparing video and sensors"):
-            found = find_clock_offset(scene, options.max_offset)
-        say(offset_text(found, scene.camera.clock.offset))
-        if options.picture is not None:
-            draw_offset(found, options.picture, options.overwrite)
-            say(options.picture)
-        if seconds is None and not found.determined:
-            if options.dry_run:
-                return
-            raise InputError(f"{options.scene}: {found.sentence}; or give the offset as --seconds")
-        clock = found.clock if seconds is None else VideoClock(seconds)
+    for number, camera in enumerate(scene.cameras):
+        clock, label = VideoClock(seconds or 0.0), f"camera '{camera.name}': " if scene.further_cameras else ""
+        if seconds is None or options.picture is not None:
+            with waiting("comparing video and sensors"):
+                found = find_clock_offset(scene, options.max_offset, number)
+            say(label + offset_text(found, camera.clock.offset))
+            if options.picture is not None and number == 0:
+                draw_offset(found, options.picture, options.overwrite)
+                say(options.picture)
+            if seconds is None and not found.determined:
+                if options.dry_run:
+                    continue
+                raise InputError(f"{options.scene}: {label}{found.sentence}; or give the offset as --seconds")
+            clock = found.clock if seconds is None else VideoClock(seconds)
+        scene = with_clock(scene, clock, number)
     if options.dry_run or out is None:
         return
-    write_recording(with_clock(scene, clock), out, overwrite=options.overwrite)
+    write_recording(scene, out, overwrite=options.overwrite)
     say(out)
 
 

@@ -86,7 +86,7 @@ def _body(text: str) -> str:
 
 
 def _node(graph: FactorGraph, variable: Variable) -> Node:
-    path = variable.is_of_the_camera_path and graph.problem.camera.moving
+    path = variable.is_of_the_camera_path and graph.problem.cameras[variable.wearer].moving
     return variable.kind, variable.frame if variable.is_of_a_frame or path else None
 
 

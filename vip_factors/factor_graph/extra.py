@@ -62,11 +62,12 @@ class LinearFactor:
 
 def _checked(key: int, state: SceneState, first: int) -> Variable:
     one, frames = variable_of(key), max([1, *(own.frames for own in state.wearers)])
-    wearers, name = len(state.wearers), gtsam.DefaultKeyFormatter(key)
+    name = gtsam.DefaultKeyFormatter(key)
     if one is None:
         raise InputError(f"an extra factor has the key {name}: expected a key of vip_factors.factor_graph.keys")
-    if one.wearer >= wearers:
-        raise InputError(f"an extra factor is on wearer {one.wearer} ({name}): there are {wearers}, counted from 0")
+    kind, number, count = one.owner.kind, one.owner.number, state.count(one.owner.kind)
+    if number >= count:
+        raise InputError(f"an extra factor is on {kind} {number} ({name}): there are {count}, counted from 0")
     if one.is_of_a_frame and not first <= one.frame < first + frames:
         raise InputError(
             f"an extra factor is on frame {one.frame} ({name}): expected one of {first} to {first + frames - 1}"

@@ -18,7 +18,7 @@
 | ``d`` | ``double`` | | seconds more in every second from there |
 | ``z`` | ``double`` | | logarithm of the focal length over the supposed one |
 
-Those of the second and further wearers carry the wearer's number above bit 44.
+Those of the second and further wearers or cameras carry their owner's number above bit 44.
 """
 
 import gtsam
@@ -41,14 +41,14 @@ def root_key(frame: int, wearer: int = 0) -> int:
     return int(gtsam.symbol("t", wearer * WEARER + frame))
 
 
-def camera_key(frame: int) -> int:
+def camera_key(frame: int, camera: int = 0) -> int:
     """Key of the ``Pose3`` T_world_camera; a camera that stands still has the one of frame 0."""
-    return int(gtsam.symbol("c", frame))
+    return int(gtsam.symbol("c", camera * WEARER + frame))
 
 
 def variable_key(block: str, item: int = 0, wearer: int = 0, step: int = 0) -> int:
     """Key of what all frames share, by its row of :data:`~vip_factors.problem.variables.ROWS` (``headings``,
-    ``R_bone_sensor``, ``body``, ``clock`` …); ``item`` is the sensor or keypoint, ``step`` counts those of a
-    heading that drifts.
+    ``R_bone_sensor``, ``body``, ``clock`` …); ``item`` is the sensor or keypoint, ``wearer`` the number of the wearer
+    or camera, ``step`` counts those of a heading that drifts.
     """
     return int(gtsam.symbol(ROWS[block].letter, wearer * WEARER + step * STEP + item))

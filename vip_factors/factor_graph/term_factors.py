@@ -17,6 +17,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
+from vip_factors.problem.variables import camera_owner
 from vip_factors.terms.equations import (
     BoneEquations,
     DenseEquations,
@@ -57,12 +58,13 @@ def term_factors(problem: SceneProblem, state: SceneState, layout: Layout) -> It
             if layout.chain_of(OwnerId(Owner.WEARER, wearer)) is not None:
                 for term in WEARER_TERMS:
                     yield from _of_term(term, partial(_wearer, number=wearer), problem, state, layout, t)
-            for camera in range(1 + len(problem.further)):
+            for camera in range(len(problem.cameras)):
                 for view_term in VIEW_TERMS:
                     view = partial(_view, number=wearer, camera=camera)
                     yield from _of_term(view_term, view, problem, state, layout, t)
-        for camera_term in CAMERA_TERMS:
-            yield from _of_term(camera_term, _camera, problem, state, layout, t)
+        for camera in range(len(problem.cameras)):
+            for camera_term in CAMERA_TERMS:
+                yield from _of_term(camera_term, partial(_camera, number=camera), problem, state, layout, t)
 
 
 def _wearer(problem: SceneProblem, state: SceneState, number: int) -> WearerEvaluation:
@@ -70,15 +72,16 @@ def _wearer(problem: SceneProblem, state: SceneState, number: int) -> WearerEval
 
 
 def _view(problem: SceneProblem, state: SceneState, number: int, camera: int) -> ViewEvaluation:
-    one = problem.viewpoints(state.camera)[camera]
+    one = problem.viewpoints(state)[camera]
     wearer = _wearer(problem, state, number)
     offsets = state.detector.keypoint_offsets, problem.free_keypoints
-    return ViewEvaluation(wearer, OwnerId(Owner.CAMERA, camera), one.problem, one.state, one.views[number], *offsets)
+    return ViewEvaluation(wearer, camera_owner(camera), one.problem, one.state, one.views[number], *offsets)
 
 
-def _camera(problem: SceneProblem, state: SceneState) -> CameraEvaluation:
+def _camera(problem: SceneProblem, state: SceneState, number: int) -> CameraEvaluation:
     offsets = state.detector.keypoint_offsets, problem.free_keypoints
-    return CameraEvaluation(problem.camera, state.camera, problem.frames, problem.step, *offsets)
+    camera, own = problem.cameras[number], state.cameras[number]
+    return CameraEvaluation(number, camera, own, problem.frames, problem.step, *offsets)
 
 
 def _of_term(
@@ -206,14 +209,14 @@ class _Window:
         return blocks
 
     def _by_block(self, one: JacobianBlock, jacobian: Array, n: int) -> Blocks:
-        number = one.owner.number if one.owner.kind is Owner.WEARER else 0
+        number = one.owner.number
         frame = self.begin + self.first.start + one.ahead
         if one.block in JOINT_NAMES:
             return [(Variable(JOINT, number, frame, joint_index(one.block)), jacobian)]
         if one.block == ROOT:
             return [(Variable(ROOT, number, frame), jacobian)]
         if one.block == POSES:
-            return [(Variable(POSES, frame=frame if self.problem.camera.moving else 0), jacobian)]
+            return [(Variable(POSES, number, frame if self.problem.cameras[number].moving else 0), jacobian)]
         width, step = Variable(one.block).width, 0
         if one.block == HEADINGS:  # where they drift, that of the factor's first frame
             step = int(self.problem.wearers[one.owner.number].heading_numbers(self.first)[0])

@@ -26,7 +26,7 @@ class Variable:
 
     Attributes:
         block: its row in the table of variables, or ``joint`` or ``root``.
-        wearer: whose; 0 of the camera's.
+        wearer: number of the wearer or camera whose it is.
         frame: it belongs to; 0 of what all frames share.
         item: joint, sensor or keypoint.
         step: of a heading that drifts: how many steps are before it.
@@ -52,7 +52,7 @@ class Variable:
             case "root":
                 return keys.root_key(self.frame, self.wearer)
             case "poses":
-                return keys.camera_key(self.frame)
+                return keys.camera_key(self.frame, self.wearer)
         return keys.variable_key(self.block, self.item, self.wearer, self.step)
 
     @property
@@ -97,7 +97,7 @@ def variables_of(layout: Layout, frames: int, heading_steps: dict[int, int] | No
     for t in range(frames):
         for chain in layout.chains:
             if chain.owner.kind is Owner.CAMERA:
-                yield Variable(POSES, frame=t)
+                yield Variable(POSES, chain.owner.number, t)
                 continue
             for joint in range(JOINT_COUNT):
                 yield Variable(JOINT, chain.owner.number, t, joint)
@@ -124,7 +124,7 @@ def variable_of(key: int) -> Variable | None:
     if row is None:
         return None
     if row.name == POSES:
-        return Variable(POSES, frame=index)
+        return Variable(POSES, wearer, rest)
     if row.name == HEADINGS:
         step, sensor = divmod(rest, keys.STEP)
         return Variable(HEADINGS, wearer, 0, sensor, step)
@@ -136,14 +136,14 @@ def values_of(state: SceneState, variables: Iterable[Variable], first: int = 0) 
     """GTSAM's values of variables at a state, whose first frame has the number ``first``."""
     values = gtsam.Values()
     for one in variables:
-        if one.owner.kind is not Owner.WEARER or one.wearer < len(state.wearers):
+        if one.owner.number < state.count(one.owner.kind):
             _insert(values, one, state, first)
     return values
 
 
 def _insert(values: gtsam.Values, one: Variable, state: SceneState, first: int) -> None:
     if one.block == POSES:
-        poses = state.camera.poses
+        poses = state.cameras[one.wearer].poses
         t = one.frame - first if len(poses) > 1 else 0
         R, p = poses.R_world_camera[t], np.asarray(poses.p_world_camera[t])
         values.insert(one.key, gtsam.Pose3(gtsam.Rot3(R), p))
@@ -179,7 +179,7 @@ def state_of(values: gtsam.Values, state: SceneState, variables: Iterable[Variab
     for one in variables:
         own = written.setdefault(one.owner, {})
         if one.block == POSES:
-            old, pose = state.camera.poses, values.atPose3(one.key)
+            old, pose = state.cameras[one.wearer].poses, values.atPose3(one.key)
             poses = own.setdefault(POSES, CameraPoses(old.R_world_camera.copy(), old.p_world_camera.copy()))
             t = one.frame - first if len(old) > 1 else 0
             poses.R_world_camera[t], poses.p_world_camera[t] = pose.rotation().matrix(), pose.translation()

@@ -174,8 +174,9 @@ class ClockOffset:
         return bool(np.isfinite(self.sigma))
 
 
-def find_clock_offset(scene: Scene, max_offset: float = MAX_OFFSET_S) -> ClockOffset:
-    """Find the seconds to add to the video's times to get the sensors', up to ``max_offset`` either way.
+def find_clock_offset(scene: Scene, max_offset: float = MAX_OFFSET_S, number: int = 0) -> ClockOffset:
+    """Find the seconds to add to the video's times of the camera of a number to get the sensors', up to ``max_offset``
+    either way.
 
     An offset that the scene says already is not used. No association is needed: bodies are followed through the image
     by nearness, and compared with every wearer.
@@ -184,7 +185,7 @@ def find_clock_offset(scene: Scene, max_offset: float = MAX_OFFSET_S) -> ClockOf
         InputError: if ``max_offset`` is not above 0.
         RecordingError: if the scene has no camera, or nobody is seen for long enough.
     """
-    film = _comparison(scene, max_offset)
+    film = _comparison(scene, max_offset, number)
     offset = _checked(_best_offset(film.curve(film.tracks)), film)
     return _with_drift(offset, film) if offset.determined else offset
 
@@ -195,7 +196,7 @@ def film_finding(scene: Scene) -> Finding | None:
     Raises:
         RecordingError: as :func:`find_clock_offset`.
     """
-    film = _comparison(scene, MAX_OFFSET_S)
+    film = _comparison(scene, MAX_OFFSET_S, 0)
     return _checked(_best_offset(film.curve(film.tracks)), film).finding
 
 
@@ -217,12 +218,12 @@ class _Comparison:
         return replace(quick, gain=quick.gain + slow.gain)
 
 
-def _comparison(scene: Scene, max_offset: float) -> _Comparison:
+def _comparison(scene: Scene, max_offset: float, number: int) -> _Comparison:
     if not (np.isfinite(max_offset) and max_offset > 0):
         raise InputError(f"max_offset of {max_offset} s: expected seconds above 0")
-    camera = scene.camera
-    if camera is None:
+    if number >= len(scene.cameras):
         raise RecordingError(f"scene '{scene.name}' has no camera: there is no clock to compare")
+    camera = scene.cameras[number]
     tracks = simple_tracks(camera.detections)
     if not tracks:
         raise RecordingError(

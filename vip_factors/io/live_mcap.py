@@ -190,7 +190,7 @@ class LiveMcapSink:
         if not self._has_camera:
             self._has_camera = True
             self._out.begin_camera(chunk.start, 1 if stands else None)
-        self._out.write_frames({}, chunk)
+        self._out.write_frames({}, [chunk])
 
     def _updates(self, estimates: list[LiveEstimate]) -> Iterator[TimedMessage]:
         messages = (

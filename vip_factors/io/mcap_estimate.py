@@ -58,10 +58,11 @@ INFO, CALIBRATION, REPORT, POSE, RESIDUALS = "/info", "/calibration", "/report",
 TRANSFORMS = "/tf"  # for viewers; never read back
 # Of the whole.
 SCENE_INFO, SCENE_REPORT = "/estimate/scene/info", "/estimate/scene/report"
-CAMERA_INFO, INTRINSICS = "/estimate/camera/info", "/estimate/camera/intrinsics"
-CAMERA_CALIBRATION, CAMERA_RESIDUALS = "/estimate/camera/calibration", "/estimate/camera/residuals"
-CAMERA_POSE = "/estimate/camera/pose"
-CAMERA_PATH = "/estimate/camera/path"  # the same for viewers; never read back
+CAMERA = "/estimate/camera"  # what the topics of the scene's first camera begin with
+FURTHER_CAMERA = "/estimate/cameras/"  # and those of the others; a name follows
+# Below each camera's prefix.
+INTRINSICS, CAMERA_POSE = "/intrinsics", "/pose"
+CAMERA_PATH = "/path"  # the same for viewers; never read back
 RECORDING_INFO = "/recording/info"
 
 
@@ -100,6 +101,17 @@ CAMERA_HEAD = Codec(CameraEstimateInfo, CameraEstimate, more=clock_fields, mend=
 """What a camera's estimate is; how many poses and residuals there are is given."""
 
 
+def _further_cameras(contents: McapContents) -> list[str]:
+    """What the topics of further cameras begin with, in the order of their names."""
+    infos = (topic for topic in contents.topics if topic.startswith(FURTHER_CAMERA) and topic.endswith(INFO))
+    return sorted(topic.removesuffix(INFO) for topic in infos)
+
+
+def _is_of_frames(topic: str) -> bool:
+    """Whether messages are of frames, or say of a camera how many poses follow."""
+    return topic.endswith((POSE, RESIDUALS)) or (topic.startswith(CAMERA) and topic.endswith(INFO))
+
+
 def is_read(channel: McapChannel) -> bool:
     """Whether a channel is of an estimate, and not for viewers alone."""
     shown = channel.topic.endswith((TRANSFORMS, CAMERA_PATH))
@@ -123,7 +135,8 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
             return Estimate.of_one(_wearer_of(contents))
         return Estimate(
             wearers=tuple(_wearer_of(contents, prefix) for prefix in info.wearer_topics),
-            camera=_camera(topics),
+            camera=_camera(contents, CAMERA),
+            further_cameras=tuple(filter(None, (_camera(contents, prefix) for prefix in _further_cameras(contents)))),
             reports=topics.objects(SCENE_REPORT, codec.REPORT),
             **SCENE_HEAD.values(info),
         )
@@ -131,8 +144,7 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
 
 def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
     """What an estimate says of the whole, without its frames, and how many these are, of all wearers."""
-    left_out = (POSE, RESIDUALS, CAMERA_POSE, CAMERA_INFO)
-    contents = read_few(path, lambda channel: is_read(channel) and not channel.topic.endswith(left_out))
+    contents = read_few(path, lambda channel: is_read(channel) and not _is_of_frames(channel.topic))
     with warnings.catch_warnings():  # that frames are missing
         warnings.simplefilter("ignore")
         head = read_estimate(contents)
@@ -176,26 +188,28 @@ def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
     )
 
 
-def _camera(topics: Topics) -> CameraEstimate | None:
+def _camera(contents: McapContents, prefix: str) -> CameraEstimate | None:
+    """A camera's estimate, of the messages below the topic ``prefix``."""
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
-    path, info = topics.path, topics.last(CAMERA_INFO, CameraEstimateInfo)
+    topics = Topics(contents, prefix)
+    path, info = topics.path, topics.last(INFO, CameraEstimateInfo)
     if info is None:
         return None
     intrinsics, poses = topics.last(INTRINSICS, CameraCalibration), topics.all(CAMERA_POSE, CameraPose)
     if intrinsics is None or not poses:
-        lacking = INTRINSICS if intrinsics is None else CAMERA_POSE
+        lacking = prefix + (INTRINSICS if intrinsics is None else CAMERA_POSE)
         warn(path, f"camera '{info.name}' is left out: nothing on {lacking}")
         return None
     if len(poses) < info.poses:
         warn(path, f"camera '{info.name}': {len(poses)} of {info.poses} poses are left")
-    calibration = topics.object(CAMERA_CALIBRATION, codec.CALIBRATION) or {}
+    calibration = topics.object(CALIBRATION, codec.CALIBRATION) or {}
     return CameraEstimate(
         model=intrinsics_of(intrinsics),
         path=camera_path_of(poses),
         calibration=next(iter(calibration.values()), None),
         covariance=camera_covariance_of(poses),
-        residual_px=camera_residuals_of(path, info, topics.all(CAMERA_RESIDUALS, Residuals)),
+        residual_px=camera_residuals_of(path, info, topics.all(RESIDUALS, Residuals)),
         **CAMERA_HEAD.values(info),
     )
 
@@ -221,9 +235,9 @@ def write_estimate(
     """
     if not (estimate.wearers if isinstance(estimate, Estimate) else estimate.head.wearers):
         raise InputError("the estimate has no wearer: expected at least one")
-    chunk_bytes, errors = LONG_CHUNK_BYTES, None
+    chunk_bytes, rows = LONG_CHUNK_BYTES, list[int]()
     if isinstance(estimate, Estimate):
-        errors = None if estimate.camera is None else estimate.camera.residual_px
+        rows = [0 if camera.residual_px is None else len(camera.residual_px) for camera in estimate.cameras]
         for wearer in estimate.wearers:
             _check_residuals(wearer)
         estimate, chunk_bytes = EstimateChunks.of(estimate), CHUNK_BYTES
@@ -232,8 +246,10 @@ def write_estimate(
         out = EstimateWriter(writer, _wearer_prefixes(head), start_ns, clock_s=clock_s)
         for index, (wearer, count) in enumerate(zip(head.wearers, frames, strict=True)):
             out.begin_wearer(index, wearer, count)
-        if head.camera is not None:
-            out.begin_camera(head.camera, estimate.camera_poses, frames[0] if errors is None else len(errors))
+        for camera, poses, residual_frames in zip(
+            head.cameras, estimate.camera_poses, rows or [frames[0]] * len(head.cameras), strict=True
+        ):
+            out.begin_camera(camera, poses, residual_frames, is_first=camera is head.camera)
         if not head.is_plain:
             out.write_info(head, start_ns)
         out.write_reports(head.reports, 0.0)
@@ -242,7 +258,7 @@ def write_estimate(
         for chunk in estimate.chunks:
             time = chunk.wearers[0].motion.time
             out.write_reports(chunk.reports, float(time[0]) if len(time) else end)
-            out.write_frames(dict(enumerate(chunk.wearers)), chunk.camera)
+            out.write_frames(dict(enumerate(chunk.wearers)), chunk.cameras)
             end = float(time[-1]) if len(time) else end
         if estimate.closed is not None:
             closed = estimate.closed()
@@ -289,7 +305,7 @@ class EstimateWriter:
         self._writer, self._prefixes, self._start_ns, self._clock_s = writer, prefixes, start_ns, clock_s
         self._shown_frames = shown_frames
         self._wearers: dict[int, _WearerTopics] = {}
-        self._camera: _CameraTopics | None = None
+        self._cameras = list[_CameraTopics]()
 
     @property
     def wearer_count(self) -> int:
@@ -306,9 +322,12 @@ class EstimateWriter:
         if frames:  # a stream writes its calibration as it goes
             self.write_calibration(index, head.calibration, self._start_ns)
 
-    def begin_camera(self, head: CameraEstimate, poses: int | None = None, residual_frames: int = 0) -> None:
-        """Write what the poses of the camera share; how many there will be is None where nobody knows yet."""
-        self._camera = _CameraTopics(self._writer, self._start_ns, head, poses, residual_frames)
+    def begin_camera(
+        self, head: CameraEstimate, poses: int | None = None, residual_frames: int = 0, is_first: bool = True
+    ) -> None:
+        """Write what the poses of a camera share; how many there will be is None where nobody knows yet."""
+        prefix = CAMERA if is_first else FURTHER_CAMERA + head.name.replace("/", "_")
+        self._cameras.append(_CameraTopics(self._writer, prefix, self._start_ns, head, poses, residual_frames))
 
     def write_info(self, estimate: Estimate, time_ns: int) -> None:
         """Write what is known of the whole, of the wearers who have begun."""
@@ -326,20 +345,20 @@ class EstimateWriter:
         """Write the headings and mountings of a wearer's sensors."""
         self._writer.write(self._prefixes[index] + CALIBRATION, codec.CALIBRATION.encode(calibration), time_ns)
 
-    def write_frames(self, wearers: Mapping[int, WearerEstimate], camera: CameraEstimate | None = None) -> None:
-        """Write the next frames of wearers, by their indices, and of the camera."""
+    def write_frames(self, wearers: Mapping[int, WearerEstimate], cameras: Sequence[CameraEstimate] = ()) -> None:
+        """Write the next frames of wearers, by their indices, and of the cameras that have begun."""
         streams = [stream for index, chunk in wearers.items() for stream in self._wearers[index].streams(chunk)]
-        if self._camera is not None and camera is not None:
+        for topics, camera in zip(self._cameras, cameras, strict=False):
             times = [chunk.motion.time for chunk in wearers.values()]
-            streams += self._camera.streams(camera, times[0] if times else camera.path.time)
+            streams += topics.streams(camera, times[0] if times else camera.path.time)
         self._writer.add_in_order(*streams)
 
     def finish(self) -> None:
         """Write how many frames and poses there are, of a stream."""
         for wearer in self._wearers.values():
             wearer.write_info(wearer.next_frame)
-        if self._camera is not None:
-            self._camera.write_info()
+        for camera in self._cameras:
+            camera.write_info()
 
 
 class _WearerTopics:
@@ -387,19 +406,20 @@ class _WearerTopics:
 
 
 class _CameraTopics:
-    """The camera's topics; what comes once is written at the start."""
+    """A camera's topics; what comes once is written at the start."""
 
     def __init__(
-        self, writer: MessageWriter, start_ns: int, head: CameraEstimate, poses: int | None, residual_frames: int
-    ) -> None:
-        self._writer, self._start_ns, self._head = writer, start_ns, head
+        self, writer: MessageWriter, prefix: str, start_ns: int, head: CameraEstimate, poses: int | None,
+        residual_frames: int,
+    ) -> None:  # fmt: skip
+        self._writer, self._prefix, self._start_ns, self._head = writer, prefix, start_ns, head
         self._poses, self._residual_frames = poses, residual_frames
         self._next_pose, self._next_residual = 0, 0
         self.write_info()
-        writer.write(INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
+        writer.write(prefix + INTRINSICS, intrinsics_message(head.model, head.name, start_ns), start_ns)
         if head.calibration is not None:
             calibration = codec.CALIBRATION.encode({head.name: head.calibration})
-            writer.write(CAMERA_CALIBRATION, calibration, start_ns)
+            writer.write(prefix + CALIBRATION, calibration, start_ns)
 
     def write_info(self) -> None:
         """Write what the camera is, how many poses there will be or are, and residuals of how many frames."""
@@ -411,17 +431,18 @@ class _CameraTopics:
             wearers=None if residual is None else residual.shape[1],
             residual_frames=None if residual is None else self._residual_frames,
         )
-        self._writer.write(CAMERA_INFO, info, self._start_ns)
+        self._writer.write(self._prefix + INFO, info, self._start_ns)
 
     def streams(self, chunk: CameraEstimate, motion_time: Array) -> Iterator[Iterable[TimedMessage]]:
         """The messages of the next frames, at ``motion_time`` ``(T,)``; one pose of a camera that stands still."""
         writer, path, residual = self._writer, chunk.path, chunk.residual_px
         if self._poses is None or self._next_pose < self._poses:
-            yield camera_pose_messages(writer, CAMERA_POSE, path, self._start_ns, chunk.covariance, self._next_pose)
-            yield path_messages(writer, CAMERA_PATH, path, self._start_ns)
+            topic, prefix = self._prefix + CAMERA_POSE, self._prefix
+            yield camera_pose_messages(writer, topic, path, self._start_ns, chunk.covariance, self._next_pose)
+            yield path_messages(writer, prefix + CAMERA_PATH, path, self._start_ns)
             self._next_pose += len(path)
         if residual is not None:
             times = (time for time in (path.time, motion_time) if len(time) == len(residual))
             time, kinds = np.resize(next(times, motion_time[:1]), len(residual)), {REPROJECTION: residual}
-            yield residual_messages(writer, CAMERA_RESIDUALS, time, kinds, self._start_ns, self._next_residual)
+            yield residual_messages(writer, self._prefix + RESIDUALS, time, kinds, self._start_ns, self._next_residual)
             self._next_residual += len(residual)

@@ -228,12 +228,7 @@ def _cameras(
     for prefix in info.further_camera_topics if info is not None and camera is not None else ():
         camera_topics = CameraTopics(prefix)
         further_camera, wearers = camera_of(topics, camera_topics, start_ns)
-        if further_camera is not None and further_camera.known_path is None:
-            warn(
-                topics.path,
-                f"camera '{further_camera.name}' is left out: its known pose on {camera_topics('pose')} is not left",
-            )
-        elif further_camera is not None:
+        if further_camera is not None:
             further.append(further_camera)
             truths.append(camera_truth_of(topics, camera_topics, start_ns, wearers) if truth is not None else None)
     complete = tuple(truth_of_camera for truth_of_camera in truths if truth_of_camera is not None)

@@ -120,21 +120,17 @@ def _camera_later(camera: Camera, seconds: float) -> Camera:
     )
 
 
-def add_camera(scene: Scene, options: CameraOptions) -> Scene:
-    """The scene with a camera and its detections, in place of the first one it had, if any."""
-    scene, mount = _with_mount(scene, options)
-    camera = replace(_camera(scene, options), mount=mount)
-    scene = replace(scene, camera=camera, truth=None)
-    return embed_video(scene) if options.embed_video else scene
-
-
-def add_further_camera(scene: Scene, options: CameraOptions) -> Scene:
-    """The scene with one more camera, which stands still at the pose over the floor that its camera file tells.
+def add_cameras(scene: Scene, cameras: Sequence[CameraOptions]) -> Scene:
+    """The scene with cameras and their detections, in place of those it had.
 
     All cameras of known pose must have been shown the same board, lying in the same place.
     """
-    camera = _camera(scene, replace(options, static_camera=True, known_camera_pose=True))
-    return replace(scene, further_cameras=(*scene.further_cameras, camera), truth=None)
+    added = list[Camera]()
+    for options in cameras:
+        scene, mount = _with_mount(scene, options)
+        added.append(replace(_camera(scene, options), mount=mount))
+    scene = replace(scene, camera=added[0], further_cameras=tuple(added[1:]), truth=None)
+    return embed_video(scene) if cameras[0].embed_video else scene
 
 
 def _camera(scene: Scene, options: CameraOptions) -> Camera:

@@ -18,7 +18,7 @@ from vip_factors.live.tracking import Tracking
 from vip_factors.live_estimate import LiveCameraPose, LiveEstimate, LivePose, LiveWearerEstimate
 from vip_factors.problem.layout import FRAME, ROOT, Owner, OwnerId
 from vip_factors.problem.state import WearerState
-from vip_factors.problem.variables import CAMERA
+from vip_factors.problem.variables import camera_owner
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings
@@ -221,11 +221,11 @@ class EstimateBuilder:
         problem = smoother.problem
         if not self._head.cameras or not problem.has_views:
             return None
-        if problem.moving:
-            free = problem.camera.free_pose and covariance is not None
+        if problem.carried is not None:
+            free = problem.cameras[problem.carried].free_pose and covariance is not None
             own = covariance[-6:, -6:] if free and covariance is not None else None
             return LiveCameraPose(time, state.R_world_camera, state.p_world_camera, own)
-        poses, columns = smoother.shared.camera.poses, problem.layout.columns(CAMERA, "poses")
+        poses, columns = smoother.shared.cameras[0].poses, problem.layout.columns(camera_owner(0), "poses")
         own = None
         if self._shared is not None and len(columns):
             own = self._shared[np.ix_(columns, columns)]

@@ -140,12 +140,14 @@ def _with_camera(
     shared: SceneState,
 ) -> FrameState:  # fmt: skip
     """The camera goes on; turned as its IMU was, if it has one."""
-    if not problem.camera.free_pose:
+    carried = problem.carried
+    if carried is None or not problem.cameras[carried].free_pose:
         return state
     p = newer.p_world_camera + CAMERA_KEEPS * (newer.p_world_camera - older.p_world_camera)
     turn, measured = np.eye(3), False
-    if problem.camera.imu is not None:
-        (turn,), (measured,) = _turns(last, frame, problem.sensors[-1], np.array([shared.camera.heading]))
+    if problem.cameras[carried].imu is not None:
+        heading = np.array([shared.cameras[carried].heading])
+        (turn,), (measured,) = _turns(last, frame, problem.camera_sensors(carried), heading)
     if not measured:
         spin = CAMERA_KEEPS * log(newer.R_world_camera @ older.R_world_camera.T)
         turn = exp(spin)
@@ -262,14 +264,16 @@ def continued(
             own if len(own) == len(wearer.contacts) and not stands else np.zeros(len(wearer.contacts))
             for own, wearer in zip(frame.contacts, problem.wearers, strict=True)
         ]
-        frames.append(replace(frame, views=[None] * (1 + len(problem.further)), contacts=contacts))
+        frames.append(replace(frame, views=[None] * len(problem.cameras), contacts=contacts))
         R = turned_to(problem, last, state, frame, shared)
         gone = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
         states.append(FrameState(R, state.p_world_pelvis + gone, *_camera(float(yaw[0]), state, at_find, tracked)))
     if start.has_views:
-        camera = start.with_lens(next(one for one in cameras if one.name == start.associated[0].camera.name))
-        own = [frame for frame in video if frame.camera == camera.name and frame.frame in before.numbers]
-        placed = _placed(start, states, before.numbers[0], camera, own)
+        placed = None
+        for number, each in enumerate(start.associated):
+            camera = start.with_lens(next(one for one in cameras if one.name == each.camera.name))
+            own = [frame for frame in video if frame.camera == camera.name and frame.frame in before.numbers]
+            placed = placed or _placed(start, states, before.numbers[0], number, camera, own)
         if placed is None:
             return None
         states = placed
@@ -280,7 +284,7 @@ def continued(
 def _in_tracked_world(start: TrackingStart, at_find: FrameState) -> TrackingStart:
     """The same start with the first wearer where they were tracked to be: what is found anew has a world of its own."""
     problem, state, shared = start.problem, start.states[-1], start.shared
-    if start.has_views and not problem.camera.free_pose:
+    if start.has_views and not all(camera.free_pose for camera in problem.cameras):
         return start
     angle = float(yaw_of(at_find.R_parent_child[0, 0] @ state.R_parent_child[0, 0].T))
     turn = rotation_z(angle)
@@ -296,23 +300,31 @@ def _in_tracked_world(start: TrackingStart, at_find: FrameState) -> TrackingStar
         R[:, 0] = turn @ R[:, 0]
         return FrameState(R, moved(one.p_world_pelvis), turn @ one.R_world_camera, moved(one.p_world_camera))
 
-    poses = CameraPoses(turn @ shared.camera.poses.R_world_camera, moved(shared.camera.poses.p_world_camera))
-    camera = replace(shared.camera, poses=poses, heading=shared.camera.heading + angle)
+    cameras = tuple(
+        replace(
+            camera,
+            poses=CameraPoses(turn @ camera.poses.R_world_camera, moved(camera.poses.p_world_camera)),
+            heading=camera.heading + angle,
+        )
+        for camera in shared.cameras
+    )
     wearers = tuple(one.turned(angle, shift) for one in shared.wearers)
     problem.turn_headings(angle)
     return replace(
-        start, shared=replace(shared, wearers=wearers, camera=camera), states=[moved_frame(one) for one in start.states]
+        start,
+        shared=replace(shared, wearers=wearers, cameras=cameras),
+        states=[moved_frame(one) for one in start.states],
     )
 
 
 def _placed(
-    start: TrackingStart, states: Sequence[FrameState], first: int, camera: Camera,
+    start: TrackingStart, states: Sequence[FrameState], first: int, number: int, camera: Camera,
     video: Sequence[VideoFrame],
 ) -> list[FrameState] | None:  # fmt: skip
-    """The frames from ``first`` on with the wearers where the camera saw them; None if it did not see any."""
+    """The frames from ``first`` on with the wearers where the camera of a number saw them; None if it saw nobody."""
     if not video:
         return None
-    skeletons, standing = [wearer.skeleton for wearer in start.problem.wearers], start.shared.camera.poses
+    skeletons, standing = [wearer.skeleton for wearer in start.problem.wearers], start.shared.cameras[number].poses
     at = np.array([frame.frame - first for frame in video])
     R, p = (np.stack([getattr(states[t], name) for t in at]) for name in ("R_parent_child", "p_world_pelvis"))
     bodies = [forward_kinematics(skeleton, R[:, w], p[:, w]) for w, skeleton in enumerate(skeletons)]

@@ -10,7 +10,7 @@ from vip_factors.geometry.poses import retract_pose
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.live.measurement import LiveFrame, imu_arrays
 from vip_factors.problem.layout import ROOT, Layout, Owner
-from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem, Viewpoint
+from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, SceneState
 from vip_factors.problem.variables import scene_layout
 from vip_factors.problem.wearer import WearerProblem
@@ -25,14 +25,17 @@ class FrameState:
     Attributes:
         R_parent_child: ``(W, 24, 3, 3)`` of the wearers.
         p_world_pelvis: ``(W, 3)`` metres.
-        R_world_camera, p_world_camera: of the first camera, ``(3, 3)`` and ``(3,)``; a standing camera has no
-            coordinates here.
+        R_world_camera, p_world_camera: of the carried camera, ``(3, 3)`` and ``(3,)``, else of the first one; those
+            that stand still have no coordinates here.
     """
 
     R_parent_child: Array
     p_world_pelvis: Array
     R_world_camera: Array
     p_world_camera: Array
+
+
+CAMERA_ARRAYS = ("R_world_camera", "p_world_camera")  # of a frame
 
 
 def moved_frames(layout: Layout, origins: Sequence[FrameState], steps: Array) -> list[FrameState]:
@@ -52,16 +55,14 @@ def moved_frames(layout: Layout, origins: Sequence[FrameState], steps: Array) ->
 
 
 def stacked(frames: Sequence[FrameState], static: SceneState) -> SceneState:
-    """A stretch of frames as the state of a scene; what they share, and whether the camera moves, as in ``static``."""
+    """A stretch of frames as the state of a scene; what they share, and which camera moves, as in ``static``."""
     R, p = (np.array([getattr(one, name) for one in frames]) for name in ("R_parent_child", "p_world_pelvis"))
     wearers = tuple(
         replace(one, R_parent_child=R[:, at], p_world_pelvis=p[:, at]) for at, one in enumerate(static.wearers)
     )
-    camera = static.camera
-    if not len(camera.poses):
-        R_camera = np.array([frame.R_world_camera for frame in frames])
-        camera = replace(camera, poses=CameraPoses(R_camera, np.array([frame.p_world_camera for frame in frames])))
-    return replace(static, wearers=wearers, camera=camera)
+    carried = CameraPoses(*(np.array([getattr(frame, name) for frame in frames]) for name in CAMERA_ARRAYS))
+    cameras = tuple(one if len(one.poses) else replace(one, poses=carried) for one in static.cameras)
+    return replace(static, wearers=wearers, cameras=cameras)
 
 
 def without_frames(state: SceneState) -> SceneState:
@@ -73,9 +74,9 @@ class LagProblem:
     """Makes the problem of any stretch of frames.
 
     Attributes:
-        wearers, camera, further: the problems without frames: body, sensors, priors, what is free.
+        wearers, cameras: the problems without frames: body, sensors, priors, what is free. At most one camera moves.
         step: seconds between frames.
-        sensors: of each wearer, its columns among all carriers' sensors; of the camera's IMU, last, one or none.
+        sensors: of each wearer, its columns among all carriers' sensors; then that of the IMU of each camera with one.
         feet: by camera and wearer, those whose contact with the ground is used; None where it is not.
         layout: of the variables that move.
     """
@@ -83,19 +84,17 @@ class LagProblem:
     def __init__(
         self,
         wearers: Sequence[WearerProblem],
-        camera: CameraProblem,
-        views: Sequence[KeypointView],
-        further: Sequence[Viewpoint],
+        cameras: Sequence[CameraProblem],
+        views: Sequence[Sequence[KeypointView]],
         sensors: Sequence[np.ndarray],
         step: float,
         settings: LiveSettings,
     ) -> None:
-        self.wearers, self.camera, self.further = tuple(wearers), camera, tuple(further)
+        self.wearers, self.cameras = tuple(wearers), tuple(cameras)
         self.sensors, self.step = list(sensors), step
-        cameras = [tuple(views), *(one.views for one in further)]
-        self._points = [[view.points for view in own] for own in cameras]
-        self.feet = [[None if view.ground is None else view.ground.feet for view in own] for own in cameras]
-        bare = SceneProblem(self.wearers, camera, tuple(views), self.further)
+        self._points = [[view.points for view in own] for own in views]
+        self.feet = [[None if view.ground is None else view.ground.feet for view in own] for own in views]
+        bare = SceneProblem(self.wearers, self.cameras, tuple(map(tuple, views)))
         self.layout = scene_layout(bare, settings.walk, settings.relinearisation.shared_deg)
 
     def begin_at(self, p_world_pelvis: Array) -> None:
@@ -109,12 +108,21 @@ class LagProblem:
     def turn_headings(self, angle: float) -> None:
         """The same in a world turned about the vertical by an angle in radians."""
         self.wearers = tuple(replace(one, prior_headings=one.prior_headings + angle) for one in self.wearers)
-        self.camera = replace(self.camera, prior_heading=self.camera.prior_heading + angle)
+        self.cameras = tuple(replace(one, prior_heading=one.prior_heading + angle) for one in self.cameras)
+
+    @property
+    def carried(self) -> int | None:
+        """Number of the camera whose pose belongs to the frame; None if all stand still."""
+        return next((number for number, camera in enumerate(self.cameras) if camera.moving), None)
 
     @property
     def moving(self) -> bool:
-        """Whether the first camera's pose belongs to the frame."""
-        return self.camera.moving
+        """Whether a camera's pose belongs to the frame."""
+        return self.carried is not None
+
+    def camera_sensors(self, camera: int) -> np.ndarray:
+        """Column of the IMU on a camera that has one, among all carriers' sensors."""
+        return self.sensors[len(self.wearers) + sum(one.imu is not None for one in self.cameras[:camera])]
 
     def model(self, frames: Sequence[LiveFrame], beginning: bool) -> SceneProblem:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
@@ -135,12 +143,14 @@ class LagProblem:
                     is_beginning=beginning,
                 )
             )
-        camera = replace(self.camera, is_beginning=beginning)
-        if camera.imu is not None:
-            camera = replace(camera, imu=_imu_frames(camera.imu.sensors, time, parts, self.sensors[-1], self.step))
-        views = [self._views(frames, number) for number in range(len(self._points))]
-        further = tuple(replace(one, views=own) for one, own in zip(self.further, views[1:], strict=True))
-        return SceneProblem(tuple(wearers), camera, views[0], further)
+        cameras = list[CameraProblem]()
+        for number, camera in enumerate(self.cameras):
+            imu = camera.imu
+            if imu is not None:
+                imu = _imu_frames(imu.sensors, time, parts, self.camera_sensors(number), self.step)
+            cameras.append(replace(camera, is_beginning=beginning, imu=imu))
+        views = tuple(self._views(frames, number) for number in range(len(self._points)))
+        return SceneProblem(tuple(wearers), tuple(cameras), views)
 
     @property
     def has_views(self) -> bool:

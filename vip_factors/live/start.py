@@ -1,6 +1,6 @@
 """How tracking begins, and begins again: the stages of the batch pipeline over the last second or so."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from vip_factors.initialise.start_search import Starts
 from vip_factors.live.measurement import LiveFrame, MeasuredStretch
 from vip_factors.live.problem import FrameState, LagProblem, without_frames
 from vip_factors.problem.scene import KeypointView, SceneProblem
-from vip_factors.problem.state import CameraPoses, SceneState, WearerState
+from vip_factors.problem.state import CameraState, SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames, coarser
@@ -188,11 +188,11 @@ class TrackingStart:
         return bool(self.associated)
 
     def with_lens(self, camera: Camera) -> Camera:
-        """A camera of the stream; the first one that is of use with the lens that was estimated."""
-        if camera.name != self.associated[0].camera.name:
-            return camera
-        lens = self.problem.camera.model.zoomed(self.shared.camera.zoom)
-        return replace(camera, model=lens, focal_sigma=0.0)
+        """A camera of the stream with the lens that was estimated, if it is of use."""
+        for each, problem, state in zip(self.associated, self.problem.cameras, self.shared.cameras, strict=True):
+            if each.camera.name == camera.name:
+                return replace(camera, model=problem.model.zoomed(state.zoom), focal_sigma=0.0)
+        return camera
 
 
 def start_tracking(
@@ -252,9 +252,8 @@ def _freed(model: WearerProblem, inertial: WearerProblem, settings: LiveSettings
 
 
 def _shifted(state: SceneState, shift: Array) -> SceneState:
-    camera, poses = state.camera, state.camera.poses
-    poses = CameraPoses(poses.R_world_camera, poses.p_world_camera + shift)
-    return SceneState(tuple(one.turned(0.0, shift) for one in state.wearers), replace(camera, poses=poses))
+    cameras = tuple(replace(camera, poses=camera.poses.shifted(shift)) for camera in state.cameras)
+    return SceneState(tuple(one.turned(0.0, shift) for one in state.wearers), cameras, state.detector)
 
 
 def tracking_start(
@@ -262,42 +261,46 @@ def tracking_start(
 ) -> TrackingStart:
     """The problem on all frames of a stretch, ``fine``, frame by frame."""
     model, state, spreads = fine.model, fine.state, fine.spreads
-    frames = _lag_frames(stretch, model, state)
-    states = [_frame_state(state, t) for t in range(len(frames))]
-    problem, video = _lag_problem(stretch, coarse, model, state, settings), tuple(stretch.video)
+    frames, carried = _lag_frames(stretch, model), [camera for camera in state.cameras if len(camera.poses) > 1]
+    states = [_frame_state(state, [*carried, *state.cameras][:1], t) for t in range(len(frames))]
+    problem, video = _lag_problem(stretch, coarse, model, settings), tuple(stretch.video)
     return TrackingStart(problem, without_frames(state), frames, states, coarse.associated, spreads, video=video)
 
 
 def _lag_problem(
-    stretch: MeasuredStretch, coarse: SceneSolution, model: SceneProblem, state: SceneState, settings: LiveSettings
+    stretch: MeasuredStretch, coarse: SceneSolution, model: SceneProblem, settings: LiveSettings
 ) -> LagProblem:
     sensors = [
         np.array([stretch.column(recording.subject.name, name) for name in one.frames.sensors], dtype=int)
         for recording, one in zip(coarse.scene.wearers, model.wearers, strict=True)
     ]
-    if model.camera.imu is not None:
-        sensors.append(np.array([stretch.column(coarse.associated[0].camera.name, model.camera.imu.sensors[0])]))
-    views = model.viewpoints(state.camera)[0].views
-    step = model.wearers[0].frames.step
-    return LagProblem(model.wearers, model.camera, views, model.further, sensors, step, settings)
+    sensors += [
+        np.array([stretch.column(each.camera.name, camera.imu.sensors[0])])
+        for each, camera in zip(coarse.associated, model.cameras, strict=True)
+        if camera.imu is not None
+    ]
+    return LagProblem(model.wearers, model.cameras, model.views, sensors, model.wearers[0].frames.step, settings)
 
 
-def _lag_frames(stretch: MeasuredStretch, model: SceneProblem, state: SceneState) -> list[LiveFrame]:
-    cameras, frames = model.viewpoints(state.camera), list[LiveFrame]()
+def _lag_frames(stretch: MeasuredStretch, model: SceneProblem) -> list[LiveFrame]:
+    frames = list[LiveFrame]()
     for t, frame in enumerate(stretch.frames):
         views: list[tuple[KeypointView, ...] | None] = [
-            tuple(view.at_frames(slice(t, t + 1)) for view in camera.views) for camera in cameras
+            tuple(view.at_frames(slice(t, t + 1)) for view in of_camera) for of_camera in model.views
         ]
         frames.append(replace(frame, views=views, contacts=[wearer.contact_confidence[t] for wearer in model.wearers]))
     return frames
 
 
-def _frame_state(state: SceneState, t: int) -> FrameState:
-    poses = state.camera.poses
-    at = t if len(poses) > 1 else 0
+def _frame_state(state: SceneState, cameras: Sequence[CameraState], t: int) -> FrameState:
+    """Of one frame, with the pose of the only one of ``cameras``; anything without one."""
+    R, p = np.eye(3)[None], np.zeros((1, 3))
+    for camera in cameras:
+        R, p = camera.poses.R_world_camera, camera.poses.p_world_camera
+    at = t if len(p) > 1 else 0
     return FrameState(
         np.stack([own.R_parent_child[t] for own in state.wearers]),
         np.stack([own.p_world_pelvis[t] for own in state.wearers]),
-        poses.R_world_camera[at],
-        poses.p_world_camera[at],
+        R[at],
+        p[at],
     )

@@ -19,7 +19,7 @@ from vip_factors.live.sensor_slips import KnockDetector, SlipTest
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
 from vip_factors.problem.layout import Owner, OwnerId
-from vip_factors.problem.variables import CAMERA
+from vip_factors.problem.variables import camera_owner
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import LiveSettings
@@ -159,7 +159,7 @@ class Tracking:
         frame = replace(
             measured,
             orientation_valid=measured.orientation_valid.copy(),
-            views=[None] * (1 + len(problem.further)),
+            views=[None] * len(problem.cameras),
             contacts=[np.zeros(len(wearer.contacts)) for wearer in problem.wearers],
         )
         before = [(smoother.frame(n), smoother.state(n)) for n in numbers[-2:]]
@@ -303,10 +303,10 @@ class Tracking:
     def _fixed_pose(self, camera: int) -> tuple[Array, Array] | None:
         """Where a camera that stands still is; None of one whose pose belongs to the frames."""
         problem = self.smoother.problem
-        if camera == 0 and problem.moving:
+        if camera == problem.carried:
             return None
-        state = problem.further[camera - 1].state if camera else self.smoother.shared.camera
-        return state.poses.R_world_camera[0], state.poses.p_world_camera[0]
+        poses = self.smoother.shared.cameras[camera].poses
+        return poses.R_world_camera[0], poses.p_world_camera[0]
 
     def _notice_slips(self) -> list[Finding]:
         """Sensors that sit as they did no longer, by the last seconds."""
@@ -338,10 +338,10 @@ class Tracking:
         model, state = smoother.scene(numbers)
         for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
             body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
-            for observer, one in zip(self.observers, model.viewpoints(state.camera), strict=False):
+            for observer, one in zip(self.observers, model.viewpoints(state), strict=False):
                 view = one.views[number]
                 count = np.count_nonzero(view.seen.any(axis=1))
                 if count:
                     at = WearerEvaluation(number, wearer, own, body)
-                    residual = whitened_reprojections(ViewEvaluation(at, CAMERA, one.problem, one.state, view))
+                    residual = whitened_reprojections(ViewEvaluation(at, camera_owner(0), one.problem, one.state, view))
                     observer.learn_spread(number, residual, view, 1 - (1 - self.SPREAD_SHARE) ** count)

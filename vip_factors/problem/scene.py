@@ -1,4 +1,4 @@
-"""Everything that defines the cost of a filmed scene: the wearers' own problems, the camera's, and what it saw."""
+"""Everything that defines the cost of a filmed scene: the problems of wearers and cameras, and the keypoint views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -290,23 +290,21 @@ class SceneProblem(Summarised):
 
     Attributes:
         wearers: their own problems.
-        camera: the camera's.
-        views: of each wearer, before that camera.
-        further: cameras beside it, which stand still at known poses: they bring no variable, only reprojections.
+        cameras: their own problems.
+        views: of each camera, of each wearer.
         extra: terms of a user's own.
         free_keypoints: whether the detector's keypoint offsets are variables.
     """
 
     wearers: tuple[WearerProblem, ...]
-    camera: CameraProblem
-    views: tuple[KeypointView, ...]
-    further: tuple[Viewpoint, ...] = ()
+    cameras: tuple[CameraProblem, ...]
+    views: tuple[tuple[KeypointView, ...], ...]
     extra: ExtraTerms | None = None
     free_keypoints: bool = False
 
-    def viewpoints(self, camera: CameraState) -> tuple[Viewpoint, ...]:
-        """All cameras, with the first one in a state."""
-        return (Viewpoint(self.camera, camera, self.views), *self.further)
+    def viewpoints(self, state: SceneState) -> tuple[Viewpoint, ...]:
+        """All cameras at a state."""
+        return tuple(map(Viewpoint, self.cameras, state.cameras, self.views))
 
     @property
     def frames(self) -> int:
@@ -321,12 +319,8 @@ class SceneProblem(Summarised):
     def window(self, frames: slice) -> "SceneProblem":
         """The problem of some consecutive frames, without a user's own terms."""
         return SceneProblem(
-            tuple(one.window(frames) for one in self.wearers),
-            self.camera.window(frames),
-            tuple(view.at_frames(frames) for view in self.views),
-            tuple(
-                replace(one, state=one.state.window(frames), views=tuple(view.at_frames(frames) for view in one.views))
-                for one in self.further
-            ),
+            tuple(wearer.window(frames) for wearer in self.wearers),
+            tuple(camera.window(frames) for camera in self.cameras),
+            tuple(tuple(view.at_frames(frames) for view in views) for views in self.views),
             free_keypoints=self.free_keypoints,
         )

@@ -38,6 +38,10 @@ class CameraPoses(Summarised):
         R = self.R_world_camera
         return np.concatenate([-R @ hat(p_camera_point), R], axis=2)
 
+    def shifted(self, shift: Array) -> "CameraPoses":
+        """Moved by ``(3,)`` metres in the world."""
+        return CameraPoses(self.R_world_camera, self.p_world_camera + shift)
+
     def retract(self, steps: Array) -> "CameraPoses":
         """Moved by tangent steps ``(T, 6)``, as ``Pose3`` moves: the translation turns along."""
         return CameraPoses(*retract_pose(self.R_world_camera, self.p_world_camera, steps))
@@ -166,40 +170,44 @@ class SceneState(Summarised):
     """Values of all variables of a scene."""
 
     wearers: tuple[WearerState, ...]
-    camera: CameraState
+    cameras: tuple[CameraState, ...]
     detector: DetectorState = field(default_factory=DetectorState)
 
     @classmethod
     def unfilmed(cls, wearers: Sequence[WearerState]) -> "SceneState":
         """Of wearers whom no camera sees."""
-        return cls(tuple(wearers), CameraState(CameraPoses(np.eye(3)[None], np.zeros((1, 3)))))
+        return cls(tuple(wearers), ())
+
+    def count(self, kind: Owner) -> int:
+        """How many owners of a kind there are."""
+        return {Owner.WEARER: len(self.wearers), Owner.CAMERA: len(self.cameras)}.get(kind, 1)
 
     def of(self, owner: OwnerId) -> "OwnerState":
         """One owner's values."""
         match owner.kind:
             case Owner.CAMERA:
-                return self.camera
+                return self.cameras[owner.number]
             case Owner.DETECTOR:
                 return self.detector
         return self.wearers[owner.number]
 
     def window(self, frames: slice) -> "SceneState":
         """Some consecutive frames."""
-        wearers = tuple(one.window(frames) for one in self.wearers)
-        return SceneState(wearers, self.camera.window(frames), self.detector)
+        wearers = tuple(wearer.window(frames) for wearer in self.wearers)
+        return SceneState(wearers, tuple(camera.window(frames) for camera in self.cameras), self.detector)
 
     def replaced(self, owners: Mapping[OwnerId, "OwnerState"]) -> "SceneState":
         """With other values of some owners."""
-        wearers, camera, detector = list(self.wearers), self.camera, self.detector
+        wearers, cameras, detector = list(self.wearers), list(self.cameras), self.detector
         for owner, state in owners.items():
             match state:
                 case WearerState():
                     wearers[owner.number] = state
                 case CameraState():
-                    camera = state
+                    cameras[owner.number] = state
                 case DetectorState():
                     detector = state
-        return SceneState(tuple(wearers), camera, detector)
+        return SceneState(tuple(wearers), tuple(cameras), detector)
 
     def retract_static(self, layout: Layout, step: Array) -> "SceneState":
         """What all frames share moved by a step ``(s,)`` of the layout's static vector."""

@@ -30,7 +30,6 @@ STEP_SOLE = 0.5  # of its logarithm
 BODY_MOVED = 0.003  # m: from where on a length is linearised anew in a stream
 SOLE_MOVED = 0.1  # and a sole's logarithm
 ZOOM_MOVED = 0.005  # and that of a focal length
-CAMERA = OwnerId(Owner.CAMERA)
 DETECTOR = OwnerId(Owner.DETECTOR)
 
 
@@ -146,12 +145,19 @@ def scene_layout(
             owner = OwnerId(Owner.WEARER, number)
             chains.append(_wearer_frame(owner))
             blocks.append((owner, tuple(row.block(wearer, len(wearer.sensors), noise, limit) for row in WEARER_ROWS)))
-    if scene.camera.free_pose and scene.camera.moving:
-        step = np.repeat([STEP_ANGLE, STEP_LENGTH], 3)
-        chains.append(FrameBlock(CAMERA, POSE, step, {"poses": slice(0, POSE)}))
-    blocks.append((CAMERA, tuple(row.block(scene.camera, 0, noise, limit) for row in CAMERA_ROWS)))
+    for number, camera in enumerate(scene.cameras):
+        owner = camera_owner(number)
+        if camera.free_pose and camera.moving:
+            step = np.repeat([STEP_ANGLE, STEP_LENGTH], 3)
+            chains.append(FrameBlock(owner, POSE, step, {"poses": slice(0, POSE)}))
+        blocks.append((owner, tuple(row.block(camera, 0, noise, limit) for row in CAMERA_ROWS)))
     blocks.append((DETECTOR, tuple(row.block(scene, 0, noise, limit) for row in DETECTOR_ROWS)))
     return Layout(tuple(chains), tuple(blocks))
+
+
+def camera_owner(number: int) -> OwnerId:
+    """The owner of a camera's variables."""
+    return OwnerId(Owner.CAMERA, number)
 
 
 def _wearer_frame(owner: OwnerId) -> FrameBlock:

@@ -1,7 +1,7 @@
 """A scene: one or more wearers of sensors, and the camera or cameras that filmed them."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -126,12 +126,10 @@ class Scene(Summarised):
         wearers: their recordings, on one clock; subject names are unique.
         camera: what filmed them, or None.
         truth: if known.
-        further_cameras: beside the first one: they stand still at known poses, all in one world, which becomes the
-            scene's. If the first camera's pose is known, it is so in the same world.
+        further_cameras: beside the first one, of any kind. The world of cameras of known pose becomes the scene's.
 
     Raises:
-        RecordingError: for a scene whose parts do not belong together, or a further camera that moves or whose pose
-            is not known.
+        RecordingError: for a scene whose parts do not belong together.
     """
 
     name: str
@@ -155,6 +153,11 @@ class Scene(Summarised):
     def cameras(self) -> tuple[Camera, ...]:
         """All of them, the first one first."""
         return (*((self.camera,) if self.camera is not None else ()), *self.further_cameras)
+
+    def with_cameras(self, cameras: Sequence[Camera]) -> "Scene":
+        """The same filmed by other cameras; with its truth if there are as many."""
+        truth = self.truth if len(cameras) == len(self.cameras) else None
+        return replace(self, camera=next(iter(cameras), None), further_cameras=tuple(cameras[1:]), truth=truth)
 
     @property
     def start_ns(self) -> int:
@@ -181,16 +184,6 @@ class Scene(Summarised):
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
             raise RecordingError(f"scene '{self.name}': cameras {', '.join(names)}: give each a name of its own")
-        for camera in self.further_cameras:
-            known = camera.known_path
-            if camera.moving or known is None or len(known) != 1:
-                found = (
-                    "moves" if camera.moving else "has no known pose" if known is None else f"has {len(known)} poses"
-                )
-                raise RecordingError(
-                    f"scene '{self.name}': further camera '{camera.name}' {found}: expected one that stands still at a "
-                    "single known pose (vip-factors calibrate-camera --floor finds it); only the first camera may move"
-                )
 
 
 def as_scene(recording: Recording | Scene) -> Scene:

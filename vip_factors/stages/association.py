@@ -67,21 +67,33 @@ def associate_cameras(
     return tuple(associated)
 
 
-def associate_cameras_again(
-    associated: Sequence[AssociatedCamera], lens: CameraModel, path: CameraPath, clock: VideoClock,
-    motions: Sequence[Motion], settings: CommonSettings, on_progress: Callable[[float], None],
-) -> tuple[AssociatedCamera, ...]:  # fmt: skip
-    """The association of motions in one world, in which the first camera took a path; the others' poses are known.
+@dataclass(frozen=True)
+class CameraPlacement:
+    """Where a camera was in the world of the wearers, as estimated.
 
-    The first camera's lens and the clock of its video are as estimated.
+    Attributes:
+        path: of the camera.
+        lens: its intrinsics.
+        clock: from the time that its video was supposed to have to the estimated one.
     """
+
+    path: CameraPath
+    lens: CameraModel
+    clock: VideoClock
+
+
+def associate_cameras_again(
+    associated: Sequence[AssociatedCamera], placements: Sequence[CameraPlacement], motions: Sequence[Motion],
+    settings: CommonSettings, on_progress: Callable[[float], None],
+) -> tuple[AssociatedCamera, ...]:  # fmt: skip
+    """The association of motions in one world, in which each camera has its placement."""
     again = []
-    for number, each in enumerate(associated):
-        detections = each.detections if number else each.detections.timed(clock)
+    for number, (each, placed) in enumerate(zip(associated, placements, strict=True)):
+        detections = each.detections.timed(placed.clock)
         association = associate(
-            detections, each.camera.model if number else lens, motions, settings.association,
-            each.camera.known_path if number else path, gravity_in_camera(each.camera, detections.time),
-            _share_of_progress(on_progress, number, len(associated)), each.association,
+            detections, placed.lens, motions, settings.association, placed.path,
+            gravity_in_camera(each.camera, detections.time), _share_of_progress(on_progress, number, len(associated)),
+            each.association,
         )  # fmt: skip
         # Bodies have given way to keypoints in a wrong order by now: it is the first association that tells.
         order = [one for one in each.association.findings if one.kind == "keypoint order"]
@@ -91,30 +103,46 @@ def associate_cameras_again(
 
 
 def add_left_over_detections(
-    associated: Sequence[AssociatedCamera], lens: CameraModel, path: CameraPath, clock: VideoClock,
-    motions: Sequence[Motion], settings: CommonSettings,
+    associated: Sequence[AssociatedCamera], placements: Sequence[CameraPlacement], motions: Sequence[Motion],
+    settings: CommonSettings,
 ) -> tuple[AssociatedCamera, ...]:  # fmt: skip
     """Detections that are nobody's added to whom they show by now, in the world of :func:`associate_cameras_again`."""
     again = []
-    for number, each in enumerate(associated):
-        known = each.camera.known_path if number else path
-        association, detections = each.association, each.detections if number else each.detections.timed(clock)
-        if known is not None:
-            model = each.camera.model if number else lens
-            association = add_by_position(association, detections, model, motions, known, settings.association)
+    for each, placed in zip(associated, placements, strict=True):
+        detections = each.detections.timed(placed.clock)
+        association = add_by_position(
+            each.association, detections, placed.lens, motions, placed.path, settings.association
+        )
         again.append(replace(each, association=association))
     return tuple(again)
 
 
 def usable_cameras(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCamera, ...]:
-    """The associated to estimate with; none if no wearer was found in any.
+    """The cameras that have wearers in common, most of the sightings; none if no camera shows a wearer.
 
-    Without a wearer before a camera of known pose nothing ties the first camera to the world of the known ones, and a
-    first camera without a wearer, whose pose is not known, is nowhere.
+    Cameras of known pose have a world in common, and all of them count if one shows somebody.
     """
-    if not any(each.shows_somebody and each.camera.known_path is not None for each in associated):
-        return tuple(associated[:1]) if associated[0].shows_somebody else ()
-    return tuple(each for each in associated if each.camera.known_path is not None or each.shows_somebody)
+    worlds = list[list[AssociatedCamera]]()
+    for each in associated:
+        if each.shows_somebody:
+            met = [world for world in worlds if any(_have_in_common(each, other) for other in world)]
+            worlds = [world for world in worlds if not any(world is other for other in met)]
+            worlds.append([each, *(other for world in met for other in world)])
+    if not worlds:
+        return ()
+    largest = max(worlds, key=lambda world: sum(len(seen) for each in world for seen in each.seen))
+    is_known = any(each.camera.known_path is not None for each in largest)
+    return tuple(
+        each for each in associated
+        if any(each is other for other in largest) or (is_known and each.camera.known_path is not None)
+    )  # fmt: skip
+
+
+def _have_in_common(one: AssociatedCamera, other: AssociatedCamera) -> bool:
+    """Whether two cameras are known to be in one world, or show the same wearer."""
+    if one.camera.known_path is not None and other.camera.known_path is not None:
+        return True
+    return any(len(seen) and len(others) for seen, others in zip(one.seen, other.seen, strict=True))
 
 
 def gravity_in_camera(camera: Camera, time: Array) -> Array | None:

@@ -14,7 +14,7 @@ from vip_factors.geometry.rotations import Array, wrap_angle
 from vip_factors.problem.layout import FRAME, ROOT, Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState, WearerState
-from vip_factors.problem.variables import CAMERA
+from vip_factors.problem.variables import camera_owner
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import SensorCalibration
 from vip_factors.sensors.camera import CameraPath, VideoClock
@@ -77,19 +77,18 @@ def pose_covariance(covariance: Array) -> PoseCovariance:
 
 @dataclass(frozen=True)
 class SceneCovariance:
-    """How sure poses are: of each wearer, and ``(T, 6, 6)`` of the camera's pose (None if that is kept); and what all
+    """How sure poses are: of each wearer, and ``(T, 6, 6)`` of each camera's pose (None if that is kept); and what all
     frames share."""
 
     wearers: tuple[PoseCovariance, ...]
-    camera: Array | None
+    cameras: tuple[Array | None, ...]
     shared: "SharedCovariance"
 
     def at(self, frames: np.ndarray) -> "SceneCovariance":
         """The covariance at some frames, by index ``(n,)``; a camera that stands still has one for all."""
         wearers = tuple(PoseCovariance(one.joints[frames], one.root[frames]) for one in self.wearers)
-        moving = self.camera is not None and len(self.camera) > 1
-        camera = self.camera[frames] if self.camera is not None and moving else self.camera
-        return SceneCovariance(wearers, camera, self.shared)
+        cameras = tuple(one[frames] if one is not None and len(one) > 1 else one for one in self.cameras)
+        return SceneCovariance(wearers, cameras, self.shared)
 
 
 def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> SceneCovariance | None:
@@ -104,12 +103,11 @@ def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> 
         chain = layout.chain_of(OwnerId(Owner.WEARER, number))
         assert chain is not None
         wearers.append(pose_covariance(marginals.chains[chain]))
-    camera, path, shared = None, layout.chain_of(CAMERA), SharedCovariance(layout, marginals.static)
-    if path is not None:
-        camera = marginals.chains[path]
-    elif (still := shared.of(CAMERA, "poses")) is not None:
-        camera = still[None]
-    return SceneCovariance(tuple(wearers), camera, shared)
+    cameras, shared = list[Array | None](), SharedCovariance(layout, marginals.static)
+    for number in range(len(model.cameras)):
+        path, pose = layout.chain_of(camera_owner(number)), shared.of(camera_owner(number), "poses")
+        cameras.append(marginals.chains[path] if path is not None else None if pose is None else pose[None])
+    return SceneCovariance(tuple(wearers), tuple(cameras), shared)
 
 
 @dataclass(frozen=True)
@@ -150,31 +148,32 @@ def decode_wearers(
 
 
 def decode_camera(
-    name: str, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None, clock: VideoClock
-) -> CameraEstimate:
-    """The camera's estimate; ``clock`` is what the video's was said to be."""
-    poses, time = state.camera.poses, model.wearers[0].frames.time
-    found = clock.corrected(state.camera.clock, state.camera.clock_drift, model.camera.clock_middle)
-    calibration = None
-    if model.camera.imu is not None:
-        calibration = SensorCalibration(float(wrap_angle(state.camera.heading)), state.camera.R_camera_imu)
+    name: str, number: int, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None,
+    clock: VideoClock,
+) -> CameraEstimate:  # fmt: skip
+    """The estimate of the camera of a number; ``clock`` is what its video's was said to be."""
+    problem, camera, time = model.cameras[number], state.cameras[number], model.wearers[0].frames.time
+    poses, calibration = camera.poses, None
+    if problem.imu is not None:
+        calibration = SensorCalibration(float(wrap_angle(camera.heading)), camera.R_camera_imu)
     return CameraEstimate(
         name,
-        model.camera.model.zoomed(state.camera.zoom),
+        problem.model.zoomed(camera.zoom),
         CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera),
         calibration,
-        covariance.camera if covariance is not None else None,
-        reprojection_rms(model, state),
-        found,
+        covariance.cameras[number] if covariance is not None else None,
+        reprojection_rms(model, state, number),
+        clock.corrected(camera.clock, camera.clock_drift, problem.clock_middle),
     )
 
 
-def reprojection_rms(model: SceneProblem, state: SceneState) -> Array:
-    """Root mean square reprojection error in pixels, ``(T, wearers)``; NaN where a wearer was not seen."""
-    poses, columns = state.camera.at_frames(slice(0, model.frames)), []
-    offsets = state.detector.keypoint_offsets
-    for number, (wearer, own, view) in enumerate(zip(model.wearers, state.wearers, model.views, strict=True)):
-        at = ViewEvaluation(WearerEvaluation(number, wearer, own), CAMERA, model.camera, state.camera, view, offsets)
+def reprojection_rms(model: SceneProblem, state: SceneState, camera: int) -> Array:
+    """Root mean square reprojection error of a camera in pixels, ``(T, wearers)``; NaN where a wearer was not seen."""
+    viewpoint, columns = model.viewpoints(state)[camera], []
+    poses, offsets = viewpoint.state.at_frames(slice(0, model.frames)), state.detector.keypoint_offsets
+    for number, (wearer, own, view) in enumerate(zip(model.wearers, state.wearers, viewpoint.views, strict=True)):
+        body = WearerEvaluation(number, wearer, own)
+        at = ViewEvaluation(body, camera_owner(camera), viewpoint.problem, viewpoint.state, view, offsets)
         points = at.points_on(view.body_points).on(at.wearer.body)
         residual, _ = reprojection_residual(points, poses, at.lens, view.pixels)
         squares = np.where(view.seen, np.sum(residual**2, axis=2), 0.0)
@@ -198,11 +197,10 @@ def with_sigmas(estimate: WearerEstimate, number: int, shared: SharedCovariance)
     return replace(estimate, calibration=calibration)
 
 
-def camera_with_sigmas(estimate: CameraEstimate, shared: SharedCovariance) -> CameraEstimate:
-    """The camera's estimate with standard deviations of its clock, its lens and its IMU's calibration."""
-    clock, drift, zoom, heading, mounting = (
-        shared.sigmas(CAMERA, block) for block in ("clock", "clock_drift", "zoom", "heading", "R_camera_imu")
-    )
+def camera_with_sigmas(estimate: CameraEstimate, number: int, shared: SharedCovariance) -> CameraEstimate:
+    """The estimate of the camera of a number with standard deviations of its clock, lens and IMU's calibration."""
+    owner, blocks = camera_owner(number), ("clock", "clock_drift", "zoom", "heading", "R_camera_imu")
+    clock, drift, zoom, heading, mounting = (shared.sigmas(owner, block) for block in blocks)
     if zoom is not None:
         estimate = replace(estimate, focal_sigma=float(zoom[0]))
     if clock is not None and drift is not None:

@@ -4,25 +4,25 @@ A window begins before the last one ends: there the wearers are where the coarse
 headings are as these have left them. So nothing waits for a window's full rate, which may be solved elsewhere.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vip_factors.body.keypoints import KeypointOffsets
-from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.problem.state import WearerState
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.frames import ImuFrames, coarser
 from vip_factors.sensors.scene import Camera
 from vip_factors.sensors.sources import SceneSource, frames_of
 from vip_factors.settings import Settings
-from vip_factors.stages.association import AssociatedCamera, associate_cameras, usable_cameras
+from vip_factors.stages.association import AssociatedCamera, CameraPlacement, associate_cameras, usable_cameras
 from vip_factors.stages.calibrate import Calibration
-from vip_factors.stages.decode import decode_camera, decode_wearers
+from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers
 from vip_factors.stages.drift import found_clock
 from vip_factors.stages.findings import quality_checks, who_is_who
 from vip_factors.stages.floor import with_declared_floor
@@ -89,37 +89,45 @@ class WearerStart:
 
 
 @dataclass(frozen=True)
-class WindowStart:
-    """How a filmed window begins.
+class CameraStart:
+    """How a camera begins a window.
 
     Attributes:
-        wearers: in their order.
-        camera_path: of the first camera, before; None if it was nowhere.
-        camera_heading: radians, of the sensor on it.
         clock: of its video.
+        path: before the window; None if it was nowhere.
+        heading: radians, of the sensor on it.
     """
 
-    wearers: tuple[WearerStart, ...]
-    camera_path: CameraPath | None
-    camera_heading: float
     clock: VideoClock
+    path: CameraPath | None = None
+    heading: float = 0.0
+
+
+@dataclass(frozen=True)
+class WindowStart:
+    """How a filmed window begins: wearers in their order, and cameras by name."""
+
+    wearers: tuple[WearerStart, ...]
+    cameras: Mapping[str, CameraStart]
 
     def placed(
         self, associated: Sequence[AssociatedCamera], trackers: Sequence[InertialSolution], settings: Settings
     ) -> FusionStart:
-        """Wearers and cameras in the world of the windows before; a first camera that sees nobody is where it was.
+        """Wearers and cameras in the world of the windows before; a camera that sees nobody is where it was.
 
         Which way sensors point the frames before say, and not a window's first look. Whom no camera sees for as long as
         the window before knows where he is begins there, and from there goes to where he is seen. Whom none sees either
         at the beginning or at the end walks on his feet, as without a camera: nothing else holds him.
         """
         time = trackers[0].model.frames.time
-        first, *_ = associated
-        used = usable_cameras(associated) or tuple(one for one in associated if one.camera.known_path is not None)
-        if not any(one is first for one in used):
-            unseeing = camera_without_sight(first.camera, self.camera_path, self.camera_heading, time, settings)
-            if unseeing.known_path is not None:
-                used = (replace(first, camera=unseeing), *used)
+        usable, used = usable_cameras(associated), list[AssociatedCamera]()
+        for each in associated:
+            if any(each is one for one in usable):
+                used.append(each)
+            elif each.camera.known_path is None or not usable:
+                before = self.cameras[each.camera.name]
+                camera = camera_without_sight(each.camera, before, time, settings)
+                used += [replace(each, camera=camera)] if camera.known_path is not None else []
         start = start_fusion(used, trackers, settings)
         wearers = []
         for number, (wearer, tracker, begin) in enumerate(zip(start.wearers, trackers, self.wearers, strict=True)):
@@ -147,26 +155,23 @@ def _from_before(wearer: InertialSolution, p_world_start: Array, seen: Array) ->
     return replace(wearer, model=replace(wearer.model, is_gauge=True), state=state)
 
 
-def camera_without_sight(
-    camera: Camera, path: CameraPath | None, heading: float, time: Array, settings: Settings
-) -> Camera:
+def camera_without_sight(camera: Camera, before: CameraStart, time: Array, settings: Settings) -> Camera:
     """A camera that sees no wearer in a window, where it was last: turned by its sensor, if it has one, and unmoved.
 
     Args:
         camera: it.
-        path: its, before; None if it was nowhere.
-        heading: radians, of the sensor on it.
+        before: the window.
         time: ``(T,)`` of the window's frames.
         settings: of windows.
     """
     if not camera.moving or camera.known_path is not None:
         return camera
-    there = (path or CameraPath(time[:1], np.eye(3)[None], np.zeros((1, 3)))).at(time)
+    there = (before.path or CameraPath(time[:1], np.eye(3)[None], np.zeros((1, 3)))).at(time)
     valid, measured = inertial_orientations(camera_problem(camera, time, settings), len(time))
     if not valid.any():
         return replace(camera, known_path=there)
-    R = CameraPath(time[valid], rotation_z(heading) @ measured, there.p_world_camera[valid]).at(time).R_world_camera
-    return replace(camera, known_path=replace(there, R_world_camera=R))
+    turned = CameraPath(time[valid], rotation_z(before.heading) @ measured, there.p_world_camera[valid]).at(time)
+    return replace(camera, known_path=replace(there, R_world_camera=turned.R_world_camera))
 
 
 @dataclass(frozen=True)
@@ -178,7 +183,8 @@ class FilmedWindow:
         frames: of each wearer at the full rate.
         solution: of its coarse frames.
         cameras: as they were given.
-        clock: that its first camera's video was said to have.
+        known: cameras of the calibration.
+        start: how it began.
         settings, solver: of the window.
         about_sensors: findings on them.
     """
@@ -187,7 +193,8 @@ class FilmedWindow:
     frames: tuple[ImuFrames, ...]
     solution: SceneSolution
     cameras: tuple[Camera, ...]
-    clock: VideoClock
+    known: "KnownCameras"
+    start: WindowStart
     settings: Settings
     solver: Solver
     about_sensors: tuple[Finding, ...]
@@ -195,12 +202,17 @@ class FilmedWindow:
     def start_at(self, frame: int) -> WindowStart:
         """How a window begins at one of this one's frames."""
         fused, time = self.solution.fused, self.frames[0].time
-        camera, wearers, at = fused.state.camera, list[WearerStart](), frame - self.span.start
+        wearers, at, cameras = list[WearerStart](), frame - self.span.start, dict(self.start.cameras)
         for one in fused.wearers:
             pose, headings = at_frames(one.state, one.model.frames.time, time[at : at + 1]), Headings.of(one)
             wearers.append(WearerStart(headings, pose.R_parent_child[0], pose.p_world_pelvis[0], float(time[-1])))
-        clock = self.clock.corrected(camera.clock, camera.clock_drift, fused.model.camera.clock_middle)
-        return WindowStart(tuple(wearers), fused.camera_path, camera.heading, clock)
+        for each, viewpoint, placed in zip(
+            self.solution.associated, fused.model.viewpoints(fused.state), fused.placements, strict=True
+        ):
+            name, state = each.camera.name, viewpoint.state
+            clock = cameras[name].clock.corrected(state.clock, state.clock_drift, viewpoint.problem.clock_middle)
+            cameras[name] = CameraStart(clock, placed.path, state.heading)
+        return WindowStart(tuple(wearers), cameras)
 
     def solved(self) -> SolvedWindow:
         """The window at its full rate, in a world of its own if nothing ties it to the last one's.
@@ -222,7 +234,7 @@ class FilmedWindow:
         return SolvedWindow(
             self.span,
             wearers,
-            decode_camera(first.name, fine.model, fine.state, covariance, self.clock),
+            tuple(self._cameras(fine, covariance)),
             tuple(map(Headings.of, coarse.wearers)),
             first.timed_detections.time[first.detections.frame],
             seen,
@@ -230,6 +242,21 @@ class FilmedWindow:
             tuple(self.solver.reports),
             (*self.about_sensors, *self._findings(fine, wearers)),
         )
+
+    def _cameras(self, fine: FusionSolution, covariance: SceneCovariance | None) -> Iterator[CameraEstimate]:
+        """Of those of the calibration, each; one without a place in this window is where it was before."""
+        numbers = {each.camera.name: number for number, each in enumerate(self.solution.associated)}
+        time = fine.model.wearers[0].frames.time
+        for name, (placed, _) in self.known.items():
+            start = self.start.cameras[name]
+            if name in numbers:
+                yield decode_camera(name, numbers[name], fine.model, fine.state, covariance, start.clock)
+            else:
+                moves = next(camera.moving for camera in self.cameras if camera.name == name)
+                path = start.path or placed.path
+                unseen = np.full((len(time), len(fine.model.wearers)), np.nan)
+                yield CameraEstimate(name, placed.lens, path.at(time) if moves else path, residual_px=unseen,
+                                     clock=start.clock)  # fmt: skip
 
     def _findings(self, fine: FusionSolution, wearers: Sequence[WearerEstimate]) -> Iterator[Finding]:
         """What is odd about the window, but for drift, which is of all of them; cameras are as they were given."""
@@ -276,6 +303,10 @@ def filmed_windows(
         yield overlap
 
 
+KnownCameras = Mapping[str, tuple[CameraPlacement, Array]]
+"""By name, where cameras were as the scene was calibrated, and ``(3, 3)`` the mounting of the sensor on each."""
+
+
 @dataclass(frozen=True)
 class KnownScene:
     """A scene whose calibration is known.
@@ -284,8 +315,7 @@ class KnownScene:
         wearers: each with all that its frames share fixed, but for headings and the mean pose.
         corrections: of each wearer's sensors.
         start: of the first window.
-        lens: intrinsics of the first camera.
-        R_camera_imu: mounting of the sensor on it.
+        cameras: those of the calibration.
         keypoint_offsets: of the detector.
         settings: of windows.
     """
@@ -293,8 +323,7 @@ class KnownScene:
     wearers: tuple[InertialSolution, ...]
     corrections: tuple[Corrections, ...]
     start: WindowStart
-    lens: CameraModel
-    R_camera_imu: Array
+    cameras: "KnownCameras"
     keypoint_offsets: KeypointOffsets
     settings: Settings
 
@@ -332,13 +361,19 @@ class KnownScene:
             )
             wearers.append(InertialSolution(known, solved.state))
             starts.append(WearerStart(Headings.of(solved)))
-        first, *_ = solution.associated
-        path = solution.fused.camera_path if first.camera is scene.camera else None
-        clock = found_clock(state.camera, model.camera.clock_middle, scene.cameras[0].clock)
-        offsets = KeypointOffsets(state.detector.keypoint_offsets, model.camera.prior_offsets.sigma)
-        start = WindowStart(tuple(starts), path, 0.0, clock)
-        lens = solution.fused.lens if first.camera is scene.camera else scene.cameras[0].model
-        return cls(tuple(wearers), calibration.corrections, start, lens, state.camera.R_camera_imu, offsets, settings)
+        cameras = {
+            each.camera.name: (placed, own.R_camera_imu)
+            for each, placed, own in zip(solution.associated, solution.fused.placements, state.cameras, strict=True)
+        }
+        camera_starts = dict[str, CameraStart]()
+        for each, viewpoint, placed in zip(
+            solution.associated, model.viewpoints(state), solution.fused.placements, strict=True
+        ):
+            clock = found_clock(viewpoint.state, viewpoint.problem.clock_middle, each.camera.clock)
+            camera_starts[each.camera.name] = CameraStart(clock, placed.path)
+        offsets = KeypointOffsets(state.detector.keypoint_offsets, model.cameras[0].prior_offsets.sigma)
+        start = WindowStart(tuple(starts), camera_starts)
+        return cls(tuple(wearers), calibration.corrections, start, cameras, offsets, settings)
 
     def solve(
         self, source: SceneSource, start: WindowStart, plan: WindowPlan, span: slice, solver: Solver
@@ -359,36 +394,23 @@ class KnownScene:
             coarse = coarser(frames[-1], plan.factor)
             model = replace(wearer.model, frames=coarse, initial_pose=declared_pose(recording, coarse, settings))
             trackers.append(begin.track(model, wearer.state, settings, solver))
-        scene = replace(
-            given,
-            wearers=tuple(recordings),
-            camera=self._first_camera(given.cameras[0], start.clock),
-            further_cameras=tuple(
-                replace(camera, keypoint_offsets=self.keypoint_offsets) for camera in given.further_cameras
-            ),
-        )
+        first, *others = (self._calibrated(camera, start) for camera in given.cameras if camera.name in self.cameras)
+        scene = replace(given, wearers=tuple(recordings), camera=first, further_cameras=tuple(others))
         associated = associate_cameras(scene, trackers, settings, solver.progress_of("association"))
         solution = solve_from(start.placed(associated, trackers, settings), scene, settings, solver)
         return FilmedWindow(
-            span, tuple(frames), solution, given.cameras, start.clock, settings, solver, tuple(findings)
+            span, tuple(frames), solution, given.cameras, self.cameras, start, settings, solver, tuple(findings)
         )
 
-    def _first_camera(self, camera: Camera, clock: VideoClock) -> Camera:
-        """The first camera of a window with what is known of it: if it stands still, its pose too."""
-        mount, path = camera.mount, camera.known_path
+    def _calibrated(self, camera: Camera, start: WindowStart) -> Camera:
+        """A camera of a window with what is known of it: if it stands still, its pose too."""
+        camera = replace(camera, keypoint_offsets=self.keypoint_offsets, clock=start.cameras[camera.name].clock)
+        (placed, R_camera_imu), mount, path = self.cameras[camera.name], camera.mount, camera.known_path
         if mount is not None:
-            mount = replace(mount, R_camera_imu=self.R_camera_imu)
+            mount = replace(mount, R_camera_imu=R_camera_imu)
         if not camera.moving and path is None:
-            path = self.start.camera_path
-        return replace(
-            camera,
-            model=self.lens,
-            focal_sigma=0.0,
-            mount=mount,
-            known_path=path,
-            keypoint_offsets=self.keypoint_offsets,
-            clock=clock,
-        )
+            path = placed.path
+        return replace(camera, model=placed.lens, focal_sigma=0.0, mount=mount, known_path=path)
 
 
 def _settings_of_windows(settings: Settings, is_world_known: bool) -> Settings:

@@ -87,7 +87,7 @@ def _wearer_findings(
     shortly_seen = 3.0  # s: in less, people do not move enough to be told apart
     unsure_heading_deg = 15.0  # a heading no better known than this came from the straps
     wearer, frame_rate = recording.subject.name, 1 / fine.model.wearers[0].frames.step
-    views = [one.views[number] for one in fine.model.viewpoints(fine.state.camera)]
+    views = [one.views[number] for one in fine.model.viewpoints(fine.state)]
     seen = np.any([view.seen.any(axis=1) for view in views], axis=0)
     if not seen.any():
         so = "the pose is of the sensors alone, and the place relative to the others unknown"

@@ -19,7 +19,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.initialise.calibration import contact_confidence
 from vip_factors.problem.scene import Foot, GroundView, KeypointView
-from vip_factors.problem.state import CameraPoses, SceneState, WearerState
+from vip_factors.problem.state import CameraPoses, CameraState, SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.scene import Camera, Scene
@@ -159,7 +159,7 @@ def with_declared_floor(scene: Scene, floor: str | float) -> Scene:
 
 
 def levelled(models: Sequence[WearerProblem], state: SceneState) -> SceneState | None:
-    """The state with roots and camera turned about a camera that stands, until the floor under the soles is level.
+    """The state with roots and cameras that stand turned about the first of them, until the floor is level.
 
     Bones keep their orientations, of which sensors know the vertical: pictures hardly tell how far each leans towards
     the camera. None if the floor is level within twice its uncertainty, or too steep for the tilt of a world.
@@ -168,11 +168,14 @@ def levelled(models: Sequence[WearerProblem], state: SceneState) -> SceneState |
     if floor is None or not 2 * floor.slope_sigma < floor.slope < SLOPED:
         return None
     x, y = floor.gradient / np.linalg.norm(floor.gradient) * floor.slope
-    turn, poses = exp(np.array([-y, x, 0.0])), state.camera.poses
-    about = poses.p_world_camera[0]
+    turn, about = exp(np.array([-y, x, 0.0])), state.cameras[0].poses.p_world_camera[0]
     wearers = tuple(replace(one, p_world_pelvis=about + (one.p_world_pelvis - about) @ turn.T) for one in state.wearers)
-    poses = replace(poses, R_world_camera=turn @ poses.R_world_camera)
-    return replace(state, wearers=wearers, camera=replace(state.camera, poses=poses))
+    cameras = tuple(
+        replace(camera, poses=CameraPoses(turn @ poses.R_world_camera, about + (poses.p_world_camera - about) @ turn.T))
+        for camera in state.cameras
+        for poses in [camera.poses]
+    )
+    return replace(state, wearers=wearers, cameras=cameras)
 
 
 def on_floor(
@@ -189,10 +192,10 @@ def on_floor(
     if found is None:
         return state, ()
     if not is_declared:
-        shift, poses = np.array([0.0, 0.0, -found.height]), state.camera.poses
+        shift = np.array([0.0, 0.0, -found.height])
         wearers = tuple(replace(one, p_world_pelvis=one.p_world_pelvis + shift) for one in state.wearers)
-        camera = replace(state.camera, poses=replace(poses, p_world_camera=poses.p_world_camera + shift))
-        state = replace(state, wearers=wearers, camera=camera)
+        cameras = tuple(replace(camera, poses=camera.poses.shifted(shift)) for camera in state.cameras)
+        state = replace(state, wearers=wearers, cameras=cameras)
     return state, (*found.findings(is_declared), *distance_findings(models, state))
 
 
@@ -220,7 +223,7 @@ def _on_its_ray(model: WearerProblem, state: SceneState, number: int) -> tuple[f
     floor = floor_under([model], [own])
     if floor is None:
         return None
-    p_camera_world = state.camera.poses.p_world_camera
+    p_camera_world = state.cameras[0].poses.p_world_camera
     away = float(np.median(np.linalg.norm((own.p_world_pelvis - p_camera_world)[:, :2], axis=1)))
     slope = away / max(abs(float(np.median(p_camera_world[:, 2])) - floor.height), least_height_m)
     return slope * floor.height, slope * float(np.hypot(floor.sigma, SOLE_M))
@@ -242,15 +245,14 @@ def seen_feet(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[tuple[Foot, .
 
 
 def seen_standing(
-    model: WearerProblem, scene: SceneState, number: int, keypoints: KeypointSet, view: KeypointView,
+    model: WearerProblem, state: WearerState, camera: CameraState, keypoints: KeypointSet, view: KeypointView,
     lens: CameraModel, path_known: bool, settings: GroundContactSettings,
 ) -> GroundView:  # fmt: skip
-    """The ground contacts of one wearer before the camera of a scene's state, over a whole recording."""
-    state = scene.wearers[number]
+    """The ground contacts of one wearer before one camera, over a whole recording."""
     feet, columns = seen_feet(keypoints, model.skeleton)
     confidence = standing_confidence(model, state, feet, path_known, settings)
     body = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis)
-    poses = scene.camera.at_frames(slice(0, len(confidence)))
+    poses = camera.at_frames(slice(0, len(confidence)))
     sole = model.settings.sole.of(state.sole)
     return ground_view(view, feet, columns, confidence, body, sole, poses, lens, settings)
 

@@ -12,13 +12,18 @@ from vip_factors.geometry.rotations import Array, angle_between
 from vip_factors.initialise.start_candidates import SETTLED_NATS
 from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, SceneProblem, Viewpoint
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState, seconds_late
-from vip_factors.problem.variables import CAMERA
+from vip_factors.problem.variables import camera_owner
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
+from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA
 from vip_factors.settings import CommonSettings
-from vip_factors.stages.association import AssociatedCamera, add_left_over_detections, associate_cameras_again
+from vip_factors.stages.association import (
+    AssociatedCamera,
+    CameraPlacement,
+    add_left_over_detections,
+    associate_cameras_again,
+)
 from vip_factors.stages.decode import motion_of
 from vip_factors.stages.drift import found_clock, with_found_drift
 from vip_factors.stages.floor import levelled, seen_standing
@@ -49,13 +54,13 @@ class FusionSolution:
 
     def measured_spreads(self) -> tuple[tuple[float, ...], ...]:
         """How each camera's detections of each wearer scatter about the solution, in OKS sigmas."""
-        if not self.model.camera.settings.reprojection.adaptive:
+        if not all(camera.settings.reprojection.adaptive for camera in self.model.cameras):
             return self.spreads
         wearers = [WearerEvaluation(number, one.model, one.state) for number, one in enumerate(self.wearers)]
-        viewpoints = self.model.viewpoints(self.state.camera)
+        viewpoints = self.model.viewpoints(self.state)
         return tuple(
-            _scatter_before(one, wearers, spreads, self.state.detector)
-            for one, spreads in zip(viewpoints, self.spreads, strict=True)
+            _scatter_before(camera, wearers, spreads, self.state.detector)
+            for camera, spreads in zip(viewpoints, self.spreads, strict=True)
         )
 
     def is_consistent(self) -> bool:
@@ -63,13 +68,14 @@ class FusionSolution:
         settled = 1.5  # a detector believed less than this much too rough costs less than another solve
         timed = 0.01  # s: so far keypoints move nearly straight; half a video frame
         ratios = np.divide(self.spreads, np.maximum(self.measured_spreads(), 1e-9))
-        return bool(np.all(ratios < settled)) and self._clock_moved() < timed
+        return bool(np.all(ratios < settled)) and all(
+            self._clock_moved(camera) < timed for camera in self.model.viewpoints(self.state)
+        )
 
-    def _clock_moved(self) -> float:
-        """Seconds, the most by which the solution puts the video's clock forward beyond where it was seen with."""
-        offset, drift = self.model.views[0].clock
-        since = self.model.wearers[0].frames.time[[0, -1]] - self.model.camera.clock_middle
-        state = self.state.camera
+    def _clock_moved(self, camera: Viewpoint) -> float:
+        """Seconds, the most by which the solution puts a video's clock forward beyond where it was seen with."""
+        (offset, drift), state = camera.views[0].clock, camera.state
+        since = self.model.wearers[0].frames.time[[0, -1]] - camera.problem.clock_middle
         return float(np.max(np.abs(seconds_late(state.clock - offset, state.clock_drift - drift, since, 0.0))))
 
     @property
@@ -83,20 +89,15 @@ class FusionSolution:
         return [motion_of(wearer.model, wearer.state) for wearer in self.wearers]
 
     @property
-    def clock(self) -> VideoClock:
-        """From the sensors' time that the first camera's video was supposed to have to the one that was found."""
-        return found_clock(self.state.camera, self.model.camera.clock_middle)
-
-    @property
-    def lens(self) -> CameraModel:
-        """The first camera's intrinsics."""
-        return self.model.camera.model.zoomed(self.state.camera.zoom)
-
-    @property
-    def camera_path(self) -> CameraPath:
-        """The camera's path; a single instant if it stands still."""
-        time, poses = self.model.wearers[0].frames.time, self.state.camera.poses
-        return CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera)
+    def placements(self) -> tuple[CameraPlacement, ...]:
+        """Where cameras were; the path of one that stands still is a single instant."""
+        time, placements = self.model.wearers[0].frames.time, list[CameraPlacement]()
+        for camera in self.model.viewpoints(self.state):
+            poses = camera.state.poses
+            path = CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera)
+            clock = found_clock(camera.state, camera.problem.clock_middle)
+            placements.append(CameraPlacement(path, camera.lens, clock))
+        return tuple(placements)
 
 
 def _scatter_before(
@@ -104,7 +105,7 @@ def _scatter_before(
 ) -> tuple[float, ...]:
     found = []
     for view, wearer, spread in zip(camera.views, wearers, spreads, strict=True):
-        at = ViewEvaluation(wearer, CAMERA, camera.problem, camera.state, view, detector.keypoint_offsets)
+        at = ViewEvaluation(wearer, camera_owner(0), camera.problem, camera.state, view, detector.keypoint_offsets)
         residual = whitened_reprojections(at)
         found.append(scatter(residual, view, spread))
     return tuple(found)
@@ -133,13 +134,14 @@ def with_found_bodies(solution: FusionSolution) -> FusionSolution:
 
 
 def with_level_floor(solution: FusionSolution, solver: Solver) -> FusionSolution:
-    """The same before its standing camera of unknown pose turned upright by the floor: calibration follows.
+    """The same before its standing cameras of unknown pose turned upright by the floor: calibration follows.
 
     Pictures hardly tell 1–2° of a camera's tilt from mountings and bodies that are bent to fit; soles that rest do,
     where wearers come and go. A camera's own sensor knows better, and so does who says that the floor is not level.
     """
-    model, camera = solution.model, solution.model.camera
-    if camera.moving or camera.imu is not None or not all(one.has_floor for one in model.wearers):
+    model = solution.model
+    stand = all(not camera.moving and camera.imu is None for camera in model.cameras)
+    if not stand or not all(wearer.has_floor for wearer in model.wearers):
         return solution
     state = levelled(model.wearers, solution.state)
     if state is None:
@@ -149,7 +151,7 @@ def with_level_floor(solution: FusionSolution, solver: Solver) -> FusionSolution
         for one, own in zip(model.wearers, state.wearers, strict=True)
     )
     model = replace(model, wearers=wearers)
-    state = solver.solve(SceneObjective(replace(model, camera=_held(camera))), state, "level floor")
+    state = solver.solve(SceneObjective(_with_cameras_held(model)), state, "level floor")
     return with_found_bodies(replace(solution, model=model, state=state))
 
 
@@ -180,7 +182,7 @@ def fusion_problem(
         if before is not None:
             model = with_found_drift(with_body_of(model, before.model.wearers[number]), state)
         wearers.append(with_contacts(model, state, path_known=known))
-    scene = _scene_model(tuple(wearers), initial.camera, initial.further, start, associated, spreads, path_known=known)
+    scene = _scene_model(tuple(wearers), initial.cameras, start, associated, spreads, path_known=known)
     return FusionSolution(replace(scene, extra=extra, free_keypoints=calibration.estimate_keypoints), start, spreads)
 
 
@@ -194,17 +196,17 @@ def fuse_finely(
 ) -> FusionSolution:
     """At the full frame rate, with headings, mountings and mean poses kept.
 
-    The coarse solution has settled how camera and wearers lie to each other: what is left is fast and small. A moving
-    camera follows the wearers as they are, and then each wearer is refined in front of it, by itself.
+    The coarse solution has settled how cameras and wearers lie to each other: what is left is fast and small. Moving
+    cameras follow the wearers as they are, and then each wearer is refined in front of them, by itself.
     """
     start = fusion_problem_on_frames(initial, coarse, associated, frames, settings)
     model, state = replace(start.model, extra=solver.extra), start.state
-    states, camera = list(state.wearers), model.camera
-    if camera.moving and camera.free_pose:
+    states = list(state.wearers)
+    if any(camera.moving and camera.free_pose for camera in model.cameras):
         state = solver.solve(SceneObjective(model, wearers_move=False), state, "full rate, camera")
     if model.extra is not None:  # it may tie wearers to one another
-        together = replace(model, camera=_held(model.camera))
-        return replace(start, model=model, state=solver.solve(SceneObjective(together), state, "full rate"))
+        together = SceneObjective(_with_cameras_held(model))
+        return replace(start, model=model, state=solver.solve(together, state, "full rate"))
     for number, wearer in enumerate(model.wearers):
         alone = SceneObjective(_one_wearer(model, number)), replace(state, wearers=(state.wearers[number],))
         refined = solver.solve(*alone, f"full rate, {wearer.name}")
@@ -228,67 +230,71 @@ def fusion_problem_on_frames(
         states.append(at_frames(solved.state, before, time))
         planted = with_foot_contact(with_body_of(inertial.model, solved.model), contact)
         wearers.append(with_contacts(on_frames_with_fixed_calibration(planted, measured), states[-1], True))
-    camera = replace(camera_problem(associated[0].camera, time, settings), free_clock=False, focal_sigma=0.0)
-    filming = coarse.state.camera
-    camera = replace(camera, prior_heading=filming.heading)
-    if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
-        camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
-    scene = SceneState(tuple(states), _camera_at(coarse, time), coarse.state.detector)
+    cameras, paths = list[CameraProblem](), list[CameraState]()
+    for each, filming, placed in zip(associated, coarse.state.cameras, coarse.placements, strict=True):
+        camera = replace(camera_problem(each.camera, time, settings), free_clock=False, focal_sigma=0.0)
+        camera = replace(camera, prior_heading=filming.heading)
+        if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
+            camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
+        cameras.append(camera)
+        paths.append(_at_instants(filming, placed.path, time))
+    scene = SceneState(tuple(states), tuple(paths), coarse.state.detector)
     spreads = coarse.measured_spreads()
-    problem = _scene_model(tuple(wearers), camera, initial.further, scene, associated, spreads, path_known=True)
+    problem = _scene_model(tuple(wearers), cameras, scene, associated, spreads, path_known=True)
     return FusionSolution(problem, scene, spreads)
 
 
 def _one_wearer(model: SceneProblem, number: int) -> SceneProblem:
     """One wearer before cameras that are kept as they are."""
-    further = tuple(replace(one, views=one.views[number : number + 1]) for one in model.further)
-    wearers, views = model.wearers[number : number + 1], model.views[number : number + 1]
-    return SceneProblem(wearers, _held(model.camera), views, further)
+    views = tuple(views[number : number + 1] for views in model.views)
+    return replace(_with_cameras_held(model), wearers=model.wearers[number : number + 1], views=views)
 
 
-def _held(camera: CameraProblem) -> CameraProblem:
-    """The camera as it is: nothing of it moves, and its sensor has nothing more to say."""
-    return replace(camera, free_pose=False, imu=None, free_clock=False, focal_sigma=0.0)
+def _with_cameras_held(model: SceneProblem) -> SceneProblem:
+    """The cameras as they are: nothing of them moves, and their sensors have nothing more to say."""
+    cameras = tuple(
+        replace(camera, free_pose=False, imu=None, free_clock=False, focal_sigma=0.0) for camera in model.cameras
+    )
+    return replace(model, cameras=cameras)
 
 
-def _camera_at(coarse: FusionSolution, time: Array) -> CameraState:
-    camera = coarse.state.camera
-    if len(camera.poses) == 1:
+def _at_instants(camera: CameraState, path: CameraPath, time: Array) -> CameraState:
+    """The camera's state at the instants ``time`` of its path; that of one that stands still is the same."""
+    if len(path) == 1:
         return camera
-    path = coarse.camera_path.at(time)
+    path = path.at(time)
     return replace(camera, poses=CameraPoses(path.R_world_camera, path.p_world_camera))
 
 
 def _scene_model(
-    wearers: tuple[WearerProblem, ...], camera: CameraProblem, further: Sequence[Viewpoint], state: SceneState,
+    wearers: tuple[WearerProblem, ...], cameras: Sequence[CameraProblem], state: SceneState,
     associated: Sequence[AssociatedCamera], spreads: Sequence[Sequence[float]], path_known: bool,
 ) -> SceneProblem:  # fmt: skip
     """The scene's problem: what each camera saw, put onto the frames."""
-    cameras = [Viewpoint(camera, state.camera, ()), *further]
-    first, *others = (
-        replace(one, views=_views(wearers, one, state, each, spread, path_known))
-        for one, each, spread in zip(cameras, associated, spreads, strict=True)
+    views = tuple(
+        _views(wearers, Viewpoint(camera, own, ()), state.wearers, each, spread, path_known)
+        for camera, own, each, spread in zip(cameras, state.cameras, associated, spreads, strict=True)
     )
-    return SceneProblem(wearers, camera, first.views, tuple(others))
+    return SceneProblem(wearers, tuple(cameras), views)
 
 
 def _views(
-    wearers: Sequence[WearerProblem], camera: Viewpoint, state: SceneState, each: AssociatedCamera,
+    wearers: Sequence[WearerProblem], camera: Viewpoint, states: Sequence[WearerState], each: AssociatedCamera,
     spreads: Sequence[float], path_known: bool,
 ) -> tuple[KeypointView, ...]:  # fmt: skip
-    state, views = replace(state, camera=camera.state), []
-    lens, settings = camera.lens, camera.problem.settings
+    lens, settings, views = camera.lens, camera.problem.settings, list[KeypointView]()
     keypoints, clock = each.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
     detections = each.detections.timed(found_clock(camera.state, camera.problem.clock_middle))
-    for number, wearer in enumerate(wearers):
+    for number, (wearer, state) in enumerate(zip(wearers, states, strict=True)):
         body = wearer.skeleton
         view = keypoint_view(
             detections, each.association.wearer == number, body, wearer.frames.time,
-            image_scale(body, state, number, lens), spreads[number], settings.reprojection,
-            predicted_pixels(keypoints, body, state, number, lens) if path_known else None, lens.width,
+            image_scale(body, state, camera.state, lens), spreads[number], settings.reprojection,
+            predicted_pixels(keypoints, body, state, camera.state, lens) if path_known else None, lens.width,
         )  # fmt: skip
         if settings.ground_contact.use and not camera.problem.free_pose:
-            ground = seen_standing(wearer, state, number, keypoints, view, lens, path_known, settings.ground_contact)
+            ground = seen_standing(wearer, state, camera.state, keypoints, view, lens, path_known,
+                                   settings.ground_contact)  # fmt: skip
             view = replace(view, ground=ground)
         views.append(replace(view, clock=clock))
     return tuple(views)
@@ -307,17 +313,13 @@ def fuse_in_rounds(
     # Whom no camera shows is not to be found by a guess
     rounds = settings.fusion.rounds if any(each.shows_somebody for each in associated) else 1
     for _ in range(rounds - 1):
-        associated = associate_cameras_again(
-            associated, solution.lens, solution.camera_path, solution.clock, solution.motions, settings, on_progress
-        )
+        associated = associate_cameras_again(associated, solution.placements, solution.motions, settings, on_progress)
         solution = fuse(initial, solution, associated, settings, solver)
     for _ in range(settings.fusion.refits):
         if not solution.is_consistent():
             solution = fuse(initial, solution, associated, settings, solver)
     solution = _reconsidered(initial, solution, associated, settings, solver)
-    return solution, add_left_over_detections(
-        associated, solution.lens, solution.camera_path, solution.clock, solution.motions, settings
-    )
+    return solution, add_left_over_detections(associated, solution.placements, solution.motions, settings)
 
 
 def _reconsidered(
@@ -376,6 +378,8 @@ def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProb
 
 def _cost(one: FusionSolution, other: FusionSolution) -> float:
     """Of a solution, with its detections believed as much as in another."""
-    views = zip(one.model.views, other.model.views, strict=True)
-    believed = tuple(replace(view, sigma=theirs.sigma) for view, theirs in views)
+    believed = tuple(
+        tuple(replace(view, sigma=theirs.sigma) for view, theirs in zip(views, others, strict=True))
+        for views, others in zip(one.model.views, other.model.views, strict=True)
+    )
     return sum(SceneObjective(replace(one.model, views=believed)).cost(one.state).values())

@@ -1,7 +1,7 @@
 """Cameras and wearers put into one world: where the fusion starts from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from vip_factors.initialise.camera import (
     world_turn,
 )
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
-from vip_factors.problem.scene import CameraProblem, Viewpoint, keypoint_offset_sigmas
+from vip_factors.problem.scene import CameraProblem, keypoint_offset_sigmas
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.frames import resample_streams
@@ -40,16 +40,14 @@ class FusionStart:
 
     Attributes:
         wearers: their problems and states.
-        camera: the first one's problem.
+        cameras: their problems.
         state: of all.
-        further: cameras of known pose, without views yet.
-        associated: the cameras that are of use, by the first association.
+        associated: the same cameras, by the first association.
     """
 
     wearers: tuple[InertialSolution, ...]
-    camera: CameraProblem
+    cameras: tuple[CameraProblem, ...]
     state: SceneState
-    further: tuple[Viewpoint, ...]
     associated: tuple[AssociatedCamera, ...]
 
 
@@ -81,37 +79,109 @@ def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> Cam
 def start_fusion(
     associated: Sequence[AssociatedCamera], wearers: Sequence[InertialSolution], settings: CommonSettings
 ) -> FusionStart:
-    """The first camera by the wearer it saw most, and the other wearers by that camera.
+    """Cameras by the wearers whom they saw, and wearers by the cameras that saw them, in one world.
 
-    Cameras of known pose place the wearers whom they saw before that: their world is the scene's.
+    That is the world of the cameras of known pose, if there are any; else that of the wearer whom a camera saw most.
 
     Args:
         associated: that are of use (:func:`~vip_factors.stages.association.usable_cameras`).
         wearers: each in a world of their own.
         settings: of all rooms.
     """
-    camera, seen, time = associated[0].camera, list(associated[0].seen), wearers[0].model.frames.time
-    problem = camera_problem(camera, time, settings)
-    placed = [_anchored(one, [each.camera for each in associated], settings) for one in wearers]
-    known = [each for each in associated if each.camera.known_path is not None]
-    settled = [number for number in range(len(placed)) if any(len(each.seen[number]) for each in known)]
-    for number in settled:
-        look = _sightings_of_known(known, number)
-        placed[number] = _placed(placed[number], look, time)
-        seen[number] = seen[number].turned(world_turn(*look))
-    first = max([n for n in settled if len(seen[n])] or range(len(placed)), key=lambda number: len(seen[number]))
-    problem = _with_found_mounting(camera, problem, seen[first])
-    path, heading = _first_path(camera, problem, placed[first], seen[first], time)
-    for number in set(range(len(placed))) - set(settled):
-        is_gauge = number == first and camera.known_path is None
-        if is_gauge and camera.moving:
-            continue  # the camera was placed by this very path
-        placed[number] = _placed(placed[number], (path, seen[number]), time, is_gauge)
-    poses = path if len(path) == 1 and not camera.moving else path.at(time)
-    state = CameraState(CameraPoses(poses.R_world_camera, poses.p_world_camera), heading, problem.prior_R_camera_imu)
-    scene = SceneState(tuple(one.state for one in placed), state, DetectorState(problem.prior_offsets.mean))
-    further = tuple(_known_viewpoint(each.camera, settings) for each in associated[1:])
-    return FusionStart(tuple(placed), replace(problem, prior_heading=heading), scene, further, tuple(associated))
+    time = wearers[0].model.frames.time
+    world = _World.of(associated, [_anchored(one, [each.camera for each in associated], settings) for one in wearers],
+                      [camera_problem(each.camera, time, settings) for each in associated], time)  # fmt: skip
+    world.place_by_known_cameras()
+    while (pair := world.next_pair()) is not None:
+        world.place_camera(*pair)
+    scene = SceneState(
+        tuple(one.state for one in world.wearers),
+        tuple(world.states[number] for number in range(len(associated))),
+        DetectorState(world.problems[0].prior_offsets.mean),
+    )
+    return FusionStart(tuple(world.wearers), tuple(world.problems), scene, tuple(associated))
+
+
+@dataclass
+class _World:
+    """Wearers and cameras on their way into one world.
+
+    Attributes:
+        associated: the cameras.
+        wearers: in the world, those that are in ``settled``.
+        problems: of the cameras.
+        seen: of each camera, of each wearer, in the wearer's world.
+        time: ``(T,)`` seconds of the frames.
+        settled: numbers of the wearers who are in the world.
+        paths, states: of the cameras that are in the world, by number.
+    """
+
+    associated: Sequence[AssociatedCamera]
+    wearers: list[InertialSolution]
+    problems: list[CameraProblem]
+    seen: list[list[Sightings]]
+    time: Array
+    settled: set[int] = field(default_factory=set)
+    paths: dict[int, CameraPath] = field(default_factory=dict)
+    states: dict[int, CameraState] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls, associated: Sequence[AssociatedCamera], wearers: list[InertialSolution], problems: list[CameraProblem],
+        time: Array,
+    ) -> "_World":  # fmt: skip
+        """With nobody in it."""
+        return cls(associated, wearers, problems, [list(each.seen) for each in associated], time)
+
+    def place_by_known_cameras(self) -> None:
+        """Put in the wearers whom cameras of known pose saw."""
+        known = [each for each in self.associated if each.camera.known_path is not None]
+        for number in range(len(self.wearers)):
+            if any(len(each.seen[number]) for each in known):
+                look = _sightings_of_known(known, number)
+                self._settle(number, look, is_gauge=False)
+
+    def next_pair(self) -> tuple[int, int] | None:
+        """The camera that is put in next, and the wearer by whom: of those that can be, the pair with most sightings.
+
+        Where nobody is settled yet, by any wearer; cameras of known pose go first, then those that stand still.
+        """
+        left = [number for number in range(len(self.associated)) if number not in self.paths]
+        if not left:
+            return None
+        allowed = self.settled or set(range(len(self.wearers)))
+
+        def preference(pair: tuple[int, int]) -> tuple[bool, bool, int]:
+            camera, sightings = self.associated[pair[0]].camera, len(self.seen[pair[0]][pair[1]])
+            return camera.known_path is not None, sightings > 0 and not camera.moving, sightings
+
+        return max(((number, wearer) for number in left for wearer in sorted(allowed)), key=preference)
+
+    def place_camera(self, number: int, wearer: int) -> None:
+        """Put in a camera by a wearer, and the wearers whom it saw and nobody has put in yet."""
+        camera, seen = self.associated[number].camera, self.seen[number]
+        problem = _with_found_mounting(camera, self.problems[number], seen[wearer])
+        path, heading = _first_path(camera, problem, self.wearers[wearer], seen[wearer], self.time)
+        self.problems[number], self.paths[number] = replace(problem, prior_heading=heading), path
+        poses = path if len(path) == 1 and not camera.moving else path.at(self.time)
+        poses_at_frames = CameraPoses(poses.R_world_camera, poses.p_world_camera)
+        self.states[number] = CameraState(poses_at_frames, heading, problem.prior_R_camera_imu)
+        for other in set(range(len(self.wearers))) - self.settled:
+            is_gauge = other == wearer and camera.known_path is None
+            if is_gauge and camera.moving:
+                self.settled.add(other)  # the camera was placed by this very path
+            else:
+                self._settle(other, (path, seen[other]), is_gauge)
+
+    def _settle(self, number: int, look: tuple[CameraPath, Sightings], is_gauge: bool) -> None:
+        """Put in a wearer by what a camera in the world saw of him; one whom it never saw stays outside."""
+        if not len(look[1]):
+            return
+        turn = 0.0 if is_gauge else world_turn(*look)
+        self.wearers[number] = _placed(self.wearers[number], look, self.time, turn, is_gauge)
+        self.settled.add(number)
+        for sightings in self.seen:
+            sightings[number] = sightings[number].turned(turn)
 
 
 def _with_found_mounting(camera: Camera, problem: CameraProblem, seen: Sightings) -> CameraProblem:
@@ -138,13 +208,6 @@ def _sightings_of_known(cameras: Sequence[AssociatedCamera], wearer: int) -> tup
         if each.camera.known_path is not None and len(each.seen[wearer])
     ]
     return looks[0] if len(looks) == 1 else together(looks)
-
-
-def _known_viewpoint(camera: Camera, settings: CommonSettings) -> Viewpoint:
-    assert camera.known_path is not None
-    problem = CameraProblem(camera.model, False, False, settings=settings.camera)
-    poses = CameraPoses(camera.known_path.R_world_camera, camera.known_path.p_world_camera)
-    return Viewpoint(problem, CameraState(poses), ())
 
 
 def _anchored(inertial: InertialSolution, cameras: Sequence[Camera], settings: CommonSettings) -> InertialSolution:
@@ -190,13 +253,10 @@ def inertial_orientations(problem: CameraProblem, frames: int) -> tuple[np.ndarr
 
 
 def _placed(
-    inertial: InertialSolution, look: tuple[CameraPath, Sightings], time: Array, is_gauge: bool = False
+    inertial: InertialSolution, look: tuple[CameraPath, Sightings], time: Array, turn: float, is_gauge: bool
 ) -> InertialSolution:
-    """A wearer in the world of a camera that saw them; one that was never seen stays in their own."""
+    """A wearer, turned by an angle in radians, in the world of a camera that saw them."""
     model, state = inertial.model, inertial.state
-    if not len(look[1]):
-        return inertial
-    turn = 0.0 if is_gauge else world_turn(*look)
     state = state.turned(turn)
     state = replace(state, p_world_pelvis=filmed_path(*look, state.p_world_pelvis, time))
     model = replace(

@@ -42,7 +42,7 @@ from vip_factors.stages.decode import (
     with_sigmas,
 )
 from vip_factors.stages.drift import clock_findings, drift_findings, slip_findings
-from vip_factors.stages.findings import film_findings, posture_findings, quality_checks, who_is_who
+from vip_factors.stages.findings import film_findings, in_picture_of, posture_findings, quality_checks, who_is_who
 from vip_factors.stages.fusion import FusionSolution
 from vip_factors.stages.inertial_model import method_of, with_contacts, with_inflated_contact_sigma
 from vip_factors.stages.pauses import jump_findings
@@ -79,11 +79,17 @@ def filmed_estimate(
         )
         for number, estimate in enumerate(decode_wearers(fine.model, fine.state, covariance))
     )
-    first, is_first_used = scene.cameras[0], associated[0].camera is scene.camera
-    camera, given = None, np.full(len(first.detections), -1)
-    if is_first_used:  # else nobody was found there, and it is nowhere
-        camera = decode_camera(first.name, fine.model, fine.state, covariance, first.clock)
-        camera, given = camera_with_sigmas(camera, shared), associated[0].association.wearer
+    cameras = tuple(
+        camera_with_sigmas(
+            decode_camera(each.camera.name, number, fine.model, fine.state, covariance, each.camera.clock),
+            number,
+            shared,
+        )
+        for number, each in enumerate(associated)
+    )
+    camera, others, given = None, cameras, np.full(len(scene.cameras[0].detections), -1)
+    if associated[0].camera is scene.camera:  # else it shows nobody
+        camera, others, given = cameras[0], cameras[1:], associated[0].association.wearer
     findings = [
         *who_is_who(scene, associated),
         *_undetermined(shared, "all headings, mountings and the camera"),
@@ -94,12 +100,17 @@ def filmed_estimate(
             for one, own in zip(coarse.model.wearers, wearers, strict=True)
             for finding in jump_findings(one.name, own.calibration, one.restarts)
         ),
-        *(clock_findings(first, camera) if camera is not None else ()),
+        *(
+            in_picture_of(each.camera, scene, finding)
+            for each, one in zip(associated, cameras, strict=True)
+            for finding in clock_findings(each.camera, one)
+        ),
     ]
     findings = [*calibration.about_sensors, *solution.about_floor, *dict.fromkeys(findings), *solution.about_starts()]
     return Estimate(
         scene.name, "VIP", wearers, camera, given, tuple(solver.reports), (*film_findings(scene, findings), *findings),
         flatten(settings), detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
+        others,
     )  # fmt: skip
 
 
@@ -153,7 +164,7 @@ def association_cues(names: Sequence[str], association: Association) -> tuple[st
 
 def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
     """The estimate as it is told: with the models' share of standard deviations, which nothing before this sees."""
-    filmed = estimate.camera is not None
+    filmed = bool(estimate.cameras)
     errors = FILMED if filmed else UNFILMED
     wearers, findings = list[WearerEstimate](), list(estimate.findings)
     for wearer in estimate.wearers:
@@ -298,7 +309,7 @@ def detector_estimate(solution: FusionSolution, shared: SharedCovariance) -> Det
     if not solution.model.free_keypoints:
         return None
     found = solution.state.detector.keypoint_offsets
-    prior = solution.model.camera.prior_offsets
+    prior = solution.model.cameras[0].prior_offsets
     sigma = _shaped(shared.sigmas(DETECTOR, "keypoint_offsets"), found)
     return DetectorEstimate(OFFSET_KEYPOINTS, prior.mean, found, prior.sigma, sigma)
 

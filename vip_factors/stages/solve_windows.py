@@ -64,8 +64,8 @@ def solve_windows(
     elif plan.all_calibrate:
         yield from _windows_of_solution(calibration.solution, plan, settings, own, map_fn)
     else:
-        first = source.head.cameras[0]
-        is_carried, before = first.moving and first.known_path is None, None
+        is_carried = all(camera.moving and camera.known_path is None for camera in source.head.cameras)
+        before = None
         for window in map_fn(FilmedWindow.solved, filmed_windows(source, calibration, calibrated, plan, settings, own)):
             if before is not None and is_carried and not window.is_placed:
                 window = moved(window, before, settings.factors.floor_contact.use)
@@ -194,7 +194,9 @@ def _solve_finely(
     (span, frames), solver = window, replace(solver, reports=[])
     fine = solution.at_full_rate(frames, settings, solver)
     nearest = None if covariance is None else at_nearest(covariance, solution.fused, frames[0].time)
-    first = solution.scene.cameras[0]
-    camera = decode_camera(first.name, fine.model, fine.state, nearest, first.clock)
+    cameras = tuple(
+        decode_camera(each.camera.name, number, fine.model, fine.state, nearest, each.camera.clock)
+        for number, each in enumerate(solution.associated)
+    )
     wearers = decode_wearers(fine.model, fine.state, nearest)
-    return SolvedWindow(span, wearers, camera, reports=tuple(solver.reports))
+    return SolvedWindow(span, wearers, cameras, reports=tuple(solver.reports))

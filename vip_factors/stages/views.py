@@ -10,7 +10,7 @@ from vip_factors.body.skeleton import Skeleton, joint_index
 from vip_factors.factor_settings import ReprojectionSettings
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.scene import KeypointView
-from vip_factors.problem.state import SceneState
+from vip_factors.problem.state import CameraState, WearerState
 from vip_factors.problem.wearer import BodyPoint
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.detections import Detections
@@ -61,12 +61,11 @@ def keypoint_view(
 
 
 def predicted_pixels(
-    keypoints: KeypointSet, skeleton: Skeleton, state: SceneState, number: int, model: CameraModel
+    keypoints: KeypointSet, skeleton: Skeleton, wearer: WearerState, camera: CameraState, model: CameraModel
 ) -> Array:
     """Where a camera would see the keypoints on a wearer's body at the frames, ``(T, K, 2)``."""
-    wearer = state.wearers[number]
     body = forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
-    poses = state.camera.at_frames(slice(0, len(body.p_world_joint)))
+    poses = camera.at_frames(slice(0, len(body.p_world_joint)))
     _, points = points_on_body(keypoints, skeleton)
     p = np.stack([point.of(body) for point in points], axis=1)
     return model.project((p - poses.p_world_camera[:, None]) @ poses.R_world_camera)
@@ -93,13 +92,12 @@ def pixel_sigma(
     return np.where(seen, sigma, 1.0), np.where(seen, size * unsure, 1.0)
 
 
-def image_scale(skeleton: Skeleton, state: SceneState, number: int, model: CameraModel) -> Array:
+def image_scale(skeleton: Skeleton, wearer: WearerState, camera: CameraState, model: CameraModel) -> Array:
     """Square root of a wearer's area in pixels at each frame ``(T,)``, by the depth of the middle of the body."""
     nearest = 0.5  # m
-    wearer = state.wearers[number]
     body = forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
     centre = body.p_world_joint[:, joint_index("spine2")]
-    poses = state.camera.at_frames(slice(0, len(centre)))
+    poses = camera.at_frames(slice(0, len(centre)))
     depth = np.einsum("ti,ti->t", centre - poses.p_world_camera, poses.R_world_camera[:, :, 2])
     return AREA_OF_HEIGHT * model.focal[1] * stature_of(skeleton) / np.maximum(depth, nearest)
 

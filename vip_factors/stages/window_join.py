@@ -57,7 +57,7 @@ class SolvedWindow:
     Attributes:
         frames: of the recording.
         wearers: their estimates, with the reports of the solves of each.
-        camera: its; None without one.
+        cameras: those of the estimate; none of a wearer whom no camera sees.
         headings: of each wearer's sensors, where windows find them.
         detected_at: ``(N,)`` seconds of the first camera's detections.
         wearer_of_detection: ``(N,)`` whom each of them shows, −1 for nobody.
@@ -68,7 +68,7 @@ class SolvedWindow:
 
     frames: slice
     wearers: tuple[WearerEstimate, ...]
-    camera: CameraEstimate | None = None
+    cameras: tuple[CameraEstimate, ...] = ()
     headings: tuple[Headings, ...] = ()
     detected_at: Array = field(default_factory=lambda: np.zeros(0))
     wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
@@ -79,8 +79,8 @@ class SolvedWindow:
     def within(self, frames: slice) -> "SolvedWindow":
         """Some of the window's frames; who is who is still of all."""
         own = slice(frames.start - self.frames.start, frames.stop - self.frames.start)
-        camera = None if self.camera is None else self.camera.frames(own)
-        return replace(self, frames=frames, wearers=tuple(one.frames(own) for one in self.wearers), camera=camera)
+        cameras = tuple(camera.frames(own) for camera in self.cameras)
+        return replace(self, frames=frames, wearers=tuple(one.frames(own) for one in self.wearers), cameras=cameras)
 
     def numbered(self, number: int) -> "SolvedWindow":
         """The same with reports that tell the window's number, counted from 0."""
@@ -111,15 +111,15 @@ def moved(window: SolvedWindow, before: SolvedWindow, has_floor: bool) -> Solved
     other, own = before.within(frames), window.within(frames)
     wearers = list(zip(other.wearers, own.wearers, strict=True))
     positions = [(one.motion.p_world_pelvis, two.motion.p_world_pelvis) for one, two in wearers]
-    yaw, camera = 0.0, window.camera
-    if camera is not None and other.camera is not None and own.camera is not None:
+    yaw, cameras = 0.0, [(one.path, two.path) for one, two in zip(other.cameras, own.cameras, strict=True)]
+    if cameras:
         turns = [(one.motion.R_parent_child[:, 0], two.motion.R_parent_child[:, 0]) for one, two in wearers]
-        turns.append((other.camera.path.R_world_camera, own.camera.path.R_world_camera))
+        turns += [(one.R_world_camera, two.R_world_camera) for one, two in cameras]
         yaw = robust_mean_angle(np.concatenate([yaw_of(there @ transpose(here)) for there, here in turns]))
-        positions.append((other.camera.path.p_world_camera, own.camera.path.p_world_camera))
+        positions += [(one.p_world_camera, two.p_world_camera) for one, two in cameras]
     turn = rotation_z(yaw)
     shifts = np.concatenate([there - here @ turn.T for there, here in positions])
-    shift = np.mean(shifts, axis=0) if camera is None else np.median(shifts, axis=0)
+    shift = np.median(shifts, axis=0) if cameras else np.mean(shifts, axis=0)
     if has_floor:
         shift[2] = 0.0
     middle = (frames.stop - frames.start) // 2
@@ -129,7 +129,7 @@ def moved(window: SolvedWindow, before: SolvedWindow, has_floor: bool) -> Solved
             _turned(one, yaw, shift, _unsureness(first, second, middle, has_floor))
             for one, (first, second) in zip(window.wearers, wearers, strict=True)
         ),
-        camera=None if camera is None else _turned_camera(camera, yaw, shift),
+        cameras=tuple(_turned_camera(camera, yaw, shift) for camera in window.cameras),
         headings=tuple(replace(one, path=one.path + yaw) for one in window.headings),
     )
 
@@ -143,7 +143,7 @@ class SceneSummary:
         known: findings that the calibrating frames tell.
         log: of the windows' findings beside them.
         headings: by window, of each wearer.
-        clocks: by window, seconds of the video in its middle, and how late it is there.
+        clocks: by window, of each camera, seconds of its video in the window's middle, and how late it is there.
         labels: by chunk, whom each detection shows.
     """
 
@@ -152,7 +152,7 @@ class SceneSummary:
     known: tuple[Finding, ...]
     log: FindingLog = field(default_factory=FindingLog)
     headings: list[tuple[Headings, ...]] = field(default_factory=list)
-    clocks: list[tuple[float, float]] = field(default_factory=list)
+    clocks: list[list[tuple[float, float]]] = field(default_factory=list)
     labels: list[np.ndarray] = field(default_factory=list)
 
     @classmethod
@@ -163,13 +163,11 @@ class SceneSummary:
 
     def add(self, window: SolvedWindow) -> None:
         """What one more window found."""
-        assert window.camera is not None
         start, end = self.plan.time(window.frames)[[0, -1]].tolist()
         self.log.add_window(window.findings, start, end, self.known)
         self.headings.append(window.headings)
-        clock = window.camera.clock
-        middle = ((start + end) / 2 - clock.offset) / (1 + clock.drift)
-        self.clocks.append((middle, clock.late(middle)))
+        middles = [((start + end) / 2 - one.clock.offset) / (1 + one.clock.drift) for one in window.cameras]
+        self.clocks.append([(at, one.clock.late(at)) for at, one in zip(middles, window.cameras, strict=True)])
 
     def completed(self, head: Estimate) -> Estimate:
         """The head of the estimate, after all windows."""
@@ -180,15 +178,18 @@ class SceneSummary:
         plan, last = self.plan, float(self.plan.time(slice(self.plan.frames - 1, self.plan.frames))[0])
         unseen = (-np.inf, plan.start), (float(np.nextafter(last, np.inf)), np.inf)
         before, after = (np.full(self.source.detected(*interval), -1) for interval in unseen)
-        camera = _with_clock(head.camera, self.clocks)
-        clock = () if camera is None else clock_findings(self.source.head.cameras[0], camera, (plan.start, last))
+        clocks = list[Finding]()
+        given = {camera.name: camera for camera in self.source.head.cameras}
+        for one, found in zip(head.cameras, zip(*self.clocks, strict=True), strict=True):
+            own = clock_findings(given[one.name], _with_clock(one, found), (plan.start, last))
+            clocks += [replace(finding, camera=one.name if len(given) > 1 else "") for finding in own]
         self.log.close()
         drifts = [finding for one in wearers for finding in drift_findings(one.motion.name, one.calibration)]
         return replace(
             head,
             wearers=wearers,
             wearer_of_detection=np.concatenate([before, *self.labels, after]).astype(int),
-            findings=(*self.known, *self.log.take(), *drifts, *clock),
+            findings=(*self.known, *self.log.take(), *drifts, *clocks),
         )
 
 
@@ -206,10 +207,10 @@ def join(
     """
     none = [wearer.frames(slice(0, 0)) for wearer in calibrated.wearers]
     wearers = [replace(one, motion=replace(one.motion, rate=plan.rate, start=plan.start)) for one in none]
-    camera, frames = calibrated.camera, (plan.frames,) * len(wearers)
-    camera = None if camera is None else camera.start
-    head = replace(calibrated, name=source.head.name, wearers=tuple(wearers), camera=camera)
-    poses = plan.frames if any(one.moving for one in source.head.cameras[:1]) else 1
+    frames, moving = (plan.frames,) * len(wearers), [camera.name for camera in source.head.cameras if camera.moving]
+    head = replace(calibrated, name=source.head.name)
+    head = head.with_cameras([camera.start for camera in head.cameras], wearers)
+    poses = tuple(plan.frames if camera.name in moving else 1 for camera in head.cameras)
     if plan.all_calibrate or not source.head.cameras:
         return EstimateChunks(head, frames, chunks_of(windows, head, plan, on_progress), poses)
     summary = SceneSummary.of(source, plan, calibrated)
@@ -261,10 +262,8 @@ def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate, summa
         wearers.append(
             replace(whole, motion=motion, covariance=one.covariance, residuals=one.residuals, reports=one.reports)
         )
-    return replace(
-        head, wearers=tuple(wearers), camera=None if head.camera is None else window.camera,
-        wearer_of_detection=labels, reports=window.reports,
-    )  # fmt: skip
+    head = head.with_cameras(window.cameras, wearers)
+    return replace(head, wearer_of_detection=labels, reports=window.reports)
 
 
 def _between(one: SolvedWindow, other: SolvedWindow) -> SolvedWindow:
@@ -272,8 +271,8 @@ def _between(one: SolvedWindow, other: SolvedWindow) -> SolvedWindow:
     count = one.frames.stop - one.frames.start
     share = np.linspace(0, 1, count + 2)[1:-1]
     wearers = tuple(_estimate_between(*two, share) for two in zip(one.wearers, other.wearers, strict=True))
-    camera = None if one.camera is None or other.camera is None else _camera_between(one.camera, other.camera, share)
-    return replace(one, wearers=wearers, camera=camera, reports=())
+    cameras = tuple(_camera_between(*two, share) for two in zip(one.cameras, other.cameras, strict=True))
+    return replace(one, wearers=wearers, cameras=cameras, reports=())
 
 
 def _estimate_between(one: WearerEstimate, other: WearerEstimate, share: Array) -> WearerEstimate:
@@ -351,10 +350,10 @@ def _unsureness(before: WearerEstimate, own: WearerEstimate, middle: int, has_fl
     return added
 
 
-def _with_clock(camera: CameraEstimate | None, clocks: Sequence[tuple[float, float]]) -> CameraEstimate | None:
+def _with_clock(camera: CameraEstimate, clocks: Sequence[tuple[float, float]]) -> CameraEstimate:
     """The camera with a clock through what windows found of it."""
     least_clocks = 2  # windows through whose clocks there is a line
-    if camera is None or len(clocks) < least_clocks:
+    if len(clocks) < least_clocks:
         return camera
     time, late = np.array(clocks).T
     drift, offset = np.polyfit(time, late, 1)

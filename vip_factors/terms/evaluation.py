@@ -146,8 +146,9 @@ class WearerEvaluation:
 
 @dataclass(frozen=True)
 class CameraEvaluation:
-    """The camera alone: its problem, its state, the frames it is asked about, and the offsets of its detector."""
+    """One camera, by number: its problem and state, the scene's frames, and the offsets of the detector."""
 
+    number: int
     problem: CameraProblem
     state: CameraState
     frames: int
@@ -155,7 +156,10 @@ class CameraEvaluation:
     offsets: Array | None = None
     free_offsets: bool = False
 
-    owner = OwnerId(Owner.CAMERA)
+    @cached_property
+    def owner(self) -> OwnerId:
+        """Of the camera's variables."""
+        return OwnerId(Owner.CAMERA, self.number)
 
     @property
     def is_beginning(self) -> bool:

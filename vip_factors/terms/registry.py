@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 
-from vip_factors.factor_settings import CameraFactorSettings
-from vip_factors.problem.scene import CameraProblem, ExtraTerms, KeypointView, SceneProblem
+from vip_factors.problem.scene import ExtraTerms, SceneProblem
 from vip_factors.problem.wearer import WearerProblem
-from vip_factors.sensors.camera import CameraModel
 from vip_factors.terms.acceleration import ACCELERATION
 from vip_factors.terms.agreeing_headings import AGREEING_HEADINGS
 from vip_factors.terms.body_prior import BODY_PRIOR
@@ -72,8 +70,5 @@ CAMERA_TERMS: tuple[Term[CameraEvaluation], ...] = (
 
 
 def unfilmed_problem(wearers: Sequence[WearerProblem], extra: ExtraTerms | None = None) -> SceneProblem:
-    """The problem of wearers before no camera: the one that it has sees nobody and has no free variables."""
-    lens = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
-    camera = CameraProblem(lens, moving=False, settings=CameraFactorSettings(), free_pose=False)
-    views = tuple(KeypointView.unseen((), len(wearer.frames)) for wearer in wearers)
-    return SceneProblem(tuple(wearers), camera, views, extra=extra)
+    """The problem of wearers whom no camera sees."""
+    return SceneProblem(tuple(wearers), (), (), extra=extra)

@@ -249,12 +249,14 @@ def camera_estimate_facts(camera: CameraEstimate) -> Table:
 
 
 def reprojection_table(estimate: Estimate, names: Sequence[str]) -> Table:
-    """How far each wearer is from what the camera saw."""
-    residuals = estimate.camera.residual_px if estimate.camera is not None else None
+    """How far each wearer is from what each camera saw."""
     rows = []
-    for name, values in zip(names, () if residuals is None else residuals.T, strict=residuals is not None):
-        half, most = (Quantity(finite_quantile(values, share), decimals=1) for share in (0.5, 0.95))
-        rows.append((name, str(int(np.isfinite(values).sum())), half, most))
+    for camera in estimate.cameras:
+        residuals = np.zeros((0, 0)) if camera.residual_px is None else camera.residual_px
+        for name, values in zip(names, residuals.T, strict=False):
+            half, most = (Quantity(finite_quantile(values, share), decimals=1) for share in (0.5, 0.95))
+            label = f"{name}, {camera.name}" if estimate.further_cameras else name
+            rows.append((label, str(int(np.isfinite(values).sum())), half, most))
     return Table(("seen by the camera", "frames", "median, px", "95 % below, px"), rows)
 
 
@@ -305,8 +307,7 @@ def estimate_tables(estimate: Estimate, verbose: bool = False) -> Iterator[Table
         rows.append(("computed in", f"{sum(report.seconds for report in reports):.1f} s{stopped}"))
     rows += [("who is who", sentence) for sentence in estimate.association]
     yield facts(f"estimate '{estimate.name}', method {estimate.method}", *rows)
-    if estimate.camera is not None:
-        yield camera_estimate_facts(estimate.camera)
+    yield from map(camera_estimate_facts, estimate.cameras)
     yield reprojection_table(estimate, names)
     yield detection_table(estimate, names)
     yield detector_table(estimate.detector)

@@ -19,6 +19,7 @@ from vip_factors.evaluate.calibration import (
     calibration_error,
     camera_error,
     camera_metrics,
+    common_instants,
     consistency_metrics,
     error_metrics,
     joint_nees,
@@ -329,7 +330,7 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     table |= error_metrics([error for error, _ in _calibration_pairs(estimate, scene, turn).values()])
     if comparison.camera is not None and gauge is not None:
         table |= camera_metrics(camera_error(comparison.camera, gauge))
-    table |= _camera_imu(estimate, scene, turn)
+    table |= _camera_imu(estimate, scene, turn) | _further_cameras(estimate, scene, gauge)
     table |= _honesty(estimate, scene, comparison)
     table |= _association(estimate, scene)
     return Evaluation(estimate.name, estimate.method, table, estimate.verdict.severity, wearers=wearers)
@@ -370,6 +371,20 @@ def _camera_imu(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[s
         table["camera_mounting_error"] = Metric(float(np.rad2deg(error.mounting_magnitude[0])), "deg")
     late = estimate.camera.clock.offset - scene.truth.clock.offset
     return table | {"time_offset_error": Metric(1e3 * late, "ms")}
+
+
+def _further_cameras(estimate: Estimate, scene: Scene, gauge: Alignment | None) -> dict[str, Metric]:
+    """Path and clock of each camera beside the first one, where estimated and known, with its name."""
+    table, truths = dict[str, Metric](), () if scene.truth is None or gauge is None else scene.truth.further
+    estimated = {camera.name: camera for camera in estimate.further_cameras}
+    for camera, truth in zip(scene.further_cameras, truths, strict=False):
+        own = estimated.get(camera.name)
+        if own is not None and gauge is not None:
+            path, true_path, _ = common_instants(own.path, truth.camera)
+            own_table = camera_metrics(camera_error((path, true_path), gauge))
+            own_table["time_offset_error"] = Metric(1e3 * (own.clock.offset - truth.clock.offset), "ms")
+            table |= {f"{name}, {camera.name}": metric for name, metric in own_table.items()}
+    return table
 
 
 def _honesty(estimate: Estimate, scene: Scene, comparison: SceneComparison) -> dict[str, Metric]:

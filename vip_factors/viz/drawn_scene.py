@@ -10,7 +10,7 @@ from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.evaluate.comparison import Comparison, compare_motion, compare_scene
-from vip_factors.geometry.poses import align_yaw
+from vip_factors.geometry.poses import Alignment, align_yaw
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock, move_motion, move_path
 from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
@@ -208,7 +208,7 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
         camera = replace(camera, path=camera.true_path, true_path=None)
     motions = [wearer.motion for wearer in wearers if wearer.motion is not None]
     is_placed = any(wearer.motion is not None and wearer.truth is not None for wearer in wearers)
-    apart = len(motions) > 1 and not is_placed and (estimate is None or estimate.camera is None)
+    apart = len(motions) > 1 and not is_placed and (estimate is None or not estimate.cameras)
     if apart:
         shifts = iter(set_apart(motions))
         wearers = [
@@ -220,7 +220,8 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
             for wearer in wearers
         ]
     name = estimate.name if estimate is not None else scene.name if scene is not None else ""
-    cameras = (*([camera] if camera is not None else []), *_further_cameras(scene))
+    gauge = comparison.gauge if comparison is not None else None
+    cameras = (*([camera] if camera is not None else []), *_further_cameras(scene, estimate, gauge))
     return DrawnScene(name, tuple(wearers), cameras, estimate, apart)
 
 
@@ -246,23 +247,23 @@ def _first_camera(scene: Scene | None, estimate: Estimate | None) -> DrawnCamera
     return DrawnCamera(camera.name, known.model, path, true_path, detections, labels, camera.video)
 
 
-def _further_cameras(scene: Scene | None) -> list[DrawnCamera]:
-    """Where they really are if that is known, for then the estimate is brought there; else where they are said to."""
+def _further_cameras(scene: Scene | None, estimate: Estimate | None, gauge: Alignment | None) -> list[DrawnCamera]:
+    """As estimated, brought into the true world if there is one; else where they really are or are said to be."""
+    estimated = {} if estimate is None else {camera.name: camera for camera in estimate.further_cameras}
     if scene is None:
-        return []
+        return [DrawnCamera(name, camera.model, camera.path) for name, camera in estimated.items()]
     known = [camera.known_path for camera in scene.further_cameras]
     paths = known if scene.truth is None else [truth.camera for truth in scene.truth.further]
-    return [
-        DrawnCamera(
-            camera.name,
-            camera.model,
-            path,
-            detections=camera.timed_detections,
-            labels=np.full(len(camera.detections), NOBODY),
-        )
-        for camera, path in zip(scene.further_cameras, paths, strict=True)
-        if path is not None
-    ]
+    drawn = list[DrawnCamera]()
+    for camera, true_path in zip(scene.further_cameras, paths, strict=True):
+        own, path, model, clock = estimated.get(camera.name), true_path, camera.model, camera.clock
+        if own is not None:
+            path, model, clock = own.path if gauge is None else move_path(own.path, gauge), own.model, own.clock
+        if path is not None:
+            unlabelled = np.full(len(camera.detections), NOBODY)
+            detections = camera.detections.timed(clock)
+            drawn.append(DrawnCamera(camera.name, model, path, detections=detections, labels=unlabelled))
+    return drawn
 
 
 def _wearer(

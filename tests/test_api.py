@@ -49,7 +49,7 @@ def test_the_import_takes_nothing_heavy_along() -> None:
 
 # What is promised (docs/python.md): a name or a parameter goes only after it has warned for two minor releases.
 FUNCTIONS = {
-    "convert": "log options camera join further_cameras",
+    "convert": "log options cameras join",
     "detect": "video settings out overwrite progress",
     "evaluate": "estimate truth",
     "export": "estimate path settings overwrite",

@@ -21,10 +21,10 @@ def test_two_sightings_of_one_frame_do_not_tell_how_fast_a_wearer_goes(monkeypat
     monkeypatch.setattr(prediction, "locate_wearers", lambda *_: sightings)
     motion = gestures(seconds=0.5)
     found = SimpleNamespace(
-        problem=SimpleNamespace(wearers=[motion]), shared=SimpleNamespace(camera=SimpleNamespace(poses=()))
+        problem=SimpleNamespace(wearers=[motion]), shared=SimpleNamespace(cameras=[SimpleNamespace(poses=())])
     )
     state = FrameState(motion.R_parent_child[:1], np.zeros((1, 3)), np.eye(3), np.zeros(3))
-    placed = prediction._placed(found, [state] * 9, 20, None, [VideoFrame("phone", 0.0, None, None, 23)] * 2)  # type: ignore[arg-type]
+    placed = prediction._placed(found, [state] * 9, 20, 0, None, [VideoFrame("phone", 0.0, None, None, 23)] * 2)  # type: ignore[arg-type]
     assert placed is not None
     np.testing.assert_allclose([one.p_world_pelvis[0] for one in placed], [[1.0, 4.0, 0.9]] * 9, atol=1e-9)
 

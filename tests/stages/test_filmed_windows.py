@@ -204,4 +204,4 @@ def window_of(truth: Estimate, span: slice, path: CameraPath, yaw: float, shift:
     own = CameraPath(path.time[span], turn @ path.R_world_camera[span], path.p_world_camera[span] @ turn.T + shift)
     camera = CameraEstimate("phone", truth.camera.model, own, None, None, np.zeros((T, 2)))
     headings = tuple(Headings(own.time[[0, -1]], np.zeros((2, 1))) for _ in wearers)
-    return SolvedWindow(span, tuple(wearers), camera, headings, own.time, np.arange(span.start, span.stop) % 3 - 1)
+    return SolvedWindow(span, tuple(wearers), (camera,), headings, own.time, np.arange(span.start, span.stop) % 3 - 1)

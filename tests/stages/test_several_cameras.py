@@ -145,3 +145,20 @@ def test_windows_have_all_cameras() -> None:
     assert [len(one.path) for one in parts.cameras] == [len(one.path) for one in whole.cameras]
     for one, other in zip(parts.cameras, whole.cameras, strict=True):
         assert one.model.focal[0] == pytest.approx(other.model.focal[0], rel=0.08)
+
+
+def test_a_camera_that_was_moved_does_not_take_the_others_along() -> None:
+    scene = nobody_calibrated()
+    (second,), first = scene.further_cameras, scene.camera
+    detections = second.detections
+    pixels = detections.pixels + np.where(detections.frame[:, None, None] > 60, [300.0, 100.0], 0.0)
+    moved = replace(second, detections=replace(detections, pixels=pixels))
+    estimate, alone = (
+        smooth(replace(scene, further_cameras=(moved,)), QUICK),
+        smooth(replace(scene, camera=first, further_cameras=()), QUICK),
+    )
+    assert [one.name for one in estimate.cameras] == ["camera"]
+    assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
+    np.testing.assert_allclose(
+        estimate.wearers[0].motion.R_parent_child, alone.wearers[0].motion.R_parent_child, atol=0.05
+    )

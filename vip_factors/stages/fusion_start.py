@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -33,6 +34,8 @@ from vip_factors.stages.drift import middle_of
 from vip_factors.stages.inertial import InertialSolution
 from vip_factors.stages.inertial_model import with_foot_contact
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True)
 class FusionStart:
@@ -49,6 +52,15 @@ class FusionStart:
     cameras: tuple[CameraProblem, ...]
     state: SceneState
     associated: tuple[AssociatedCamera, ...]
+
+    def without_camera(self, number: int) -> "FusionStart":
+        """The same without the camera of a number."""
+
+        def others(cameras: Sequence[T]) -> tuple[T, ...]:
+            return (*cameras[:number], *cameras[number + 1 :])
+
+        state = replace(self.state, cameras=others(self.state.cameras))
+        return replace(self, cameras=others(self.cameras), state=state, associated=others(self.associated))
 
 
 def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> CameraProblem:

@@ -3,6 +3,8 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.problem.state import SceneState
@@ -12,7 +14,7 @@ from vip_factors.sensors.sources import frames_of
 from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera, associate_cameras, first_association, usable_cameras
 from vip_factors.stages.calibration_start import start_findings
-from vip_factors.stages.findings import who_is_who
+from vip_factors.stages.findings import IMPLAUSIBLE_SCATTER, who_is_who
 from vip_factors.stages.floor import on_floor
 from vip_factors.stages.fusion import FusionSolution, fuse_finely, fuse_in_rounds, fusion_problem_on_frames
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
@@ -131,11 +133,24 @@ def start_before_cameras(
     return start_fusion(usable, trackers, settings) if usable else who_is_who(scene, associated)
 
 
+def _misfit(fused: FusionSolution) -> int | None:
+    """Number of the camera whose detections fit the wearers worst, if they hardly do and those of another camera do."""
+    spreads = [
+        float(np.mean([spread for spread, view in zip(own, views, strict=True) if view.seen.any()] or [0.0]))
+        for own, views in zip(fused.measured_spreads(), fused.model.views, strict=True)
+    ]
+    worst = int(np.argmax(spreads)) if len(spreads) > 1 else 0
+    return worst if len(spreads) > 1 and spreads[worst] > IMPLAUSIBLE_SCATTER > min(spreads) else None
+
+
 def solve_from(start: FusionStart, scene: Scene, settings: CommonSettings, solver: Solver) -> SceneSolution:
-    """Wearers and cameras solved together from where they start.
+    """Wearers and cameras solved together from where they start, without cameras that do not fit the others.
 
     Raises:
         SolveError: if the problem is not determined.
     """
     fused, associated = fuse_in_rounds(start, settings, solver)
+    misfit = _misfit(fused)
+    if misfit is not None:
+        return solve_from(start.without_camera(misfit), scene, settings, solver)
     return SceneSolution(scene, start.wearers, fused, start, associated)

@@ -20,6 +20,7 @@ from vip_factors.simulate.settings import SimulateSettings
 SECONDS = 8.0
 BETWEEN = np.linspace(1.0, SECONDS - 1.0)  # the middles of the first and the last time without a step
 SETTINGS = Settings(
+    frame_rate=20.0,
     covariance=False,
     calibration=CalibrationSettings(estimate_mountings=False, heading_drift_from_s=1.0),
     calibration_rate=30.0,

@@ -45,14 +45,14 @@ def without_forces(names: set[str]) -> Recording:
 
 
 def copies() -> Recording:
-    pelvis = moving().imus["pelvis"]
-    return changed(lambda stream: replace(pelvis, name=stream.name))
+    alike, pelvis = only("pelvis", "sternum", "left_thigh", "right_thigh"), moving().imus["pelvis"]
+    return replace(alike, imus={name: replace(pelvis, name=name) for name in alike.imus})
 
 
-def only(sensor: str) -> Recording:
-    sites = tuple(site for site in moving().placement.sites if site.sensor == sensor)
-    placement = replace(moving().placement, sites=sites)
-    return replace(moving(), imus={sensor: moving().imus[sensor]}, placement=placement)
+def only(*sensors: str) -> Recording:
+    sites = tuple(site for site in moving().placement.sites if site.sensor in sensors)
+    imus = {name: moving().imus[name] for name in sensors}
+    return replace(moving(), imus=imus, placement=replace(moving().placement, sites=sites))
 
 
 DEGENERATE = {
@@ -97,7 +97,7 @@ def test_a_pause_of_minutes_is_reported() -> None:
     def paused(stream: ImuStream) -> ImuStream:
         return replace(stream, time=np.where(stream.time > 5.0, stream.time + 120.0, stream.time))
 
-    estimate = vip.smooth(changed(paused), replace(SMALL, frame_rate=5.0))
+    estimate = vip.smooth(changed(paused), replace(SMALL, frame_rate=5.0, calibration_rate=5.0))
     assert any("all sensors at 5.0 s for 120.0 s" in str(finding) for finding in estimate.all_findings)
 
 

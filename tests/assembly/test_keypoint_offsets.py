@@ -99,3 +99,13 @@ def test_views_of_single_frames_know_whose_offsets_they_have() -> None:
     view = replace(view, confidence=np.ones(view.seen.shape))
     joined = KeypointView.joined(view.points, [None, view.at_frames(slice(0, 1))], None)
     np.testing.assert_array_equal(joined.offsets[0], view.offsets[0])
+
+
+def test_the_prior_of_a_shared_detector_counts_once() -> None:
+    problem, state = small_scene("further cameras")
+    alone = replace(problem, cameras=problem.cameras[:1], views=problem.views[:1])
+    costs = [
+        SceneObjective(scene).cost(replace(state, cameras=state.cameras[: len(scene.cameras)]))["keypoint offset prior"]
+        for scene in (problem, alone)
+    ]
+    assert costs[0] == pytest.approx(costs[1], rel=1e-12)

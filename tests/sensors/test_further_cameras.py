@@ -44,3 +44,11 @@ def changed(**changes: object) -> dict:
 def test_what_no_further_camera_can_be_is_refused(wrong: dict, complaint: str) -> None:
     with pytest.raises(RecordingError, match=complaint):
         replace(two_cameras(), **wrong)
+
+
+def test_a_stream_takes_one_camera_that_moves() -> None:
+    scene = two_cameras()
+    both = replace(scene.camera, moving=True), replace(scene.further_cameras[0], moving=True)
+    stream_head(replace(scene, camera=both[0]))
+    with pytest.raises(RecordingError, match="cameras phone, left move: expected one at most"):
+        stream_head(replace(scene, camera=both[0], further_cameras=both[1:]))

@@ -84,7 +84,7 @@ class ConvertOptions(LogOptions, WritingOptions):
     A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv.
 
     Several cameras: say --detections once for each, in any number. --camera, --video-rate, --keypoints, --first-frame
-    and --time-offset-s stand for all if said once, else for each in turn.
+    and --time-offset-s stand for all if said once, else for each in turn. A sensor (--camera-imu) is on the first one.
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]

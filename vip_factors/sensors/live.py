@@ -109,15 +109,21 @@ def stream_head(scene: Scene) -> Scene:
 
 
 def checked_head(head: Scene) -> Scene:
-    """The head, whose wearers and cameras are told apart by their names.
+    """The head, whose wearers and cameras are told apart by their names, and of which one camera at most moves.
 
     Raises:
-        RecordingError: for a name that two of them share.
+        RecordingError: for a name that two of them share, or for a second camera that moves.
     """
     names = [*(wearer.subject.name for wearer in head.wearers), *(camera.name for camera in head.cameras)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise RecordingError(f"stream '{head.name}': two carriers are called {', '.join(twice)}: name them apart")
+    carried = [camera.name for camera in head.cameras if camera.moving]
+    if len(carried) > 1:
+        raise RecordingError(
+            f"stream '{head.name}': cameras {', '.join(carried)} move: expected one at most, beside any number that "
+            "stand still; leave the others out, or smooth the recording, which takes all of them"
+        )
     return head
 
 

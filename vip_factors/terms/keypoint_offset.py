@@ -15,8 +15,8 @@ from vip_factors.terms.evaluation import CameraEvaluation
 
 
 def equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
-    """One factor on all offsets of the detector's keypoints."""
-    if at.free_offsets and at.offsets is not None:
+    """One factor on all offsets of the keypoints, with the first camera: all cameras share the detector."""
+    if at.free_offsets and at.offsets is not None and at.number == 0:
         prior = at.problem.prior_offsets
         sigmas = prior.sigma.ravel()
         block = JacobianBlock(DETECTOR, "keypoint_offsets", np.diag(1 / sigmas)[None, None])

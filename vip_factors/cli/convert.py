@@ -165,29 +165,29 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
     from vip_factors.io.camera_file import read_floor
 
     filmed, cameras = options.filmed, list[CameraOptions]()
-    said = {field.name: getattr(filmed, field.name) for field in fields(filmed)}
-    given = [field.name for field in fields(filmed) if said[field.name] != field.default]
-    count = len(said["detections"])
-    if given and not count:
-        words = ", ".join(_option(name) for name in given)
+    values = {field.name: getattr(filmed, field.name) for field in fields(filmed)}
+    given_options = [field.name for field in fields(filmed) if values[field.name] != field.default]
+    count = len(values["detections"])
+    if given_options and not count:
+        words = ", ".join(_option(name) for name in given_options)
         raise InputError(f"{words} given without --detections, the 2D poses of the video's frames")
     for name in OF_EACH_CAMERA:
-        if len(said[name]) not in ({0, count} if name in OF_ONE_CAMERA else {0, 1, count}):
+        if len(values[name]) not in ({0, count} if name in OF_ONE_CAMERA else {0, 1, count}):
             raise InputError(
-                f"{_option(name)} is said {len(said[name])} times of {count} cameras (--detections): expected "
+                f"{_option(name)} is said {len(values[name])} times of {count} cameras (--detections): expected "
                 f"{'one' if name in OF_ONE_CAMERA else 'one for all, or one'} for each"
             )
-    names = said["camera_name"] or (["camera"] if count == 1 else _names(said["detections"]))
+    names = values["camera_name"] or (["camera"] if count == 1 else _names(values["detections"]))
     unknown = sorted(set(options.carried_camera) - set(names))
     if unknown:
         raise InputError(f"--carried-camera {unknown[0]}: expected the name of a camera: {', '.join(names)}")
     for number, name in enumerate(names):
-        own = {key: said[key][number % len(said[key])] for key in OF_EACH_CAMERA if said[key]}
-        shared = {key: said[key] for key in said if key not in OF_EACH_CAMERA and (number == 0 or "imu" not in key)}
+        camera_values = {key: values[key][number % len(values[key])] for key in OF_EACH_CAMERA if values[key]}
+        shared = {key: values[key] for key in values if key not in OF_EACH_CAMERA and (number == 0 or "imu" not in key)}
         shared["static_camera"] = filmed.static_camera and name not in options.carried_camera
-        if count > 1 and filmed.known_camera_pose and "camera" in own:
-            shared["known_camera_pose"] = read_floor(own["camera"]) is not None
-        cameras.append(CameraOptions(**shared | own | {"camera_name": name}))
+        if count > 1 and filmed.known_camera_pose and "camera" in camera_values:
+            shared["known_camera_pose"] = read_floor(camera_values["camera"]) is not None
+        cameras.append(CameraOptions(**shared | camera_values | {"camera_name": name}))
     return cameras
 
 

@@ -125,9 +125,9 @@ def usable_cameras(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCa
     worlds = list[list[AssociatedCamera]]()
     for each in associated:
         if each.shows_somebody:
-            met = [world for world in worlds if any(_have_in_common(each, other) for other in world)]
-            worlds = [world for world in worlds if not any(world is other for other in met)]
-            worlds.append([each, *(other for world in met for other in world)])
+            connected = [world for world in worlds if any(_have_in_common(each, other) for other in world)]
+            worlds = [world for world in worlds if not any(world is other for other in connected)]
+            worlds.append([each, *(other for world in connected for other in world)])
     if not worlds:
         return ()
     largest = max(worlds, key=lambda world: sum(len(seen) for each in world for seen in each.seen))
@@ -138,11 +138,11 @@ def usable_cameras(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCa
     )  # fmt: skip
 
 
-def _have_in_common(one: AssociatedCamera, other: AssociatedCamera) -> bool:
+def _have_in_common(camera: AssociatedCamera, other: AssociatedCamera) -> bool:
     """Whether two cameras are known to be in one world, or show the same wearer."""
-    if one.camera.known_path is not None and other.camera.known_path is not None:
+    if camera.camera.known_path is not None and other.camera.known_path is not None:
         return True
-    return any(len(seen) and len(others) for seen, others in zip(one.seen, other.seen, strict=True))
+    return any(len(seen) and len(others) for seen, others in zip(camera.seen, other.seen, strict=True))
 
 
 def gravity_in_camera(camera: Camera, time: Array) -> Array | None:

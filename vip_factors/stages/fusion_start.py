@@ -158,8 +158,8 @@ class _World:
 
         Where nobody is settled yet, by any wearer; cameras of known pose go first, then those that stand still.
         """
-        left = [number for number in range(len(self.associated)) if number not in self.paths]
-        if not left:
+        unplaced = [number for number in range(len(self.associated)) if number not in self.paths]
+        if not unplaced:
             return None
         allowed = self.settled or set(range(len(self.wearers)))
 
@@ -167,7 +167,7 @@ class _World:
             camera, sightings = self.associated[pair[0]].camera, len(self.seen[pair[0]][pair[1]])
             return camera.known_path is not None, sightings > 0 and not camera.moving, sightings
 
-        return max(((number, wearer) for number in left for wearer in sorted(allowed)), key=preference)
+        return max(((number, wearer) for number in unplaced for wearer in sorted(allowed)), key=preference)
 
     def place_camera(self, number: int, wearer: int) -> None:
         """Put in a camera by a wearer, and the wearers whom it saw and nobody has put in yet."""

@@ -18,8 +18,8 @@ def page() -> str:
     lines = [
         "# Findings",
         "",
-        "What `smooth`, `stream` and `report` may say of a recording or its estimate. The worst of them is the",
-        "estimate's [verdict](how-sure.md#the-verdict). In Python each has `kind`, `severity`, `wearer` and `subject`.",
+        "Messages of `smooth`, `stream` and `report` about a recording or its estimate. The worst severity is the",
+        "[verdict](uncertainty.md#the-verdict). In Python each has `kind`, `severity`, `wearer` and `subject`.",
         "",
     ]
     for severity, title in SAYS.items():

@@ -316,7 +316,7 @@ class KeypointOffsetSettings:
     elbow_wrist_sigma: float = 0.008  # m, of elbows and wrists, where a limb is thin and the joint shows
     hip_sigma: float = 0.020  # m: nobody sees a hip, detectors put it up to 4 cm above the joint
 
-    # File with a detector's own means and sigmas instead (docs/same-person.md).
+    # File with a detector's own means and sigmas instead (docs/factors.md).
     learned: Path | None = None
 
 

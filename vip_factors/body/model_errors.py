@@ -4,7 +4,7 @@ A covariance knows noise, and that frames are not independent. How tissue goes w
 where sensors sit and how bodies differ is alike in every frame or slow, and it counts that as noise or not at all. So
 standard deviations are told times a factor, or with some more added as variances. The numbers are ours: such that 90 %
 intervals hold nine truths of ten, on people of a simulator that shares nothing with the package (the performers for
-choosing) and on the walks of two people of ``geneva_gait``; ``docs/how-sure.md`` says what the others gave, and
+choosing) and on the walks of two people of ``geneva_gait``; ``docs/uncertainty.md`` says what the others gave, and
 ``python -m tests.studies coverage`` measures it.
 """
 

@@ -142,7 +142,8 @@ class ExportSettings:
     bone_names: BoneNames = BoneNames.SMPL
     """Names of the bones in .bvh, .glb and .fbx: smpl (pelvis, left_hip, …), those of all other files of this package;
     humanik (Hips, LeftUpLeg, …), which MotionBuilder and retargeting add-ons map by themselves; mixamo (the same
-    after mixamorig:), unity (its Humanoid's), unreal (its mannequins': thigh_l, …)."""
+    after mixamorig:), unity (its Humanoid's), unreal (its mannequins': thigh_l, …). Rest pose and axes of the bones
+    in .glb and .fbx are the program's too."""
     plant_feet: bool = True
     """Feet that stand neither slide nor float in .bvh, .glb and .fbx: legs follow them by inverse kinematics, by a few
     centimetres; without it, the files have the joints of the estimate exactly."""

@@ -18,19 +18,18 @@ from typing import Any
 import numpy as np
 
 from vip_factors import __version__
-from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.body_mesh import body_mesh
-from vip_factors.body.lengths import stature_of
 from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side, side_of
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Skeleton
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
-from vip_factors.geometry.rotations import Array, continuous, rotation_between, sequence_of_rotation
+from vip_factors.geometry.rotations import Array, continuous, sequence_of_rotation
 from vip_factors.io.export.feet import planted
 from vip_factors.io.export.files import R_YUP_WORLD
+from vip_factors.io.export.rest_poses import end_site, rest_pose
 from vip_factors.io.motions.skeleton_maps import bone_names
-from vip_factors.io.settings import ExportSettings, UpAxis
+from vip_factors.io.settings import BoneNames, ExportSettings, LengthUnit, UpAxis
 
 _IN_BLENDER = """
 import json, bpy
@@ -40,6 +39,9 @@ bpy.context.scene.render.fps = work["rate"]
 bpy.ops.import_scene.gltf(filepath=work["source"])
 for one in [one for one in bpy.data.objects if one.name.startswith("Icosphere")]:  # the importer's picture of a bone
     bpy.data.objects.remove(one)
+for mesh in [mesh for mesh in bpy.data.objects if mesh.type == "MESH"]:
+    mesh.parent = None  # Unreal takes an armature that has other children for a bone
+bpy.context.scene.unit_settings.scale_length = 0.01  # the numbers are centimetres: no bone is scaled
 bpy.context.scene.frame_start, bpy.context.scene.frame_end = 0, work["frames"] - 1
 bpy.ops.export_scene.fbx(
     filepath=work["target"], object_types={"ARMATURE", "MESH", "CAMERA", "EMPTY"}, add_leaf_bones=False,
@@ -48,16 +50,6 @@ bpy.ops.export_scene.fbx(
 """
 TURNS = "Zrotation Xrotation Yrotation"
 NUMBER = "%.6f"  # of metres or degrees: together they move no joint by more than a hundredth of a millimetre
-
-# The landmark at the free end of each last bone. The heels have none: they lie on bones that go on.
-END_SITES = {
-    "head": "head_top",
-    **{
-        f"{side}_{bone}": f"{side}_{end}"
-        for side in ("left", "right")
-        for bone, end in (("hand", "fingertip"), ("foot", "toe_tip"))
-    },
-}
 
 
 def write_bvh(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
@@ -108,15 +100,9 @@ def _hierarchy(
     for child in _children(joint):
         yield from _hierarchy(skeleton, file_from_rest, names, child, depth + 1)
     if not _children(joint):
-        offset = _numbers(file_from_rest @ _end(skeleton, END_SITES[JOINT_NAMES[joint]]))
+        offset = _numbers(file_from_rest @ end_site(skeleton, JOINT_NAMES[joint]))
         yield from (f"{indent}\tEnd Site", f"{indent}\t{{", f"{indent}\t\tOFFSET {offset}", f"{indent}\t}}")
     yield f"{indent}}}"
-
-
-def _end(skeleton: Skeleton, landmark: str) -> Array:
-    """Where a last bone ends; of a skeleton that does not know it, as with people of that stature."""
-    known = skeleton.landmarks.get(landmark) or skeleton_from_stature(stature_of(skeleton)).landmarks[landmark]
-    return known.p_bone_point
 
 
 def _numbers(vector: Array) -> str:
@@ -127,29 +113,32 @@ STILL = 1e-7  # a turn or shift by less (rad or m, nearly) needs no keys: what a
 R_CAMERA_GLTF = np.diag([1.0, -1.0, -1.0])  # glTF's cameras have y up and look along −z
 
 
-def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
+def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings, unit: LengthUnit = LengthUnit.METRES) -> None:
     """Write all wearers and the camera into one file, with one animation.
 
-    The y axis of each bone points to its end (see :func:`bone_axes`). A camera has its vertical field of view and
-    aspect; a principal point off the image's middle and distortion have no place in the format.
+    Rest pose and axes of the bones are those of the program that their names come from (:func:`rest_pose`). A camera
+    has its vertical field of view and aspect; a principal point off the image's middle and distortion have no place in
+    the format. glTF counts in metres; another unit is for a program that reads the numbers as they are.
     """
-    file = _Scene(estimate.wearers[0].motion.start)
+    file = _Scene(estimate.wearers[0].motion.start, unit.per_metre)
     for wearer in estimate.wearers:
         moving = replace(wearer, motion=planted(wearer.motion)) if settings.plant_feet else wearer
-        file.add_wearer(moving, bone_names(settings.bone_names))
+        file.add_wearer(moving, settings.bone_names)
     if estimate.camera is not None:
         file.add_camera(estimate.camera)
     path.write_bytes(file.to_bytes())
 
 
 class _Scene:
-    """A glTF scene that is being put together; ``start`` is the instant that its animation begins."""
+    """A glTF scene that is being put together; ``start`` is the instant that its animation begins, ``unit`` the number
+    of its units in a metre."""
 
-    def __init__(self, start: float) -> None:
+    def __init__(self, start: float, unit: float) -> None:
         import pygltflib
 
         self._lib: Any = pygltflib
         self._start = start
+        self._unit = unit
         self._buffer = GltfBuffer()
         self._gltf: Any = pygltflib.GLTF2(
             asset=pygltflib.Asset(version="2.0", generator=f"vip-factors {__version__}"),
@@ -159,27 +148,42 @@ class _Scene:
         )
         self._motion = pygltflib.Animation(name="motion", channels=[], samplers=[])
 
-    def add_wearer(self, estimate: WearerEstimate, names: tuple[str, ...]) -> None:
-        """A node with the wearer's name that holds the bones, and one with the body's mesh."""
+    def add_wearer(self, estimate: WearerEstimate, names: BoneNames) -> None:
+        """A node that holds the bones, with the wearer's name, and one with the body's mesh.
+
+        Unreal's skeletons begin on the floor, with a bone whose z points up; its importer takes the node above for
+        Blender's, and leaves it out, if it has the name of Blender's armatures.
+        """
         gltf, motion = self._gltf, estimate.motion
-        holder = self._node(name=estimate.name, children=[len(gltf.nodes) + 1])
+        rest = rest_pose(motion.skeleton, names)
+        p, normal = body_mesh(motion.skeleton).posed(rest.R_body_bone, rest.p_body_joint)
+        lift = np.array([0.0, -p[:, 1].min(), 0.0])
+        R_bind, p_bind = rest.R_body_bone @ rest.R_bone_axes, rest.p_body_joint + lift
+        R_file_world = R_YUP_WORLD
+        holder = self._node(name="Armature" if names is BoneNames.UNREAL else estimate.name)
+        top = holder
+        if names is BoneNames.UNREAL:
+            top = self._node(name="root", rotation=_quaternions(R_YUP_WORLD[None])[0].tolist())
+            gltf.nodes[holder].children = [top]
+            R_bind, p_bind = np.concatenate([R_bind, R_YUP_WORLD[None]]), np.concatenate([p_bind, np.zeros((1, 3))])
+            R_file_world = np.eye(3)
         first = len(gltf.nodes)
-        R_rest_bone = bone_axes(motion.skeleton)
-        R_rest_parent = np.concatenate([np.eye(3)[None], R_rest_bone[list(PARENTS[1:])]])
-        offsets = np.einsum("nji,nj->ni", R_rest_parent, motion.skeleton.p_parent_joint)
-        for joint, name in enumerate(names):
+        gltf.nodes[top].children = [first]
+        R_parent_axes = np.concatenate([np.eye(3)[None], rest.R_bone_axes[list(PARENTS[1:])]])
+        offsets = self._unit * np.einsum("nji,nj->ni", R_parent_axes, motion.skeleton.p_parent_joint)
+        for joint, name in enumerate(bone_names(names)):
             children = [first + child for child in _children(joint)]
             self._node(name=name, children=children, translation=offsets[joint].tolist())
-        mesh = self._mesh(motion.skeleton, estimate.name)
-        skin = self._skin(motion.skeleton, R_rest_bone, first, holder)
-        body = self._node(name=f"{estimate.name} body", mesh=mesh, skin=skin)
+        mesh = self._mesh(motion.skeleton, p + lift, normal, estimate.name)
+        joints = [*range(first, first + JOINT_COUNT), *([top] if top != holder else [])]
+        body = self._node(name=f"{estimate.name} body", mesh=mesh, skin=self._skin(R_bind, p_bind, joints, holder))
         gltf.scenes[0].nodes += [holder, body]
 
         times = self._times(motion.time)
         R = motion.R_parent_child.copy()
-        R[:, 0] = R_YUP_WORLD @ R[:, 0]
-        R = np.swapaxes(R_rest_parent, 1, 2) @ R @ R_rest_bone
-        self._animate(first, "translation", times, motion.p_world_pelvis @ R_YUP_WORLD.T)
+        R[:, 0] = R_file_world @ R[:, 0]
+        R = np.swapaxes(R_parent_axes, 1, 2) @ R @ rest.R_bone_axes
+        self._animate(first, "translation", times, self._unit * motion.p_world_pelvis @ R_file_world.T)
         for joint in range(JOINT_COUNT):
             self._animate(first + joint, "rotation", times, _quaternions(R[:, joint]))
 
@@ -194,7 +198,7 @@ class _Scene:
         self._gltf.scenes[0].nodes.append(node)
         path = camera.path
         times = self._times(path.time) if len(path) > 1 else None
-        self._animate(node, "translation", times, path.p_world_camera @ R_YUP_WORLD.T)
+        self._animate(node, "translation", times, self._unit * path.p_world_camera @ R_YUP_WORLD.T)
         self._animate(node, "rotation", times, _quaternions(R_YUP_WORLD @ path.R_world_camera @ R_CAMERA_GLTF))
 
     def to_bytes(self) -> bytes:
@@ -225,12 +229,11 @@ class _Scene:
         target = lib.AnimationChannelTarget(node=node, path=path)
         motion.channels.append(lib.AnimationChannel(sampler=len(motion.samplers) - 1, target=target))
 
-    def _mesh(self, skeleton: Skeleton, name: str) -> int:
+    def _mesh(self, skeleton: Skeleton, p: Array, normal: Array, name: str) -> int:
         lib, add, body = self._lib, self._buffer.add, body_mesh(skeleton)
-        p, normal = body.posed(np.tile(np.eye(3), (JOINT_COUNT, 1, 1)), skeleton.p_pelvis_joint + _stand(skeleton))
         bones, shares = body.four_bones()
         attributes = lib.Attributes(
-            POSITION=add(p.astype(np.float32), CORNERS, bounds=True),
+            POSITION=add((self._unit * p).astype(np.float32), CORNERS, bounds=True),
             NORMAL=add(normal.astype(np.float32), CORNERS),
             JOINTS_0=add(bones, CORNERS),
             WEIGHTS_0=add(shares, CORNERS, unit=True),
@@ -248,40 +251,14 @@ class _Scene:
         self._gltf.meshes.append(lib.Mesh(name=f"{name} body", primitives=primitives))
         return len(self._gltf.meshes) - 1
 
-    def _skin(self, skeleton: Skeleton, R_rest_bone: Array, first: int, holder: int) -> int:
-        inverse = np.broadcast_to(np.eye(4), (JOINT_COUNT, 4, 4)).copy()  # columns in rows
-        inverse[:, :3, :3] = R_rest_bone
-        inverse[:, 3, :3] = -np.einsum("nji,nj->ni", R_rest_bone, skeleton.p_pelvis_joint + _stand(skeleton))
-        joints = list(range(first, first + JOINT_COUNT))
+    def _skin(self, R: Array, p: Array, joints: list[int], holder: int) -> int:
+        """Bones bound at ``(n, 3, 3)`` and ``(n, 3)`` metres; those beyond the body's have no share of the mesh."""
+        inverse = np.broadcast_to(np.eye(4), (len(joints), 4, 4)).copy()  # columns in rows
+        inverse[:, :3, :3] = R
+        inverse[:, 3, :3] = -self._unit * np.einsum("nji,nj->ni", R, p)
         matrices = self._buffer.add(inverse.astype(np.float32))
         self._gltf.skins.append(self._lib.Skin(joints=joints, inverseBindMatrices=matrices, skeleton=holder))
         return len(self._gltf.skins) - 1
-
-
-_NEXT = {"pelvis": "spine1", "spine3": "neck"}  # of bones with several below, the one that they lead to
-
-
-def bone_axes(skeleton: Skeleton) -> Array:
-    """``R_rest_bone`` ``(24, 3, 3)``: y from each joint to the end of its bone, turned there the shortest way from a
-    bone that points up, or of those that point down, from one that points down with z forward.
-    """
-    R = np.empty((JOINT_COUNT, 3, 3))
-    for joint, name in enumerate(JOINT_NAMES):
-        if name in END_SITES:
-            end = _end(skeleton, END_SITES[name])
-        else:
-            end = skeleton.p_parent_joint[JOINT_NAMES.index(_NEXT[name]) if name in _NEXT else _children(joint)[0]]
-        upright = np.diag([-1.0, -1.0, 1.0]) if end[1] < 0 else np.eye(3)
-        R[joint] = rotation_between(upright[:, 1], end) @ upright
-    return R
-
-
-def _stand(skeleton: Skeleton) -> Array:
-    """How far to lift the rest pose for it to stand on the floor, ``(3,)`` metres."""
-    lowest = skeleton.p_pelvis_joint[:, 1].min()
-    for landmark in skeleton.landmarks.values():
-        lowest = min(lowest, skeleton.p_pelvis_joint[landmark.bone, 1] + landmark.p_bone_point[1])
-    return np.array([0.0, -lowest, 0.0])
 
 
 def _quaternions(R: Array) -> Array:
@@ -358,7 +335,7 @@ def write_fbx(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     motion = estimate.wearers[0].motion
     with tempfile.TemporaryDirectory() as folder:
         source, target, script = (Path(folder) / name for name in ("a.glb", "a.fbx", "script.py"))
-        write_gltf(estimate, source, settings)
+        write_gltf(estimate, source, settings, LengthUnit.CENTIMETRES)
         rate = max(round(motion.rate), 1)
         work = {"source": str(source), "target": str(target), "rate": rate, "frames": len(motion)}
         script.write_text(f"WORK = {json.dumps(work)!r}\n{_IN_BLENDER}", encoding="utf-8")

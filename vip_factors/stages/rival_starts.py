@@ -1,9 +1,10 @@
 """Starts that a search cannot tell apart, told apart by where the fit goes from each of them.
 
 The search looks at pairs of sensors: what it does not settle need not matter. From a rival start the same problem is
-solved once more, coarsely. Either both end in one motion, and only what no motion shows differs: of a bone that is
-upright throughout the sensor may be turned about the vertical if its heading is too. Or they end apart, and that is
-told. Costs do not decide then: of sensors worn anyhow a start 67° wrong ended five nats likelier than its rival.
+solved once more, coarsely. Either both end in one motion, to within the standard deviations that the solution states,
+and only what no motion shows differs: of a bone that is upright throughout the sensor may be turned about the vertical
+if its heading is too. Or they end apart, and that is told. Costs do not decide then: of sensors worn anyhow a start 67°
+wrong ended five nats likelier than its rival.
 """
 
 from dataclasses import replace
@@ -12,20 +13,22 @@ import numpy as np
 
 from vip_factors.assembly.objective import SceneObjective
 from vip_factors.errors import SolveError
-from vip_factors.geometry.rotations import Array, angle_between, rotation_z, transpose, wrap_angle, yaw_of
+from vip_factors.geometry.rotations import Array, log, rotation_z, transpose, wrap_angle, yaw_of
 from vip_factors.initialise.camera import robust_mean_angle
 from vip_factors.initialise.start_search import Start, Starts
+from vip_factors.problem.layout import Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.recording import Recording
 from vip_factors.settings import CommonSettings
-from vip_factors.stages.decode import motion_of
+from vip_factors.stages.decode import SharedCovariance, motion_of
 from vip_factors.stages.inertial import inertial_tracker
 from vip_factors.stages.solver import Solver
 
-# On average over the frames. From rival starts of sound walks and foreign scenes one motion came out again to within
-# 6°; what ended elsewhere was 16° off and more.
+# On average over the frames, of bones whose orientation is certain. From rival starts of sound walks and foreign scenes
+# one motion came out again to within 6°; what ended elsewhere was 16° off and more.
 APART = np.deg2rad(10.0)
+SIGMAS = 2.0  # standard deviations of the solution: two ends that are closer to each other are one
 
 
 def with_rivals_solved(
@@ -44,13 +47,14 @@ def with_rivals_solved(
     if starts is None or not starts.rivals:
         return starts
     doubtful, margins = set[int](), dict[float, str]()
+    covariance = SharedCovariance.at(problem, state)
     for rival in starts.rivals:
         own = replace(solver, reports=[])
         try:
             end = _solved_from(rival, problem, state, number, recording, settings, own)
         except SolveError:  # then it explains nothing
             continue
-        apart = np.flatnonzero(_bones_apart(problem, number, state, end) > APART)
+        apart = np.flatnonzero(_bones_apart(problem, number, state, end, covariance) > 1)
         if len(apart):
             doubtful |= set(apart.tolist())
             margins[rival.cost - starts.best.cost] = rival.hypothesis
@@ -82,10 +86,34 @@ def _solved_from(
     return solver.solve(SceneObjective(problem), state, "start")
 
 
-def _bones_apart(problem: SceneProblem, number: int, one: SceneState, other: SceneState) -> Array:
-    """``(S,)`` radians by which two motions turn the bones with sensors, but for a turn of the world."""
+def _bones_apart(
+    problem: SceneProblem, number: int, one: SceneState, other: SceneState, covariance: SharedCovariance
+) -> Array:
+    """``(S,)`` turns between two motions of the bones with sensors, but for a turn of the world.
+
+    The unit is what leaves two motions alike: ``APART``, and ``SIGMAS`` standard deviations of the first one's bone.
+    """
     model = problem.wearers[number]
     bones = [sensor.bone for sensor in model.sensors]
     R, S = (motion_of(model, each.wearers[number]).state.R_world_bone[:, bones] for each in (one, other))
     turns = np.array([robust_mean_angle(each) for each in yaw_of(S @ transpose(R)).T])
-    return np.asarray(angle_between(rotation_z(robust_mean_angle(turns)) @ R, S).mean(axis=0))
+    R_world_sensor = R @ one.wearers[number].R_bone_sensor
+    turned = rotation_z(robust_mean_angle(turns)) @ R
+    alike = APART**2 * np.eye(3) + SIGMAS**2 * _bone_covariance(number, R_world_sensor, covariance)
+    apart = np.einsum("...ji,...j->...i", R_world_sensor, log(S @ transpose(turned)))
+    squares = np.einsum("...i,...i", apart, np.linalg.solve(alike, apart[..., None])[..., 0])
+    return np.asarray(np.sqrt(squares).mean(axis=0))
+
+
+def _bone_covariance(number: int, R_world_sensor: Array, shared: SharedCovariance) -> Array:
+    """``(T, S, 3, 3)`` of the bones' orientations in the sensors' axes, by headings and mountings; 0 if not known."""
+    owner, covariance = OwnerId(Owner.WEARER, number), np.zeros((*R_world_sensor.shape[:2], 3, 3))
+    if shared.covariance is None:
+        return covariance
+    for s in range(R_world_sensor.shape[1]):
+        heading, mounting = (shared.layout.item_columns(owner, block, s) for block in ("headings", "R_bone_sensor"))
+        up, axes = R_world_sensor[:, s, 2, :, None], np.broadcast_to(-np.eye(3), (len(covariance), 3, 3))
+        J = np.concatenate([up[..., : len(heading)], axes[..., : len(mounting)]], axis=2)
+        columns = [*heading, *mounting]
+        covariance[:, s] = J @ shared.covariance[np.ix_(columns, columns)] @ transpose(J)
+    return covariance

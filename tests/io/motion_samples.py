@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 
 from vip_factors.body.anthropometry import skeleton_from_stature
-from vip_factors.body.skeleton import JOINT_NAMES, PARENTS
-from vip_factors.geometry.rotations import Array, exp
+from vip_factors.body.kinematics import Motion
+from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Skeleton
+from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_z
 
 # How MVN's BVH names our joints; it has no knuckles.
 MVN_NAMES = {
@@ -108,5 +109,88 @@ def write_bvh(
     columns = [root * scale] + [euler_degrees(A @ pose[name] @ A.T, order) for name in written]
     lines += ["MOTION", f"Frames: {len(root)}", f"Frame Time: {frame_time:.8f}"]
     lines += [" ".join(f"{value:.9f}" for value in row) for row in np.concatenate(columns, axis=1)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+# SlimeVR's skeleton as its server assembles it: bone → bone above, our bone that its tracker sits on, and where it
+# points when the wearer stands and looks along −z. Its tail is the head of the bones below.
+_DOWN = (0.0, -1.0, 0.0)
+SLIMEVR = {
+    "HEAD": ("", "head", (0, 0, 1)), "NECK": ("HEAD", "neck", _DOWN), "UPPER_CHEST": ("NECK", "spine3", _DOWN),
+    "CHEST": ("UPPER_CHEST", "spine2", _DOWN), "WAIST": ("CHEST", "spine1", _DOWN), "HIP": ("WAIST", "pelvis", _DOWN),
+} | {
+    f"{side}_{bone}": (f"{side}_{above}" if sided else above, f"{side.lower()}_{ours}" if limb else ours, direction)
+    for side, x in (("LEFT", -1.0), ("RIGHT", 1.0))
+    for bone, above, sided, ours, limb, direction in (
+        ("HIP", "HIP", False, "pelvis", False, (x, 0, 0)), ("UPPER_LEG", "HIP", True, "hip", True, _DOWN),
+        ("LOWER_LEG", "UPPER_LEG", True, "knee", True, _DOWN), ("FOOT", "LOWER_LEG", True, "ankle", True, (0, 0, -1)),
+        ("UPPER_SHOULDER", "NECK", False, "spine3", False, _DOWN),
+        ("SHOULDER", "UPPER_SHOULDER", True, "spine3", False, (0.9 * x, -0.4, 0)),
+        ("UPPER_ARM", "SHOULDER", True, "shoulder", True, _DOWN),
+        ("LOWER_ARM", "UPPER_ARM", True, "elbow", True, _DOWN),
+        ("HAND", "LOWER_ARM", True, "wrist", True, _DOWN),
+    )
+}  # fmt: skip
+
+
+def slimevr_body() -> Skeleton:
+    """A body that SlimeVR's skeleton has without remainder: trunk and limbs without bends, collars of no length."""
+    offsets = {"spine1": (0, 0.1, 0), "spine2": (0, 0.12, 0), "spine3": (0, 0.12, 0), "neck": (0, 0.2, 0)}
+    offsets["head"] = (0, 0.1, 0)
+    for side, x in (("left", 1.0), ("right", -1.0)):
+        offsets |= {
+            f"{side}_{joint}": offset
+            for joint, offset in {
+                "hip": (0.09 * x, 0, 0), "knee": (0, -0.42, 0), "ankle": (0, -0.41, 0), "foot": (0, 0, 0.12),
+                "collar": (0, 0.2, 0), "shoulder": (0.18 * x, -0.08, 0), "elbow": (0.28 * x, 0, 0),
+                "wrist": (0.26 * x, 0, 0), "hand": (0.08 * x, 0, 0),
+            }.items()
+        }  # fmt: skip
+    return Skeleton(np.array([offsets.get(name, (0, 0, 0)) for name in JOINT_NAMES], float))
+
+
+def write_slimevr(path: Path, motion: Motion) -> Path:
+    """The motion as SlimeVR's server records it: from the eyes down, all bones hanging down at rest, metres, y up."""
+    from scipy.spatial.transform import Rotation
+
+    half_turn = np.diag([-1.0, 1.0, -1.0])  # SlimeVR has x to the right and −z forward
+    world = half_turn @ rotation_x(-np.pi / 2)
+    p_of = dict(zip(JOINT_NAMES, np.moveaxis(motion.state.p_world_joint @ world.T, 1, 0), strict=True))
+    R_of: dict[str, Array] = {}
+    for bone, (_, ours, direction) in SLIMEVR.items():
+        lowered = (
+            rotation_z({"l": -np.pi / 2, "r": np.pi / 2}[ours[0]]) if "ARM" in bone or "HAND" in bone else np.eye(3)
+        )
+        tracker = world @ motion.state.R_world_bone[:, JOINT_NAMES.index(ours)] @ lowered.T @ half_turn
+        R_of[bone] = tracker @ Rotation.align_vectors([direction], [_DOWN])[0].as_matrix()
+    lengths = {"HEAD": 0.1, "NECK": 0.1, "UPPER_CHEST": 0.2, "CHEST": 0.12, "WAIST": 0.12, "HIP": 0.1}
+    for side in ("LEFT", "RIGHT"):
+        lengths |= {
+            f"{side}_{bone}": length
+            for bone, length in {
+                "HIP": 0.09, "UPPER_LEG": 0.42, "LOWER_LEG": 0.41, "FOOT": 0.12, "UPPER_SHOULDER": 0.0,
+                "SHOULDER": float(np.hypot(0.18, 0.08)), "UPPER_ARM": 0.28, "LOWER_ARM": 0.26, "HAND": 0.08,
+            }.items()
+        }  # fmt: skip
+    lines, columns = ["HIERARCHY"], [p_of["head"] + R_of["HEAD"] @ [0.0, 0.1, 0.0]]
+
+    def emit(bone: str, depth: int) -> None:
+        above = SLIMEVR[bone][0]
+        pad, place = "\t" * depth, f"OFFSET 0 {-lengths[above]} 0" if above else "OFFSET 0.0 0.0 0.0"
+        lines.append(f"{pad}{'JOINT' if above else 'ROOT'} {bone}\n{pad}{{\n{pad}\t{place}")
+        shift = "3" if above else "6 Xposition Yposition Zposition"
+        lines.append(f"{pad}\tCHANNELS {shift} Zrotation Xrotation Yrotation")
+        columns.append(euler_degrees(R_of[above].swapaxes(1, 2) @ R_of[bone] if above else R_of[bone], "ZXY"))
+        below = [other for other, (parent, _, _) in SLIMEVR.items() if parent == bone]
+        for other in below:
+            emit(other, depth + 1)
+        if not below:
+            lines.append(f"{pad}\tEnd Site\n{pad}\t{{\n{pad}\t\tOFFSET 0 {-lengths[bone]} 0\n{pad}\t}}")
+        lines.append(f"{pad}}}")
+
+    emit("HEAD", 0)
+    lines += ["MOTION", f"Frames: {len(motion):<19}", f"Frame Time: {1 / motion.rate}"]
+    lines += [" ".join(map(str, row)) for row in np.concatenate(columns, axis=1)]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")
     return path

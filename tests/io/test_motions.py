@@ -7,8 +7,18 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from motion_samples import CGSPEED_NAMES, MVN_NAMES, SMPL_NAMES, random_pose, rest_skeleton, write_bvh
+from motion_samples import (
+    CGSPEED_NAMES,
+    MVN_NAMES,
+    SMPL_NAMES,
+    random_pose,
+    rest_skeleton,
+    slimevr_body,
+    write_bvh,
+    write_slimevr,
+)
 
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
@@ -263,3 +273,23 @@ def test_a_rest_pose_that_lies_is_refused(tmp_path: Path) -> None:
     path = write_bvh(tmp_path / "a.bvh", MVN_NAMES, offsets, STILL, SIMPLE_ROOT)
     with pytest.raises(InputError, match="upright body"):
         read_bvh(path)
+
+
+@given(seed=st.integers(0, 10_000))
+def test_slimevrs_chain_from_the_head_gives_the_motion_back(
+    tmp_path_factory: pytest.TempPathFactory, seed: int
+) -> None:
+    rigid = ("collar", "hand", "foot")  # with the bones above them
+    pose = {name: np.eye(3) if name.endswith(rigid) else R[:2] for name, R in random_pose(seed).items()}
+    R = np.stack([np.broadcast_to(pose[name], (2, 3, 3)) for name in JOINT_NAMES], axis=1)
+    motion = Motion(slimevr_body(), R, ROOT[:2], 50.0)
+    found = read_bvh(write_slimevr(tmp_path_factory.mktemp("slimevr") / "a.bvh", motion))
+    chosen = [joint for joint, name in enumerate(JOINT_NAMES) if not name.endswith(("collar", "hand"))]
+    for ours, theirs in zip(
+        (motion.state.R_world_bone, motion.state.p_world_joint),
+        (found.state.R_world_bone, found.state.p_world_joint),
+        strict=True,
+    ):
+        np.testing.assert_allclose(theirs[:, chosen], ours[:, chosen], atol=1e-6)
+    assert found.rate == 50.0
+    assert "SlimeVR" in found.skeleton.source

@@ -56,7 +56,8 @@ def read_bvh_clip(path: str | Path) -> SourceClip:
     R_parent_node, p_parent_node = _local_poses(hierarchy, offsets, values)
     R_world, p_world = source_kinematics(hierarchy.parents, p_parent_node, R_parent_node)
     rest = rest_positions(hierarchy.parents, offsets)
-    return SourceClip(tuple(hierarchy.names), rest, R_world, p_world, _rate(frame_time), path.stem, str(path))
+    names, parents = tuple(hierarchy.names), tuple(hierarchy.parents)
+    return SourceClip(names, parents, rest, R_world, p_world, _rate(frame_time), path.stem, str(path))
 
 
 def _rate(frame_time: float) -> float:

@@ -52,7 +52,7 @@ def retarget(clip: SourceClip) -> Motion:
     Raises:
         InputError: for an unknown skeleton, an implausible size, or a rest pose that is not an upright body.
     """
-    table = find_map(clip.names, clip.path)
+    clip, table = _standing(clip, find_map(clip.names, clip.path))
     A = _body_from_source_axes(clip, table)
     stature = _stature(clip, table)
     unit = _unit_of(stature, clip.path)
@@ -83,6 +83,30 @@ def without_rest_frames(clip: SourceClip) -> SourceClip:
         return clip
     drop = max(1, round(table.settle_s * clip.rate))
     return clip.frames(slice(min(drop, len(clip) - 1), None))
+
+
+def _standing(clip: SourceClip, table: SkeletonMap) -> tuple[SourceClip, SkeletonMap]:
+    """The clip with our joints for nodes and a person who stands as its rest pose, if its bones hang down at rest."""
+    if not table.directions:
+        return clip, table
+    directions = [table.directions.get(name.upper(), DOWN) for name in clip.names]
+    R_stand_hang = np.array([_between(np.array(DOWN), np.array(direction)) for direction in directions])
+    p_rest = clip.p_rest.copy()
+    for node, parent in enumerate(clip.parents):
+        if parent >= 0:
+            p_rest[node] = p_rest[parent] + R_stand_hang[parent] @ (clip.p_rest[node] - clip.p_rest[parent])
+    index = {name.upper(): node for node, name in enumerate(clip.names)}
+    places = {joint: clip.node(node) for joint, node in table.joints.items()}
+    bones = [index.get(table.bones.get(joint, ""), place) for joint, place in places.items()]
+    standing = replace(
+        clip,
+        names=tuple(places),
+        parents=(),
+        p_rest=p_rest[list(places.values())],
+        R_world_node=(clip.R_world_node @ R_stand_hang.swapaxes(-1, -2))[:, bones],
+        p_world_node=clip.p_world_node[:, list(places.values())],
+    )
+    return standing, replace(table, joints={joint: joint for joint in table.joints})
 
 
 def _nearest_axis(vector: Array) -> Array:

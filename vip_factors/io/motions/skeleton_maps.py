@@ -56,6 +56,10 @@ class SkeletonMap:
         settle_s: seconds after a rest pose put before the take during which the converter blends from it.
         arms_turned_deg: how far the bones of the arms are turned about their long axis against ours, whose elbows bend
             about y: the hinges of a source are lined up with these.
+        bones: our joint → the node whose rotation is taken, where that is another: in a chain that begins at the head,
+            the node at a joint has the rotation of the bone below.
+        directions: node → where its bone points, in the file's axes, when somebody stands, in files that let all bones
+            hang down at rest.
     """
 
     name: str
@@ -65,6 +69,8 @@ class SkeletonMap:
     straight: bool = False
     settle_s: float = 0.0
     arms_turned_deg: float = 0.0
+    bones: Mapping[str, str] = field(default_factory=dict)
+    directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
 # Elbows of the CMU database, originals and conversions alike, turn about (0.0 … 0.1, 0.87, −0.50) of the upper arm:
@@ -132,7 +138,29 @@ SMPL = SkeletonMap(
     exact=True,
 )  # fmt: skip
 
-MAPS = (SMPL, CGSPEED, MVN, MOTIONBUILDER)
+# SlimeVR's server, versions 0 and 1: its skeleton begins between the eyes, and whoever stands looks along −z.
+SLIMEVR = SkeletonMap(
+    "SlimeVR",
+    {
+        "pelvis": "LEFT_HIP", "spine1": "HIP", "spine2": "WAIST", "spine3": "CHEST", "neck": "UPPER_CHEST",
+        "head": "NECK",
+    } | both_sides(
+        {
+            "hip": "{}_UPPER_LEG", "knee": "{}_LOWER_LEG", "ankle": "{}_FOOT", "foot": "{}_FOOT/end",
+            "shoulder": "{}_UPPER_ARM", "elbow": "{}_LOWER_ARM", "wrist": "{}_HAND",
+        }, "LEFT", "RIGHT",
+    ),
+    bones={
+        "pelvis": "HIP", "spine1": "WAIST", "spine2": "CHEST", "spine3": "UPPER_CHEST", "neck": "NECK", "head": "HEAD",
+        "left_foot": "LEFT_FOOT", "right_foot": "RIGHT_FOOT",
+    },
+    directions={
+        "HEAD": (0, 0, 1), "LEFT_HIP": (-1, 0, 0), "RIGHT_HIP": (1, 0, 0), "LEFT_FOOT": (0, 0, -1),
+        "RIGHT_FOOT": (0, 0, -1), "LEFT_SHOULDER": (-0.9, -0.4, 0), "RIGHT_SHOULDER": (0.9, -0.4, 0),
+    },
+)  # fmt: skip
+
+MAPS = (SMPL, CGSPEED, MVN, MOTIONBUILDER, SLIMEVR)
 
 
 def find_map(names: tuple[str, ...], path: str) -> SkeletonMap:
@@ -169,6 +197,7 @@ class SourceClip:
 
     Attributes:
         names: ``N`` node names.
+        parents: index of each node's parent, which precedes it; −1 for the root.
         p_rest: ``(N, 3)`` node positions with all joint rotations at identity.
         R_world_node: ``(T, N, 3, 3)``: how each node's bone has turned from that rest pose.
         p_world_node: ``(T, N, 3)`` node positions.
@@ -178,6 +207,7 @@ class SourceClip:
     """
 
     names: tuple[str, ...]
+    parents: tuple[int, ...]
     p_rest: Array
     R_world_node: Array
     p_world_node: Array

@@ -19,14 +19,14 @@ def dense(objective: SceneObjective, state: SceneState) -> tuple[np.ndarray, np.
     def places(columns: np.ndarray, frame: int) -> np.ndarray:
         return end + np.array([names.index(one) for one in named(objective, columns, frame)], int)
 
-    for part in objective.parts:
-        w, s = part.shape.frame, part.shape.static
-        for stretch, (band,) in zip(part.stretches, system.bands([part], part.stretches), strict=True):
-            shared = places(part.static, stretch.start)
+    for group in objective.groups:
+        w, s = group.shape.frame, group.shape.static
+        for stretch, (band,) in zip(group.stretches, system.bands([group], group.stretches), strict=True):
+            shared = places(group.static, stretch.start)
             for i, (row, gradient) in enumerate(zip(band.rows, band.gradient, strict=True)):
-                own = W * (stretch.start + i) + part.frame
+                own = W * (stretch.start + i) + group.frame
                 H[np.ix_(own, own)] += np.triu(row[:, :w])
-                for ahead in range(1, 3 if part.shape.tied else 1):
+                for ahead in range(1, 3 if group.shape.tied else 1):
                     block = row[:, ahead * w : (ahead + 1) * w]
                     if block.any():
                         H[np.ix_(own, own + W * ahead)] += block
@@ -35,8 +35,8 @@ def dense(objective: SceneObjective, state: SceneState) -> tuple[np.ndarray, np.
             H[np.ix_(shared, shared)] += np.triu(band.static)
             g[shared] += band.static_gradient
             if stretch.stop < T:
-                columns, sigmas, differences = system._heading_steps(part, stretch.stop)
-                old, new = (places(part.static[columns], frame) for frame in (stretch.stop - 1, stretch.stop))
+                columns, sigmas, differences = system._heading_steps(group, stretch.stop)
+                old, new = (places(group.static[columns], frame) for frame in (stretch.stop - 1, stretch.stop))
                 H[old, old] += sigmas**-2.0
                 H[new, new] += sigmas**-2.0
                 H[old, new] -= sigmas**-2.0

@@ -1,6 +1,6 @@
-"""From the equations of terms to blocks of normal equations: shape by shape, knowing no term by its name.
+"""Accumulation of the equations of terms into normal equations.
 
-Blocks go by the first frame of a factor, and by the columns of the frames that it sees.
+Blocks are indexed by the first frame of a factor and by the columns of the frames that it depends on.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ from vip_factors.terms.equations import (
 
 @dataclass(frozen=True)
 class PlacedBlock:
-    """A Jacobian block of variables that move, by coordinates where there are charts."""
+    """Jacobian block of free variables with its columns, with respect to coordinates if there are charts."""
 
     block: JacobianBlock
     range: ColumnRange
@@ -43,7 +43,7 @@ class PlacedBlock:
 
     @property
     def columns(self) -> np.ndarray:
-        """``(n, c)`` of each factor, or ``(1, c)`` of all."""
+        """Columns ``(n, c)`` of each factor, or ``(1, c)`` common to all."""
         width = self.jacobian.shape[3]
         return np.arange(self.range.start, self.range.stop).reshape(-1, width)
 
@@ -52,11 +52,11 @@ class Accumulator:
     """Sums equations over a stretch of frames.
 
     Args:
-        layout: where columns are.
-        blocks: of the stretch.
-        begin: its first frame.
-        bodies: of the wearers, in all frames.
-        charts: of coordinates, where steps are not what is solved for.
+        layout: columns of the variables.
+        blocks: targets of the stretch.
+        begin: first frame of the stretch.
+        bodies: kinematics of the wearers in all frames.
+        charts: set if coordinates are solved for instead of steps.
     """
 
     def __init__(
@@ -65,17 +65,18 @@ class Accumulator:
         self.layout, self.begin, self.count, self.charts = layout, begin, len(blocks.frames), charts
         self._blocks, self._bodies, self._screws = blocks, bodies, dict[tuple[int, int, int], Array]()
 
-    def add_term(self, term: Term[Any], at: Any) -> None:
-        """Take in a term at a state: the factors whose first frame is in the stretch."""
-        for equations in term.of_first_in(at, slice(self.begin, self.begin + self.count)):
+    def add_term(self, term: Term[Any], evaluation: Any) -> None:
+        """Add the factors of a term whose first frame is in the stretch."""
+        for equations in term.equations_in(evaluation, slice(self.begin, self.begin + self.count)):
             self.add(equations)
 
     def add(self, equations: Equations) -> None:
-        """Take in the equations of one term."""
+        """Add the equations of one term."""
         match equations:
             case BoneEquations():
-                by_twist, others = equations.derivatives()
-                self._add_blocks([*self._by_bones(equations, by_twist, 0), *self._placed(others, equations)], equations)
+                by_twist, other_blocks = equations.derivatives()
+                blocks = self._by_bones(equations, by_twist, 0) + self._placed(other_blocks, equations)
+                self._add_blocks(blocks, equations)
             case DifferenceEquations():
                 by_twist, t = twists_at(equations.arms), len(equations.residual)
                 blocks = self._placed(equations.blocks(), equations)
@@ -87,49 +88,51 @@ class Accumulator:
             case DenseEquations():
                 self._add_blocks(self._placed(equations.blocks(), equations), equations)
             case WalkEquations():
-                pass  # process noise, which comes in where frames are eliminated
+                pass  # process noise is added during the elimination
 
     def finish(self) -> None:
-        """Take in what was put off until all terms are there."""
+        """Add deferred sums after the last term."""
 
     # Derivatives
 
-    def _placed(self, blocks: Sequence[JacobianBlock], at: Residuals) -> list[PlacedBlock]:
-        """Those blocks whose variables move."""
+    def _placed(self, blocks: Sequence[JacobianBlock], equations: Residuals) -> list[PlacedBlock]:
+        """Select the blocks of free variables."""
         placed = []
         for block in blocks:
             columns = self.layout.columns_of(block.owner, block.block)
             if columns is not None:
-                jacobian = block.jacobian if self.charts is None else self.charts.jacobian(block, at.first)
+                jacobian = block.jacobian if self.charts is None else self.charts.jacobian(block, equations.first_frame)
                 placed.append(PlacedBlock(block, columns, jacobian))
         return placed
 
     def _by_bones(self, eq: BoneEquations | DifferenceEquations, by_twist: Array, ahead: int) -> list[PlacedBlock]:
-        """What sees the twists of bones, or their turns alone, by the joints that move them: a twist is the sum of
-        their screws. Nothing of a body that is kept."""
+        """Transform derivatives by the twists of bones, or their rotations alone, to joints; none for a constant body.
+
+        A bone's twist is the sum of the screws of the joints that move it.
+        """
         chain, (t, _, _, k) = self.layout.chain_of(eq.owner), by_twist.shape
         if chain is None:
             return []
-        key = eq.owner.number, eq.first + ahead, t
+        key = eq.owner.number, eq.first_frame + ahead, t
         if key not in self._screws:
             screws = self._bodies[eq.owner.number].at(slice(key[1], key[1] + t)).screws
             screws = screws if self.charts is None else self.charts.screws(eq.owner.number, key[1], screws)
             self._screws[key] = screws.swapaxes(1, 2).reshape(t, 1, -1, FRAME)
-        moved = np.repeat(MOVES[:, list(eq.bones)].T, 3, axis=1)
-        block = JacobianBlock(eq.owner, "joints", by_twist @ self._screws[key][:, :, :k] * moved[:, None], ahead=ahead)
+        moves = np.repeat(MOVES[:, list(eq.bones)].T, 3, axis=1)
+        block = JacobianBlock(eq.owner, "joints", by_twist @ self._screws[key][:, :, :k] * moves[:, None], ahead=ahead)
         return [PlacedBlock(block, ColumnRange(chain, 0, FRAME), block.jacobian)]
 
     def _by_joints(self, eq: JointEquations) -> list[PlacedBlock]:
-        """What sees joints 1 … 23, and the block that their coordinates are compared with."""
+        """Derivatives by joints 1 … 23 and by the mean that is subtracted from their coordinates."""
         chain, placed, (t, n, m) = self.layout.chain_of(eq.owner), list[PlacedBlock](), eq.residual.shape
         if chain is None or not eq.acts:
             return placed
-        columns, each = ColumnRange(chain, ROOT - POSE_SIZE, ROOT), np.arange(POSE_SIZE // 3)
+        columns, joints = ColumnRange(chain, ROOT - POSE_SIZE, ROOT), np.arange(POSE_SIZE // 3)
         for ahead, D in enumerate(eq.by_joints()):
             if self.charts is not None:
-                D = D @ self.charts.joints(eq.owner.number, eq.first + ahead, t)
-            diagonal = np.zeros((t, len(each), 3, len(each), 3))
-            diagonal[:, each, :, each] = D.swapaxes(0, 1)
+                D = D @ self.charts.joints(eq.owner.number, eq.first_frame + ahead, t)
+            diagonal = np.zeros((t, len(joints), 3, len(joints), 3))
+            diagonal[:, joints, :, joints] = D.swapaxes(0, 1)
             J: Array = diagonal.reshape(t, POSE_SIZE, POSE_SIZE)
             J = (J if eq.whitening is None else eq.whitening @ J).reshape(t, n, m, POSE_SIZE)
             placed.append(PlacedBlock(JacobianBlock(eq.owner, "joints", J, ahead=ahead), columns, J))
@@ -140,78 +143,75 @@ class Accumulator:
 
     # Sums
 
-    def _add_blocks(self, placed: Sequence[PlacedBlock], at: Residuals) -> None:
-        t, weight = len(at.residual), at.weight[..., None, None]
-        for number, one in enumerate(placed):
-            pushed = weight * one.jacobian
-            self._add_gradient(one, (pushed.swapaxes(2, 3) @ at.residual[..., None])[..., 0], at)
-            for other in placed[number:]:
-                first, second = pushed, other.jacobian
-                if not (one.block.each or other.block.each):  # summed over factors at once
-                    first, second = (J.reshape(t, 1, -1, J.shape[3]) for J in (first, second))
-                self._add_block(one, other, first.swapaxes(2, 3) @ second, at)
+    def _add_blocks(self, placed: Sequence[PlacedBlock], equations: Residuals) -> None:
+        t, weight = len(equations.residual), equations.weight[..., None, None]
+        for number, row in enumerate(placed):
+            weighted = weight * row.jacobian
+            self._add_gradient(row, (weighted.swapaxes(2, 3) @ equations.residual[..., None])[..., 0], equations)
+            for column in placed[number:]:
+                J_row, J_column = weighted, column.jacobian
+                if not (row.block.is_per_factor or column.block.is_per_factor):  # summed over factors at once
+                    J_row, J_column = (J.reshape(t, 1, -1, J.shape[3]) for J in (J_row, J_column))
+                self._add_block(row, column, J_row.swapaxes(2, 3) @ J_column, equations)
 
-    def _rows(self, at: Residuals) -> tuple[slice, slice]:
-        """Which of the factors begin in the stretch, and in which of its frames."""
-        start = at.first - self.begin
-        low, high = max(start, 0), min(start + len(at.residual), self.count)
+    def _rows(self, equations: Residuals) -> tuple[slice, slice]:
+        """Factors that begin in the stretch, and their frames in it, as slices."""
+        start = equations.first_frame - self.begin
+        low, high = max(start, 0), min(start + len(equations.residual), self.count)
         return slice(low - start, max(high, low) - start), slice(low, max(high, low))
 
-    def _of_each(self, into: Array, values: Array, at: Residuals) -> tuple[Array, Array]:
-        """Where what is said of static columns goes: each frame's, or all together where there is one for all."""
-        source, target = self._rows(at)
+    def _static_target(self, into: Array, values: Array, equations: Residuals) -> tuple[Array, Array]:
+        """Select target and values for static columns: frame by frame, or summed if the target is for all frames."""
+        source, target = self._rows(equations)
         if len(into) == self.count and self.count > 1:
             return into[target], values[source]
         return into, values[source].sum(axis=0, keepdims=True)
 
-    def _frame_columns(self, one: PlacedBlock) -> slice:
-        start = self.layout.chain_columns[one.range.chain].start
-        return slice(start + one.range.start, start + one.range.stop)
+    def _frame_columns(self, placed: PlacedBlock) -> slice:
+        start = self.layout.chain_columns[placed.range.chain].start
+        return slice(start + placed.range.start, start + placed.range.stop)
 
-    def _add_block(self, one: PlacedBlock, other: PlacedBlock, block: Array, at: Residuals) -> None:
+    def _add_block(self, row: PlacedBlock, column: PlacedBlock, block: Array, equations: Residuals) -> None:
         """Add the block ``(t, n, c, c')`` between two sets of variables."""
-        first, second = one.range.chain != STATIC, other.range.chain != STATIC
-        if first and second:
-            self._add_frames(one, other, block.sum(axis=1), at)
-        elif first:
-            self._add_coupling(one, other, block, at)
-        elif second:
-            self._add_coupling(other, one, block.swapaxes(2, 3), at)
+        row_in_frame, column_in_frame = row.range.chain != STATIC, column.range.chain != STATIC
+        if row_in_frame and column_in_frame:
+            self._add_frames(row, column, block.sum(axis=1), equations)
+        elif row_in_frame:
+            self._add_coupling(row, column, block, equations)
+        elif column_in_frame:
+            self._add_coupling(column, row, block.swapaxes(2, 3), equations)
         else:
-            if not (one.block.each or other.block.each):
+            if not (row.block.is_per_factor or column.block.is_per_factor):
                 block = block.sum(axis=1, keepdims=True)
-            into, block = self._of_each(self._blocks.static, block, at)
-            into[:, one.columns[:, :, None], other.columns[:, None, :]] += block
-            if one is not other:
-                into[:, other.columns[:, :, None], one.columns[:, None, :]] += block.swapaxes(2, 3)
+            into, block = self._static_target(self._blocks.static, block, equations)
+            into[:, row.columns[:, :, None], column.columns[:, None, :]] += block
+            if row is not column:
+                into[:, column.columns[:, :, None], row.columns[:, None, :]] += block.swapaxes(2, 3)
 
-    def _add_frames(self, one: PlacedBlock, other: PlacedBlock, block: Array, at: Residuals) -> None:
-        if (other.ahead, other.range.chain) < (one.ahead, one.range.chain):
-            one, other, block = other, one, block.swapaxes(1, 2)
-        rows, columns, start = (
-            self._frame_columns(one),
-            self._frame_columns(other),
-            other.ahead * self.layout.frame_width,
-        )
-        source, target = self._rows(at)
-        into = self._blocks.frames[:, one.ahead, :, start : start + self.layout.frame_width]
+    def _add_frames(self, row: PlacedBlock, column: PlacedBlock, block: Array, equations: Residuals) -> None:
+        if (column.ahead, column.range.chain) < (row.ahead, row.range.chain):
+            row, column, block = column, row, block.swapaxes(1, 2)
+        rows, columns = self._frame_columns(row), self._frame_columns(column)
+        start = column.ahead * self.layout.frame_width
+        source, target = self._rows(equations)
+        into = self._blocks.frames[:, row.ahead, :, start : start + self.layout.frame_width]
         into[target, rows, columns] += block[source]
-        if one is not other and one.ahead == other.ahead and one.range.chain == other.range.chain:
+        if row is not column and (row.ahead, row.range.chain) == (column.ahead, column.range.chain):
             into[target, columns, rows] += block[source].swapaxes(1, 2)
 
-    def _add_coupling(self, frame: PlacedBlock, static: PlacedBlock, block: Array, at: Residuals) -> None:
-        source, target = self._rows(at)
-        of_each = block.swapaxes(1, 2).reshape(len(block), block.shape[2], -1)
-        block = of_each if static.block.each else block.sum(axis=1)
+    def _add_coupling(self, frame: PlacedBlock, static: PlacedBlock, block: Array, equations: Residuals) -> None:
+        source, target = self._rows(equations)
+        per_factor = block.swapaxes(1, 2).reshape(len(block), block.shape[2], -1)
+        block = per_factor if static.block.is_per_factor else block.sum(axis=1)
         into = self._blocks.coupling[:, frame.ahead, :, static.range.columns]
         into[target, self._frame_columns(frame)] += block[source]
 
-    def _add_gradient(self, one: PlacedBlock, vector: Array, at: Residuals) -> None:
-        """Add ``(t, n, c)`` of a set of variables."""
-        if one.range.chain == STATIC:
-            vector = vector if one.block.each else vector.sum(axis=1, keepdims=True)
-            into, vector = self._of_each(self._blocks.static_gradient, vector, at)
-            into[:, one.columns] += vector
+    def _add_gradient(self, placed: PlacedBlock, vector: Array, equations: Residuals) -> None:
+        """Add the gradient ``(t, n, c)`` of a set of variables."""
+        if placed.range.chain == STATIC:
+            vector = vector if placed.block.is_per_factor else vector.sum(axis=1, keepdims=True)
+            into, vector = self._static_target(self._blocks.static_gradient, vector, equations)
+            into[:, placed.columns] += vector
             return
-        source, target = self._rows(at)
-        self._blocks.gradient[:, one.ahead, self._frame_columns(one)][target] += vector[source].sum(axis=1)
+        source, target = self._rows(equations)
+        self._blocks.gradient[:, placed.ahead, self._frame_columns(placed)][target] += vector[source].sum(axis=1)

@@ -1,7 +1,7 @@
-"""Coordinates instead of steps: a stream keeps each variable as coordinates around a point that stays where it is.
+"""Charts: coordinates around fixed points, in which a stream solves instead of in steps.
 
-Terms differentiate by steps from where a variable stands, ``x ⊞ δ``. Where it is ``X ⊞ c``, a change ``dc`` of its
-coordinates is the step ``J_r(c) dc``: the chain rule puts ``J_r`` behind every derivative, near the point and far away.
+Terms differentiate by steps ``δ`` from the current value, ``x ⊞ δ``. If ``x = X ⊞ c`` with a fixed point ``X``, a
+change ``dc`` of the coordinates is the step ``J_r(c) dc``, so ``J_r`` multiplies every derivative from the right.
 """
 
 from collections.abc import Mapping
@@ -18,12 +18,12 @@ from vip_factors.terms.equations import JacobianBlock
 
 @dataclass(frozen=True)
 class Charts:
-    """Derivatives of steps by coordinates, at given coordinates.
+    """Derivatives of steps with respect to coordinates.
 
     Attributes:
-        turns: by wearer ``(T, 24, 3, 3)`` of the joints.
-        poses: by camera ``(T, 6, 6)``, of those that move.
-        static: by owner and block ``(items, c, c)``.
+        turns: joint rotations ``(T, 24, 3, 3)`` by wearer.
+        poses: poses ``(T, 6, 6)`` by moving camera.
+        static: static blocks ``(items, c, c)`` by owner and block.
     """
 
     turns: Mapping[int, Array]
@@ -32,18 +32,20 @@ class Charts:
 
     @classmethod
     def at(cls, layout: Layout, frames: Array, static: Array) -> "Charts":
-        """At coordinates ``(T, w)`` of frames and ``(s,)`` of what they share."""
+        """Evaluate at coordinates ``(T, w)`` of frames and ``(s,)`` of static variables."""
         turns, poses = {}, {}
-        bodies = [number for number, one in enumerate(layout.chains) if one.owner.kind is Owner.WEARER]
+        bodies = [number for number, chain in enumerate(layout.chains) if chain.owner.kind is Owner.WEARER]
         vectors = [
             frames[:, layout.chain_columns[number]][:, :ROOT].reshape(len(frames), JOINT_COUNT, 3) for number in bodies
         ]
         if bodies:
             stacked = right_jacobian(np.stack(vectors))
-            turns = {layout.chains[number].owner.number: own for number, own in zip(bodies, stacked, strict=True)}
-        for number, one in enumerate(layout.chains):
-            if one.owner.kind is Owner.CAMERA:
-                poses[one.owner] = pose_right_jacobian(frames[:, layout.chain_columns[number]])
+            turns = {
+                layout.chains[number].owner.number: jacobians for number, jacobians in zip(bodies, stacked, strict=True)
+            }
+        for number, chain in enumerate(layout.chains):
+            if chain.owner.kind is Owner.CAMERA:
+                poses[chain.owner] = pose_right_jacobian(frames[:, layout.chain_columns[number]])
         blocks = {
             (owner, block.name): block.chart(static[columns])
             for owner, block, columns in layout.placed
@@ -51,25 +53,25 @@ class Charts:
         }
         return cls(turns, poses, blocks)
 
-    def joints(self, wearer: int, first: int, count: int) -> Array:
-        """Of joints 1 … 23 of a body in a stretch of frames ``(count, 23, 3, 3)``."""
-        return self.turns[wearer][first : first + count, 1:]
+    def joints(self, wearer: int, start: int, count: int) -> Array:
+        """Derivatives ``(count, 23, 3, 3)`` for joints 1 … 23 of a body in a stretch of frames."""
+        return self.turns[wearer][start : start + count, 1:]
 
-    def screws(self, wearer: int, first: int, screws: Array) -> Array:
-        """Screws ``(t, 25, 6, 3)`` of a stretch of frames by the coordinates."""
-        by_joints = screws[:, :-1] @ self.turns[wearer][first : first + len(screws)]
+    def screws(self, wearer: int, start: int, screws: Array) -> Array:
+        """Transform screws ``(t, 25, 6, 3)`` of a stretch of frames to coordinates."""
+        by_joints = screws[:, :-1] @ self.turns[wearer][start : start + len(screws)]
         return np.concatenate([by_joints, screws[:, -1:]], axis=1)
 
-    def of_item(self, owner: OwnerId, block: str, item: int, frame: int) -> Array | None:
-        """Of one item of a static block, or of a camera's pose in a frame; None where steps are coordinates."""
+    def item_jacobian(self, owner: OwnerId, block: str, index: int, frame: int) -> Array | None:
+        """Derivative for one item of a static block or a camera's pose in a frame; None if it is the identity."""
         static = self.static.get((owner, block))
         if static is not None:
-            return static[item]
+            return static[index]
         return self.poses[owner][frame] if block == "poses" and owner in self.poses else None
 
-    def jacobian(self, block: JacobianBlock, first: int) -> Array:
-        """A block's derivative ``(t, n, m, c)`` by the coordinates."""
-        frames = slice(first + block.ahead, first + block.ahead + len(block.jacobian))
+    def jacobian(self, block: JacobianBlock, first_frame: int) -> Array:
+        """Transform a block's derivative ``(t, n, m, c)`` to coordinates."""
+        frames = slice(first_frame + block.ahead, first_frame + block.ahead + len(block.jacobian))
         static = self.static.get((block.owner, block.block))
         if static is not None:
             return block.jacobian @ static

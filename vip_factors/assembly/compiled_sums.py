@@ -1,7 +1,6 @@
-"""Terms summed by compiled code, where there is a twin of them: what the accumulators do with equations in NumPy.
+"""Accumulation of terms by compiled kernels, which need no arrays of residuals and Jacobians.
 
-A twin takes what the term's equations are made of, and no array of residuals or Jacobians comes to be. What has none
-goes the way of NumPy, into the same sums.
+Terms without a kernel are summed by the NumPy accumulator into the same blocks.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,15 +27,15 @@ from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, Weare
 from vip_factors.terms.hinge import hinge_sigmas, hinges_of_rows
 
 _PARENTS = np.array(PARENTS)
-_NONE = np.zeros((0, 0, 0))
-_NEVER = np.zeros((0, 0, 0, 0))
+_NO_CHART = np.zeros((0, 0, 0))
+_NO_TURNS = np.zeros((0, 0, 0, 0))
 _NO_FRAME = np.zeros(0, bool)
-VIEWED = ("poses", "clock", "clock_drift", "zoom")  # of a camera, by reprojections
+VIEWED = ("poses", "clock", "clock_drift", "zoom")  # blocks of a camera that reprojections depend on
 _NO_CAMERA = np.zeros((0, len(VIEWED)), dtype=int)
 
 
 class CompiledAccumulator(Accumulator):
-    """Sums by compiled code what has a twin there; arguments as of the base."""
+    """Accumulator that uses compiled kernels; arguments as for :class:`Accumulator`."""
 
     def __init__(
         self, layout: Layout, blocks: Blocks, begin: int, bodies: Sequence[BodyState], charts: Charts | None = None
@@ -45,47 +44,48 @@ class CompiledAccumulator(Accumulator):
         self._target = blocks.target
         self._sums = dict[OwnerId, Any]()
 
-    def add_term(self, term: Term[Any], at: Any) -> None:
-        """See the base."""
-        twin = TWINS.get(term.kind)
-        if twin is None:
-            super().add_term(term, at)
-        elif isinstance(at, CameraEvaluation):
-            twin(self._camera(at), at, self)
+    def add_term(self, term: Term[Any], evaluation: Any) -> None:
+        """Add the factors of a term whose first frame is in the stretch."""
+        add = KERNELS.get(term.kind)
+        if add is None:
+            super().add_term(term, evaluation)
+        elif isinstance(evaluation, CameraEvaluation):
+            add(self._camera(evaluation), evaluation, self)
         else:
-            twin(self._body(at.wearer if isinstance(at, ViewEvaluation) else at), at, self)
+            wearer = evaluation.wearer if isinstance(evaluation, ViewEvaluation) else evaluation
+            add(self._body(wearer), evaluation, self)
 
     def finish(self) -> None:
-        """See the base."""
+        """Add deferred sums after the last term."""
         for sums in self._sums.values():
             sums.expand()
 
-    def _body(self, at: WearerEvaluation) -> Any:
-        """Where a wearer's terms are summed."""
-        if at.owner not in self._sums:
-            chain, variation = self.layout.chain_of(at.owner), at.problem.variation
-            first = -1 if chain is None else self.layout.chain_columns[chain].start
-            turns = _NEVER if self.charts is None or chain is None else self.charts.turns[at.number]
-            directions = variation.directions if at.problem.body_moves and variation is not None else _NONE
-            self._sums[at.owner] = kernels.BodySums(
-                self._target, self.begin, at.body.R_world_bone, at.body.p_world_joint, turns, first,
-                self.layout.frame_width, _PARENTS, self.first_columns(at.owner), directions, self._camera_columns(),
-            )  # fmt: skip
-        return self._sums[at.owner]
-
-    def _camera(self, at: CameraEvaluation) -> Any:
-        """Where the terms of a camera alone are summed."""
-        if at.owner not in self._sums:
-            R, p = np.zeros((at.frames, 0, 3, 3)), np.zeros((at.frames, 0, 3))
-            width, columns = self.layout.frame_width, self.first_columns(at.owner)
-            self._sums[at.owner] = kernels.BodySums(
-                self._target, self.begin, R, p, _NEVER, -1, width, _PARENTS, columns, _NONE, _NO_CAMERA
+    def _body(self, wearer: WearerEvaluation) -> Any:
+        """Return the compiled sums of a wearer's terms."""
+        if wearer.owner not in self._sums:
+            chain, variation = self.layout.chain_of(wearer.owner), wearer.problem.variation
+            root_column = -1 if chain is None else self.layout.chain_columns[chain].start
+            turns = _NO_TURNS if self.charts is None or chain is None else self.charts.turns[wearer.number]
+            directions = variation.directions if wearer.problem.body_moves and variation is not None else _NO_CHART
+            pose, width = (wearer.body.R_world_bone, wearer.body.p_world_joint), self.layout.frame_width
+            columns, viewed = self.first_columns(wearer.owner), self._camera_columns()
+            self._sums[wearer.owner] = kernels.BodySums(
+                self._target, self.begin, *pose, turns, root_column, width, _PARENTS, columns, directions, viewed
             )
-        return self._sums[at.owner]
+        return self._sums[wearer.owner]
+
+    def _camera(self, camera: CameraEvaluation) -> Any:
+        """Return the compiled sums of the terms on a camera alone."""
+        if camera.owner not in self._sums:
+            R, p = np.zeros((camera.frames, 0, 3, 3)), np.zeros((camera.frames, 0, 3))
+            width, columns = self.layout.frame_width, self.first_columns(camera.owner)
+            self._sums[camera.owner] = kernels.BodySums(
+                self._target, self.begin, R, p, _NO_TURNS, -1, width, _PARENTS, columns, _NO_CHART, _NO_CAMERA
+            )
+        return self._sums[camera.owner]
 
     def first_columns(self, owner: OwnerId) -> np.ndarray:
-        """First columns of the blocks of an owner and of the detector in a slice; below nought of any other, and of
-        one that does not move."""
+        """First columns in a slice of the blocks of an owner and the detector; −1 for other and constant blocks."""
         owners = {owner.kind: owner, Owner.DETECTOR: DETECTOR}
         return np.array([self._first_column(owners.get(kind), name) for name, kind in _names()])
 
@@ -96,19 +96,19 @@ class CompiledAccumulator(Accumulator):
         return np.array(columns, dtype=int).reshape(-1, len(VIEWED))
 
     def _first_column(self, owner: OwnerId | None, name: str) -> int:
-        found, layout = None if owner is None else self.layout.columns_of(owner, name), self.layout
-        if found is None:
+        columns, layout = None if owner is None else self.layout.columns_of(owner, name), self.layout
+        if columns is None:
             return -1
         static = (REACH + 1) * layout.frame_width
-        return found.start + (static if found.chain == STATIC else layout.chain_columns[found.chain].start)
+        return columns.start + (static if columns.chain == STATIC else layout.chain_columns[columns.chain].start)
 
     def chart(self, owner: OwnerId, block: str) -> Array:
-        """Of a static block's items, or of a camera's poses; nothing where steps are coordinates."""
+        """Chart Jacobians of a static block's items or a camera's poses; empty if they are the identity."""
         if self.charts is None:
-            return _NONE
+            return _NO_CHART
         poses = self.charts.poses.get(owner) if block == "poses" else None
-        found = self.charts.static.get((owner, block), poses)
-        return _NONE if found is None else found
+        jacobians = self.charts.static.get((owner, block), poses)
+        return _NO_CHART if jacobians is None else jacobians
 
 
 @cache
@@ -116,23 +116,23 @@ def _names() -> tuple[tuple[str, Owner], ...]:
     return tuple((row.name, row.owner) for row in ROWS.values())
 
 
-# Twins: of a term what it is made of, for the sums of the body that it sees.
+# Each function passes the arguments of a term to its kernel.
 
 
-def _believed(loss: RobustLoss, at: Evaluation) -> tuple[str, float, float]:
-    return loss.loss.value, loss.k, at.frame_share
+def _loss_arguments(loss: RobustLoss, evaluation: Evaluation) -> tuple[str, float, float]:
+    return loss.loss.value, loss.k, evaluation.frame_share
 
 
-def _headings(at: WearerEvaluation) -> Array:
-    """``(T or 1, S)``, of the frames where they drift."""
-    return np.atleast_2d(at.headings(slice(None)))
+def _headings(wearer: WearerEvaluation) -> Array:
+    """Headings ``(T, S)`` if they drift, else ``(1, S)``."""
+    return np.atleast_2d(wearer.headings(slice(None)))
 
 
-def _shift(at: WearerEvaluation, points: BodyPoints) -> Array:
-    """How points shift on their bones with the body's lengths, ``(n, 3, B)``; nothing where these are kept."""
-    if at.problem.variation is None or not at.problem.body_moves:
-        return _NONE
-    return at.problem.variation.of_points(at.problem.skeleton, points.bones, points.p_bone_point)
+def _shift(wearer: WearerEvaluation, points: BodyPoints) -> Array:
+    """Derivative ``(n, 3, B)`` of points in bone axes by the body's lengths; empty if these are constant."""
+    if wearer.problem.variation is None or not wearer.problem.body_moves:
+        return _NO_CHART
+    return wearer.problem.variation.of_points(wearer.problem.skeleton, points.bones, points.p_bone_point)
 
 
 @cache
@@ -140,122 +140,124 @@ def _numbers(bones: tuple[int, ...]) -> np.ndarray:
     return np.array(bones)
 
 
-def _orientation(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
-    problem, settings = at.problem, at.problem.settings.orientation
-    sums.orientation(
-        _numbers(problem.sensor_points.bones), at.state.R_bone_sensor, _headings(at), problem.frames.R_inertial_sensor,
-        problem.frames.orientation_valid, settings.sigma, *_believed(settings.loss, at),
-        scatter.chart(at.owner, "R_bone_sensor"),
-    )  # fmt: skip
+def _orientation(sums: Any, wearer: WearerEvaluation, scatter: CompiledAccumulator) -> None:
+    problem, settings = wearer.problem, wearer.problem.settings.orientation
+    calibration = wearer.state.R_bone_sensor, _headings(wearer)
+    measured = problem.frames.R_inertial_sensor, problem.frames.orientation_valid
+    chart = scatter.chart(wearer.owner, "R_bone_sensor")
+    loss = settings.sigma, *_loss_arguments(settings.loss, wearer)
+    sums.orientation(_numbers(problem.sensor_points.bones), *calibration, *measured, *loss, chart)
 
 
-def _acceleration(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
-    problem, settings = at.problem, at.problem.settings.acceleration
+def _acceleration(sums: Any, wearer: WearerEvaluation, scatter: CompiledAccumulator) -> None:
+    problem, settings = wearer.problem, wearer.problem.settings.acceleration
     if problem.use_acceleration:
         points, frames = problem.sensor_points, problem.frames
-        sums.acceleration(
-            _numbers(points.bones), at.sensor_points.p_bone_point, _shift(at, points), _headings(at),
-            frames.specific_force_inertial, frames.acceleration_valid, frames.step, settings.sigma,
-            *_believed(settings.loss, at),
-        )  # fmt: skip
+        position = _numbers(points.bones), wearer.sensor_points.p_bone_point, _shift(wearer, points)
+        measured = frames.specific_force_inertial, frames.acceleration_valid, frames.step
+        loss = settings.sigma, *_loss_arguments(settings.loss, wearer)
+        sums.acceleration(*position, _headings(wearer), *measured, *loss)
 
 
-def _contact(sums: Any, at: WearerEvaluation, settings: Any, follows: np.ndarray) -> None:
-    problem, points = at.problem, at.problem.contact_points
-    sums.contact(
-        _numbers(points.bones), at.contact_points.p_bone_point, _shift(at, points), problem.contact_confidence, at.sole,
-        problem.frames.step, settings.sigma, *_believed(settings.loss, at), follows,
-    )  # fmt: skip
+def _contact(sums: Any, wearer: WearerEvaluation, settings: Any, follows: np.ndarray) -> None:
+    problem, points = wearer.problem, wearer.problem.contact_points
+    position = _numbers(points.bones), wearer.contact_points.p_bone_point, _shift(wearer, points)
+    loss = settings.sigma, *_loss_arguments(settings.loss, wearer)
+    sums.contact(*position, problem.contact_confidence, wearer.sole, problem.frames.step, *loss, follows)
 
 
-def _floor_contact(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
-    if at.problem.has_floor and at.problem.contacts:
-        _contact(sums, at, at.problem.settings.floor_contact, _NO_FRAME)
+def _floor_contact(sums: Any, wearer: WearerEvaluation, scatter: CompiledAccumulator) -> None:
+    if wearer.problem.has_floor and wearer.problem.contacts:
+        _contact(sums, wearer, wearer.problem.settings.floor_contact, _NO_FRAME)
 
 
-def _foot_contact(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
-    if at.problem.use_acceleration and at.problem.contacts and at.frames > 1:
-        _contact(sums, at, at.problem.settings.foot_contact, at.problem.frames.follows)
+def _foot_contact(sums: Any, wearer: WearerEvaluation, scatter: CompiledAccumulator) -> None:
+    if wearer.problem.use_acceleration and wearer.problem.contacts and wearer.frames > 1:
+        _contact(sums, wearer, wearer.problem.settings.foot_contact, wearer.problem.frames.follows)
 
 
-def _pose_prior(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
-    scale = at.problem.settings.pose_prior.scale
-    prior = at.problem.prior
-    sums.pose_prior(at.state.R_parent_child, prior.information, at.state.pose_mean, at.frame_share * scale**2)
+def _pose_prior(sums: Any, wearer: WearerEvaluation, scatter: CompiledAccumulator) -> None:
+    scale = wearer.problem.settings.pose_prior.scale
+    prior = wearer.problem.prior
+    sums.pose_prior(
+        wearer.state.R_parent_child, prior.information, wearer.state.pose_mean, wearer.frame_share * scale**2
+    )
 
 
-def _smoothness(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
-    problem, settings = at.problem, at.problem.settings.smoothness
-    if problem.use_acceleration and settings.use and at.frames > 1:
-        scale, R = settings.time / problem.frames.step, at.state.R_parent_child
-        sums.smoothness(R, problem.prior.information, problem.frames.follows, at.frame_share * scale**2)
+def _smoothness(sums: Any, wearer: WearerEvaluation, scatter: CompiledAccumulator) -> None:
+    problem, settings = wearer.problem, wearer.problem.settings.smoothness
+    if problem.use_acceleration and settings.use and wearer.frames > 1:
+        scale, R = settings.time / problem.frames.step, wearer.state.R_parent_child
+        sums.smoothness(R, problem.prior.information, problem.frames.follows, wearer.frame_share * scale**2)
 
 
-def _joint_limit(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
-    limits, settings = at.problem.limits, at.problem.settings.joint_limit
-    sums.joint_limit(
-        at.state.R_parent_child, limits.lower, limits.upper, np.deg2rad(settings.sigma_deg), settings.per_axis,
-        *_believed(settings.loss, at),
-    )  # fmt: skip
+def _joint_limit(sums: Any, wearer: WearerEvaluation, scatter: CompiledAccumulator) -> None:
+    limits, settings = wearer.problem.limits, wearer.problem.settings.joint_limit
+    R, sigma, loss = wearer.state.R_parent_child, np.deg2rad(settings.sigma_deg), _loss_arguments(settings.loss, wearer)
+    sums.joint_limit(R, limits.lower, limits.upper, sigma, settings.per_axis, *loss)
 
 
-def _hinge(sums: Any, at: WearerEvaluation, scatter: CompiledAccumulator) -> None:
-    settings = at.problem.settings.hinge
+def _hinge(sums: Any, wearer: WearerEvaluation, scatter: CompiledAccumulator) -> None:
+    settings = wearer.problem.settings.hinge
     if settings.use:
-        sums.hinge(
-            at.state.R_parent_child, *hinges_of_rows(at.state.hinges), at.state.hinges[TILTS:],
-            1 / hinge_sigmas(settings), *_believed(SQUARE, at),
-        )  # fmt: skip
+        R, hinges = wearer.state.R_parent_child, wearer.state.hinges
+        weights, loss = 1 / hinge_sigmas(settings), _loss_arguments(SQUARE, wearer)
+        sums.hinge(R, *hinges_of_rows(hinges), hinges[TILTS:], weights, *loss)
 
 
-def _reprojection(sums: Any, at: ViewEvaluation, scatter: CompiledAccumulator) -> None:
-    view, poses, lens = at.view, at.state.poses, at.lens
+def _reprojection(sums: Any, evaluation: ViewEvaluation, scatter: CompiledAccumulator) -> None:
+    view, poses, lens = evaluation.view, evaluation.state.poses, evaluation.lens
     if not view.points or not view.seen.any():
         return
-    settings, every = at.camera.settings.reprojection, slice(None)
-    numbers = np.array([*lens.focal, *lens.centre, *lens.distortion, *[0.0] * (8 - len(lens.distortion))])
-    sums.reprojection(
-        _numbers(view.body_points.bones), at.points_on(view.body_points).p_bone_point,
-        _shift(at.wearer, view.body_points), poses.R_world_camera, poses.p_world_camera, numbers, view.pixels,
-        view.sigma, view.seen, view.pixels_per_second, at.seconds_late(every), at.since_middle(every),
-        *_believed(settings.loss, at), at.owner.number, scatter.chart(at.owner, "poses"), *view.offsets,
-    )  # fmt: skip
+    settings, every = evaluation.camera.settings.reprojection, slice(None)
+    intrinsics = np.array([*lens.focal, *lens.centre, *lens.distortion, *[0.0] * (8 - len(lens.distortion))])
+    points = view.body_points
+    position = _numbers(points.bones), evaluation.points_on(points).p_bone_point, _shift(evaluation.wearer, points)
+    camera = poses.R_world_camera, poses.p_world_camera, intrinsics
+    measured = view.pixels, view.sigma, view.seen, view.pixels_per_second
+    clock = evaluation.seconds_late(every), evaluation.since_middle(every)
+    loss = _loss_arguments(settings.loss, evaluation)
+    chart = evaluation.owner.number, scatter.chart(evaluation.owner, "poses")
+    sums.reprojection(*position, *camera, *measured, *clock, *loss, *chart, *view.offsets)
 
 
-def _poses(at: CameraEvaluation, scatter: CompiledAccumulator) -> tuple[Array, Array, Array]:
-    return at.state.poses.R_world_camera, at.state.poses.p_world_camera, scatter.chart(at.owner, "poses")
+def _poses(camera: CameraEvaluation, scatter: CompiledAccumulator) -> tuple[Array, Array, Array]:
+    return camera.state.poses.R_world_camera, camera.state.poses.p_world_camera, scatter.chart(camera.owner, "poses")
 
 
-def _camera_orientation(sums: Any, at: CameraEvaluation, scatter: CompiledAccumulator) -> None:
-    imu = at.problem.imu
+def _camera_orientation(sums: Any, camera: CameraEvaluation, scatter: CompiledAccumulator) -> None:
+    imu = camera.problem.imu
     if imu is not None:
-        settings = at.problem.settings.orientation
-        sums.camera_orientation(
-            *_poses(at, scatter), at.state.R_camera_imu, at.state.heading, imu.R_inertial_sensor, imu.orientation_valid,
-            settings.sigma(at.problem.orientation_weight(at.step)), *_believed(settings.loss, at),
-            scatter.chart(at.owner, "R_camera_imu"),
-        )  # fmt: skip
+        settings = camera.problem.settings.orientation
+        calibration = camera.state.R_camera_imu, camera.state.heading
+        measured = imu.R_inertial_sensor, imu.orientation_valid
+        sigma = settings.sigma(camera.problem.orientation_weight(camera.step))
+        loss, chart = _loss_arguments(settings.loss, camera), scatter.chart(camera.owner, "R_camera_imu")
+        sums.camera_orientation(*_poses(camera, scatter), *calibration, *measured, sigma, *loss, chart)
 
 
-def _camera_acceleration(sums: Any, at: CameraEvaluation, scatter: CompiledAccumulator) -> None:
-    imu = at.problem.imu
-    if imu is not None and at.is_path:
-        settings = at.problem.settings.acceleration
-        sums.camera_acceleration(
-            *_poses(at, scatter), at.problem.p_camera_imu, at.state.heading, imu.specific_force_inertial,
-            imu.acceleration_valid, at.step, settings.sigma, *_believed(settings.loss, at),
-        )  # fmt: skip
+def _camera_acceleration(sums: Any, camera: CameraEvaluation, scatter: CompiledAccumulator) -> None:
+    imu = camera.problem.imu
+    if imu is not None and camera.is_path:
+        settings = camera.problem.settings.acceleration
+        calibration = camera.problem.p_camera_imu, camera.state.heading
+        measured = imu.specific_force_inertial, imu.acceleration_valid, camera.step
+        loss = settings.sigma, *_loss_arguments(settings.loss, camera)
+        sums.camera_acceleration(*_poses(camera, scatter), *calibration, *measured, *loss)
 
 
-def _camera_velocity(sums: Any, at: CameraEvaluation, scatter: CompiledAccumulator) -> None:
-    if at.is_path:
-        settings = at.problem.settings.velocity
+def _camera_velocity(sums: Any, camera: CameraEvaluation, scatter: CompiledAccumulator) -> None:
+    if camera.is_path:
+        settings = camera.problem.settings.velocity
         sums.camera_velocity(
-            *_poses(at, scatter), at.step, camera_velocity_sigmas(settings), *_believed(settings.loss, at)
+            *_poses(camera, scatter),
+            camera.step,
+            camera_velocity_sigmas(settings),
+            *_loss_arguments(settings.loss, camera),
         )
 
 
-TWINS: dict[str, Callable[[Any, Any, CompiledAccumulator], None]] = {
+KERNELS: dict[str, Callable[[Any, Any, CompiledAccumulator], None]] = {
     "orientation": _orientation,
     "acceleration": _acceleration,
     "pose prior": _pose_prior,

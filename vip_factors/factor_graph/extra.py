@@ -244,7 +244,7 @@ def add_factor(
         if charts is not None:
             chart = charts.turns[one.wearer][frame, one.item] if one.block == JOINT else None
             if one.block not in (JOINT, ROOT):
-                chart = charts.of_item(one.owner, one.block, one.item, frame)
+                chart = charts.item_jacobian(one.owner, one.block, one.item, frame)
             turn = turn if chart is None else turn @ chart
         placed.append((place, slice(start, start + one.width), turn))
     shared = min(t, len(blocks.static) - 1)

@@ -184,7 +184,7 @@ class _Window:
         return blocks
 
     def _by_joints(self, eq: JointEquations, row: int, n: int) -> Blocks:
-        number, frame = eq.owner.number, self.begin + eq.first + row
+        number, frame = eq.owner.number, self.begin + eq.first_frame + row
         jacobians = eq.by_joints()
         if eq.whitening is None:
             m = eq.residual.shape[2]
@@ -220,7 +220,7 @@ class _Window:
         width, step = Variable(one.block).width, 0
         if one.block == HEADINGS:  # where they drift, that of the factor's first frame
             step = int(self.problem.wearers[one.owner.number].heading_numbers(self.first)[0])
-        items = [n] if one.each else range(jacobian.shape[1] // width)
+        items = [n] if one.is_per_factor else range(jacobian.shape[1] // width)
         return [
             (Variable(one.block, number, 0, item, step), jacobian[:, place * width : (place + 1) * width])
             for place, item in enumerate(items)

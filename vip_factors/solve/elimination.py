@@ -1,7 +1,4 @@
-"""Elimination of some variables of ``½ xᵀ H x − vᵀ x``, and what is known of them, of values of all others.
-
-Of ``H`` what lies on and above the diagonal counts.
-"""
+"""Elimination of variables of a quadratic ``½ xᵀ H x − vᵀ x``, of whose ``H`` only the upper triangle is used."""
 
 from dataclasses import dataclass
 
@@ -20,9 +17,11 @@ if kernels is not None:
 
 @dataclass(frozen=True)
 class Conditional:
-    """``R x + S y = d`` of some variables ``x`` and all that are eliminated after them, ``y``.
+    """Gaussian conditional ``R x + S y = d`` of variables ``x`` given those that are eliminated later, ``y``.
 
-    ``rows`` hold ``R``, of which only what lies on and above the diagonal counts, and ``S``.
+    Attributes:
+        rows: ``(w, w + m)``, ``R`` (upper triangle) and ``S``.
+        d: ``(w,)``.
     """
 
     rows: Array
@@ -30,109 +29,112 @@ class Conditional:
 
     @property
     def R(self) -> Array:
-        """``(w, w)``."""
+        """Square-root information ``(w, w)``, upper triangular."""
         return self.rows[:, : len(self.d)]
 
     @property
     def S(self) -> Array:
-        """``(w, m)``."""
+        """Coupling ``(w, m)`` with later variables."""
         return self.rows[:, len(self.d) :]
 
-    def given(self, later: Array) -> Array:
-        """The variables, of the values of the later ones."""
+    def given(self, later_values: Array) -> Array:
+        """Back-substitute: values of the variables given those of later ones."""
         if kernels is not None:
             x = self.d.copy()
-            kernels.substitute(self.rows, later, x)
+            kernels.substitute(self.rows, later_values, x)
             return x
-        right = self.d - self.S @ later
-        solved: Array = dtrsv(self.R, right) if len(right) else right  # of nothing at all it complains
+        right = self.d - self.S @ later_values
+        solved: Array = dtrsv(self.R, right) if len(right) else right  # BLAS refuses empty input
         return solved
 
     def covariance(self, joint: Array) -> tuple[Array, Array]:
-        """Of the variables, and with the later ones, whose own is ``joint``.
+        """Covariance ``Σ_xx`` of the variables and ``Σ_xy`` with later ones, given theirs, ``Σ_yy`` = ``joint``.
 
-        With ``K = −R⁻¹S``, ``Σ_xy = K Σ_yy`` and ``Σ_xx = R⁻¹R⁻ᵀ + Σ_xy Kᵀ``: all that a later frame asks for stands in
-        the rows of this one (Takahashi, Fagan and Chen 1973).
+        With ``K = −R⁻¹S``, ``Σ_xy = K Σ_yy`` and ``Σ_xx = R⁻¹R⁻ᵀ + Σ_xy Kᵀ`` (Takahashi, Fagan and Chen 1973).
         """
         w = len(self.d)
         solved = dtrsm(1.0, self.R, np.concatenate([np.eye(w), -self.S], axis=1))
         inverse, K = solved[:, :w], solved[:, w:]
         across = K @ joint
-        own = inverse @ inverse.T + across @ K.T
-        return (own + own.T) / 2, across  # what is not symmetric would grow from frame to frame
+        covariance = inverse @ inverse.T + across @ K.T
+        return (covariance + covariance.T) / 2, across  # asymmetry would grow from frame to frame
 
     def forward(self, right: Array, behind: Array) -> Array:
-        """``Y`` of ``Rᵀ Y = right``; ``Sᵀ Y`` is taken from ``behind``."""
+        """Solve ``Rᵀ Y = right`` for ``Y`` and subtract ``Sᵀ Y`` from ``behind`` in place."""
         solved: Array = dtrsm(1.0, self.R, right, trans_a=1) if right.size else right
         behind -= self.S.T @ solved
         return solved
 
 
-def eliminated(own: Array, others: Array, rest: Array) -> tuple[Array, Array]:
-    """The first variables of a quadratic eliminated: ``R`` ``(w, w)``, and ``Sᵀ`` ``(n, w)``, of ``R x + S y``.
+def eliminated(information: Array, coupling: Array, remaining: Array) -> tuple[Array, Array]:
+    """Eliminate the first variables of a quadratic; returns ``R`` ``(w, w)`` and ``Sᵀ`` ``(n, w)``.
 
     Args:
-        own, others: ``(w, w)`` and ``(w, n)`` of the variables with themselves and with the others; ``others`` is
-            changed.
-        rest: ``(n, n)`` in C's order: what is known of the others beside; its upper triangle becomes what is left.
+        information: ``(w, w)`` of the eliminated variables.
+        coupling: ``(w, n)`` between these and the remaining ones; overwritten.
+        remaining: ``(n, n)``, C-ordered, of the remaining variables; its upper triangle becomes the Schur complement.
 
     Raises:
         SolveError: if the variables are not determined.
     """
-    R, failed = dpotrf(own)
+    R, failed = dpotrf(information)
     if failed:
         raise SolveError("the linear system is not determined")
-    if not others.size:  # of which BLAS complains
-        return R, others.T
-    S_transposed = dtrsm(1.0, R, others.T, side=1, overwrite_b=1)
-    dsyrk(-1.0, S_transposed, 1.0, rest.T, lower=1, overwrite_c=1)
+    if not coupling.size:  # BLAS refuses empty input
+        return R, coupling.T
+    S_transposed = dtrsm(1.0, R, coupling.T, side=1, overwrite_b=1)
+    dsyrk(-1.0, S_transposed, 1.0, remaining.T, lower=1, overwrite_c=1)
     return R, S_transposed
 
 
-def eliminate(information: Array, vector: Array, first: int, width: int, kernels: Kernels = kernels) -> None:
-    """Eliminate ``width`` variables from ``first`` on, those before being so already, in place.
+def eliminate(information: Array, vector: Array, start: int, width: int, kernels: Kernels = kernels) -> None:
+    """Eliminate ``width`` variables from ``start`` on in place, after those before them.
 
-    Their rows become those of the conditional, those behind what is known of the others; ``H``, ``(n, n)``, is in C's
-    order.
+    Their rows become the conditional, the later rows the marginal on the remaining variables. ``information``
+    ``(n, n)`` is C-ordered.
 
     Raises:
-        SolveError: if they are not determined.
+        SolveError: if the variables are not determined.
     """
     if kernels is not None:
-        if not kernels.eliminate(information, vector, first, width):
+        if not kernels.eliminate(information, vector, start, width):
             raise SolveError("the linear system is not determined")
         return
-    own, others = slice(first, first + width), slice(first + width, None)
-    rest = np.array(information[others, others])
-    R, S_transposed = eliminated(information[own, own], np.array(information[own, others]), rest)
+    columns, rest_columns = slice(start, start + width), slice(start + width, None)
+    remaining = np.array(information[rest_columns, rest_columns])
+    R, S_transposed = eliminated(information[columns, columns], np.array(information[columns, rest_columns]), remaining)
     if width:
-        vector[own] = dtrsv(R, vector[own], trans=1)
-    information[own, own], information[own, others], information[others, others] = R, S_transposed.T, rest
-    vector[others] -= S_transposed @ vector[own]
+        vector[columns] = dtrsv(R, vector[columns], trans=1)
+    information[columns, columns], information[columns, rest_columns], information[rest_columns, rest_columns] = (
+        R,
+        S_transposed.T,
+        remaining,
+    )
+    vector[rest_columns] -= S_transposed @ vector[columns]
 
 
 def add_process_noise(
     information: Array, vector: Array, columns: np.ndarray, sigmas: Array, differences: Array
 ) -> Conditional:
-    """Let some variables step, in place: go on with new ones in their places; returns the old ones given all others.
+    """Add process noise in place: new variables replace old ones; returns the conditional of the old ones.
 
     Args:
-        information, vector: ``H`` in C's order, and ``v``.
-        columns: of the variables.
-        sigmas: of their steps.
-        differences: by how much the new ones are more than the old ones, where both are linearised.
+        information, vector: ``H`` (C-ordered) and ``v``.
+        columns: indices of the variables.
+        sigmas: standard deviations of the steps.
+        differences: new minus old values at the linearisation point.
 
     Raises:
-        SolveError: if they are not determined.
+        SolveError: if the variables are not determined.
     """
     weight = sigmas**-2.0
     S = np.where(np.arange(len(vector)) < columns[:, None], information[:, columns].T, information[columns])
-    own = S[:, columns] + np.diag(weight)
+    corner = S[:, columns] + np.diag(weight)
     v = vector[columns] + weight * differences
     S[:, columns] = -np.diag(weight)
     information[columns], information[:, columns] = 0.0, 0.0
     information[columns, columns], vector[columns] = weight, -weight * differences
-    R, S_transposed = eliminated(own, S, information)
+    R, S_transposed = eliminated(corner, S, information)
     d = dtrsv(R, v, trans=1)
     vector -= S_transposed @ d
     return Conditional(np.concatenate([R, S_transposed.T], axis=1), d)
@@ -141,7 +143,7 @@ def add_process_noise(
 def add_at(
     information: Array, vector: Array, places: np.ndarray, H: Array, v: Array, kernels: Kernels = kernels
 ) -> None:
-    """Add what is known of some variables to what is known of more, among which they are at ascending places."""
+    """Add a quadratic to a larger one ``H, v``, where its variables have the ascending indices ``places``."""
     if kernels is not None:
         kernels.add_before(information, vector, places, H, v)
         return
@@ -150,7 +152,7 @@ def add_at(
 
 
 def reordered(information: Array, vector: Array, order: np.ndarray, kernels: Kernels = kernels) -> tuple[Array, Array]:
-    """Some variables of a quadratic, in another order."""
+    """Return the quadratic of some variables in another order."""
     if kernels is None:
         symmetric = np.triu(information) + np.triu(information, 1).T
         return symmetric[np.ix_(order, order)], vector[order]

@@ -1,10 +1,8 @@
-"""A fixed-lag smoother of a chain: frames are eliminated in time order, what all frames share last.
+"""Fixed-lag smoother of a chain: frames are eliminated in time order, shared (static) columns last.
 
-It is the elimination that iSAM2 does with keys constrained to time order and leaves marginalised, kept as a list
-instead of a tree: for a chain the tree is one, and each of its cliques is a dense block, which LAPACK eliminates in
-three calls. What the list brings: what is left behind a frame can be taken up again at any of them (a frame that moved
-is linearised anew, a late measurement put in), what all frames share may wander, and covariances of the newest and of
-the oldest frame cost a few products. It knows nothing of bodies.
+This is the elimination of iSAM2 with keys constrained to time order and leaves marginalised. The Bayes tree of a chain
+is a list of dense cliques, so a list of conditionals replaces it. Elimination can restart at any frame of the lag (to
+relinearise it or to add a late measurement), and shared columns may have process noise.
 """
 
 from collections.abc import Iterator
@@ -20,8 +18,12 @@ from vip_factors.solve.slices import REACH
 
 @dataclass(frozen=True)
 class _Eliminated:
-    """A frame given those after it; shared variables given those that frames to come share, where they wandered; and
-    what is known from it and all before of the two frames after it and what frames to come share.
+    """An eliminated frame.
+
+    Attributes:
+        frame: conditional of the frame given later ones.
+        shared: conditional of the shared columns given their next values; None without process noise.
+        information, vector: marginal of this and earlier frames on the next two frames and the shared columns.
     """
 
     frame: Conditional
@@ -31,79 +33,83 @@ class _Eliminated:
 
 
 class FixedLagChain:
-    """The eliminated frames of the lag. Of marginalised ones later frames hold all that they said.
+    """The eliminated frames of the lag.
 
     Args:
-        frame, static: widths of a frame, and of what all frames share.
-        far: which columns of a frame the frame two before it sees; None for all.
+        frame, static: widths of a frame and of the shared columns.
+        far: columns of a frame that factors connect with the frame two before it; None for all.
 
     Attributes:
-        width, static, far: these.
+        width, static, far: the arguments.
     """
 
     def __init__(self, frame: int, static: int, far: np.ndarray | None = None) -> None:
         self.width, self.static, self.far = frame, static, np.arange(frame) if far is None else far
         self._frames: dict[int, _Eliminated] = {}
-        self._past: _Eliminated | None = None  # what is known from the frames that were marginalised
+        self._past: _Eliminated | None = None  # newest marginalised frame
 
     @property
     def numbers(self) -> range:
-        """Numbers of the frames that are kept."""
+        """Numbers of the frames in the lag."""
         return range(min(self._frames), max(self._frames) + 1) if self._frames else range(0)
 
     def eliminate(self, number: int, information: Array, vector: Array, sigmas: Array | None = None) -> None:
-        """Put in a frame, behind the one before it; what was kept of this and of later ones is replaced.
+        """Eliminate a frame; it and later ones are replaced if they are in the lag already.
 
         Args:
-            number: of the frame: one of those that are kept, or the next.
-            information, vector: ``(n, n)`` and ``(n,)`` of all factors whose first frame this is: columns of the frame,
-                of the next and far ones of that after it, where there are any, and of what is shared; both are changed.
-            sigmas: ``(s,)`` by which what is shared wanders behind the frame.
+            number: a frame of the lag, or the next one.
+            information, vector: ``(n, n)`` and ``(n,)``, sum of all factors whose first frame this is; columns of the
+                frame, the next one, the far ones of that after it (as far as they exist) and the shared ones. Both are
+                overwritten.
+            sigmas: ``(s,)`` of the shared columns' process noise after the frame.
 
         Raises:
-            SolveError: if a variable is not determined, or for another number.
+            SolveError: if a variable is not determined, or if the number does not follow the lag.
         """
         self.begin(number, information, vector)
         self.end(number, information, vector, 0, sigmas)
 
     def begin(self, number: int, information: Array, vector: Array) -> None:
-        """The same as far as what is known from before is added to a frame's factors, and no further."""
-        kept = self.numbers
-        if kept and not kept[0] <= number <= kept[-1] + 1:
-            raise SolveError(f"frame {number} does not follow one of the frames {kept[0]} to {kept[-1]}")
-        before = self._frames.get(number - 1, self._past)
-        for later in range(number, kept.stop):
-            del self._frames[later]
-        if before is not None:
-            self._add(before, information, vector)
+        """First half of :meth:`eliminate`: add the marginal of earlier frames to a frame's factors."""
+        numbers = self.numbers
+        if numbers and not numbers[0] <= number <= numbers[-1] + 1:
+            raise SolveError(f"frame {number} does not follow one of the frames {numbers[0]} to {numbers[-1]}")
+        previous = self._frames.get(number - 1, self._past)
+        for later_number in range(number, numbers.stop):
+            del self._frames[later_number]
+        if previous is not None:
+            self._add(previous, information, vector)
 
     def end(self, number: int, information: Array, vector: Array, already: int, sigmas: Array | None = None) -> None:
-        """The rest of it, once :func:`eliminate` has been called for the first ``already`` columns of the frame."""
+        """Second half of :meth:`eliminate`, with the first ``already`` columns of the frame eliminated before."""
         eliminate(information, vector, already, self.width - already)
-        frame, others = Conditional(information[: self.width], vector[: self.width]), slice(self.width, None)
-        shared, rest, left = None, information[others, others], vector[others]
+        frame, rest_columns = Conditional(information[: self.width], vector[: self.width]), slice(self.width, None)
+        shared, information_ahead, vector_ahead = None, information[rest_columns, rest_columns], vector[rest_columns]
         if sigmas is not None and len(sigmas):
-            rest, columns = rest.copy(), np.arange(len(left) - self.static, len(left))
-            shared = add_process_noise(rest, left, columns, sigmas, np.zeros(self.static))
-        self._frames[number] = _Eliminated(frame, shared, rest, left)
+            information_ahead, columns = (
+                information_ahead.copy(),
+                np.arange(len(vector_ahead) - self.static, len(vector_ahead)),
+            )
+            shared = add_process_noise(information_ahead, vector_ahead, columns, sigmas, np.zeros(self.static))
+        self._frames[number] = _Eliminated(frame, shared, information_ahead, vector_ahead)
 
-    def _add(self, before: _Eliminated, information: Array, vector: Array) -> None:
-        """What the frames before say of the first ones of a slice, and of what is shared."""
-        ahead, shared = len(before.vector) - self.static, np.arange(len(vector) - self.static, len(vector))
+    def _add(self, previous: _Eliminated, information: Array, vector: Array) -> None:
+        """Add the marginal of earlier frames to a slice."""
+        ahead, shared = len(previous.vector) - self.static, np.arange(len(vector) - self.static, len(vector))
         frames = np.concatenate([np.arange(self.width), self.width + self.far])[:ahead]
         places = np.concatenate([frames, shared])
-        add_at(before.information, before.vector, places, information, vector)
+        add_at(previous.information, previous.vector, places, information, vector)
 
     def marginalise_before(self, number: int) -> None:
-        """Marginalise the frames with a smaller number: what is known from them stays."""
-        for gone in [one for one in self._frames if one < number]:
-            self._past = self._frames.pop(gone)
+        """Marginalise the frames with a smaller number."""
+        for old_number in [n for n in self._frames if n < number]:
+            self._past = self._frames.pop(old_number)
 
     def solution(self) -> "LagSolution":
-        """All variables of the lag.
+        """Solve for all variables of the lag.
 
         Raises:
-            SolveError: if what the newest frame shares with those to come is not determined.
+            SolveError: if the shared columns are not determined.
         """
         newest = self._frames[max(self._frames)]
         ahead = len(newest.vector) - self.static
@@ -113,70 +119,72 @@ class FixedLagChain:
 
 
 class LagSolution:
-    """The minimum over the lag, and how sure it is.
+    """Values and covariances of the lag.
 
     Attributes:
         values: ``(T, w)`` of the frames.
-        shared: ``(s,)``, what the newest frame shares with those to come.
+        shared: ``(s,)``, shared columns after the newest frame.
     """
 
-    def __init__(self, eliminated: dict[int, _Eliminated], last: Conditional, width: int, far: np.ndarray) -> None:
-        self._eliminated, self._last, self.width, self._far = dict(eliminated), last, width, far
-        self.shared = last.given(np.zeros(0))
+    def __init__(self, eliminated: dict[int, _Eliminated], static: Conditional, width: int, far: np.ndarray) -> None:
+        self._eliminated, self._static, self.width, self._far = dict(eliminated), static, width, far
+        self.shared = static.given(np.zeros(0))
         self.values = _substituted(list(eliminated.values()), far, self.shared, width)
 
     @property
     def frames(self) -> dict[int, Array]:
-        """The values by a frame's number."""
+        """Values ``(w,)`` by frame number."""
         return dict(zip(self._eliminated, self.values, strict=True))
 
     def shared_covariance(self) -> Array:
-        """Marginal covariance ``(s, s)`` of what the newest frame shares with those to come."""
+        """Marginal covariance ``(s, s)`` of the shared columns after the newest frame."""
         s = len(self.shared)
-        half = self._last.forward(np.eye(s), np.zeros((0, s)))
+        half = self._static.forward(np.eye(s), np.zeros((0, s)))
         return np.asarray(half.T @ half)
 
     def covariance(self, number: int) -> Array:
-        """Marginal covariance ``(w, w)`` of a frame; the later it is, the less it costs."""
-        *_, found = self.covariance_in_steps(number)
-        assert found is not None
-        return found
+        """Marginal covariance ``(w, w)`` of a frame; the cost grows with the number of later frames."""
+        *_, covariance = self.covariance_in_steps(number)
+        assert covariance is not None
+        return covariance
 
     def covariance_in_steps(self, number: int) -> Iterator[Array | None]:
-        """The same in as many steps as there are frames from there on, and one; None until the last one.
+        """Compute :meth:`covariance` in steps, one for each frame from there on; yields None until the last one.
 
-        With ``R`` the triangular factor of all, it is ``YᵀY`` for ``RᵀY = E``, with ``E`` the variable's columns: one
-        substitution forwards. No information matrix is inverted, so an accelerometer's double integration costs no
-        digits.
+        With ``R`` the triangular factor of the lag and ``E`` the frame's unit columns, it is ``YᵀY`` for ``RᵀY = E``:
+        one forward substitution. No information matrix is inverted, which would lose digits.
         """
         w, s, newest, far = self.width, len(self.shared), max(self._eliminated), len(self._far)
-        total, own = np.zeros((w, w)), np.eye(w)
-        seen = (0, w, w + far)[min(REACH, newest - number)]
-        behind = np.zeros((seen + s, w))  # of the frames ahead, and of what is shared
-        for at in range(number, newest + 1):
-            one, ahead = self._eliminated[at], len(behind) - s
-            Y = one.frame.forward(own, behind)
+        total, right = np.zeros((w, w)), np.eye(w)
+        width_ahead = (0, w, w + far)[min(REACH, newest - number)]
+        behind = np.zeros((width_ahead + s, w))  # later frames, shared columns
+        for frame_number in range(number, newest + 1):
+            eliminated, ahead = self._eliminated[frame_number], len(behind) - s
+            Y = eliminated.frame.forward(right, behind)
             total += Y.T @ Y
-            if one.shared is not None:
+            if eliminated.shared is not None:
                 stepped = behind[ahead:].copy()
                 behind[ahead:] = 0.0
-                Y = one.shared.forward(stepped, behind)
+                Y = eliminated.shared.forward(stepped, behind)
                 total += Y.T @ Y
             yield None
-            if at < newest:
-                own, left = behind[:w], behind[w:]
-                behind = np.zeros(((0, w, w + far)[min(REACH, newest - at - 1)] + s, w))
-                behind[self._far[: ahead - w]], behind[len(behind) - s :] = left[: ahead - w], left[ahead - w :]
-        Y = self._last.forward(behind, np.zeros((0, w)))
+            if frame_number < newest:
+                right, remaining = behind[:w], behind[w:]
+                behind = np.zeros(((0, w, w + far)[min(REACH, newest - frame_number - 1)] + s, w))
+                behind[self._far[: ahead - w]], behind[len(behind) - s :] = (
+                    remaining[: ahead - w],
+                    remaining[ahead - w :],
+                )
+        Y = self._static.forward(behind, np.zeros((0, w)))
         yield total + Y.T @ Y
 
 
 def _substituted(frames: list[_Eliminated], far: np.ndarray, shared: Array, width: int) -> Array:
-    """Values ``(T, w)`` of frames in their order, of what the newest one shares with those to come."""
+    """Back-substitute the values ``(T, w)`` of frames in time order from the shared columns."""
     values = np.empty((len(frames), width))
-    for t, one in reversed(list(enumerate(frames))):
+    for t, eliminated in reversed(list(enumerate(frames))):
         ahead = values[t + 1 : t + 2].ravel(), values[t + 2 : t + 3, far].ravel()
-        if one.shared is not None:
-            shared = one.shared.given(np.concatenate([*ahead, shared]))
-        values[t] = one.frame.given(np.concatenate([*ahead, shared]))
+        if eliminated.shared is not None:
+            shared = eliminated.shared.given(np.concatenate([*ahead, shared]))
+        values[t] = eliminated.frame.given(np.concatenate([*ahead, shared]))
     return values

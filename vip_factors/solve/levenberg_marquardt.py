@@ -1,7 +1,6 @@
-"""The one Levenberg–Marquardt loop: linearise, damp, eliminate, retract. It knows nothing of bodies.
+"""Levenberg–Marquardt: linearise, damp, eliminate, retract, for any objective that can linearise itself.
 
-GTSAM's own optimisers hand every Python callback a fresh copy of all values; this loop does not, and it takes any
-objective that can linearise itself.
+GTSAM's own optimisers pass a copy of all values to every Python callback; this loop does not.
 """
 
 import time
@@ -20,7 +19,7 @@ State = TypeVar("State")
 
 @dataclass(frozen=True)
 class Iteration:
-    """One step of the optimiser: total cost after it, its damping, whether it was taken, and seconds by part."""
+    """One step of the optimiser: total cost after it, damping, acceptance, and seconds by part."""
 
     cost: float
     damping: float
@@ -30,13 +29,13 @@ class Iteration:
 
 @dataclass(frozen=True, repr=False)
 class SolveReport(Summarised):
-    """How a solve went.
+    """Convergence of a solve.
 
     Attributes:
-        stage: which solve of the pipeline this was.
-        iterations: in order.
+        stage: name of the solve in the pipeline.
+        iterations: in time order.
         initial_cost, final_cost: half the sum of squared whitened residuals (robust losses applied) by factor kind.
-        converged: whether the cost stopped falling before the iteration limit.
+        converged: True if the cost stopped falling before the iteration limit.
         seconds: wall time of the whole solve.
     """
 
@@ -49,31 +48,31 @@ class SolveReport(Summarised):
 
 
 class LinearSystem(Protocol):
-    """A linearisation."""
+    """Normal equations at a linearisation point."""
 
     def step(self, damping: float) -> Any:
-        """The minimum of the quadratic with so many units on the diagonal; :class:`SolveError` if there is none."""
+        """Minimise the quadratic with ``damping`` added to the diagonal; :class:`SolveError` if it is singular."""
         ...
 
 
 class Objective(Protocol[State]):
-    """A least-squares problem over some state."""
+    """Nonlinear least-squares problem over a state."""
 
     def cost(self, state: State) -> Mapping[str, float]:
         """Half the sum of squares (robust losses applied), by factor kind."""
         ...
 
     def linearise(self, state: State) -> LinearSystem:
-        """The normal equations at a state."""
+        """Build the normal equations at a state."""
         ...
 
     def retract(self, state: State, step: Any) -> State:
-        """The state moved by a step."""
+        """Move a state by a step in its tangent space."""
         ...
 
 
-INITIAL_DAMPING = 1e-3  # of the diagonal: near Gauss–Newton, for starts are good
-MAX_DAMPING = 1e6  # beyond it steps have no length left
+INITIAL_DAMPING = 1e-3  # added to the diagonal: near Gauss–Newton, since starts are good
+MAX_DAMPING = 1e6  # steps beyond it are negligibly short
 
 
 def levenberg_marquardt(
@@ -86,19 +85,19 @@ def levenberg_marquardt(
     """Minimise an objective.
 
     Args:
-        objective: what to minimise.
-        start: where to begin; it is not changed.
+        objective: problem to minimise.
+        start: initial state; it is not changed.
         settings: stopping rules.
         stage: name of this solve for the report.
-        progress: called with about what fraction is done.
+        progress: called with the approximate fraction done, 0 to 1.
 
     Raises:
         SolveError: if the cost at the start is not finite, or no damping makes the system solvable.
     """
     begin = time.perf_counter()
     state, damping = start, INITIAL_DAMPING
-    damping_factor = 5.0  # up on a rejected step, down on a good one
-    min_damping = 1e-4  # small against every measurement, and quick to climb back from
+    damping_factor = 5.0  # multiplies on a rejected step, divides on an accepted one
+    min_damping = 1e-4  # small against every measurement
     costs = initial = dict(objective.cost(state))
     if not np.isfinite(sum(costs.values())):
         raise SolveError(f"{stage}: the cost at the start is not finite: {costs}")
@@ -118,8 +117,8 @@ def levenberg_marquardt(
                 candidate = objective.retract(state, delta)
                 trial = dict(objective.cost(candidate))
             clock.lap("evaluate")
-            before, after = sum(costs.values()), sum(trial.values())
-            accepted = delta is not None and np.isfinite(after) and after <= before
+            cost, trial_cost = sum(costs.values()), sum(trial.values())
+            accepted = delta is not None and np.isfinite(trial_cost) and trial_cost <= cost
             used = damping
             if accepted:
                 break
@@ -128,16 +127,16 @@ def levenberg_marquardt(
             if damping > MAX_DAMPING:
                 break
         undetermined = delta is None
-        del system, delta  # before the next one is made, to which a step refers: there is room for one
-        if bold and not rejected:  # after a rejection the damping rests for one step: no up and down in turn
+        del system, delta  # frees the memory before the next linearisation
+        if bold and not rejected:  # damping rests for one step after a rejection: no oscillation
             damping = max(damping / damping_factor, min_damping)
-        iterations.append(Iteration(after if accepted else before, used, accepted, clock.seconds))
+        iterations.append(Iteration(trial_cost if accepted else cost, used, accepted, clock.seconds))
         if not accepted:
             if undetermined:
-                raise SolveError(f"{stage}: the data do not determine everything that is looked for")
+                raise SolveError(f"{stage}: the data do not determine all variables")
             converged = True
         else:
-            converged = before - after <= settings.relative_decrease * before
+            converged = cost - trial_cost <= settings.relative_decrease * cost
             state, costs = candidate, trial
         if progress is not None:
             progress(1.0 if converged else _share(sum(initial.values()), iterations, settings))
@@ -146,8 +145,8 @@ def levenberg_marquardt(
 
 
 def _share(initial: float, iterations: Sequence[Iteration], settings: SolveSettings) -> float:
-    """About what is done: of the iterations allowed, or of the way from the first decrease to the one that ends it."""
-    costs, least = np.array([initial, *(one.cost for one in iterations)]), settings.relative_decrease
+    """Approximate progress: by iteration count, or by the cost decrease between its first and its final value."""
+    costs, least = np.array([initial, *(iteration.cost for iteration in iterations)]), settings.relative_decrease
     decreases, by_number = -np.diff(costs) / costs[:-1], len(iterations) / settings.max_iterations
     if not decreases[0] > decreases[-1] > least > 0:
         return by_number
@@ -155,7 +154,7 @@ def _share(initial: float, iterations: Sequence[Iteration], settings: SolveSetti
 
 
 def _step(system: LinearSystem, damping: float) -> Any:
-    """The minimum of the damped linear problem, or None where it is not determined."""
+    """Minimise the damped linear problem; None if it is singular."""
     try:
         return system.step(damping)
     except SolveError:
@@ -163,13 +162,13 @@ def _step(system: LinearSystem, damping: float) -> Any:
 
 
 class _Clock:
-    """Seconds spent by part of one iteration."""
+    """Stopwatch for the parts of one iteration, in seconds."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
         self._last = time.perf_counter()
 
     def lap(self, name: str) -> None:
-        now = time.perf_counter()
-        self.seconds[name] = self.seconds.get(name, 0.0) + now - self._last
-        self._last = now
+        seconds = time.perf_counter()
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds - self._last
+        self._last = seconds

@@ -1,8 +1,8 @@
-"""Agreeing headings: sensors of one suit that were started together have inertial frames that nearly coincide.
+"""Agreeing headings: sensors of one suit that start together have inertial frames that nearly coincide.
 
-Nobody knows where their common north is, only that it is common. So each heading γ is held to the circular mean of all,
-``c = atan2(Σ sin γ, Σ cos γ)``, and the mean to nothing: ``r_i = γ_i − c`` in [−π, π), with the derivative of the
-arctangent ``∂r_i/∂γ_j = δ_ij − cos(γ_j − c) / Σ_k cos(γ_k − c)``.
+Their common north is unknown. The residual of each heading γ is its difference from the circular mean of all,
+``c = atan2(Σ sin γ, Σ cos γ)``: ``r_i = γ_i − c`` in [−π, π), with ``∂r_i/∂γ_j = δ_ij − cos(γ_j − c) / Σ_k cos(γ_k −
+c)``. The mean itself is free.
 """
 
 from collections.abc import Iterator
@@ -14,15 +14,15 @@ from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, pri
 from vip_factors.terms.evaluation import WearerEvaluation
 
 
-def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+def equations(wearer: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor for each sensor, on the headings of all."""
-    settings = at.problem.settings.agreeing_headings
-    if settings.sigma_deg is not None and at.problem.free_headings:
-        sigma, headings = np.deg2rad(settings.sigma_deg), at.state.headings
+    settings = wearer.problem.settings.agreeing_headings
+    if settings.sigma_deg is not None and wearer.problem.free_headings:
+        sigma, headings = np.deg2rad(settings.sigma_deg), wearer.state.headings
         mean = np.arctan2(np.sin(headings).sum(), np.cos(headings).sum())
         share = np.cos(headings - mean)
         by_all = (np.eye(len(headings)) - share / share.sum()) / sigma
-        block = JacobianBlock(at.owner, "headings", by_all[None, :, None])
+        block = JacobianBlock(wearer.owner, "headings", by_all[None, :, None])
         yield from prior_equations(block, wrap_angle(headings - mean)[:, None] / sigma, settings.loss)
 
 

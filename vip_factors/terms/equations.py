@@ -1,7 +1,7 @@
-"""What a term is, and what it says: residuals of all its factors at once, and their derivatives when asked for.
+"""Terms and their equations: residuals of all factors of one kind at once, with derivatives on demand.
 
-A term has ``n`` factors in each of ``t`` successive frames, the first of which is ``first``. Shapes differ in what the
-factors see: bones and points of a body in one frame, points moving over frames, joints, or plain columns.
+A term has ``n`` factors in each of ``t`` successive frames. The classes of equations differ in the variables of their
+factors: bones and points of a body in one frame, points over several frames, joints, or plain columns.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -17,7 +17,7 @@ from vip_factors.problem.layout import OwnerId
 
 
 def robust_weight(loss: RobustLoss, norm: Array) -> Array:
-    """Factor on the squared residual in the normal equations (IRLS), for norms of any shape."""
+    """Weight of the squared residual in the normal equations (IRLS), for norms of any shape."""
     if loss.loss is Loss.HUBER:
         return np.minimum(1.0, loss.k / np.maximum(norm, 1e-300))
     if loss.loss is Loss.CAUCHY:
@@ -26,7 +26,7 @@ def robust_weight(loss: RobustLoss, norm: Array) -> Array:
 
 
 def robust_cost(loss: RobustLoss, norm: Array) -> Array:
-    """The loss itself: half the square near zero."""
+    """Robust loss of residual norms; half the square near zero."""
     if loss.loss is Loss.HUBER:
         return np.where(norm <= loss.k, 0.5 * norm**2, loss.k * (norm - 0.5 * loss.k))
     if loss.loss is Loss.CAUCHY:
@@ -39,13 +39,13 @@ class Residuals:
     """``n`` factors in each of ``t`` frames.
 
     Attributes:
-        first: frame of the first.
+        first_frame: frame of the first factors.
         residual: ``(t, n, m)``, whitened.
-        confidence: ``(t, n)``, dividing the variance; zero where the factor does not exist.
-        loss: of the norm of each residual.
+        confidence: ``(t, n)``, divides the variance; zero where the factor does not exist.
+        loss: robust loss of each residual's norm.
     """
 
-    first: int
+    first_frame: int
     residual: Array
     confidence: np.ndarray | float
     loss: RobustLoss
@@ -70,45 +70,45 @@ class Residuals:
 
 @dataclass(frozen=True)
 class JacobianBlock:
-    """Derivative of factors by one named block of variables.
+    """Derivative of factors with respect to one named block of variables.
 
     Attributes:
-        owner, block: whose, and which: a name that the :class:`~vip_factors.problem.layout.Layout` knows.
+        owner, block: owner and name of the block in the :class:`~vip_factors.problem.layout.Layout`.
         jacobian: ``(t, n, m, c)``, whitened.
-        each: whether every factor has its own item of the block, in order; else all have the whole block.
-        ahead: of a block that each frame has of its own: how many frames after its first one the factor sees it.
+        is_per_factor: True if factor ``i`` depends on item ``i`` of the block; False if each depends on all of it.
+        ahead: for blocks of frames, the number of frames after the factor's first one.
     """
 
     owner: OwnerId
     block: str
     jacobian: Array
-    each: bool = False
+    is_per_factor: bool = False
     ahead: int = 0
 
     def times(self, by_block: Array) -> "JacobianBlock":
-        """Of what depends on the factors by ``(t, n, k, m)``."""
+        """Apply the chain rule: multiply by ``(t, n, k, m)`` from the left."""
         return replace(self, jacobian=by_block @ self.jacobian)
 
 
-def differenced(blocks: Iterable[JacobianBlock], coefficients: Array) -> tuple[JacobianBlock, ...]:
-    """Blocks of positions in successive frames as those of a linear combination ``(r + 1,)`` of each with the next."""
-    return tuple(
-        replace(
-            one,
-            jacobian=sum(
-                c * one.jacobian[i : i + len(one.jacobian) - len(coefficients) + 1] for i, c in enumerate(coefficients)
-            ),
-        )
-        for one in blocks
-    )
+def finite_difference(blocks: Iterable[JacobianBlock], coefficients: Array) -> tuple[JacobianBlock, ...]:
+    """Combine derivatives of positions in ``r + 1`` successive frames linearly, with coefficients ``(r + 1,)``."""
+
+    def combination(jacobian: Array) -> Array:
+        count = len(jacobian) - len(coefficients) + 1
+        return np.asarray(sum(c * jacobian[i : i + count] for i, c in enumerate(coefficients)))
+
+    return tuple(replace(block, jacobian=combination(block.jacobian)) for block in blocks)
 
 
 @dataclass(frozen=True)
 class BoneEquations(Residuals):
-    """Factors that see the bones ``n`` of ``owner`` in one frame: how they are turned, or where a point on each is.
+    """Factors on the orientation of ``n`` bones in one frame, or on a point of each.
 
-    ``derivatives``: ``(t, n, m, 6)`` by the twist of the bone, or ``(t, n, m, 3)`` where only its turn matters; and the
-    other blocks.
+    Attributes:
+        owner: whose body.
+        bones: bone of each factor.
+        derivatives: with respect to the bone's twist ``(t, n, m, 6)``, or its rotation alone ``(t, n, m, 3)``; and the
+            other blocks.
     """
 
     owner: OwnerId
@@ -118,14 +118,14 @@ class BoneEquations(Residuals):
 
 @dataclass(frozen=True)
 class DifferenceEquations(Residuals):
-    """Factors on the motion of points, linear in where they are in successive frames; three rows each.
+    """Factors on the motion of points, linear in their positions in successive frames; three rows each.
 
     Attributes:
         owner: whose body.
-        bones: ``n``, that the points are fixed to.
-        arms: ``(t + r, n, 3)`` from the root to the points, world axes, in the frames from ``first`` on.
+        bones: ``n`` bones that the points are fixed to.
+        arms: ``(t + r, n, 3)`` m from the root to the points, world axes, in the frames from ``first_frame`` on.
         coefficients: ``(r + 1,)``, whitened, of the positions in successive frames.
-        blocks: what else is seen.
+        blocks: derivatives with respect to other blocks.
     """
 
     owner: OwnerId
@@ -141,11 +141,11 @@ class JointEquations(Residuals):
 
     Attributes:
         owner: whose joints.
-        by_joints: of each frame ``(t, 23, 3, 3)``: how a joint's three coordinates change with its rotation.
-        whitening: ``(69, 69)`` where one factor a frame sees all coordinates together; None where each joint (or each
-            of its coordinates) is a factor, and coordinates are whitened already.
-        mean: a block that the coordinates are compared with.
-        acts: False where no factor has a derivative.
+        by_joints: for each frame ``(t, 23, 3, 3)``, derivative of a joint's three coordinates by its rotation.
+        whitening: ``(69, 69)`` if there is one factor in each frame, on all coordinates; None if each joint (or each
+            of its coordinates) is a factor with whitened coordinates.
+        mean: name of the block that is subtracted from the coordinates, or None.
+        acts: False if all derivatives are zero.
     """
 
     owner: OwnerId
@@ -157,16 +157,16 @@ class JointEquations(Residuals):
 
 @dataclass(frozen=True)
 class DenseEquations(Residuals):
-    """Factors on few columns, each derivative written out."""
+    """Factors on few columns with explicit derivatives."""
 
     blocks: Callable[[], tuple[JacobianBlock, ...]]
 
 
 @dataclass(frozen=True)
 class WalkEquations(Residuals):
-    """Factors between values of a block that steps from time to time: ``n`` of one row, of each step.
+    """Random walk of a block's ``n`` items: factors between successive values.
 
-    ``residual`` is ``(K, n, 1)``, its frames are steps; ``root`` ``(K, n)`` is one over the sigmas.
+    ``residual`` is ``(K, n, 1)`` for ``K`` steps; ``root`` ``(K, n)`` is the inverse of the standard deviations.
     """
 
     owner: OwnerId
@@ -178,18 +178,17 @@ Equations = BoneEquations | DifferenceEquations | JointEquations | DenseEquation
 
 
 def prior_equations(
-    block: JacobianBlock, residual: Array, loss: RobustLoss = SQUARE, first: int = 0
+    block: JacobianBlock, residual: Array, loss: RobustLoss = SQUARE, first_frame: int = 0
 ) -> Iterator[DenseEquations]:
-    """The equations of a prior on what all frames share, or on the frame ``first``.
+    """Build the equations of a prior on static variables, or on the frame ``first_frame``.
 
-    ``block`` is of ``(1, n, m, c)``, as many factors as it has items, or one on all of them; ``residual`` ``(n, m)``,
-    whitened.
+    ``block`` has a Jacobian ``(1, n, m, c)``; ``residual`` is ``(n, m)``, whitened.
     """
-    yield DenseEquations(first, residual[None], 1.0, loss, lambda: (block,))
+    yield DenseEquations(first_frame, residual[None], 1.0, loss, lambda: (block,))
 
 
 class Evaluation(Protocol):
-    """A part of a problem at a state, which terms look at."""
+    """Part of a problem at a state: the argument of a term."""
 
     @property
     def frames(self) -> int:
@@ -198,61 +197,60 @@ class Evaluation(Protocol):
 
     @property
     def is_beginning(self) -> bool:
-        """Whether its first frame is that of the whole, with which the priors on what all frames share come."""
+        """True if the first frame is that of the recording; priors on static variables belong to it."""
         ...
 
     @property
     def frame_share(self) -> float:
-        """What a frame counts."""
+        """Scale of one frame's information, at most 1: time step over the correlation time of model errors."""
         ...
 
 
-At = TypeVar("At", bound=Evaluation)
+EvaluationT = TypeVar("EvaluationT", bound=Evaluation)
 
 
 @dataclass(frozen=True)
-class Term(Generic[At]):
+class Term(Generic[EvaluationT]):
     """One kind of factor.
 
     Attributes:
-        kind: its name, in costs, messages and pictures.
-        reach: frames that a factor sees after its first one.
-        of_first: the equations of the factors whose first frame lies in a stretch of frames, at a state; nothing if
-            there are none.
-        every_frame: whether frames repeat what the term says: then each counts by the time that it stands for
-            (``frame_share`` of what the term looks at), not once.
+        kind: name in costs, messages and pictures.
+        reach: number of frames after its first one that a factor depends on.
+        factors: function of an evaluation and a stretch of frames; yields the equations of the factors whose first
+            frame lies in the stretch.
+        every_frame: True if frames repeat the same information; their weight is scaled by ``frame_share`` then.
     """
 
     kind: str
     reach: int
-    of_first: Callable[[At, slice], Iterator[Equations]]
+    factors: Callable[[EvaluationT, slice], Iterator[Equations]]
     every_frame: bool = True
 
     @classmethod
-    def prior(cls, kind: str, equations: Callable[[At], Iterator[Equations]]) -> "Term[At]":
-        """A term on what all frames share: it counts once, and comes with the very first frame."""
+    def prior(cls, kind: str, equations: Callable[[EvaluationT], Iterator[Equations]]) -> "Term[EvaluationT]":
+        """Make a term on static variables; it counts once, with the first frame of the recording."""
 
-        def of_first(at: At, first: slice) -> Iterator[Equations]:
-            if at.is_beginning and first.start == 0:
-                yield from equations(at)
+        def factors(evaluation: EvaluationT, stretch: slice) -> Iterator[Equations]:
+            if evaluation.is_beginning and stretch.start == 0:
+                yield from equations(evaluation)
 
-        return cls(kind, 0, of_first, every_frame=False)
+        return cls(kind, 0, factors, every_frame=False)
 
-    def equations(self, at: At, first: slice) -> Iterator[Equations]:
-        """The equations of the factors whose first frame lies in a stretch, as much as they count."""
-        for one in self.of_first(at, first):
-            if self.every_frame:  # share times the cost: what is far off is forgiven as before
-                share = at.frame_share  # the equations are new, and nobody else's yet: no copy of them
-                object.__setattr__(one, "confidence", one.confidence * share)
-                object.__setattr__(one, "loss", one.loss.tempered(share))
-            yield one
+    def equations(self, evaluation: EvaluationT, stretch: slice) -> Iterator[Equations]:
+        """Yield the weighted equations of the factors whose first frame lies in a stretch."""
+        for equations in self.factors(evaluation, stretch):
+            if self.every_frame:  # scales the cost, so that the loss treats outliers alike
+                share = evaluation.frame_share  # the equations are not shared yet: changed without a copy
+                object.__setattr__(equations, "confidence", equations.confidence * share)
+                object.__setattr__(equations, "loss", equations.loss.tempered(share))
+            yield equations
 
-    def of_first_in(self, at: At, frames: slice) -> Iterator[Equations]:
-        """The equations of the factors whose first frame lies in a stretch."""
-        first = slice(frames.start, min(frames.stop, at.frames - self.reach))
-        if first.stop > first.start:
-            yield from self.equations(at, first)
+    def equations_in(self, evaluation: EvaluationT, frames: slice) -> Iterator[Equations]:
+        """Yield the equations of the factors that begin in a stretch and end in the evaluation's frames."""
+        stretch = slice(frames.start, min(frames.stop, evaluation.frames - self.reach))
+        if stretch.stop > stretch.start:
+            yield from self.equations(evaluation, stretch)
 
-    def all(self, at: At) -> Iterator[Equations]:
-        """The equations of all factors."""
-        yield from self.of_first_in(at, slice(0, at.frames))
+    def all_equations(self, evaluation: EvaluationT) -> Iterator[Equations]:
+        """Yield the equations of all factors."""
+        yield from self.equations_in(evaluation, slice(0, evaluation.frames))

@@ -1,4 +1,4 @@
-"""A problem at a state, as terms see it: what several of them need is computed once."""
+"""Evaluation of a problem at a state: quantities that several terms need are computed once."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -19,7 +19,7 @@ from vip_factors.terms.equations import JacobianBlock
 
 @dataclass(frozen=True)
 class WearerEvaluation:
-    """One wearer, by number, with their problem and state."""
+    """Problem and state of one wearer."""
 
     number: int
     problem: WearerProblem
@@ -29,7 +29,7 @@ class WearerEvaluation:
 
     @cached_property
     def body(self) -> BodyState:
-        """At the state, in all frames."""
+        """Forward kinematics of all frames."""
         if self._body is not None:
             return self._body
         skeleton = self.problem.skeleton_at(self.state.body)
@@ -37,7 +37,7 @@ class WearerEvaluation:
 
     @cached_property
     def owner(self) -> OwnerId:
-        """Of the wearer's variables."""
+        """Owner of the wearer's variables."""
         return OwnerId(Owner.WEARER, self.number)
 
     @property
@@ -47,16 +47,16 @@ class WearerEvaluation:
 
     @property
     def is_beginning(self) -> bool:
-        """Whether its first frame is that of the whole."""
+        """True if the first frame is that of the recording."""
         return self.problem.is_beginning
 
     @property
     def frame_share(self) -> float:
-        """What a frame counts."""
+        """Scale of one frame's information, at most 1."""
         return self.problem.frame_share
 
-    def apart(self) -> "WearerEvaluation":
-        """The same for another thread."""
+    def copy_for_thread(self) -> "WearerEvaluation":
+        """Copy without the mutable cache, for use in another thread."""
         return WearerEvaluation(self.number, self.problem, self.state, self.body)
 
     def joint_vectors(self, frames: slice) -> Array:
@@ -68,14 +68,14 @@ class WearerEvaluation:
         return self._vectors[key][0]
 
     def joint_jacobians(self, frames: slice) -> Array:
-        """Derivatives ``(t, 23, 3, 3)`` of :meth:`joint_vectors` by each joint's own perturbation."""
+        """Derivatives ``(t, 23, 3, 3)`` of :meth:`joint_vectors` by each joint's perturbation."""
         key, vectors = (frames.start, frames.stop), self.joint_vectors(frames)
         if not self._vectors[key][1].size:
             self._vectors[key] = vectors, inverse_right_jacobian(vectors)
         return self._vectors[key][1]
 
     def points(self, points: BodyPoints) -> BodyPoints:
-        """Points on the problem's skeleton where they are on the state's."""
+        """Move points of the problem's skeleton to the state's lengths."""
         variation = self.problem.variation
         if variation is None or not np.any(self.state.body):
             return points
@@ -84,29 +84,30 @@ class WearerEvaluation:
 
     @cached_property
     def sensor_points(self) -> BodyPoints:
-        """Where the sensors sit at the state."""
+        """Sensor positions in bone axes at the state."""
         points = self.points(self.problem.sensor_points)
         return BodyPoints(points.bones, points.p_bone_point + self.state.sensor_positions)
 
     @cached_property
     def sole(self) -> float:
-        """Its thickness at the state, metres."""
+        """Thickness of the sole at the state, metres."""
         return self.problem.settings.sole.of(self.state.sole)
 
     @cached_property
     def contact_points(self) -> BodyPoints:
-        """What touches the ground at the state: under the sole."""
+        """Contact points under the sole, in bone axes at the state."""
         points = self.points(self.problem.contact_points)
         return BodyPoints(points.bones, points.p_bone_point + sole_shift(self.sole))
 
     def body_blocks(
         self, body: BodyState, points: BodyPoints, by_point: Array | None = None
     ) -> tuple[JacobianBlock, ...]:
-        """What factors on points ``(n,)``, as they are before lengths change, see of the body's lengths, if these are
-        variables.
+        """Derivatives of factors on points by the body's lengths, if these are variables.
 
-        ``by_point`` ``(t, n, m, 3)`` are the derivatives of the factors by the points, whitened; None: the points
-        themselves.
+        Args:
+            body: kinematics of the frames.
+            points: ``(n,)``, on the problem's skeleton.
+            by_point: ``(t, n, m, 3)``, whitened derivatives of the factors by the points; None for the points.
         """
         variation = self.problem.variation
         if variation is None or not self.problem.body_moves:
@@ -117,15 +118,17 @@ class WearerEvaluation:
         return (JacobianBlock(self.owner, "body", by_lengths if by_point is None else by_point @ by_lengths),)
 
     def sensor_blocks(self, body: BodyState) -> tuple[JacobianBlock, ...]:
-        """World positions of the sensors in a stretch of frames by where they sit and by the body's lengths."""
+        """Derivatives of the sensors' world positions by their positions on bones and by the body's lengths."""
         points = self.problem.sensor_points
         by_lengths = self.body_blocks(body, points)
         if not self.problem.free_places:
             return by_lengths
-        return JacobianBlock(self.owner, "sensor_positions", body.R_world_bone[:, points.bones], each=True), *by_lengths
+        return JacobianBlock(
+            self.owner, "sensor_positions", body.R_world_bone[:, points.bones], is_per_factor=True
+        ), *by_lengths
 
     def contact_blocks(self, body: BodyState) -> tuple[JacobianBlock, ...]:
-        """World positions of what touches the ground by the body's lengths and by the logarithm of the sole."""
+        """Derivatives of the contact points' world positions by the body's lengths and by the logarithm of the sole."""
         points = self.problem.contact_points
         by_lengths = self.body_blocks(body, points)
         if not self.problem.free_sole:
@@ -133,12 +136,12 @@ class WearerEvaluation:
         by_sole = body.R_world_bone[:, points.bones] @ sole_shift(self.sole)[:, None]
         return *by_lengths, JacobianBlock(self.owner, "sole", by_sole)
 
-    def arms(self, p_world: Array, first: slice) -> Array:
-        """From the root to points ``(t, n, 3)`` in the frames from the first of a stretch on."""
-        return p_world - self.state.p_world_pelvis[first.start : first.start + len(p_world), None]
+    def arms(self, p_world: Array, stretch: slice) -> Array:
+        """Vectors ``(t, n, 3)`` from the root to points in the frames from the first of a stretch on."""
+        return p_world - self.state.p_world_pelvis[stretch.start : stretch.start + len(p_world), None]
 
     def headings(self, frames: slice) -> Array:
-        """Of all sensors ``(S,)``, or ``(t, S)`` in frames where headings drift."""
+        """Headings of all sensors, radians: ``(S,)``, or ``(t, S)`` if they drift."""
         if not self.problem.headings_drift:
             return self.state.headings
         return self.state.heading_path[self.problem.heading_numbers(frames)]
@@ -146,7 +149,7 @@ class WearerEvaluation:
 
 @dataclass(frozen=True)
 class CameraEvaluation:
-    """One camera, by number: its problem and state, the scene's frames, and the offsets of the detector."""
+    """Problem and state of one camera, number of frames and time step, and the detector's keypoint offsets."""
 
     number: int
     problem: CameraProblem
@@ -158,33 +161,38 @@ class CameraEvaluation:
 
     @cached_property
     def owner(self) -> OwnerId:
-        """Of the camera's variables."""
+        """Owner of the camera's variables."""
         return OwnerId(Owner.CAMERA, self.number)
 
     @property
     def is_beginning(self) -> bool:
-        """Whether its first frame is that of the whole."""
+        """True if the first frame is that of the recording."""
         return self.problem.is_beginning
 
     @property
     def frame_share(self) -> float:
-        """What a frame counts."""
+        """Scale of one frame's information, at most 1."""
         return float(min(1.0, self.step / self.problem.settings.correlation_s))
 
     @property
     def is_path(self) -> bool:
-        """Whether each frame has a pose of its own that moves."""
+        """True if each frame has a pose that is a variable."""
         return self.problem.moving and self.problem.free_pose
 
     def poses(self, frames: slice) -> CameraPoses:
-        """At a stretch of frames."""
+        """Camera poses in a stretch of frames."""
         return self.state.at_frames(frames)
 
 
 @dataclass(frozen=True)
 class ViewEvaluation:
-    """One wearer before one camera: ``owner`` of its variables, problem and state, and what it saw; ``offsets`` ``(K,
-    3)`` are those of the detector's keypoints, ``free_offsets`` whether they move.
+    """One wearer in the view of one camera.
+
+    Attributes:
+        wearer: evaluation of the wearer.
+        owner, camera, state: owner of the camera's variables, its problem and state.
+        view: keypoints of the wearer in this camera.
+        offsets: ``(K, 3)`` m of the detector's keypoints; ``free_offsets`` is True if they are variables.
     """
 
     wearer: WearerEvaluation
@@ -201,26 +209,26 @@ class ViewEvaluation:
         return self.camera.model.zoomed(self.state.zoom)
 
     def since_middle(self, frames: slice) -> Array:
-        """Seconds ``(t,)`` of a stretch of frames, from the instant of the clock's offset."""
+        """Times ``(t,)`` of a stretch of frames, seconds from the instant that the clock's offset refers to."""
         return self.wearer.problem.frames.time[frames] - self.camera.clock_middle
 
     def seconds_late(self, frames: slice) -> Array:
-        """By which the video's clock must be put forward ``(t,)``, beyond what its pixels were."""
+        """Correction ``(t,)`` of the video clock, seconds, relative to the clock that pixels were resampled with."""
         offset, drift = self.view.clock
         change = self.state.clock - offset, self.state.clock_drift - drift
         return seconds_late(*change, self.wearer.problem.frames.time[frames], self.camera.clock_middle)
 
     def points_on(self, points: BodyPoints) -> BodyPoints:
-        """The keypoints where the detector puts them on the wearer's body."""
-        found = self.wearer.points(points)
+        """Move points to the wearer's lengths and add the detector's keypoint offsets."""
+        body_points = self.wearer.points(points)
         if self.offsets is None or not np.any(self.offsets):
-            return found
+            return body_points
         index, signs = self.view.offsets
         shift = np.where(index[:, None] < 0, 0.0, signs * self.offsets[index])
-        return BodyPoints(found.bones, found.p_bone_point + shift)
+        return BodyPoints(body_points.bones, body_points.p_bone_point + shift)
 
     def offset_blocks(self, body: BodyState, by_point: Array) -> tuple[JacobianBlock, ...]:
-        """What keypoints see of the offsets; ``by_point`` ``(t, n, m, 3)`` are their derivatives, whitened."""
+        """Derivatives by the keypoint offsets, given whitened ones by the points, ``by_point`` ``(t, n, m, 3)``."""
         if not self.free_offsets:
             return ()
         index, signs = self.view.offsets
@@ -237,10 +245,10 @@ class ViewEvaluation:
 
     @property
     def is_beginning(self) -> bool:
-        """Whether its first frame is that of the whole."""
+        """True if the first frame is that of the recording."""
         return self.camera.is_beginning
 
     @property
     def frame_share(self) -> float:
-        """What a frame counts that the camera saw."""
+        """Scale of one video frame's information, at most 1."""
         return min(1.0, self.view.frames_apart * self.wearer.frame_share)

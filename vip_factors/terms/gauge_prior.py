@@ -1,6 +1,6 @@
-"""Gauge prior: IMUs alone see neither where the scene is nor how fast it drifts; somebody has to say.
+"""Gauge prior: IMUs do not determine the position of the scene; the start is fixed by convention.
 
-The residual is the root's position less the chosen one, metres; its derivative is the identity.
+The residual is the root's position minus the chosen one, metres; its derivative is the identity.
 """
 
 from collections.abc import Iterator
@@ -11,17 +11,17 @@ from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, pri
 from vip_factors.terms.evaluation import WearerEvaluation
 
 
-def equations(at: WearerEvaluation, first: slice) -> Iterator[DenseEquations]:
-    """One factor on the root of the first frame, of each stretch if there are several."""
-    problem = at.problem
+def equations(wearer: WearerEvaluation, stretch: slice) -> Iterator[DenseEquations]:
+    """One factor on the root in the first frame of each uninterrupted part of the recording."""
+    problem = wearer.problem
     if not (problem.use_acceleration and problem.is_gauge):
         return
     settings = problem.settings.gauge_prior
-    block = JacobianBlock(at.owner, "root", np.eye(3)[None, None] / settings.position_sigma)
+    block = JacobianBlock(wearer.owner, "root", np.eye(3)[None, None] / settings.position_sigma)
     for frame, p_world in problem.placed_starts:
-        if first.start <= frame < first.stop:
-            residual = (at.state.p_world_pelvis[frame] - p_world) / settings.position_sigma
-            yield from prior_equations(block, residual[None], first=frame)
+        if stretch.start <= frame < stretch.stop:
+            residual = (wearer.state.p_world_pelvis[frame] - p_world) / settings.position_sigma
+            yield from prior_equations(block, residual[None], first_frame=frame)
 
 
 GAUGE_PRIOR = Term("gauge prior", 0, equations, every_frame=False)

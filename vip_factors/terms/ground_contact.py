@@ -1,8 +1,7 @@
-"""Ground contact: the ankle against the point where the ray of its pixel meets the floor (Kaichi et al. 2020, eq. 9).
+"""Ground contact: the ankle minus the point where the ray of its pixel meets the floor (Kaichi et al. 2020, eq. 9).
 
-The ray ends on the plane on which an ankle lies whose sole stands on the floor at z = 0. The paper lets that plane
-pass through "each ankle of the solved model": one that took its height from the pose being solved would cut every ray
-at the ankle's own height and say nothing of depth, so it must be that of a foot which stands.
+The ray ends on the horizontal plane through the ankle of a foot whose sole stands on the floor at z = 0. In the paper
+the plane passes through the solved ankle; with the height of the pose being solved, depth would be unobservable.
 """
 
 from collections.abc import Callable, Iterator
@@ -21,16 +20,15 @@ from vip_factors.terms.evaluation import ViewEvaluation
 
 
 def pixel_rays(model: CameraModel, pixels: Array) -> Array:
-    """Directions ``(..., 3)`` in the camera's frame, of depth one, of pixels ``(..., 2)``."""
+    """Rays ``(..., 3)`` of pixels ``(..., 2)``, in the camera's frame, with depth one."""
     flat = model.normalise(pixels)
     return np.concatenate([flat, np.ones((*flat.shape[:-1], 1))], axis=-1)
 
 
 def ground_contact_residual(p_world_ankle: Array, height: Array, camera: CameraPoses, ray: Array) -> Array:
-    """The ankle less the end of its ray, ``(T, 3)`` metres; the last row is how far the sole is off where it stands.
+    """Ankle minus the end of its ray, ``(T, 3)`` m, world axes; the last row is the height of the sole.
 
-    ``height`` ``(T,)`` is what the ankle has where the foot stands, ``ray`` ``(T, 3)`` that of its pixel, in the
-    camera's frame.
+    ``height`` ``(T,)`` m is the ankle's height when the foot stands; ``ray`` ``(T, 3)`` is in the camera's frame.
     """
     d = np.einsum("tij,tj->ti", camera.R_world_camera, ray)
     length = (height - camera.p_world_camera[:, 2]) / d[:, 2]
@@ -41,7 +39,7 @@ def ground_contact_jacobians(height: Array, camera: CameraPoses, ray: Array) -> 
     """Derivatives of :func:`ground_contact_residual`; that by the ankle is the identity.
 
     Returns:
-        By the height ``(T, 3)`` and by the camera's tangent ``(T, 3, 6)``.
+        Derivatives by the height ``(T, 3)`` and by the camera's tangent ``(T, 3, 6)``.
     """
     R = camera.R_world_camera
     d = np.einsum("tij,tj->ti", R, ray)
@@ -54,8 +52,8 @@ def ground_contact_jacobians(height: Array, camera: CameraPoses, ray: Array) -> 
 
 
 def rays_meet_floor(height: Array, camera: CameraPoses, ray: Array) -> np.ndarray:
-    """Whether rays ``(T,)`` meet their planes in front of the camera, near enough and not too flat."""
-    least_grazing_deg = 3.0  # a flatter ray meets the floor anywhere: a pixel is metres
+    """Test which rays ``(T,)`` meet their planes in front of the camera, near enough and not too flat."""
+    least_grazing_deg = 3.0  # on flatter rays a pixel is metres of floor
     farthest = 20.0  # m along the ray
     d = np.einsum("tij,tj->ti", camera.R_world_camera, ray)
     norm = np.linalg.norm(d, axis=1)
@@ -65,15 +63,18 @@ def rays_meet_floor(height: Array, camera: CameraPoses, ray: Array) -> np.ndarra
 
 
 def ground_contact_whitening(
-    height: Array, camera: CameraPoses, ray: Array, sigma_px: Array, model: CameraModel, confidence: Array,
+    height: Array,
+    camera: CameraPoses,
+    ray: Array,
+    sigma_px: Array,
+    model: CameraModel,
+    confidence: Array,
     settings: GroundContactSettings,
-) -> Array:  # fmt: skip
-    """What whitens the residual, ``(T, 3, 3)`` per metre: the square root of its inverse covariance, world axes.
+) -> Array:
+    """Whitening of the residual, ``(T, 3, 3)`` per metre: square root of the inverse covariance, world axes.
 
-    Weighed by pixels, the end of the ray moves by ``J σ_px`` with the pixel and along the ray with the floor's height:
-    a pixel is ``depth / focal`` across the ray, and more along it by one over the sine of the grazing angle. Rays must
-    meet the floor; ``sigma_px`` ``(T,)`` is the ankle's keypoint's; confidence ``(T,)``, positive, divides the
-    variance.
+    With weighing by pixels, the covariance is that of the ray's end under noise of the pixel (``sigma_px`` ``(T,)``)
+    and of the floor's height. Rays must meet the floor; ``confidence`` ``(T,)``, positive, divides the variance.
     """
     root = np.sqrt(confidence)[:, None, None]
     if settings.weighing is Weighing.DISTANCE:
@@ -81,35 +82,34 @@ def ground_contact_whitening(
     slope, by_camera = ground_contact_jacobians(height, camera, ray)
     length = (height - camera.p_world_camera[:, 2]) / np.einsum("ti,ti->t", camera.R_world_camera[:, 2], ray)
     across = by_camera[:, :, 3:5] * (sigma_px * length)[:, None, None] / np.array(model.focal)
-    # Times its transpose the covariance, so that its inverse whitens.
+    # half @ half.T is the covariance
     half = np.concatenate([across, settings.floor_sigma * slope[:, :, None]], axis=2)
     return root * np.linalg.inv(half)
 
 
 def acceleration_confidence(acceleration: Array, lowest: Array, settings: GroundContactSettings) -> Array:
-    """How surely feet stand, ``(T, G)`` from 0 to 2: ``δ + min(1, β_G / (|a| + ε))`` (Kaichi et al. 2020, eq. 9).
+    """Confidence that feet stand, ``(T, G)`` from 0 to 2: ``δ + min(1, β_G / (|a| + ε))`` (Kaichi et al. 2020, eq. 9).
 
     Args:
-        acceleration: ``(T, G)`` m/s², norms of each foot's acceleration *without gravity*: with it a foot at rest
-            would have 9.81, and be believed half. NaN where it was not measured: then ``δ`` alone counts.
-        lowest: ``(T, G)`` height of the lowest point of each foot; ``δ`` is one for the lowest foot.
+        acceleration: ``(T, G)`` m/s², norm of each foot's acceleration without gravity; NaN if it was not measured.
+        lowest: ``(T, G)`` m, height of the lowest point of each foot; ``δ`` is one for the lowest foot.
         settings: of the factor.
     """
     still = np.minimum(1.0, settings.acceleration_scale / (acceleration + 1e-6))
     return (lowest == lowest.min(axis=1, keepdims=True)) + np.nan_to_num(still)
 
 
-def equations(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
-    """One factor for each foot that was seen to stand."""
-    ground = at.view.ground
-    if ground is None or not ground.stands[first].any():
+def equations(evaluation: ViewEvaluation, stretch: slice) -> Iterator[BoneEquations]:
+    """One factor for each detected foot that stands."""
+    ground = evaluation.view.ground
+    if ground is None or not ground.stands[stretch].any():
         return
-    settings = at.camera.settings.ground_contact
-    stands, bones = ground.stands[first], tuple(foot.bone for foot in ground.feet)
+    settings = evaluation.camera.settings.ground_contact
+    stands, bones = ground.stands[stretch], tuple(foot.bone for foot in ground.feet)
     residual, by_foot = np.zeros((*stands.shape, 3)), []
     for g in range(len(bones)):
         frames = np.flatnonzero(stands[:, g])
-        residual[frames, g], derive = _of_foot(at, ground, g, first.start + frames)
+        residual[frames, g], derive = _foot_equations(evaluation, ground, g, stretch.start + frames)
         by_foot.append((frames, g, derive))
 
     def derivatives() -> tuple[Array, tuple[JacobianBlock, ...]]:
@@ -118,25 +118,27 @@ def equations(at: ViewEvaluation, first: slice) -> Iterator[BoneEquations]:
         for frames, g, derive in by_foot:
             by_twist[frames, g], by_camera[frames, g], by_sole[frames, g] = derive()
         ankles = BodyPoints(bones, np.stack([foot.p_bone_ankle for foot in ground.feet]))
-        # By the ankles where they stand; the height of a standing one is its foot's alone.
-        whitening = np.where(ground.stands[first, :, None, None], ground.whitening[first], 0.0)
-        of_body = at.wearer.body_blocks(at.wearer.body.at(first), ankles, whitening)
-        of_sole = (JacobianBlock(at.wearer.owner, "sole", by_sole),) if at.wearer.problem.free_sole else ()
-        return by_twist, (JacobianBlock(at.owner, "poses", by_camera), *of_body, *of_sole)
+        # the height of a standing ankle does not depend on the body's lengths
+        whitening = np.where(ground.stands[stretch, :, None, None], ground.whitening[stretch], 0.0)
+        of_body = evaluation.wearer.body_blocks(evaluation.wearer.body.at(stretch), ankles, whitening)
+        of_sole = (
+            (JacobianBlock(evaluation.wearer.owner, "sole", by_sole),) if evaluation.wearer.problem.free_sole else ()
+        )
+        return by_twist, (JacobianBlock(evaluation.owner, "poses", by_camera), *of_body, *of_sole)
 
-    yield BoneEquations(first.start, residual, stands, settings.loss, at.wearer.owner, bones, derivatives)
+    yield BoneEquations(stretch.start, residual, stands, settings.loss, evaluation.wearer.owner, bones, derivatives)
 
 
-def _of_foot(
-    at: ViewEvaluation, ground: GroundView, number: int, frames: np.ndarray
+def _foot_equations(
+    evaluation: ViewEvaluation, ground: GroundView, number: int, frames: np.ndarray
 ) -> tuple[Array, Callable[[], tuple[Array, Array, Array]]]:
-    """Residuals ``(n, 3)`` of one foot in the frames in which it stands, and what gives their derivatives.
+    """Whitened residuals ``(n, 3)`` of one foot in the frames in which it stands, and a function for derivatives.
 
-    These are by the twist of the foot, the camera's pose, both ``(n, 3, 6)``, and the sole ``(n, 3, 1)``; all whitened.
+    These are by the foot's twist, the camera's pose, both ``(n, 3, 6)``, and the sole ``(n, 3, 1)``.
     """
-    foot, sole = ground.feet[number], at.wearer.sole
-    body = BodyState(at.wearer.body.R_world_bone[frames], at.wearer.body.p_world_joint[frames])
-    poses, ray = at.state.at_frames(slice(0, at.frames)), ground.rays[frames, number]
+    foot, sole = ground.feet[number], evaluation.wearer.sole
+    body = BodyState(evaluation.wearer.body.R_world_bone[frames], evaluation.wearer.body.p_world_joint[frames])
+    poses, ray = evaluation.state.at_frames(slice(0, evaluation.frames)), ground.rays[frames, number]
     camera = CameraPoses(poses.R_world_camera[frames], poses.p_world_camera[frames])
     whitening = ground.whitening[frames, number]
     p_world_ankle, height = foot.ankle(body, sole)

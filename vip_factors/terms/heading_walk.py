@@ -1,7 +1,7 @@
-"""Heading walk: a filter without a magnetometer forgets its north, slowly and with no memory of where it was.
+"""Heading walk: the heading of a filter without a magnetometer drifts as a random walk.
 
-The residual is by how much a heading steps, radians; its derivatives are −1 and 1. The random walk goes in steps some
-seconds apart, each of the variance that gathers in these.
+The walk has a step every few seconds, with the variance of that time. The residual is the step, radians; its
+derivatives are −1 and 1.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,7 @@ from vip_factors.terms.evaluation import WearerEvaluation
 
 
 def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
-    """Radians by which each sensor's heading walks in so many seconds, ``(..., S)``."""
+    """Standard deviation of each sensor's heading change over some seconds, radians, ``(..., S)``."""
     settings = problem.settings.heading_walk
     unknown = np.full(len(problem.sensors), settings.unknown_drift_deg)
     drift = problem.heading_drift_deg if len(problem.heading_drift_deg) else unknown
@@ -24,18 +24,18 @@ def walk_sigma(problem: WearerProblem, seconds: Array) -> Array:
 
 
 def step_sigmas(problem: WearerProblem) -> Array:
-    """``(K − 1, S)`` radians by which headings may change at each step."""
+    """Standard deviations ``(K − 1, S)`` of the headings' steps, radians."""
     sigmas = walk_sigma(problem, np.diff(problem.heading_times)[:, None])
     sigmas[problem.restart_steps] = np.pi  # any heading
     return sigmas
 
 
-def equations(at: WearerEvaluation) -> Iterator[WalkEquations]:
-    """One factor for each sensor, of each step."""
-    if at.problem.free_headings and at.problem.headings_drift:
-        root = 1 / step_sigmas(at.problem)
-        residual = root * np.diff(at.state.heading_path, axis=0)
-        yield WalkEquations(0, residual[..., None], 1.0, SQUARE, at.owner, "headings", root)
+def equations(wearer: WearerEvaluation) -> Iterator[WalkEquations]:
+    """One factor for each sensor and step."""
+    if wearer.problem.free_headings and wearer.problem.headings_drift:
+        root = 1 / step_sigmas(wearer.problem)
+        residual = root * np.diff(wearer.state.heading_path, axis=0)
+        yield WalkEquations(0, residual[..., None], 1.0, SQUARE, wearer.owner, "headings", root)
 
 
 HEADING_WALK = Term.prior("heading walk", equations)

@@ -1,8 +1,7 @@
-"""Keypoint offset: where on the bone a detector's "hip", "shoulder", "knee" … lies, against where its table has it.
+"""Keypoint offset: position of a detector's "hip", "shoulder", "knee" … on the bone, relative to the skeleton's.
 
-``r = k − k₀`` in bone axes, metres, mirrored on the right side; linear; ``k₀`` is zero unless it was learnt. A detector
-errs in its own way in every frame alike: taken for the skeleton's, that error bends the body, the mountings and the
-camera.
+``r = k − k₀`` in bone axes, metres, mirrored on the right side; linear; ``k₀`` is zero unless it was learnt. Without
+these variables the constant bias of a detector would distort the body, the mountings and the camera.
 """
 
 from collections.abc import Iterator
@@ -14,13 +13,13 @@ from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, pri
 from vip_factors.terms.evaluation import CameraEvaluation
 
 
-def equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
-    """One factor on all offsets of the keypoints, with the first camera: all cameras share the detector."""
-    if at.free_offsets and at.offsets is not None and at.number == 0:
-        prior = at.problem.prior_offsets
+def equations(camera: CameraEvaluation) -> Iterator[DenseEquations]:
+    """One factor on all keypoint offsets, counted with the first camera: all cameras share the detector."""
+    if camera.free_offsets and camera.offsets is not None and camera.number == 0:
+        prior = camera.problem.prior_offsets
         sigmas = prior.sigma.ravel()
         block = JacobianBlock(DETECTOR, "keypoint_offsets", np.diag(1 / sigmas)[None, None])
-        yield from prior_equations(block, ((at.offsets - prior.mean).ravel() / sigmas)[None])
+        yield from prior_equations(block, ((camera.offsets - prior.mean).ravel() / sigmas)[None])
 
 
 KEYPOINT_OFFSET_PRIOR = Term.prior("keypoint offset prior", equations)

@@ -1,4 +1,4 @@
-"""Orientation: the sensor's own attitude estimate against the bone it is strapped to."""
+"""Orientation: the bone's orientation minus the attitude estimate of the sensor on it."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ def orientation_residual(
 ) -> Array:
     """``Log(R_world_bone R_bone_sensor (Rz(γ) R_inertial_sensor)ᵀ)``, ``(..., 3)`` rad, world axes.
 
-    Thesis eqs. 4.8–4.9 and 4.21, with the mounting as a variable of its own instead of through the initial pose.
+    Thesis eqs. 4.8–4.9 and 4.21, with the mounting as a variable instead of a function of the initial pose.
     """
     R_world_sensor = rotation_z(heading) @ R_inertial_sensor
     return log(R_world_bone @ R_bone_sensor @ transpose(R_world_sensor))
@@ -22,30 +22,32 @@ def orientation_jacobians(R_world_bone: Array, R_bone_sensor: Array, residual: A
     """Derivatives of :func:`orientation_residual`.
 
     Returns:
-        By a turn of the bone in the world and by the mounting ``(..., 3, 3)``, by the heading ``(..., 3)``.
-        Perturbing anything left of the sensor turns the error on its left, the heading turns it on its right.
+        By a rotation of the bone in the world and by the mounting ``(..., 3, 3)``, by the heading ``(..., 3)``. The
+        former two perturb the error on its left, the heading on its right.
     """
     right = inverse_right_jacobian(residual)
-    left = transpose(right)
-    return left, left @ R_world_bone @ R_bone_sensor, -right[..., 2]
+    left_inverse = transpose(right)
+    return left_inverse, left_inverse @ R_world_bone @ R_bone_sensor, -right[..., 2]
 
 
-def equations(at: WearerEvaluation, first: slice) -> Iterator[BoneEquations]:
+def equations(wearer: WearerEvaluation, stretch: slice) -> Iterator[BoneEquations]:
     """One factor for each sensor."""
-    problem, bones = at.problem, at.problem.sensor_points.bones
+    problem, bones = wearer.problem, wearer.problem.sensor_points.bones
     settings = problem.settings.orientation
-    R, mounting = at.body.R_world_bone[first][:, bones], at.state.R_bone_sensor
-    error = orientation_residual(R, mounting, at.headings(first), problem.frames.R_inertial_sensor[first])
+    R, mounting = wearer.body.R_world_bone[stretch][:, bones], wearer.state.R_bone_sensor
+    error = orientation_residual(R, mounting, wearer.headings(stretch), problem.frames.R_inertial_sensor[stretch])
 
     def derivatives() -> tuple[Array, tuple[JacobianBlock, ...]]:
         by_turn, by_mounting, by_heading = (J / settings.sigma for J in orientation_jacobians(R, mounting, error))
         return by_turn, (
-            JacobianBlock(at.owner, "headings", by_heading[..., None], each=True),
-            JacobianBlock(at.owner, "R_bone_sensor", by_mounting, each=True),
+            JacobianBlock(wearer.owner, "headings", by_heading[..., None], is_per_factor=True),
+            JacobianBlock(wearer.owner, "R_bone_sensor", by_mounting, is_per_factor=True),
         )
 
-    seen = problem.frames.orientation_valid[first]
-    yield BoneEquations(first.start, error / settings.sigma, seen, settings.loss, at.owner, bones, derivatives)
+    is_valid = problem.frames.orientation_valid[stretch]
+    yield BoneEquations(
+        stretch.start, error / settings.sigma, is_valid, settings.loss, wearer.owner, bones, derivatives
+    )
 
 
 ORIENTATION = Term("orientation", 0, equations)

@@ -1,4 +1,4 @@
-"""The list of terms: what sums, counts, tests or draws terms takes them from here."""
+"""Registry of all terms."""
 
 from collections.abc import Sequence
 
@@ -70,5 +70,5 @@ CAMERA_TERMS: tuple[Term[CameraEvaluation], ...] = (
 
 
 def unfilmed_problem(wearers: Sequence[WearerProblem], extra: ExtraTerms | None = None) -> SceneProblem:
-    """The problem of wearers whom no camera sees."""
+    """Build the problem of wearers without cameras."""
     return SceneProblem(tuple(wearers), (), (), extra=extra)

@@ -1,6 +1,6 @@
-"""Rotation prior: one rotation near a given one: mountings near the placement's, joints near those of a declared pose.
+"""Rotation prior: mountings near the placement's, joints near those of a declared pose.
 
-A step on the right stands at the right end of ``R_priorᵀ R``: the derivative is ``J_r⁻¹(r)``.
+With a step on the right of ``R`` the derivative is ``J_r⁻¹(r)``.
 """
 
 from collections.abc import Iterator
@@ -16,41 +16,48 @@ from vip_factors.terms.evaluation import CameraEvaluation, WearerEvaluation
 def rotation_prior_residual(R: Array, R_prior: Array) -> Array:
     """``Log(R_priorᵀ R)``, ``(..., 3)`` rad, in the axes of the rotated frame.
 
-    For a mounting, ``R_bone_sensor`` against the placement's (the papers' eq. 4.7, made soft); for the initial pose,
-    each ``R_parent_child`` against the declared one.
+    ``R`` is the mounting ``R_bone_sensor`` (the papers' eq. 4.7 with a tolerance) or ``R_parent_child`` of a declared
+    initial pose.
     """
     return log(transpose(R_prior) @ R)
 
 
-def mounting_equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+def mounting_equations(wearer: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor for each sensor."""
-    if at.problem.free_mountings:
-        sigma = at.problem.mounting_sigma[:, None]
-        error = rotation_prior_residual(at.state.R_bone_sensor, at.problem.prior_R_bone_sensor)
+    if wearer.problem.free_mountings:
+        sigma = wearer.problem.mounting_sigma[:, None]
+        error = rotation_prior_residual(wearer.state.R_bone_sensor, wearer.problem.prior_R_bone_sensor)
         jacobian = (inverse_right_jacobian(error) / sigma[..., None])[None]
-        yield from prior_equations(JacobianBlock(at.owner, "R_bone_sensor", jacobian, each=True), error / sigma)
+        yield from prior_equations(
+            JacobianBlock(wearer.owner, "R_bone_sensor", jacobian, is_per_factor=True), error / sigma
+        )
 
 
-def camera_mounting_equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
-    """One factor on how the camera's sensor sits."""
-    if at.problem.imu is not None:
-        error = rotation_prior_residual(at.state.R_camera_imu, at.problem.prior_R_camera_imu)
-        jacobian = inverse_right_jacobian(error)[None, None] / at.problem.mounting_sigma
-        block = JacobianBlock(at.owner, "R_camera_imu", jacobian)
-        yield from prior_equations(block, error[None] / at.problem.mounting_sigma)
+def camera_mounting_equations(camera: CameraEvaluation) -> Iterator[DenseEquations]:
+    """One factor on the mounting of the camera's IMU."""
+    if camera.problem.imu is not None:
+        error = rotation_prior_residual(camera.state.R_camera_imu, camera.problem.prior_R_camera_imu)
+        jacobian = inverse_right_jacobian(error)[None, None] / camera.problem.mounting_sigma
+        block = JacobianBlock(camera.owner, "R_camera_imu", jacobian)
+        yield from prior_equations(block, error[None] / camera.problem.mounting_sigma)
 
 
-def initial_pose_equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
-    """One factor for each joint but the root, in the frames of the declared pose; these together weigh as one."""
-    declared = at.problem.initial_pose
-    if declared is None or first.start >= declared.left:
+def initial_pose_equations(wearer: WearerEvaluation, stretch: slice) -> Iterator[JointEquations]:
+    """One factor for each joint but the root in the frames of the declared pose; all frames weigh as one."""
+    declared = wearer.problem.initial_pose
+    if declared is None or stretch.start >= declared.left:
         return
-    settings = at.problem.settings.initial_pose
+    settings = wearer.problem.settings.initial_pose
     sigma = declared.pose.sigma[1:] * settings.scale * np.sqrt(declared.frames)  # (23, 3) rad
-    held = slice(first.start, min(first.stop, declared.left))
-    error = rotation_prior_residual(at.state.R_parent_child[held, 1:], declared.pose.R_parent_child[1:])
+    frames = slice(stretch.start, min(stretch.stop, declared.left))
+    error = rotation_prior_residual(wearer.state.R_parent_child[frames, 1:], declared.pose.R_parent_child[1:])
     yield JointEquations(
-        held.start, error / sigma, 1.0, SQUARE, at.owner, lambda: (inverse_right_jacobian(error) / sigma[..., None],)
+        frames.start,
+        error / sigma,
+        1.0,
+        SQUARE,
+        wearer.owner,
+        lambda: (inverse_right_jacobian(error) / sigma[..., None],),
     )
 
 

@@ -1,7 +1,7 @@
-"""Sensor position: where on its bone a sensor sits, against where it was said to.
+"""Sensor position: position of a sensor on its bone minus the declared one.
 
-``r = s − s₀`` in bone axes, metres; linear. A lever arm that is centimetres off errs in every frame alike: taken as
-known it pulls the mounting, which has the same effect on the accelerations that a limb's swing causes.
+``r = s − s₀`` in bone axes, metres; linear. A wrong lever arm would bias the mounting: both have the same effect on the
+accelerations of a swinging limb.
 """
 
 from collections.abc import Iterator
@@ -15,26 +15,28 @@ from vip_factors.terms.evaluation import WearerEvaluation
 
 
 def sensor_position_whitening(problem: WearerProblem) -> Array:
-    """``(S, 3, 3)`` per metre: another sigma along limbs than across."""
+    """Whitening ``(S, 3, 3)`` per metre, with different standard deviations along and across limbs."""
     settings = problem.settings.sensor_place
-    found = []
+    whitenings = []
     for bone in problem.sensor_points.bones:
         limb = problem.skeleton.limb(bone)
         if limb is None:
-            found.append(np.eye(3) / settings.elsewhere)
+            whitenings.append(np.eye(3) / settings.elsewhere)
             continue
         length = float(np.linalg.norm(limb))
         along = np.outer(limb, limb) / length**2
-        found.append(along / (settings.along * length) + (np.eye(3) - along) / settings.across)
-    return np.array(found).reshape(-1, 3, 3)
+        whitenings.append(along / (settings.along * length) + (np.eye(3) - along) / settings.across)
+    return np.array(whitenings).reshape(-1, 3, 3)
 
 
-def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+def equations(wearer: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor for each sensor, in bone axes."""
-    if at.problem.free_places:
-        whitening = sensor_position_whitening(at.problem)
-        residual = (whitening @ at.state.sensor_positions[..., None])[..., 0]
-        yield from prior_equations(JacobianBlock(at.owner, "sensor_positions", whitening[None], each=True), residual)
+    if wearer.problem.free_places:
+        whitening = sensor_position_whitening(wearer.problem)
+        residual = (whitening @ wearer.state.sensor_positions[..., None])[..., 0]
+        yield from prior_equations(
+            JacobianBlock(wearer.owner, "sensor_positions", whitening[None], is_per_factor=True), residual
+        )
 
 
 SENSOR_POSITION_PRIOR = Term.prior("sensor place prior", equations)

@@ -1,10 +1,7 @@
-"""Smoothness: joints that no sensor sees turn no faster than people turn them.
+"""Smoothness: Gaussian prior on the angular velocity of joints, which bounds joints without a sensor.
 
-Six sensors leave thighs, upper arms and the trunk free between two poses that fit. Acceleration ties them together
-over time, but its noise, summed twice, lets them wander; a Gaussian over their speed holds them:
-``time · L Log(R(t)ᵀ R(t+1)) / step``, whitened. It is the pose prior's, ``Σ⁻¹ = Lᵀ L``, of rotation over a time instead
-of from the mean: joints that deviate together turn together. The difference is taken on the group, for rotation vectors
-jump at half a turn.
+The residual is ``time · L Log(R(t)ᵀ R(t+1)) / step``, with the pose prior's ``Σ⁻¹ = Lᵀ L``: joints that deviate
+together turn together. The difference is taken on the group, since rotation vectors jump at half a turn.
 """
 
 from collections.abc import Iterator
@@ -16,26 +13,27 @@ from vip_factors.terms.evaluation import WearerEvaluation
 
 
 def turn_jacobians(turn: Array) -> tuple[Array, Array]:
-    """Derivatives of ``Log(R(t)ᵀ R(t+1))`` ``(..., 3)`` by the rotation now and the one after, ``(..., 3, 3)``."""
+    """Derivatives ``(..., 3, 3)`` of ``Log(R(t)ᵀ R(t+1))`` ``(..., 3)`` by the two rotations."""
     right = inverse_right_jacobian(turn)
-    return -transpose(right), right  # the left one is the transpose
+    return -transpose(right), right  # the left Jacobian is the transpose
 
 
-def equations(at: WearerEvaluation, first: slice) -> Iterator[JointEquations]:
-    """One factor for each frame and its next."""
-    problem, prior = at.problem, at.problem.prior
+def equations(wearer: WearerEvaluation, stretch: slice) -> Iterator[JointEquations]:
+    """One factor for each frame and the next."""
+    problem, prior = wearer.problem, wearer.problem.prior
     settings = problem.settings.smoothness
     if not (problem.use_acceleration and settings.use):
         return
-    R = at.state.R_parent_child[first.start : first.stop + 1, 1:]
-    follows, scale = problem.frames.follows[first, None, None], settings.time / problem.frames.step
+    R = wearer.state.R_parent_child[stretch.start : stretch.stop + 1, 1:]
+    follows, scale = problem.frames.follows[stretch, None, None], settings.time / problem.frames.step
     turn = follows * log(transpose(R[:-1]) @ R[1:])
     residual = scale * turn.reshape(len(turn), -1) @ prior.whitening.T
-    yield JointEquations(
-        first.start, residual[:, None], 1.0, SQUARE, at.owner,
-        lambda: tuple(follows[..., None] * J for J in turn_jacobians(turn)),
-        scale * prior.whitening,
-    )  # fmt: skip
+
+    def by_joints() -> tuple[Array, ...]:
+        return tuple(follows[..., None] * J for J in turn_jacobians(turn))
+
+    whitening = scale * prior.whitening
+    yield JointEquations(stretch.start, residual[:, None], 1.0, SQUARE, wearer.owner, by_joints, whitening)
 
 
 SMOOTHNESS = Term("smoothness", 1, equations)

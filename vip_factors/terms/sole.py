@@ -1,7 +1,7 @@
-"""Sole: how far the ground is below the skin of the foot. People wear shoes, and a skeleton is barefoot.
+"""Sole: prior on the thickness ``h`` of the shoes' soles.
 
-What touches the ground are points of the skeleton's foot, moved by ``h`` down the foot's own axis; keypoints stay on
-the skeleton. A thickness is never negative: the variable is ``x = ln(h / h₀)``, ``r = x``; both feet have one.
+Contact points are points of the skeleton's barefoot foot, shifted by ``h`` down the foot's axis; keypoints are not
+shifted. The variable is ``x = ln(h / h₀)``, common to both feet, and ``r = x``.
 """
 
 from collections.abc import Iterator
@@ -12,12 +12,12 @@ from vip_factors.terms.equations import DenseEquations, JacobianBlock, Term, pri
 from vip_factors.terms.evaluation import WearerEvaluation
 
 
-def equations(at: WearerEvaluation) -> Iterator[DenseEquations]:
+def equations(wearer: WearerEvaluation) -> Iterator[DenseEquations]:
     """One factor on the logarithm of the thickness."""
-    if at.problem.free_sole:
-        settings = at.problem.settings.sole
-        block = JacobianBlock(at.owner, "sole", np.ones((1, 1, 1, 1)) / settings.spread)
-        yield from prior_equations(block, np.full((1, 1), at.state.sole / settings.spread))
+    if wearer.problem.free_sole:
+        settings = wearer.problem.settings.sole
+        block = JacobianBlock(wearer.owner, "sole", np.ones((1, 1, 1, 1)) / settings.spread)
+        yield from prior_equations(block, np.full((1, 1), wearer.state.sole / settings.spread))
 
 
 SOLE_PRIOR = Term.prior("sole prior", equations)

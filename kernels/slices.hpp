@@ -70,7 +70,7 @@ struct Target {
 };
 
 // Blocks of variables, in the order of vip_factors/assembly/compiled_sums.py.
-enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, ZOOM, OFFSETS, BLOCKS };
+enum Block { HEADINGS, MOUNTINGS, LENGTHS, PLACES, SOLE, HINGES, POSE_MEAN, POSES, HEADING, CAMERA_MOUNTING, CLOCK, CLOCK_DRIFT, ZOOM, PATH_SCALE, OFFSETS, BLOCKS };
 constexpr int VIEWED = 4;  // blocks that reprojections of a camera see: POSES, CLOCK, CLOCK_DRIFT, ZOOM
 
 // Derivatives (m, width) of a factor by columns of the slice from one on. Twists meet all such parts of factors in sums

@@ -17,6 +17,7 @@ from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import held_pose, joint_index
 from vip_factors.factor_settings import CameraFactorSettings, FactorSettings
 from vip_factors.geometry.rotations import exp
+from vip_factors.problem.odometry import Odometry
 from vip_factors.problem.scene import CameraProblem, Foot, GroundView, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
@@ -120,6 +121,7 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
         lens, kind != "standing", kind != "known path", None if kind == "no IMU" else imu,
         np.array([0.02, 0.03, -0.01]), 0.3, exp([0.1, 0.2, -0.1]), free_clock=True,
         clock_middle=0.05, focal_sigma=0.25, settings=CameraFactorSettings(),
+        odometry=None if kind == "standing" else small_odometry(),
     )  # fmt: skip
     views = []
     for number, wearer in enumerate((state, other)):
@@ -144,7 +146,7 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
                 points, pixels, sigma, 0.5 * sigma, seen, rate, ground=ground, names=names, clock=(0.004, -0.01)
             )
         )
-    own = CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01, 0.02, 0.1)
+    own = CameraState(poses, 0.4, exp([0.2, 0.1, 0.0]), 0.01, 0.02, 0.1, -0.2)
     cameras = [(camera, own, tuple(views))]
     if kind == "further cameras":
         cameras += [further_camera(camera, views, random, free_pose=free) for free in (False, True)]
@@ -156,6 +158,13 @@ def small_scene(kind: str, silent: Sequence[int] = ()) -> tuple[SceneProblem, Sc
     model = SceneProblem((first, second), problems, of_cameras, free_keypoints=True)
     detector = DetectorState(0.02 * np.random.default_rng(8).standard_normal((len(OFFSET_KEYPOINTS), 3)))
     return model, SceneState((state, other), states, detector)
+
+
+def small_odometry() -> Odometry:
+    """A path of unknown scale, of which one step is missing."""
+    random = np.random.default_rng(9)
+    turns, shifts = 0.05 * random.standard_normal((T, 3)), 0.05 * random.standard_normal((T, 3))
+    return Odometry(exp(turns), shifts, np.arange(T) != 1, is_scale_free=True)
 
 
 def standing_feet(

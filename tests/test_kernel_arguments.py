@@ -25,7 +25,8 @@ PARENT = np.array(PARENTS)
 LOSS = ("cauchy", 2.0, 1.0)
 BLOCK_WIDTHS = {
     "headings": S, "mountings": 3 * S, "lengths": LENGTHS, "places": 3 * S, "sole": 1, "hinges": 6, "pose mean": POSE,
-    "poses": 0, "heading": 1, "camera mounting": 3, "clock": 1, "clock_drift": 1, "zoom": 1, "offsets": 3 * S,
+    "poses": 0, "heading": 1, "camera mounting": 3, "clock": 1, "clock_drift": 1, "zoom": 1, "path scale": 1,
+    "offsets": 3 * S,
 }  # fmt: skip
 STATIC = sum(BLOCK_WIDTHS.values())
 WIDTHS = [width or 6 for width in BLOCK_WIDTHS.values()]

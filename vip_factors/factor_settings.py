@@ -273,6 +273,15 @@ class CameraVelocitySettings:
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # a cut in the video is a jump
 
 
+@dataclass(frozen=True)
+class CameraOdometrySettings:
+    """How fast a camera's path from visual odometry drifts: standard deviations of its error after one second."""
+
+    turn_sigma_deg: float = 0.2  # of relative rotation, about each axis
+    shift_sigma: float = 0.02  # m, of relative position, along each axis
+    loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # a reset is a jump
+
+
 class ContactFrom(StrEnum):
     """What tells that a foot stands."""
 
@@ -338,6 +347,7 @@ class CameraFactorSettings:
     orientation: CameraOrientationSettings = field(default_factory=CameraOrientationSettings)
     acceleration: CameraAccelerationSettings = field(default_factory=CameraAccelerationSettings)
     velocity: CameraVelocitySettings = field(default_factory=CameraVelocitySettings)
+    odometry: CameraOdometrySettings = field(default_factory=CameraOdometrySettings)
     ground_contact: GroundContactSettings = field(default_factory=GroundContactSettings)
     keypoint_offset: KeypointOffsetSettings = field(default_factory=KeypointOffsetSettings)
     clock: VideoClockSettings = field(default_factory=VideoClockSettings)

@@ -250,7 +250,8 @@ def _detections(cameras: Sequence[CameraOptions], detector: DetectSettings, over
 def _files_named(options: ImportOptions | CameraOptions) -> tuple[Path, ...]:
     """The files that options may name."""
     if isinstance(options, CameraOptions):
-        named = [options.video, options.detections, options.camera, options.camera_imu_log, options.camera_imu_columns]
+        sensor = options.camera_imu_log, options.camera_imu_columns
+        named = [options.video, options.detections, options.camera, options.camera_path, *sensor]
     else:
         placement = options.placement if isinstance(options.placement, str | Path) else None
         names = (placement, options.columns, options.pose_from, options.body)

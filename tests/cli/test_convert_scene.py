@@ -122,3 +122,25 @@ def test_what_is_said_once_is_of_all_cameras(run, files, tmp_path: Path, poses: 
     told = run("convert", files.recording, tmp_path / "no.mcap", *words, "--carried-camera", "c")
     assert told.code == 2
     assert "--carried-camera c: expected the name of a camera" in told.err
+
+
+def test_a_carried_camera_has_a_path_from_elsewhere(run, files, tmp_path: Path, poses: Path) -> None:
+    rows = "".join(f"{1700000000 + 0.1 * n:.1f} {0.01 * n} 0 0 0 0 0 1\n" for n in range(41))
+    (tmp_path / "slam.txt").write_text("# timestamp tx ty tz qx qy qz qw\n" + rows)
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b" / poses.name).write_bytes(poses.read_bytes())
+    words = ["--detections", poses, "--detections", tmp_path / "b" / poses.name, "--video-rate", "10"]
+    words += ["--static-camera", "--carried-camera", "b", "--camera-path", tmp_path / "slam.txt", "--scale-free-path"]
+    converted = run("convert", files.recording, tmp_path / "out.mcap", *words)
+    assert converted.code == 0, converted.err
+    assert "its first pose is taken as that of the first video frame" in converted.err
+    standing, carried = read_scene(tmp_path / "out.mcap").cameras
+    assert standing.odometry is None
+    assert carried.odometry is not None
+    assert carried.scale_free_odometry
+    np.testing.assert_allclose(carried.odometry.time, carried.detections.time[0] + 0.1 * np.arange(41), atol=1e-6)
+    np.testing.assert_allclose(carried.odometry.p_world_camera[:, 0], 0.01 * np.arange(41), atol=1e-12)
+    assert "odometry: 41 poses, of unknown scale" in re.sub(" +", " ", run("info", tmp_path / "out.mcap").out)
+    refused = run("convert", files.recording, tmp_path / "no.mcap", *words, "--carried-camera", poses.parent.name)
+    assert refused.code == 2
+    assert "expected one path for each camera that is carried, of which there are 2" in refused.err

@@ -20,11 +20,13 @@ PATHS = Annotated[tuple[Path, ...], tyro.conf.UseAppendAction]
 TEXTS = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 OF_EACH_CAMERA = {
     "detections": PATHS, "camera": PATHS, "video": PATHS, "keypoints": TEXTS, "camera_name": TEXTS,
+    "camera_path": PATHS,
     "video_rate": Annotated[tuple[float, ...], tyro.conf.UseAppendAction],
     "time_offset_s": Annotated[tuple[float, ...], tyro.conf.UseAppendAction],
     "first_frame": Annotated[tuple[int, ...], tyro.conf.UseAppendAction],
 }  # fmt: skip
 OF_ONE_CAMERA = ("detections", "video", "camera_name")  # of these, what two cameras cannot share
+OF_CARRIED_CAMERA = "camera_path"  # said for each camera that does not stand still
 FilmedOptions = make_dataclass(
     "FilmedOptions",
     [(name, hint, field(default=())) for name, hint in OF_EACH_CAMERA.items()],
@@ -84,7 +86,8 @@ class ConvertOptions(LogOptions, WritingOptions):
     A session in several files, one after another, is one recording: convert 1.csv all.mcap --then 2.csv --then 3.csv.
 
     Several cameras: say --detections once for each, in any number. --camera, --video-rate, --keypoints, --first-frame
-    and --time-offset-s stand for all if said once, else for each in turn. A sensor (--camera-imu) is on the first one.
+    and --time-offset-s stand for all if said once, else for each in turn, --camera-path for those that are carried. A
+    sensor (--camera-imu) is on the first one.
     """
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
@@ -171,7 +174,7 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
     if given_options and not count:
         words = ", ".join(_option(name) for name in given_options)
         raise InputError(f"{words} given without --detections, the 2D poses of the video's frames")
-    for name in OF_EACH_CAMERA:
+    for name in set(OF_EACH_CAMERA) - {OF_CARRIED_CAMERA}:
         if len(values[name]) not in ({0, count} if name in OF_ONE_CAMERA else {0, 1, count}):
             raise InputError(
                 f"{_option(name)} is said {len(values[name])} times of {count} cameras (--detections): expected "
@@ -181,10 +184,18 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
     unknown = sorted(set(options.carried_camera) - set(names))
     if unknown:
         raise InputError(f"--carried-camera {unknown[0]}: expected the name of a camera: {', '.join(names)}")
+    carried = [name for name in names if not filmed.static_camera or name in options.carried_camera]
+    paths = values[OF_CARRIED_CAMERA]
+    if len(paths) not in (0, len(carried)):
+        raise InputError(
+            f"--camera-path is said {len(paths)} times: expected one path for each camera that is carried, of which "
+            f"there are {len(carried)} here ({', '.join(carried) or 'all stand still'})"
+        )
     for number, name in enumerate(names):
         camera_values = {key: values[key][number % len(values[key])] for key in OF_EACH_CAMERA if values[key]}
+        camera_values |= {OF_CARRIED_CAMERA: paths[carried.index(name)] if paths and name in carried else None}
         shared = {key: values[key] for key in values if key not in OF_EACH_CAMERA and (number == 0 or "imu" not in key)}
-        shared["static_camera"] = filmed.static_camera and name not in options.carried_camera
+        shared["static_camera"] = name not in carried
         if count > 1 and filmed.known_camera_pose and "camera" in camera_values:
             shared["known_camera_pose"] = read_floor(camera_values["camera"]) is not None
         cameras.append(CameraOptions(**shared | camera_values | {"camera_name": name}))

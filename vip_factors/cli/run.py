@@ -54,6 +54,8 @@ class RunOptions(LogOptions):
     """The camera stands still."""
     carried_camera: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")] = ()
     """Name of a camera, which is that of its video, that is carried, though --static-camera is said of the others."""
+    camera_path: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="PATH")] = ()
+    """Path of a camera that is carried, from ARKit, ARCore or SLAM (TUM format); say it once for each of them."""
     time_offset_s: Annotated[tuple[float, ...], tyro.conf.UseAppendAction] = ()
     """Seconds to add to a video's times to get the sensors', if you know them; absent, sync finds them."""
     detections: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="POSES")] = ()
@@ -112,7 +114,9 @@ def _check(options: RunOptions) -> None:
     if not options.video:
         usual = RunOptions()
         poses = bool(options.detections)
-        of_poses = () if poses else ("camera", "static_camera", "carried_camera", "time_offset_s", "video_rate")
+        of_poses = (
+            () if poses else ("camera", "static_camera", "carried_camera", "camera_path", "time_offset_s", "video_rate")
+        )
         of_video = (*of_poses, "overlay")
         names = [f"--{name.replace('_', '-')}" for name in of_video if getattr(options, name) != getattr(usual, name)]
         if names:
@@ -189,6 +193,7 @@ def _filmed_words(options: RunOptions, folder: Path) -> list[str]:
         "--video-rate": options.video_rate,
         "--time-offset-s": options.time_offset_s,
         "--carried-camera": options.carried_camera,
+        "--camera-path": options.camera_path,
         "--camera-name": [video.stem for video in options.video] if len(options.video) > 1 else (),
     }.items():
         words += [word for value in values for word in _given(option, value)]

@@ -100,6 +100,9 @@ def camera_facts(camera: Camera) -> Table:
         rows.append(("sensor", f"{imu.name}, {len(imu)} samples, {imu.rate:.1f} Hz, gaps {gaps}, {_stream_words(imu)}"))
     if camera.known_path is not None:
         rows.append(("pose known at", count(len(camera.known_path), "instant")))
+    if camera.odometry is not None:
+        scale = ", of unknown scale" if camera.scale_free_odometry else ""
+        rows.append(("odometry", f"{count(len(camera.odometry), 'pose')}{scale}"))
     rows += [*clock_rows(camera.clock), *detection_rows(camera.detections), *_video_rows(camera.video)]
     return facts(f"camera '{camera.name}', {'moving' if camera.moving else 'standing still'}", *rows)
 

@@ -276,7 +276,7 @@ class CameraTopics:
         return cls("/camera/" + name.replace("%", "%25").replace("/", "%2F"))
 
     def __call__(self, what: str) -> str:
-        """The topic of info, calibration, detections, imu, pose or image."""
+        """The topic of info, calibration, detections, imu, pose, odometry or image."""
         return f"{self.prefix}/{what}"
 
     def truth(self, what: str) -> str:
@@ -296,6 +296,8 @@ def camera_messages(
     ]
     if camera.known_path is not None:
         streams.append(path_messages(writer, topics("pose"), camera.known_path, start_ns))
+    if camera.odometry is not None:
+        streams.append(path_messages(writer, topics("odometry"), camera.odometry, start_ns))
     if camera.mount is not None:
         streams.append(sample_messages(writer, topics("imu"), camera.mount.imu, start_ns))
     if truth is not None:
@@ -332,6 +334,7 @@ def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int) -> tuple[Ca
         detections=detections,
         mount=_mount_left(topics, topic_of, info, start_ns),
         known_path=path_of(topics.all(topic_of("pose"), PoseInFrame), start_ns),
+        odometry=path_of(topics.all(topic_of("odometry"), PoseInFrame), start_ns),
         video=video_of(info.video, images, path) if info.HasField("video") else None,
         **HEAD.values(info),
     )

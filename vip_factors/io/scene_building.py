@@ -11,6 +11,7 @@ from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.body_file import read_body_file, scene_with_body
 from vip_factors.io.camera_file import read_camera_file, read_floor, read_focal_sigma
+from vip_factors.io.camera_path_file import read_camera_path
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
@@ -146,6 +147,9 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
     video = Video(options.video) if options.video is not None else None
     moving, clock = not options.static_camera, VideoClock(options.time_offset_s)
     camera = Camera(options.camera_name, model, detections, moving, None, path, clock, video, focal_sigma=focal_sigma)
+    if options.camera_path is not None:
+        odometry = _odometry(options.camera_path, detections)
+        camera = replace(camera, odometry=odometry, scale_free_odometry=options.scale_free_path)
     if facts is not None:
         check_video(facts, camera)
         if len(detections.time) < 0.6 * len(facts):  # every second frame would stay below
@@ -203,6 +207,18 @@ def _known_path(options: CameraOptions) -> CameraPath | None:
         raise InputError(f"{file}: its pose cannot be taken as known: {lacks}")
     R_floor_camera, p_floor_camera = floor
     return CameraPath(np.zeros(1), R_floor_camera[None], p_floor_camera[None])
+
+
+def _odometry(file: Path, detections: Detections) -> CameraPath:
+    """The camera's path with times of the video; one on another clock begins with the video."""
+    path, time = read_camera_path(file), detections.time
+    if path.time[0] < time[-1] and path.time[-1] > time[0]:
+        return path
+    _warn(
+        f"{file} lasts from {path.time[0]:.1f} to {path.time[-1]:.1f} s, the video from {time[0]:.1f} to "
+        f"{time[-1]:.1f} s: its first pose is taken as that of the first video frame"
+    )
+    return replace(path, time=path.time - path.time[0] + time[0])
 
 
 def _with_mount(scene: Scene, options: CameraOptions) -> tuple[Scene, CameraMount | None]:

@@ -55,6 +55,10 @@ class CameraOptions:
     """The camera stands still: one pose for the whole recording."""
     known_camera_pose: bool = False
     """Believe the static camera's pose over the floor that the camera file tells."""
+    camera_path: Path | None = None
+    """Path of a carried camera, from ARKit, ARCore or SLAM (TUM: time x y z qx qy qz qw; seconds of the video)."""
+    scale_free_path: bool = False
+    """That path has no metric scale, as monocular SLAM has none: the scale is estimated."""
     camera_imu: str | None = None
     """Name of the sensor that is on the camera, among those of the logs."""
     camera_imu_log: Path | None = None

@@ -13,6 +13,7 @@ from vip_factors.display import Summarised
 from vip_factors.factor_settings import CameraFactorSettings, KeypointOffsetSettings
 from vip_factors.geometry.rotations import Array, hat
 from vip_factors.problem.layout import Layout
+from vip_factors.problem.odometry import Odometry
 from vip_factors.problem.state import CameraState, SceneState
 from vip_factors.problem.wearer import BodyPoint, BodyPoints, WearerProblem, sole_shift
 from vip_factors.sensors.camera import CameraModel
@@ -38,6 +39,7 @@ class CameraProblem(Summarised):
         is_beginning: False for a stretch of something longer, whose beginning holds the priors.
         settings: of the terms.
         learned_offsets: of the detector's keypoints, where they were learnt.
+        odometry: the camera's motion as visual odometry measured it, or None.
     """
 
     model: CameraModel
@@ -54,6 +56,7 @@ class CameraProblem(Summarised):
     focal_sigma: float = 0.0
     is_beginning: bool = True
     learned_offsets: KeypointOffsets | None = None
+    odometry: Odometry | None = None
 
     @cached_property
     def prior_offsets(self) -> KeypointOffsets:
@@ -64,7 +67,8 @@ class CameraProblem(Summarised):
     def window(self, frames: slice) -> "CameraProblem":
         """The problem of some consecutive frames; its priors are those of the first frame."""
         imu = None if self.imu is None else self.imu.window(frames)
-        return replace(self, imu=imu, is_beginning=self.is_beginning and frames.start == 0)
+        odometry = None if self.odometry is None else self.odometry.window(frames)
+        return replace(self, imu=imu, odometry=odometry, is_beginning=self.is_beginning and frames.start == 0)
 
     def orientation_weight(self, step: float) -> float:
         """What divides the variance of one frame's orientation.

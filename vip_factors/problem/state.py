@@ -126,6 +126,7 @@ class CameraState(Summarised):
         clock: seconds by which the video's clock must be put forward in the recording's middle.
         clock_drift: seconds more in every second from there.
         zoom: logarithm of the focal length over the supposed one.
+        path_scale: logarithm of the scale of the camera's odometry.
     """
 
     poses: CameraPoses
@@ -134,6 +135,7 @@ class CameraState(Summarised):
     clock: float = 0.0
     clock_drift: float = 0.0
     zoom: float = 0.0
+    path_scale: float = 0.0
 
     def at_frames(self, frames: slice) -> CameraPoses:
         """The poses at a stretch of frames."""

@@ -119,6 +119,8 @@ CAMERA_ROWS: tuple[Row[CameraProblem], ...] = (
     Row("clock_drift", "clock drift", "d", Owner.CAMERA, VECTOR, STEP_CLOCK_DRIFT, 1, lambda own: own.free_clock),
     Row("zoom", "focal length", "z", Owner.CAMERA, VECTOR, STEP_ZOOM, 1, lambda own: own.focal_sigma > 0,
         relinearise=ZOOM_MOVED),
+    Row("path_scale", "scale of odometry", "w", Owner.CAMERA, VECTOR, STEP_ZOOM, 1,
+        lambda own: own.odometry is not None and own.odometry.is_scale_free),
 )  # fmt: skip
 DETECTOR_ROWS: tuple[Row[SceneProblem], ...] = (
     Row("keypoint_offsets", "offset of a keypoint", "k", Owner.DETECTOR, POINT, STEP_BODY, len(OFFSET_KEYPOINTS),

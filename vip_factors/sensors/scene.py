@@ -65,6 +65,9 @@ class Camera(Summarised):
         video: to look at.
         keypoint_offsets: where its detector puts its keypoints, if that was found before.
         focal_sigma: standard deviation of the logarithm of the focal length; 0 of a calibrated lens.
+        odometry: its path from visual odometry (ARKit, ARCore, SLAM), in a world of its own and with times on the
+            video's own clock, if any.
+        scale_free_odometry: whether that path has an unknown scale, as monocular SLAM has.
     """
 
     name: str
@@ -77,6 +80,8 @@ class Camera(Summarised):
     video: Video | None = None
     keypoint_offsets: KeypointOffsets | None = None
     focal_sigma: float = 0.0
+    odometry: CameraPath | None = None
+    scale_free_odometry: bool = False
 
     def summary(self) -> list[str]:
         """What it is, and what was detected in its video."""
@@ -94,6 +99,15 @@ class Camera(Summarised):
     def timed_detections(self) -> Detections:
         """What was detected, with times on the IMUs' clock."""
         return self.detections.timed(self.clock)
+
+    @property
+    def timed_odometry(self) -> CameraPath | None:
+        """The odometry with times on the IMUs' clock; a path without scale in units of its spread."""
+        if self.odometry is None:
+            return None
+        p = self.odometry.p_world_camera
+        unit = max(float(np.linalg.norm(np.std(p, axis=0))), 1e-6) if self.scale_free_odometry else 1.0
+        return replace(self.odometry, time=self.clock.at(self.odometry.time), p_world_camera=p / unit)
 
 
 @dataclass(frozen=True, repr=False)

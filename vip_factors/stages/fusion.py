@@ -253,7 +253,8 @@ def _one_wearer(model: SceneProblem, number: int) -> SceneProblem:
 def _with_cameras_held(model: SceneProblem) -> SceneProblem:
     """The cameras as they are: nothing of them moves, and their sensors have nothing more to say."""
     cameras = tuple(
-        replace(camera, free_pose=False, imu=None, free_clock=False, focal_sigma=0.0) for camera in model.cameras
+        replace(camera, free_pose=False, imu=None, free_clock=False, focal_sigma=0.0, odometry=None)
+        for camera in model.cameras
     )
     return replace(model, cameras=cameras)
 

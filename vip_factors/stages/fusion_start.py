@@ -22,7 +22,9 @@ from vip_factors.initialise.camera import (
     together,
     world_turn,
 )
+from vip_factors.initialise.camera_odometry import along_odometry, in_camera_axes
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+from vip_factors.problem.odometry import Odometry
 from vip_factors.problem.scene import CameraProblem, keypoint_offset_sigmas
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera import CameraPath
@@ -76,6 +78,7 @@ def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> Cam
         focal_sigma=camera.focal_sigma if settings.calibration.estimate_lens and not known else 0.0,
         settings=settings.camera,
         learned_offsets=prior_offsets(camera, settings.camera.keypoint_offset),
+        odometry=_odometry(camera, time),
     )
     if mount is None or mount.imu.R_inertial_sensor is None or not settings.fusion.camera_imu:
         return problem
@@ -86,6 +89,14 @@ def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> Cam
         prior_R_camera_imu=mount.R_camera_imu,
         mounting_sigma=mount.mounting_sigma,
     )
+
+
+def _odometry(camera: Camera, time: Array) -> Odometry | None:
+    """The motion along the path that the camera came with, between frames at ``time`` ``(T,)``."""
+    path = camera.timed_odometry
+    if path is None or not camera.moving or camera.known_path is not None:
+        return None
+    return Odometry.between(path, time, camera.scale_free_odometry)
 
 
 def start_fusion(
@@ -111,7 +122,7 @@ def start_fusion(
         tuple(world.states[number] for number in range(len(associated))),
         DetectorState(world.problems[0].prior_offsets.mean),
     )
-    return FusionStart(tuple(world.wearers), tuple(world.problems), scene, tuple(associated))
+    return FusionStart(tuple(world.wearers), tuple(world.problems), scene, tuple(world.associated))
 
 
 @dataclass
@@ -128,7 +139,7 @@ class _World:
         paths, states: of the cameras that are in the world, by number.
     """
 
-    associated: Sequence[AssociatedCamera]
+    associated: list[AssociatedCamera]
     wearers: list[InertialSolution]
     problems: list[CameraProblem]
     seen: list[list[Sightings]]
@@ -143,7 +154,7 @@ class _World:
         time: Array,
     ) -> "_World":  # fmt: skip
         """With nobody in it."""
-        return cls(associated, wearers, problems, [list(each.seen) for each in associated], time)
+        return cls(list(associated), wearers, problems, [list(each.seen) for each in associated], time)
 
     def place_by_known_cameras(self) -> None:
         """Put in the wearers whom cameras of known pose saw."""
@@ -174,13 +185,20 @@ class _World:
         camera, seen = self.associated[number].camera, self.seen[number]
         problem = _with_found_mounting(camera, self.problems[number], seen[wearer])
         path, heading = _first_path(camera, problem, self.wearers[wearer], seen[wearer], self.time)
+        poses, scale = path if len(path) == 1 and not camera.moving else path.at(self.time), 1.0
+        if problem.odometry is not None:
+            camera = in_camera_axes(camera, poses)
+            self.associated[number] = replace(self.associated[number], camera=camera)
+            odometry = _odometry(camera, self.time)
+            assert odometry is not None  # only the axes changed
+            path, scale = along_odometry(odometry, poses)
+            poses, problem = path, replace(problem, odometry=odometry)
         self.problems[number], self.paths[number] = replace(problem, prior_heading=heading), path
-        poses = path if len(path) == 1 and not camera.moving else path.at(self.time)
-        poses_at_frames = CameraPoses(poses.R_world_camera, poses.p_world_camera)
-        self.states[number] = CameraState(poses_at_frames, heading, problem.prior_R_camera_imu)
+        poses_at_frames, mounting = CameraPoses(poses.R_world_camera, poses.p_world_camera), problem.prior_R_camera_imu
+        self.states[number] = CameraState(poses_at_frames, heading, mounting, path_scale=float(np.log(scale)))
         for other in set(range(len(self.wearers))) - self.settled:
             is_gauge = other == wearer and camera.known_path is None
-            if is_gauge and camera.moving:
+            if is_gauge and camera.moving and problem.odometry is None:
                 self.settled.add(other)  # the camera was placed by this very path
             else:
                 self._settle(other, (path, seen[other]), is_gauge)

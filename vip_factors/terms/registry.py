@@ -8,6 +8,7 @@ from vip_factors.terms.acceleration import ACCELERATION
 from vip_factors.terms.agreeing_headings import AGREEING_HEADINGS
 from vip_factors.terms.body_prior import BODY_PRIOR
 from vip_factors.terms.camera_acceleration import CAMERA_ACCELERATION
+from vip_factors.terms.camera_odometry import CAMERA_ODOMETRY, ODOMETRY_SCALE_PRIOR
 from vip_factors.terms.camera_orientation import CAMERA_ORIENTATION
 from vip_factors.terms.camera_velocity import CAMERA_VELOCITY
 from vip_factors.terms.constant_velocity_prior import PELVIS_TURN, ROOT_VELOCITY
@@ -60,6 +61,8 @@ CAMERA_TERMS: tuple[Term[CameraEvaluation], ...] = (
     CAMERA_ORIENTATION,
     CAMERA_ACCELERATION,
     CAMERA_VELOCITY,
+    CAMERA_ODOMETRY,
+    ODOMETRY_SCALE_PRIOR,
     CAMERA_HEADING_PRIOR,
     CAMERA_MOUNTING_PRIOR,
     CLOCK_PRIOR,

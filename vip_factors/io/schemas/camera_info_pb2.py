@@ -25,7 +25,7 @@ _sym_db = _symbol_database.Default()
 from vip_factors.io.schemas import geometry_pb2 as vip__factors_dot_geometry__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1dvip_factors/camera_info.proto\x12\x0bvip_factors\x1a\x1avip_factors/geometry.proto\"\xed\x03\n\nCameraInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06moving\x18\x02 \x01(\x08\x12\x15\n\rtime_offset_s\x18\x03 \x01(\x01\x12,\n\x05mount\x18\x04 \x01(\x0b\x32\x1d.vip_factors.CameraInfo.Mount\x12\x13\n\x0bknown_poses\x18\x05 \x01(\x04\x12,\n\x05video\x18\x06 \x01(\x0b\x32\x1d.vip_factors.CameraInfo.Video\x12\x14\n\x0ckeypoint_set\x18\x07 \x01(\t\x12\x11\n\tkeypoints\x18\x08 \x03(\t\x12\x0e\n\x06\x66rames\x18\t \x01(\x04\x12\x12\n\ntime_drift\x18\n \x01(\x01\x12\x17\n\x0fhas_true_pixels\x18\x0b \x01(\x08\x12\x13\n\x0b\x66ocal_sigma\x18\x0c \x01(\x01\x1a\x90\x01\n\x05Mount\x12\x0b\n\x03imu\x18\x01 \x01(\t\x12\x32\n\rmounting_wxyz\x18\x02 \x01(\x0b\x32\x1b.vip_factors.QuaternionWxyz\x12*\n\x0cp_camera_imu\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x1a\n\x12mounting_sigma_rad\x18\x04 \x01(\x01\x1a+\n\x05Video\x12\x0c\n\x04path\x18\x01 \x01(\t\x12\x14\n\x0cimage_frames\x18\x02 \x03(\x04\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x1dvip_factors/camera_info.proto\x12\x0bvip_factors\x1a\x1avip_factors/geometry.proto\"\x8a\x04\n\nCameraInfo\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x0e\n\x06moving\x18\x02 \x01(\x08\x12\x15\n\rtime_offset_s\x18\x03 \x01(\x01\x12,\n\x05mount\x18\x04 \x01(\x0b\x32\x1d.vip_factors.CameraInfo.Mount\x12\x13\n\x0bknown_poses\x18\x05 \x01(\x04\x12,\n\x05video\x18\x06 \x01(\x0b\x32\x1d.vip_factors.CameraInfo.Video\x12\x14\n\x0ckeypoint_set\x18\x07 \x01(\t\x12\x11\n\tkeypoints\x18\x08 \x03(\t\x12\x0e\n\x06\x66rames\x18\t \x01(\x04\x12\x12\n\ntime_drift\x18\n \x01(\x01\x12\x17\n\x0fhas_true_pixels\x18\x0b \x01(\x08\x12\x13\n\x0b\x66ocal_sigma\x18\x0c \x01(\x01\x12\x1b\n\x13scale_free_odometry\x18\r \x01(\x08\x1a\x90\x01\n\x05Mount\x12\x0b\n\x03imu\x18\x01 \x01(\t\x12\x32\n\rmounting_wxyz\x18\x02 \x01(\x0b\x32\x1b.vip_factors.QuaternionWxyz\x12*\n\x0cp_camera_imu\x18\x03 \x01(\x0b\x32\x14.vip_factors.Vector3\x12\x1a\n\x12mounting_sigma_rad\x18\x04 \x01(\x01\x1a+\n\x05Video\x12\x0c\n\x04path\x18\x01 \x01(\t\x12\x14\n\x0cimage_frames\x18\x02 \x03(\x04\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
@@ -33,9 +33,9 @@ _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'vip_factors.camera_info_pb2
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
   _globals['_CAMERAINFO']._serialized_start=75
-  _globals['_CAMERAINFO']._serialized_end=568
-  _globals['_CAMERAINFO_MOUNT']._serialized_start=379
-  _globals['_CAMERAINFO_MOUNT']._serialized_end=523
-  _globals['_CAMERAINFO_VIDEO']._serialized_start=525
-  _globals['_CAMERAINFO_VIDEO']._serialized_end=568
+  _globals['_CAMERAINFO']._serialized_end=597
+  _globals['_CAMERAINFO_MOUNT']._serialized_start=408
+  _globals['_CAMERAINFO_MOUNT']._serialized_end=552
+  _globals['_CAMERAINFO_VIDEO']._serialized_start=554
+  _globals['_CAMERAINFO_VIDEO']._serialized_end=597
 # @@protoc_insertion_point(module_scope)

@@ -7,7 +7,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class CameraInfo(_message.Message):
-    __slots__ = ("name", "moving", "time_offset_s", "mount", "known_poses", "video", "keypoint_set", "keypoints", "frames", "time_drift", "has_true_pixels", "focal_sigma")
+    __slots__ = ("name", "moving", "time_offset_s", "mount", "known_poses", "video", "keypoint_set", "keypoints", "frames", "time_drift", "has_true_pixels", "focal_sigma", "scale_free_odometry")
     class Mount(_message.Message):
         __slots__ = ("imu", "mounting_wxyz", "p_camera_imu", "mounting_sigma_rad")
         IMU_FIELD_NUMBER: _ClassVar[int]
@@ -38,6 +38,7 @@ class CameraInfo(_message.Message):
     TIME_DRIFT_FIELD_NUMBER: _ClassVar[int]
     HAS_TRUE_PIXELS_FIELD_NUMBER: _ClassVar[int]
     FOCAL_SIGMA_FIELD_NUMBER: _ClassVar[int]
+    SCALE_FREE_ODOMETRY_FIELD_NUMBER: _ClassVar[int]
     name: str
     moving: bool
     time_offset_s: float
@@ -50,4 +51,5 @@ class CameraInfo(_message.Message):
     time_drift: float
     has_true_pixels: bool
     focal_sigma: float
-    def __init__(self, name: _Optional[str] = ..., moving: bool = ..., time_offset_s: _Optional[float] = ..., mount: _Optional[_Union[CameraInfo.Mount, _Mapping]] = ..., known_poses: _Optional[int] = ..., video: _Optional[_Union[CameraInfo.Video, _Mapping]] = ..., keypoint_set: _Optional[str] = ..., keypoints: _Optional[_Iterable[str]] = ..., frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., has_true_pixels: bool = ..., focal_sigma: _Optional[float] = ...) -> None: ...
+    scale_free_odometry: bool
+    def __init__(self, name: _Optional[str] = ..., moving: bool = ..., time_offset_s: _Optional[float] = ..., mount: _Optional[_Union[CameraInfo.Mount, _Mapping]] = ..., known_poses: _Optional[int] = ..., video: _Optional[_Union[CameraInfo.Video, _Mapping]] = ..., keypoint_set: _Optional[str] = ..., keypoints: _Optional[_Iterable[str]] = ..., frames: _Optional[int] = ..., time_drift: _Optional[float] = ..., has_true_pixels: bool = ..., focal_sigma: _Optional[float] = ..., scale_free_odometry: bool = ...) -> None: ...

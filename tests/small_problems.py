@@ -17,13 +17,13 @@ from vip_factors.body.pose_prior import load_joint_limits, load_pose_prior
 from vip_factors.body.skeleton import held_pose, joint_index
 from vip_factors.factor_settings import CameraFactorSettings, FactorSettings
 from vip_factors.geometry.rotations import exp
-from vip_factors.problem.odometry import Odometry
 from vip_factors.problem.scene import CameraProblem, Foot, GroundView, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, InitialPose, WearerProblem
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames, resample
+from vip_factors.sensors.odometry import Odometry
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings

@@ -7,8 +7,8 @@ import numpy as np
 
 from vip_factors.geometry.rotations import Array, log, nearest_rotation, transpose
 from vip_factors.initialise.camera import robust_mean_rotation
-from vip_factors.problem.odometry import Odometry
 from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.odometry import Odometry
 from vip_factors.sensors.scene import Camera
 
 COMPARED_S = 1.0  # over which motions are compared: rough poses jitter from frame to frame

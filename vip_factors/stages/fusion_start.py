@@ -24,11 +24,11 @@ from vip_factors.initialise.camera import (
 )
 from vip_factors.initialise.camera_odometry import along_odometry, in_camera_axes
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
-from vip_factors.problem.odometry import Odometry
 from vip_factors.problem.scene import CameraProblem, keypoint_offset_sigmas
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.frames import resample_streams
+from vip_factors.sensors.odometry import Odometry
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera

@@ -17,6 +17,7 @@ from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
 from vip_factors.io.settings import CameraOptions
 from vip_factors.io.video import VideoFacts, check_video, embed_video, video_facts, with_torso_colours
+from vip_factors.io.video_focal import METADATA_FOCAL_SIGMA, focal_from_metadata
 from vip_factors.sensors.camera import (
     UNCALIBRATED_FOCAL_SIGMA,
     CameraModel,
@@ -173,13 +174,18 @@ def _lens(options: CameraOptions, facts: VideoFacts | None, detections: Detectio
     if options.camera is not None:
         return read_camera_file(options.camera), read_focal_sigma(options.camera)
     size, size_text = _usual_image_size(detections), "the smallest usual image that holds all points"
+    model, sigma, source = uncalibrated_camera(*size), UNCALIBRATED_FOCAL_SIGMA, "that of a phone"
     if facts is not None:
         size, size_text = (facts.width, facts.height), "the video's"
+        model, focal = uncalibrated_camera(*size), focal_from_metadata(facts.path, *size)
+        if focal is not None:
+            model, sigma = replace(model, focal=(focal, focal)), METADATA_FOCAL_SIGMA
+            source = "what the video's metadata state"
     _warn(
-        "no camera file is given: the focal length is estimated with the motion, from that of a phone "
-        f"(± {UNCALIBRATED_FOCAL_SIGMA:.0%}), for an image of {size[0]} by {size[1]} pixels ({size_text})"
+        f"no camera file is given: the focal length is estimated with the motion, from {source} "
+        f"(± {sigma:.0%}), for an image of {size[0]} by {size[1]} pixels ({size_text})"
     )
-    return uncalibrated_camera(*size), UNCALIBRATED_FOCAL_SIGMA
+    return model, sigma
 
 
 def _usual_image_size(detections: Detections) -> tuple[int, int]:

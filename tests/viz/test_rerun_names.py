@@ -23,7 +23,7 @@ def test_findings_are_a_list_and_names_are_no_markup() -> None:
 
 def test_a_streams_text_says_what_is_newest_and_what_is_smoothed() -> None:
     setup = setup_of(live_scene(0.1))
-    text = live_summary(setup, [(float(one), bare(f"finding {one}")) for one in range(60)], apart=False)
+    text = live_summary(setup, [(float(one), bare(f"finding {one}")) for one in range(60)], has_separate_worlds=False)
     assert "- **ann**, newest: orange" in text
     assert "Smoothed" in text
     assert text.index("finding 59") < text.index("finding 58")

@@ -76,14 +76,14 @@ def finding_remarks(findings: Sequence[Finding]) -> list[Remark]:
 
 def remarks(data: ReportData) -> list[Remark]:
     """The verdict, then all remarks, the weightiest first."""
-    worst, order = data.estimate.verdict.severity, list(Severity)
-    others = [*finding_remarks(data.estimate.all_findings), *_sureness_remarks(data)]
-    others.sort(key=lambda remark: order.index(remark.weight), reverse=True)
-    return [Remark(worst, f"{VERDICTS[worst]}."), *others]
+    severity, order = data.estimate.verdict.severity, list(Severity)
+    other_remarks = [*finding_remarks(data.estimate.all_findings), *_sureness_remarks(data)]
+    other_remarks.sort(key=lambda remark: order.index(remark.weight), reverse=True)
+    return [Remark(severity, f"{VERDICTS[severity]}."), *other_remarks]
 
 
 def _sureness_remarks(data: ReportData) -> list[Remark]:
-    """What the uncertainties say, beside the findings."""
+    """Remarks on uncertainties, beside the findings."""
     sigma = limb_sigma(data.estimate.wearers)
     if not math.isfinite(sigma):
         return [
@@ -184,7 +184,7 @@ def write_report(
 
 def report_page(data: ReportData, progress: ProgressCallback | None = None, film: ShownFilm | None = None) -> str:
     """The page as HTML, which links to the film beside it; see :func:`write_report`."""
-    report_progress, wearers, made = progress or silent, data.wearers, dict[str, object]()
+    report_progress, wearers, contents = progress or silent, data.wearers, dict[str, object]()
     with_camera = data.estimate.camera is not None
     makers: dict[str, Callable[[], object]] = {
         "angles": lambda: [sections.angle_section(wearer, data.estimate.camera is not None) for wearer in wearers],
@@ -201,11 +201,20 @@ def report_page(data: ReportData, progress: ProgressCallback | None = None, film
     }
     for number, (name, make) in enumerate(makers.items()):
         report_progress("report", number / len(makers))
-        made[name] = make()
-    return environment().get_template("report.html").render(
-        data=data, **made, remarks=remarks(data), film=film, version=__version__,
-        style=packaged("templates/report.css"), script=packaged("viewer/viewer.min.js"),
-    )  # fmt: skip
+        contents[name] = make()
+    return (
+        environment()
+        .get_template("report.html")
+        .render(
+            data=data,
+            **contents,
+            remarks=remarks(data),
+            film=film,
+            version=__version__,
+            style=packaged("templates/report.css"),
+            script=packaged("viewer/viewer.min.js"),
+        )
+    )
 
 
 def _strip(data: ReportData) -> bytes:
@@ -221,20 +230,23 @@ def _strip(data: ReportData) -> bytes:
 
 @cache  # templates are compiled once
 def environment() -> jinja2.Environment:
-    """What makes pages of the templates; they lay out the tables of ``describe/``."""
-    made = jinja2.Environment(
-        loader=jinja2.PackageLoader(ROOM), autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True,
+    """The Jinja environment of the templates; they lay out the tables of ``describe/``."""
+    templates = jinja2.Environment(
+        loader=jinja2.PackageLoader(ROOM),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
         lstrip_blocks=True,
-    )  # fmt: skip
-    made.globals |= {"estimates": estimates, "recordings": recordings, "gait_files": gait_files}
-    made.filters |= {
+    )
+    templates.globals |= {"estimates": estimates, "recordings": recordings, "gait_files": gait_files}
+    templates.filters |= {
         "as_json": _as_json,
         "capital": lambda text: text[:1].upper() + text[1:],
         "listed": lambda words: " and ".join(filter(None, (", ".join(words[:-1]), words[-1]))),
         "png": lambda content: f"data:image/png;base64,{base64.b64encode(content).decode()}",
         "drawn": charts.png,
     }
-    return made
+    return templates
 
 
 def packaged(name: str) -> Markup:
@@ -293,8 +305,18 @@ def live_page(setup: Scene) -> str:
         rows = [(joint_words(name), name, name in PAIRED) for name in measured]
         why = {joint_words(joint): reason for joint, reason in guessed_angles(bones).items()}
         angles.append((wearer.subject.name, rows, why))
-    return environment().get_template("live.html").render(
-        data=data, name=setup.name, angles=angles, version=__version__, style=packaged("templates/live.css"),
-        script=packaged("viewer/viewer.min.js"), with_camera=camera is not None, apart=data["apart"],
-        sensors=[sensor for _, sensor in sensor_columns(setup)],
-    )  # fmt: skip
+    return (
+        environment()
+        .get_template("live.html")
+        .render(
+            data=data,
+            name=setup.name,
+            angles=angles,
+            version=__version__,
+            style=packaged("templates/live.css"),
+            script=packaged("viewer/viewer.min.js"),
+            with_camera=camera is not None,
+            apart=data["apart"],
+            sensors=[sensor for _, sensor in sensor_columns(setup)],
+        )
+    )

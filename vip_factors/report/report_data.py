@@ -1,4 +1,4 @@
-"""What a report is made from: an estimate, and beside it whatever else is known of the recording."""
+"""The data of a report: an estimate, and the recording and its truth where they are given."""
 
 import base64
 from collections.abc import Iterator
@@ -47,7 +47,7 @@ class ReportData:
 
     @cached_property
     def wearers(self) -> tuple[ReportWearer, ...]:
-        """In the scene's order."""
+        """The wearers, in the scene's order."""
         recordings = self.scene.wearers if self.scene is not None else (None,) * len(self.estimate.wearers)
         return tuple(
             ReportWearer(
@@ -100,11 +100,11 @@ def report_data(estimate: Estimate, scene: Scene | None = None, truth: Scene | N
         raise InputError(f"estimate '{estimate.name}' has no wearer: expected at least one")
     for wearer in estimate.wearers:
         check_frames(wearer.motion)
-    for other in (scene, truth):
-        if other is not None and len(other.wearers) != len(estimate.wearers):
+    for source in (scene, truth):
+        if source is not None and len(source.wearers) != len(estimate.wearers):
             raise InputError(
-                f"estimate of {len(estimate.wearers)} wearers beside '{other.name}' of {len(other.wearers)}: expected "
-                "the same; is it the estimate of this recording?"
+                f"estimate of {len(estimate.wearers)} wearers beside '{source.name}' of {len(source.wearers)}: "
+                "expected the same; is it the estimate of this recording?"
             )
     if truth is None:
         return ReportData(estimate, scene)
@@ -113,14 +113,15 @@ def report_data(estimate: Estimate, scene: Scene | None = None, truth: Scene | N
     if scene is None:
         return ReportData(estimate, truth)
     wearers = tuple(
-        replace(wearer, truth=other.truth) for wearer, other in zip(scene.wearers, truth.wearers, strict=True)
+        replace(wearer, truth=true_wearer.truth)
+        for wearer, true_wearer in zip(scene.wearers, truth.wearers, strict=True)
     )
     same = [len(camera.detections) for camera in scene.cameras] == [len(camera.detections) for camera in truth.cameras]
     return ReportData(estimate, replace(scene, wearers=wearers, truth=truth.truth if same else None))
 
 
 def motion_data(data: ReportData) -> dict[str, object]:
-    """What the script gets as JSON; see ``viewer/viewer.js``."""
+    """The data of the viewer, as JSON; see ``viewer/viewer.js``."""
     bodies = list(_bodies(data))
     motions, estimated = [motion for _, motion, _ in bodies], [motion for _, motion, is_ghost in bodies if not is_ghost]
     start = min(float(motion.time[0]) for motion in motions)
@@ -129,9 +130,9 @@ def motion_data(data: ReportData) -> dict[str, object]:
     most_poses = 9000  # 2.4 MB: five minutes of one wearer; longer motions are shown at a lower rate
     rate = min(fastest, max(motion.rate for motion in motions))
     frames = int((end - start) * rate + 1e-6) + 1
-    most = max(2, most_poses // len(bodies))
-    if frames > most:
-        rate, frames = (most - 1) / (end - start), most
+    max_poses = max(2, most_poses // len(bodies))
+    if frames > max_poses:
+        rate, frames = (max_poses - 1) / (end - start), max_poses
     time = start + np.arange(frames) / rate
     places = np.concatenate([_at(motion, time)[1] for motion in estimated])
     low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
@@ -171,14 +172,14 @@ def _bodies(data: ReportData) -> Iterator[tuple[DrawnWearer, Motion, bool]]:
 
 
 def _sensors(wearer: DrawnWearer) -> list[dict[str, object]]:
-    """Where a wearer's sensors sit: as calibrated, else as placed roughly."""
+    """Mountings and positions of a wearer's sensors: calibrated, else as declared."""
     sensors: list[dict[str, object]] = []
     if wearer.recording is None:
         return sensors
     calibration = wearer.estimate.calibration if wearer.estimate is not None else {}
     for site in wearer.recording.placement.sites:
-        known = calibration.get(site.sensor)
-        R_bone_sensor = site.R_bone_sensor if known is None else known.R_bone_sensor
+        sensor_calibration = calibration.get(site.sensor)
+        R_bone_sensor = site.R_bone_sensor if sensor_calibration is None else sensor_calibration.R_bone_sensor
         rotation = quaternion_from_matrix(R_bone_sensor, Order.XYZW).round(4).tolist()
         sensors.append({"bone": site.bone_index, "position": _rounded(site.p_bone_sensor), "rotation": rotation})
     return sensors
@@ -206,8 +207,8 @@ def body_data(name: str, skeleton: Skeleton, number: tuple[int, int], is_ghost: 
 
 def _number(skeleton: Skeleton, skins: list[Skeleton]) -> int:
     """Number of a skin among those to be drawn; an estimate and the truth of the same body share one."""
-    for number, other in enumerate(skins):
-        if body_mesh(other) is body_mesh(skeleton):
+    for number, other_skin in enumerate(skins):
+        if body_mesh(other_skin) is body_mesh(skeleton):
             return number
     skins.append(skeleton)
     return len(skins) - 1
@@ -244,8 +245,8 @@ def _camera(data: ReportData, time: Array) -> dict[str, object] | None:
     camera = data.drawn.camera
     if camera is None or camera.path is None:
         return None
-    there = camera.path.at(time)
-    return {"corners": corners(camera.model), **poses_data(there.R_world_camera, there.p_world_camera)}
+    path = camera.path.at(time)
+    return {"corners": corners(camera.model), **poses_data(path.R_world_camera, path.p_world_camera)}
 
 
 def corners(model: CameraModel) -> list[list[float]]:

@@ -81,9 +81,15 @@ def _embeddable(drawing: str) -> str:
 
 
 PAIRED = (
-    "hip_flexion", "knee_flexion", "ankle_dorsiflexion", "hip_adduction", "hip_internal_rotation", "shoulder_flexion",
-    "shoulder_adduction", "elbow_flexion",
-)  # fmt: skip
+    "hip_flexion",
+    "knee_flexion",
+    "ankle_dorsiflexion",
+    "hip_adduction",
+    "hip_internal_rotation",
+    "shoulder_flexion",
+    "shoulder_adduction",
+    "elbow_flexion",
+)
 TRUNK = ("trunk_flexion", "trunk_lateral_bending", "trunk_axial_rotation", "pelvis_tilt")
 SIDES = (Side.LEFT, Side.RIGHT)
 
@@ -154,12 +160,12 @@ def _range_table(angles: JointAngles, sigmas: Mapping[str, Array], names: Sequen
             rows.append((joint_words(name), *_range_cells(angles.of(name)), "", "", "", ""))
             continue
         sides = [f"{side}_{name}" for side in SIDES]
-        (left, left_range), (right, right_range) = (_range_cells(angles.of(side)) for side in sides)
+        (left_cell, left_range), (right_cell, right_range) = (_range_cells(angles.of(side)) for side in sides)
         shapes = [shape_factor(joints[side]) * finite_quantile(sigmas[side], 0.5) for side in sides if sigmas]
         sigma = float(np.linalg.norm(shapes)) if shapes else np.nan
         difference = Quantity(left_range.value - right_range.value, unit="°")
-        known = f"± {Quantity(sigma, unit='°')}" if np.isfinite(sigma) else UNKNOWN
-        rows.append((joint_words(name), left, left_range, right, right_range, difference, known))
+        uncertainty = f"± {Quantity(sigma, unit='°')}" if np.isfinite(sigma) else UNKNOWN
+        rows.append((joint_words(name), left_cell, left_range, right_cell, right_range, difference, uncertainty))
     head = ("angle", "left: from … to", "range", "right: from … to", "range", "left less right", "uncertain by")
     return Table(head, rows)
 
@@ -203,11 +209,15 @@ def fit_charts(data: ReportData) -> list[Chart]:
     charts = []
     for kind, (name, unit) in RESIDUALS.items():
         curves = [
-            Curve(wearer.name, wearer.estimate.motion.time, mean_residual(wearer.estimate.residuals[kind]),
-                  wearer_mark(wearer.index, len(data.wearers)))
+            Curve(
+                wearer.name,
+                wearer.estimate.motion.time,
+                mean_residual(wearer.estimate.residuals[kind]),
+                wearer_mark(wearer.index, len(data.wearers)),
+            )
             for wearer in data.wearers
             if kind in wearer.estimate.residuals and wearer.estimate.residuals[kind].size
-        ]  # fmt: skip
+        ]
         title, ticks = f"{name}, {unit}: mean over the sensors", "°" if unit == "°" else ""
         charts += time_charts(title, curves, ticks, from_zero=True, decimals=2)
     return [*charts, *_reprojection_charts(data)]
@@ -234,10 +244,12 @@ def _joined(values: Array) -> Array:
     filled = values.copy()
     for column in filled.T:
         good = np.flatnonzero(np.isfinite(column))
-        for before, after in itertools.pairwise(good):
-            if 1 < after - before <= longest:
-                column[before + 1 : after] = np.interp(
-                    np.arange(before + 1, after), (before, after), (column[before], column[after])
+        for previous_frame, next_frame in itertools.pairwise(good):
+            if 1 < next_frame - previous_frame <= longest:
+                column[previous_frame + 1 : next_frame] = np.interp(
+                    np.arange(previous_frame + 1, next_frame),
+                    (previous_frame, next_frame),
+                    (column[previous_frame], column[next_frame]),
                 )
     return filled
 
@@ -283,9 +295,13 @@ def drift_charts(wearer: ReportWearer) -> list[Chart]:
     sites = () if wearer.recording is None else wearer.recording.placement.sites
     sides = {site.sensor: Side(side) for site in sites if (side := site.bone.partition("_")[0]) in ("left", "right")}
     curves = [
-        Curve(name, sensor.heading_time, np.rad2deg(sensor.heading_path - sensor.heading_path[0]),
-              SIDE_COLOURS[sides.get(name, Side.MIDDLE)])
+        Curve(
+            name,
+            sensor.heading_time,
+            np.rad2deg(sensor.heading_path - sensor.heading_path[0]),
+            SIDE_COLOURS[sides.get(name, Side.MIDDLE)],
+        )
         for name, sensor in wearer.estimate.calibration.items()
         if len(sensor.heading_path) > 1
-    ]  # fmt: skip
+    ]
     return time_charts("Drift of the headings", curves, "°", wide=True)

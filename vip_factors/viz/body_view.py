@@ -46,7 +46,7 @@ class View:
         return np.asarray(self.pixel) + self.scale * ((p_world - self.p_world) @ self.R_page_world.T)[..., :2]
 
     def depth(self, p_world: Array) -> Array:
-        """How far points ``(..., 3)`` lie behind ``p_world``, in metres ``(...)``."""
+        """Depths ``(...)`` in metres of points ``(..., 3)`` behind ``p_world``."""
         return (p_world - self.p_world) @ self.R_page_world[2]
 
 
@@ -106,7 +106,7 @@ def draw_pale_body(axes: Axes, body: Motion, view: View, paler: float = 0.45) ->
 
 
 def pixel(view: View, p_world: Array) -> Point:
-    """Where a point is seen."""
+    """Pixel of a point in the picture."""
     x, y = view.project(np.asarray(p_world, float))
     return float(x), float(y)
 
@@ -120,8 +120,8 @@ def draw_axes(axes: Axes, view: View, p_world: Array, R_world_frame: Array, metr
 
 def draw_arrow(axes: Axes, start: Point, end: Point, colour: str, letter: str = "", width: float = 2.2) -> None:
     """An arrow between two pixels; of one that points at the reader, or away from it, only a dot is left."""
-    way = np.subtract(end, start)
-    length = float(np.linalg.norm(way))
+    direction = np.subtract(end, start)
+    length = float(np.linalg.norm(direction))
     if length < 4.0:
         axes.plot(*start, "o", color=colour, ms=6)
         return
@@ -129,17 +129,24 @@ def draw_arrow(axes: Axes, start: Point, end: Point, colour: str, letter: str = 
     axes.annotate("", end, start, arrowprops=style)
     letter_gap_px = 9.0
     if letter:
-        x, y = np.array(end) + letter_gap_px * way / length
+        x, y = np.array(end) + letter_gap_px * direction / length
         write(axes, (x, y + 4.5), letter, 13, colour, "center", bold=True)
 
 
 def write(
-    axes: Axes, at: Point, text: str, size: float = 13, colour: str = INK, anchor: str = "left", *, bold: bool = False,
+    axes: Axes,
+    position: Point,
+    text: str,
+    size: float = 13,
+    colour: str = INK,
+    anchor: str = "left",
+    *,
+    bold: bool = False,
     halo: bool = True,
-) -> None:  # fmt: skip
+) -> None:
     """Text from, around or up to (left, center, right) a point on its baseline, legible over what is below."""
     weight, bbox = "bold" if bold else "normal", HALO if halo else None
-    axes.text(*at, text, size=size, color=colour, ha=anchor, weight=weight, bbox=bbox, zorder=4)
+    axes.text(*position, text, size=size, color=colour, ha=anchor, weight=weight, bbox=bbox, zorder=4)
 
 
 WIDTH, HEIGHT, MARGIN = 860, 1470, 30.0
@@ -149,16 +156,28 @@ FRONT = view_from(np.deg2rad(30.0), PITCH, (430.0, 890.0), 415.0)
 BACK = view_from(np.deg2rad(150.0), PITCH, (425.0, 1375.0), 480.0, (0.0, 0.0, 1.0))
 # Each site, and where its name is written: pixels right of and below the sensor, and what of it stands there.
 SEEN_FROM_THE_FRONT = {
-    "sternum": (-110, 76, "right"), "belly": (-110, 30, "right"), "left_forearm": (0, 74, "center"),
-    "right_hand": (20, 66, "center"), "left_thigh": (76, -16, "left"), "left_shank_side": (76, -16, "left"),
-    "left_ankle": (76, -16, "left"), "left_foot": (56, 20, "left"), "right_thigh_front": (-84, -2, "right"),
-    "right_shank": (-84, -2, "right"), "right_foot": (-84, -2, "right"),
-}  # fmt: skip
+    "sternum": (-110, 76, "right"),
+    "belly": (-110, 30, "right"),
+    "left_forearm": (0, 74, "center"),
+    "right_hand": (20, 66, "center"),
+    "left_thigh": (76, -16, "left"),
+    "left_shank_side": (76, -16, "left"),
+    "left_ankle": (76, -16, "left"),
+    "left_foot": (56, 20, "left"),
+    "right_thigh_front": (-84, -2, "right"),
+    "right_shank": (-84, -2, "right"),
+    "right_foot": (-84, -2, "right"),
+}
 SEEN_FROM_THE_BACK = {
-    "head": (60, -20, "left"), "upper_back": (-110, 94, "right"), "left_shoulder": (-70, -84, "right"),
-    "right_shoulder": (40, -84, "left"), "left_upper_arm": (-80, 64, "right"), "right_upper_arm": (50, 76, "left"),
-    "lower_back": (110, 0, "left"), "pelvis": (110, 20, "left"),
-}  # fmt: skip
+    "head": (60, -20, "left"),
+    "upper_back": (-110, 94, "right"),
+    "left_shoulder": (-70, -84, "right"),
+    "right_shoulder": (40, -84, "left"),
+    "left_upper_arm": (-80, 64, "right"),
+    "right_upper_arm": (50, 76, "left"),
+    "lower_back": (110, 0, "left"),
+    "pelvis": (110, 20, "left"),
+}
 
 
 def sites_picture(stature_m: float = 1.75) -> str:
@@ -180,12 +199,12 @@ def sites_picture(stature_m: float = 1.75) -> str:
         axes.hlines(top - 12, MARGIN, WIDTH - MARGIN, color=GRID)
         write(axes, (MARGIN, top + 14), title, 15, bold=True)
         draw_pale_body(axes, body, view, paler=0.55)
-        for name, beside in names.items():
-            _draw_site(axes, view, name, beside, body)
+        for name, label in names.items():
+            _draw_site(axes, view, name, label, body)
     return svg(axes)
 
 
-def _draw_site(axes: Axes, view: View, name: str, beside: tuple[float, float, str], body: Motion) -> None:
+def _draw_site(axes: Axes, view: View, name: str, label: tuple[float, float, str], body: Motion) -> None:
     site, state = sensor_site(name, body.skeleton), body.state
     R_world_bone = state.R_world_bone[0, site.bone_index]
     R_world_sensor = R_world_bone @ site.R_bone_sensor
@@ -194,7 +213,7 @@ def _draw_site(axes: Axes, view: View, name: str, beside: tuple[float, float, st
     axes.fill(*plate.T, facecolor="#f6de78", edgecolor=INK, lw=1.2, zorder=2)
     arrow_m = 0.12
     draw_axes(axes, view, p_world_sensor, R_world_sensor, arrow_m)
-    right, down, anchor = beside
+    right, down, anchor = label
     sensor = pixel(view, p_world_sensor)
     x, y = np.add(sensor, (right, down))
     leader_px = 125.0  # a name further off than this has a line to its sensor

@@ -61,11 +61,11 @@ def size_of(figure: Figure) -> tuple[float, float]:
 
 
 def write(
-    figure: Figure, at: tuple[float, float], text: str, size: float = TEXT, colour: str = INK, **more: Any
+    figure: Figure, position: tuple[float, float], text: str, size: float = TEXT, colour: str = INK, **options: Any
 ) -> None:
     """Text from a point on its baseline, in pixels of the page."""
     width, height = size_of(figure)
-    figure.text(at[0] / width, 1 - at[1] / height, text, size=size, color=colour, **more)
+    figure.text(position[0] / width, 1 - position[1] / height, text, size=size, color=colour, **options)
 
 
 def panel(figure: Figure, box: Box) -> Axes:
@@ -129,22 +129,28 @@ def pixels(figure: Figure) -> np.ndarray:
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
-def seconds_axis(axes: Axes, first: float, last: float, most: int = 10) -> None:
+def seconds_axis(axes: Axes, start: float, end: float, max_ticks: int = 10) -> None:
     """Label x with seconds at round steps."""
-    axes.set_xlim(first, max(last, first + 1e-9))
-    axes.xaxis.set_major_locator(MaxNLocator(most, steps=[1, 2, 2.5, 5, 10]))
+    axes.set_xlim(start, max(end, start + 1e-9))
+    axes.xaxis.set_major_locator(MaxNLocator(max_ticks, steps=[1, 2, 2.5, 5, 10]))
     axes.xaxis.set_major_formatter(lambda value, _: f"{abs(value) if abs(value) < 1e-9 else value:g} s")
 
 
 def known_curves(curves: Sequence[Curve]) -> list[Curve]:
-    """Those with a finite value."""
+    """The curves that have a finite value."""
     return [curve for curve in curves if np.any(np.isfinite(curve.values))]
 
 
 def plot_curves(
-    axes: Axes, curves: Sequence[Curve], *, unit: str = "", from_zero: bool = True, usual: float = 0.995,
-    seconds: int = 10, width: float = 2.2,
-) -> None:  # fmt: skip
+    axes: Axes,
+    curves: Sequence[Curve],
+    *,
+    unit: str = "",
+    from_zero: bool = True,
+    usual: float = 0.995,
+    seconds: int = 10,
+    width: float = 2.2,
+) -> None:
     """Draw curves over seconds on one scale, each with its band; the bands are of few points.
 
     Args:
@@ -178,19 +184,22 @@ BINS = 320  # of time: of each the least and the largest value are drawn, so tha
 
 
 def thinned(time: Array, values: Array) -> tuple[Array, Array]:
-    """Of many samples the least and the largest of each of :data:`BINS` stretches, in the order of time."""
+    """Indices of the least and the largest sample in each of :data:`BINS` intervals, in the order of time."""
     if len(time) <= 2 * BINS:
         return time, values
     edges = np.linspace(0, len(time), BINS + 1).astype(int)
-    kept = []
+    indices = []
     for start, stop in itertools.pairwise(edges):
-        part = values[start:stop]
-        if np.isfinite(part).all():
-            kept += sorted({start + int(np.argmin(part)), start + int(np.argmax(part))})
+        interval = values[start:stop]
+        if np.isfinite(interval).all():
+            indices += sorted({start + int(np.argmin(interval)), start + int(np.argmax(interval))})
         else:  # a gap, if only of a frame, is to be seen
-            kept += [*np.flatnonzero(np.isfinite(part))[:1] + start, start + int(np.flatnonzero(~np.isfinite(part))[0])]
-            kept.sort()
-    chosen = np.array(kept, int)
+            indices += [
+                *np.flatnonzero(np.isfinite(interval))[:1] + start,
+                start + int(np.flatnonzero(~np.isfinite(interval))[0]),
+            ]
+            indices.sort()
+    chosen = np.array(indices, int)
     return time[chosen], values[chosen]
 
 
@@ -216,9 +225,14 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], label: str, marks: Sequence
         axes.legend(
             [Line2D([], [], color=curve.colour, linewidth=4) for curve in named],
             [f"{curve.name}  {np.nanmean(curve.values):.3g}" for curve in named],
-            loc="lower right", bbox_to_anchor=(1, 1), ncols=len(named), frameon=False,
-            prop={"size": TEXT, "weight": "bold"}, labelcolor="linecolor", borderaxespad=0.2,
-        )  # fmt: skip
+            loc="lower right",
+            bbox_to_anchor=(1, 1),
+            ncols=len(named),
+            frameon=False,
+            prop={"size": TEXT, "weight": "bold"},
+            labelcolor="linecolor",
+            borderaxespad=0.2,
+        )
 
 
 def curve_chart(
@@ -261,8 +275,8 @@ def body_figure(name: str, body: BodyEstimate, truth: Mapping[str, float]) -> Fi
         pairs = zip(body.prior_hinges, body.hinges, strict=True)
         values = np.rad2deg(
             [
-                (prior.carrying_angle, prior.carrying_sigma, found.carrying_angle, found.carrying_sigma)
-                for prior, found in pairs
+                (prior.carrying_angle, prior.carrying_sigma, posterior.carrying_angle, posterior.carrying_sigma)
+                for prior, posterior in pairs
             ]
         ).T
         panels.append(("Carrying angles, outwards (°)", names, values, np.full(len(names), np.nan), 1))
@@ -276,9 +290,15 @@ def body_figure(name: str, body: BodyEstimate, truth: Mapping[str, float]) -> Fi
         [(Line2D([], [], color=INK, marker="|", markersize=14, mew=2.4, linestyle="none"), "truth")] if truth else []
     )
     figure.legend(
-        *zip(*marks, strict=True), loc="upper left", ncols=3, frameon=False, fontsize=12, labelcolor=SOFT_INK,
-        bbox_to_anchor=((LEFT - 6) / BODY_WIDTH, 1 - 64 / size_of(figure)[1]), borderaxespad=0,
-    )  # fmt: skip
+        *zip(*marks, strict=True),
+        loc="upper left",
+        ncols=3,
+        frameon=False,
+        fontsize=12,
+        labelcolor=SOFT_INK,
+        bbox_to_anchor=((LEFT - 6) / BODY_WIDTH, 1 - 64 / size_of(figure)[1]),
+        borderaxespad=0,
+    )
     top = TOP
     for title, names, values, true, decimals in panels:
         _panel(figure, top, title, names, values, true, decimals)
@@ -290,7 +310,7 @@ def _panel(
     figure: Figure, top: float, title: str, names: tuple[str, ...], values: Array, truth: Array, decimals: int
 ) -> None:
     """Rows below a title: values ``(4, n)`` are prior, its sigma, found and its sigma (NaN: not known)."""
-    prior, prior_sigma, found, sigma = values
+    prior, prior_sigma, posterior, sigma = values
     count, y = len(names), np.arange(len(names))
     write(figure, (LEFT, top - 16), title, 15, weight="bold")
     write(figure, (sum(AXIS) / 2, top - 16), "off what was likely", 11, SOFT_INK, ha="center")
@@ -299,10 +319,10 @@ def _panel(
     axes.barh(y, 2 * prior_sigma, 0.58, -prior_sigma, color=PRIOR, alpha=0.35)
     axes.axvline(0, color=PRIOR, linewidth=1.6)
     off = np.nan_to_num(sigma)
-    axes.hlines(y, found - prior - off, found - prior + off, color=ERROR, linewidth=2)
-    axes.plot(found - prior, y, "o", color=ERROR, markersize=8, markeredgecolor="white", label="found")
+    axes.hlines(y, posterior - prior - off, posterior - prior + off, color=ERROR, linewidth=2)
+    axes.plot(posterior - prior, y, "o", color=ERROR, markersize=8, markeredgecolor="white", label="found")
     axes.plot(truth - prior, y, "|", color=INK, markersize=16, markeredgewidth=2.4)
-    reach = np.nanmax([2 * prior_sigma, np.abs(found - prior) + off, np.abs(truth - prior)])
+    reach = np.nanmax([2 * prior_sigma, np.abs(posterior - prior) + off, np.abs(truth - prior)])
     ticks = MaxNLocator(10, steps=[1, 2, 2.5, 5, 10], symmetric=True).tick_values(-reach, reach)
     axes.set_xlim(ticks[0], ticks[-1])
     axes.set_ylim(count - 0.5, -0.5)
@@ -314,7 +334,7 @@ def _panel(
     axes.grid(axis="x", color=GRID)
     columns = (
         [str(Quantity(value, spread, decimals=decimals)) for value, spread in zip(prior, prior_sigma, strict=True)],
-        [str(Quantity(value, spread, decimals=decimals)) for value, spread in zip(found, sigma, strict=True)],
+        [str(Quantity(value, spread, decimals=decimals)) for value, spread in zip(posterior, sigma, strict=True)],
         [str(Quantity(value, decimals=decimals)) if np.isfinite(value) else "" for value in truth],
     )
     for (x, head), texts, colour in zip(COLUMNS, columns, (SOFT_INK, ERROR, INK), strict=True):

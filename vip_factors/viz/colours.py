@@ -21,14 +21,14 @@ GHOST_COLOUR: Colour = (92, 98, 108)  # in the viewer what a body is compared wi
 UNCLAIMED: Colour = (206, 210, 217)  # detections that are nobody's, over a picture: a lighter grey than on paper
 
 
-def mixed(colour: Colour, other: Colour, share: float) -> Colour:
+def mixed(colour: Colour, target: Colour, share: float) -> Colour:
     """``share`` of another colour in a colour."""
-    red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(colour, other, strict=True))
+    red, green, blue = (round((1 - share) * a + share * b) for a, b in zip(colour, target, strict=True))
     return red, green, blue
 
 
 def hexadecimal(colour: Colour) -> str:
-    """``#rrggbb``."""
+    """A colour as ``#rrggbb``."""
     return "#" + "".join(f"{channel:02x}" for channel in colour)
 
 
@@ -49,7 +49,7 @@ def wearer_colour(index: int) -> Colour:
 
 
 def colour_name(index: int) -> str:
-    """What a wearer's colour is called."""
+    """Name of a wearer's colour."""
     return _NAMES[index % len(_NAMES)]
 
 

@@ -1,4 +1,4 @@
-"""What a camera saw: frames of its video, skeletons drawn over them, and a film in H.264 that browsers play."""
+"""Overlays: frames of a video, skeletons drawn over them, and a film in H.264 that browsers play."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -54,18 +54,18 @@ def film(
     motions = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
     if not motions:
         raise InputError("no motion for a film: give an estimate, or a recording with its truth")
-    first, last = min(float(m.time[0]) for m in motions), max(float(m.time[-1]) for m in motions)
+    start, end = min(float(m.time[0]) for m in motions), max(float(m.time[-1]) for m in motions)
     if seconds is not None:
         if not seconds[0] < seconds[1]:
             raise InputError(f"film from second {seconds[0]} to {seconds[1]}: expected a later end")
-        first, last = max(first, seconds[0]), min(last, seconds[1])
+        start, end = max(start, seconds[0]), min(end, seconds[1])
     time, frames = detections.time, frames_left(camera.video, len(detections.time))
     span = float(time[frames[-1]] - time[frames[0]])
     rate = (len(frames) - 1) / span if span > 0 else FASTEST_HZ
     step = max(1, int(np.ceil(rate / FASTEST_HZ - 0.01)))
-    frames, rate = frames[(time[frames] >= first - 1e-6) & (time[frames] <= last + 1e-6)][::step], rate / step
+    frames, rate = frames[(time[frames] >= start - 1e-6) & (time[frames] <= end + 1e-6)][::step], rate / step
     if not len(frames):
-        raise InputError(f"nothing to film between {first:.2f} and {last:.2f} s: expected seconds of the recording")
+        raise InputError(f"nothing to film between {start:.2f} and {end:.2f} s: expected seconds of the recording")
     size = 2 * round(height * camera.model.width / camera.model.height / 2), height // 2 * 2  # H.264 takes even ones
     with film_file(path, rate, overwrite) as add:
         for index, picture in enumerate(overlaid_frames(drawn, frames, size)):
@@ -175,15 +175,15 @@ def _draw_detections(picture: np.ndarray, drawn: DrawnScene, frame: int, scale: 
     _, detections, labels = drawn.filmed()
     limbs, radius = limb_pairs(detections.keypoints), max(1, round(picture.shape[0] / 260))
     people = detections.of_frame(frame)
-    for label, seen, pixels in zip(
+    for label, is_seen, pixels in zip(
         labels[people].tolist(), detections.seen[people], detections.pixels[people], strict=True
     ):
         colour = UNCLAIMED if label < 0 else mixed(wearer_colour(label), (255, 255, 255), 0.6)
-        points = np.round(16 * np.where(seen[:, None], pixels * scale, 0)).astype(int)
+        points = np.round(16 * np.where(is_seen[:, None], pixels * scale, 0)).astype(int)
         for a, b in limbs:
-            if seen[a] and seen[b]:
+            if is_seen[a] and is_seen[b]:
                 cv2.line(picture, points[a].tolist(), points[b].tolist(), colour, 1, cv2.LINE_AA, 4)
-        for point in points[seen]:
+        for point in points[is_seen]:
             cv2.circle(picture, point.tolist(), 16 * radius, colour, -1, cv2.LINE_AA, 4)
 
 
@@ -194,8 +194,8 @@ _MORE = (("neck", "nose"), ("neck", "head_top"))
 def limb_pairs(keypoints: KeypointSet) -> np.ndarray:
     """Indices ``(L, 2)`` of the keypoints to join by lines."""
     names = keypoints.keypoints
-    found = [[names.index(a), names.index(b)] for a, b in (*LIMBS, *_MORE) if a in names and b in names]
-    return np.array(found, dtype=int).reshape(-1, 2)
+    pairs = [[names.index(a), names.index(b)] for a, b in (*LIMBS, *_MORE) if a in names and b in names]
+    return np.array(pairs, dtype=int).reshape(-1, 2)
 
 
 def draw_pose(
@@ -225,10 +225,10 @@ def draw_pose(
         if shown[a] and shown[b]:
             thick = width if min(confidence[a], confidence[b]) >= faint else max(1, width // 2)
             cv2.line(image, points[a].tolist(), points[b].tolist(), colour, thick, cv2.LINE_AA, shift)
-    for at in np.flatnonzero(shown):
-        filled = -1 if confidence[at] >= faint else 1
-        cv2.circle(image, points[at].tolist(), (width + 1) * sub, (255, 255, 255), filled, cv2.LINE_AA, shift)
-        cv2.circle(image, points[at].tolist(), width * sub, colour, filled, cv2.LINE_AA, shift)
+    for keypoint in np.flatnonzero(shown):
+        filled = -1 if confidence[keypoint] >= faint else 1
+        cv2.circle(image, points[keypoint].tolist(), (width + 1) * sub, (255, 255, 255), filled, cv2.LINE_AA, shift)
+        cv2.circle(image, points[keypoint].tolist(), width * sub, colour, filled, cv2.LINE_AA, shift)
     _label(image, pixels[shown], label, colour)
 
 
@@ -255,18 +255,18 @@ def video_stream(video: Video | None, wanted: Sequence[int]) -> Iterator[np.ndar
     Embedded ones if all are there, which is quick, else those of the file: not now one, now the other. Files are read
     on from frame to frame, as seeking is not exact in every container.
     """
-    reader, at = None, 0
-    whole = video is not None and all(index in video.images for index in wanted)
-    if video is not None and video.path is not None and video.path.is_file() and not whole:
+    reader, frame_number = None, 0
+    is_embedded = video is not None and all(index in video.images for index in wanted)
+    if video is not None and video.path is not None and video.path.is_file() and not is_embedded:
         reader = cv2.VideoCapture(str(video.path))
     try:
         for index in wanted:
             image = None
             if reader is not None:
-                while at < index and reader.grab():
-                    at += 1
-                good, image = reader.read() if at == index else (False, None)
-                at += int(good)
+                while frame_number < index and reader.grab():
+                    frame_number += 1
+                good, image = reader.read() if frame_number == index else (False, None)
+                frame_number += int(good)
             elif video is not None and index in video.images:
                 image = cv2.imdecode(np.frombuffer(video.images[index], np.uint8), cv2.IMREAD_COLOR)
             yield image
@@ -281,5 +281,5 @@ def png_bytes(image: np.ndarray) -> bytes:
 
 
 def jpeg_bytes(image: np.ndarray, quality: int = 82) -> bytes:
-    """The same as JPEG: for photographs."""
+    """An image as JPEG."""
     return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1].tobytes())

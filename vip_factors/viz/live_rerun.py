@@ -134,12 +134,12 @@ class LiveView:
                 entity = f"{WORLD}/cameras/{rr.escape_entity_path_part(camera.name)}"
                 log_camera(stream, entity, camera.known_path, camera.model)
 
-    def log(self, items: Sequence[LiveEstimate | VideoFrame]) -> None:
+    def log(self, messages: Sequence[LiveEstimate | VideoFrame]) -> None:
         """Log what has come, in its order."""
-        estimates = [item for item in items if isinstance(item, LiveEstimate)]
-        if self._setup.camera is not None and (seen := self._seen(items, self._setup.camera)):
-            labels = np.concatenate([labels for _, labels in seen])
-            detections = detections_of([frame for frame, _ in seen], self._setup.camera.keypoints)
+        estimates = [message for message in messages if isinstance(message, LiveEstimate)]
+        if self._setup.camera is not None and (seen_frames := self._seen(messages, self._setup.camera)):
+            labels = np.concatenate([labels for _, labels in seen_frames])
+            detections = detections_of([frame for frame, _ in seen_frames], self._setup.camera.keypoints)
             log_detections(self._stream, IMAGE, detections, labels, self._setup.names)
         if not estimates:
             return
@@ -153,33 +153,33 @@ class LiveView:
             time, centre = centre_path(motions)
             log_centre(self._stream, time, centre * [1, 1, 0] + [0, 0, self._height])
             self._log_camera(run, motions)
-        last = estimates[-1]
-        if last.time - self._mounted >= CALIBRATION_S and last.wearers[0].calibration:
-            for body, wearer in zip(self._bodies, last.wearers, strict=True):
+        newest = estimates[-1]
+        if newest.time - self._mounted >= CALIBRATION_S and newest.wearers[0].calibration:
+            for body, wearer in zip(self._bodies, newest.wearers, strict=True):
                 body.log_sensors(wearer, self._sensor_colours)
-            self._mounted = last.time
+            self._mounted = newest.time
         self._series.log(estimates)
         self._log_findings(estimates)
 
-    def _seen(self, items: Sequence[LiveEstimate | VideoFrame], camera: Camera) -> list[SeenFrame]:
+    def _seen(self, messages: Sequence[LiveEstimate | VideoFrame], camera: Camera) -> list[SeenFrame]:
         """The first camera's video frames, each with what the first answer after it says of the people in it."""
-        seen = []
-        for item in items:
-            if isinstance(item, VideoFrame):
-                if item.camera != camera.name or not item.time > self._filmed_until:
+        seen_frames = []
+        for message in messages:
+            if isinstance(message, VideoFrame):
+                if message.camera != camera.name or not message.time > self._filmed_until:
                     continue
-                self._filmed_until = item.time
+                self._filmed_until = message.time
                 if self._pending is not None:
-                    seen.append((self._pending, np.full(len(self._pending.pixels), NOBODY)))
-                self._pending = item
+                    seen_frames.append((self._pending, np.full(len(self._pending.pixels), NOBODY)))
+                self._pending = message
             elif self._pending is not None:
                 labels = np.full(len(self._pending.pixels), NOBODY)
-                for index, wearer in enumerate(item.wearers):
+                for index, wearer in enumerate(message.wearers):
                     if wearer.detection is not None and wearer.detection < len(labels):
                         labels[wearer.detection] = index
-                seen.append((self._pending, labels))
+                seen_frames.append((self._pending, labels))
                 self._pending = None
-        return seen
+        return seen_frames
 
     def _log_camera(self, estimates: Sequence[LiveEstimate], motions: Sequence[Motion]) -> None:
         """Log the first camera, and the newest bodies as it should see them."""
@@ -284,11 +284,11 @@ class LiveRerunSink:
         self._thread = Thread(target=self._draw, name="rerun", daemon=True)
         self._thread.start()
 
-    def write(self, item: LiveEstimate | VideoFrame) -> None:
+    def write(self, message: LiveEstimate | VideoFrame) -> None:
         """Hand over the answer to one frame, or what was seen in a video frame before the answer to it; or drop it."""
         if len(self._items) < QUEUE_ITEMS:
-            self._items.append(item)
-        elif isinstance(item, LiveEstimate):
+            self._items.append(message)
+        elif isinstance(message, LiveEstimate):
             self.dropped += 1
 
     def findings(self) -> tuple[str, ...]:
@@ -307,8 +307,8 @@ class LiveRerunSink:
             self._sentences.append(f"Rerun took nothing for {patience_s:g} s: it has not shown everything")
         if self._save is not None and not self._is_complete:
             partial = partial_path(self._save)
-            left = f"; what there is of it is in {partial}" if partial.exists() else ""
-            self.lost = f"{self._save}: it was not written whole{left}"
+            remainder = f"; what there is of it is in {partial}" if partial.exists() else ""
+            self.lost = f"{self._save}: it was not written whole{remainder}"
         return self.findings()
 
     def _draw(self) -> None:
@@ -331,9 +331,9 @@ class LiveRerunSink:
         view, is_over = LiveView(self._stream, self._setup, self._rate), False
         while not is_over:
             is_over = self._is_over.wait(period_s)
-            items = [self._items.popleft() for _ in range(len(self._items))]
-            if items:
-                view.log(items)
+            messages = [self._items.popleft() for _ in range(len(self._items))]
+            if messages:
+                view.log(messages)
             if partial is not None and self._save is not None:
                 write_out(self._stream, partial, self._save)
 

@@ -137,8 +137,8 @@ def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, 
         title = f"{drawn.name}, {drawn.estimate.method}" if drawn.estimate is not None else drawn.name
     entries = [(wearer.name, hexadecimal(wearer_colour(wearer.index)), "-") for wearer in drawn.wearers]
     entries += [("nobody's", hexadecimal(STRANGER_COLOUR), "-")] if np.any(labels < 0) else []
-    given, time = int(np.sum(labels >= 0)), detections.time
-    subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(detections)} people detected", f"{given} given to wearers")
+    assigned, time = int(np.sum(labels >= 0)), detections.time
+    subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(detections)} people detected", f"{assigned} given to wearers")
     figure = _page(title, DOT.join(subtitle), entries, strip.shape[0], curves, label, time[chosen])
     figure.figimage(strip, 0, round(size_of(figure)[1]) - HEADER - strip.shape[0], origin="upper")
     for left, low, text in plates:
@@ -148,9 +148,14 @@ def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, 
 
 
 def _page(
-    title: str, subtitle: str, entries: Sequence[Entry], strip_height: int, curves: Sequence[Curve], label: str,
+    title: str,
+    subtitle: str,
+    entries: Sequence[Entry],
+    strip_height: int,
+    curves: Sequence[Curve],
+    label: str,
     marks: Array,
-) -> Figure:  # fmt: skip
+) -> Figure:
     """A header with its legend, room for the strip, and curves below it."""
     bottom = HEADER + strip_height
     figure = page(WIDTH, bottom + (70 + CHART_HEIGHT if curves else 30))
@@ -163,10 +168,18 @@ def _page(
         for _, colour, marker in entries
     ]
     figure.legend(
-        lines, [name for name, _, _ in entries], loc="upper right", ncols=len(entries), frameon=False, fontsize=19,
-        labelcolor=SOFT_INK, bbox_to_anchor=(1 - MARGIN / WIDTH, 1 - 30 / size_of(figure)[1]), handlelength=0.8,
-        columnspacing=1.4, borderaxespad=0.0,
-    )  # fmt: skip
+        lines,
+        [name for name, _, _ in entries],
+        loc="upper right",
+        ncols=len(entries),
+        frameon=False,
+        fontsize=19,
+        labelcolor=SOFT_INK,
+        bbox_to_anchor=(1 - MARGIN / WIDTH, 1 - 30 / size_of(figure)[1]),
+        handlelength=0.8,
+        columnspacing=1.4,
+        borderaxespad=0.0,
+    )
     if curves:
         axes = panel(figure, (MARGIN + 40, bottom + 50, WIDTH - MARGIN, bottom + 20 + CHART_HEIGHT))
         draw_curves(axes, curves, label, marks.tolist())
@@ -184,19 +197,19 @@ def _curve(wearer: DrawnWearer) -> tuple[Array | None, str]:
 
 def mean_residual(values: Array) -> Array:
     """Mean over the sensors ``(T,)``; NaN where none gave anything."""
-    some = np.isfinite(values).any(axis=1)
+    is_seen = np.isfinite(values).any(axis=1)
     mean = np.full(len(values), np.nan)
-    mean[some] = np.nanmean(values[some], axis=1)
+    mean[is_seen] = np.nanmean(values[is_seen], axis=1)
     return mean
 
 
 def _subtitle(estimate: WearerEstimate | None, shown: Motion, values: Array | None, compared: bool) -> str:
-    parts = [f"{len(shown) / shown.rate:.1f} s"]
+    words = [f"{len(shown) / shown.rate:.1f} s"]
     if estimate is not None and estimate.sensors:
-        parts.append(f"{len(estimate.sensors)} inertial sensors")
+        words.append(f"{len(estimate.sensors)} inertial sensors")
     if compared and values is not None:
-        parts.append(f"mean joint error {np.mean(values):.0f} mm")
-    return DOT.join(parts)
+        words.append(f"mean joint error {np.mean(values):.0f} mm")
+    return DOT.join(words)
 
 
 def _draw_row(axes: Axes, wearer: DrawnWearer, shown: Motion, ghost: Motion | None, frames: Array) -> None:
@@ -260,16 +273,16 @@ def _scene_curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
 def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
     """The part of each frame where people are, not less than half of it, ``(H, W, 3)`` red green blue, as in a film."""
     camera, detections, _ = drawn.filmed()
-    whole, low, high = np.array([camera.model.width, camera.model.height], float), np.zeros(2), np.full(2, np.inf)
-    seen = detections.pixels[np.isin(detections.frame, chosen)]
-    seen = seen[np.isfinite(seen).all(axis=2)]
-    if len(seen):
-        low, high = seen.min(axis=0), seen.max(axis=0)
-    low, high = np.clip(low, 0, whole), np.clip(high, 0, whole)
-    share = float(np.clip(AROUND * np.max((high - low) / whole), 0.5, 1.0))
-    corner = np.clip((low + high) / 2 - share * whole / 2, 0, (1 - share) * whole)
+    image_size, low, high = np.array([camera.model.width, camera.model.height], float), np.zeros(2), np.full(2, np.inf)
+    pixels = detections.pixels[np.isin(detections.frame, chosen)]
+    pixels = pixels[np.isfinite(pixels).all(axis=2)]
+    if len(pixels):
+        low, high = pixels.min(axis=0), pixels.max(axis=0)
+    low, high = np.clip(low, 0, image_size), np.clip(high, 0, image_size)
+    share = float(np.clip(AROUND * np.max((high - low) / image_size), 0.5, 1.0))
+    corner = np.clip((low + high) / 2 - share * image_size / 2, 0, (1 - share) * image_size)
     enlarged = np.round(np.array(size) / share).astype(int)
-    left, top = np.minimum(np.round(corner * enlarged / whole).astype(int), enlarged - size).tolist()
+    left, top = np.minimum(np.round(corner * enlarged / image_size).astype(int), enlarged - size).tolist()
     width, height = enlarged.tolist()
     for picture in overlaid_frames(drawn, chosen, (FINER * width, FINER * height), names=False):
         smaller = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)

@@ -180,9 +180,7 @@ def see_through(entity: str) -> dict[str, rr.Mesh3D]:
 FRUSTUM_COLOUR: Colour = (52, 58, 70)  # in the world, which is bright
 
 
-def log_pinhole(
-    stream: rr.RecordingStream, image: str, model: CameraModel, colour: Colour = FRUSTUM_COLOUR
-) -> None:  # fmt: skip
+def log_pinhole(stream: rr.RecordingStream, image: str, model: CameraModel, colour: Colour = FRUSTUM_COLOUR) -> None:
     """Log the lens of the camera whose pose is logged above ``image``."""
     pinhole = rr.Pinhole(
         image_from_camera=model.K,
@@ -242,9 +240,7 @@ def log_image_style(
     for entity, colour in zip(detected, [*pale, UNCLAIMED], strict=True):
         lines = rr.LineStrips2D.from_fields(colors=[colour], radii=[-0.8], draw_order=20.0)
         stream.log(f"{entity}/limbs", lines, static=True)
-        dots = rr.Points2D.from_fields(
-            colors=[colour], radii=[-2.6], draw_order=21.0, class_ids=0, show_labels=False
-        )  # fmt: skip
+        dots = rr.Points2D.from_fields(colors=[colour], radii=[-2.6], draw_order=21.0, class_ids=0, show_labels=False)
         stream.log(f"{entity}/points", dots, static=True)
 
 
@@ -266,14 +262,12 @@ def log_detections(
         pixels = np.where(detections.seen[chosen, :, None], detections.pixels[chosen], np.nan)
         frame = detections.frame[chosen]
         _log_limbs(stream, entity, detections.time, frame, pixels, detections.keypoints)
-        seen = np.isfinite(pixels).all(axis=2)
-        columns = rr.Points2D.columns(positions=pixels[seen].astype(np.float32), keypoint_ids=np.nonzero(seen)[1])
-        _send(stream, f"{entity}/points", detections.time, np.repeat(frame, seen.sum(axis=1)), columns)
+        is_seen = np.isfinite(pixels).all(axis=2)
+        columns = rr.Points2D.columns(positions=pixels[is_seen].astype(np.float32), keypoint_ids=np.nonzero(is_seen)[1])
+        _send(stream, f"{entity}/points", detections.time, np.repeat(frame, is_seen.sum(axis=1)), columns)
 
 
-def log_projection(
-    stream: rr.RecordingStream, entity: str, time: Array, pixels: Array, keypoints: KeypointSet
-) -> None:  # fmt: skip
+def log_projection(stream: rr.RecordingStream, entity: str, time: Array, pixels: Array, keypoints: KeypointSet) -> None:
     """Log a body as a camera should have seen it: keypoints ``(F, K, 2)`` in pixels at seconds ``(F,)``."""
     _log_limbs(stream, entity, time, np.arange(len(time)), pixels, keypoints)
 

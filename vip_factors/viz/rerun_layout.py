@@ -1,4 +1,4 @@
-"""What the viewer shows around the world: curves, text in Markdown, the layout, and where the eye is."""
+"""The Rerun layout: curves, summaries in Markdown, panels and the eye."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -106,25 +106,25 @@ class LiveSeries:
         self._parts = [rr.escape_entity_path_part(name) for name in setup.names]
         self._sensors = [[site.sensor for site in wearer.placement.sites] for wearer in setup.wearers]
         log_curve_style(stream, UPDATE_MS, {"update": (120, 170, 240)})
-        for index, (part, sensors) in enumerate(zip(self._parts, self._sensors, strict=True)):
-            log_curve_style(stream, f"{POSE_SIGMAS}/{part}", {setup.names[index]: wearer_colour(index)})
-            log_curve_style(stream, f"{HEADING_SIGMAS}/{part}", {sensor: colours[sensor] for sensor in sensors})
+        for index, (entity, sensors) in enumerate(zip(self._parts, self._sensors, strict=True)):
+            log_curve_style(stream, f"{POSE_SIGMAS}/{entity}", {setup.names[index]: wearer_colour(index)})
+            log_curve_style(stream, f"{HEADING_SIGMAS}/{entity}", {sensor: colours[sensor] for sensor in sensors})
 
     def log(self, estimates: Sequence[LiveEstimate]) -> None:
         """Log the points of the next frames; of headings, which change slowly, the last ones."""
         time = np.array([estimate.time for estimate in estimates])
         milliseconds = 1e3 * np.array([[estimate.seconds] for estimate in estimates])
         log_points(self._stream, UPDATE_MS, time, milliseconds)
-        for index, part in enumerate(self._parts):
+        for index, entity in enumerate(self._parts):
             wearers = [estimate.wearers[index] for estimate in estimates]
             sigmas = np.array([[_sigma_deg(wearer)] for wearer in wearers])
-            log_points(self._stream, f"{POSE_SIGMAS}/{part}", time, sigmas)
-            self._log_heading_sigmas(part, self._sensors[index], time[-1:], wearers[-1])
+            log_points(self._stream, f"{POSE_SIGMAS}/{entity}", time, sigmas)
+            self._log_heading_sigmas(entity, self._sensors[index], time[-1:], wearers[-1])
 
-    def _log_heading_sigmas(self, part: str, sensors: Sequence[str], time: Array, wearer: LiveWearerEstimate) -> None:
-        known = (wearer.calibration.get(sensor) for sensor in sensors)
-        radians = [[np.nan if calibration is None else calibration.heading_sigma for calibration in known]]
-        log_points(self._stream, f"{HEADING_SIGMAS}/{part}", time, np.rad2deg(radians))
+    def _log_heading_sigmas(self, entity: str, sensors: Sequence[str], time: Array, wearer: LiveWearerEstimate) -> None:
+        calibrations = (wearer.calibration.get(sensor) for sensor in sensors)
+        radians = [[np.nan if calibration is None else calibration.heading_sigma for calibration in calibrations]]
+        log_points(self._stream, f"{HEADING_SIGMAS}/{entity}", time, np.rad2deg(radians))
 
 
 def _sigma_deg(wearer: LiveWearerEstimate) -> float:
@@ -152,9 +152,7 @@ def centre_path(motions: Sequence[Motion]) -> tuple[Array, Array]:
     Its height is the pelvises' mean, always: an eye that bobs with the steps is no pleasure.
     """
     time = motions[0].time
-    paths = [
-        [np.interp(time, motion.time, motion.p_world_pelvis[:, axis]) for axis in range(3)] for motion in motions
-    ]  # fmt: skip
+    paths = [[np.interp(time, motion.time, motion.p_world_pelvis[:, axis]) for axis in range(3)] for motion in motions]
     centre: Array = np.mean(paths, axis=0).T
     centre[:, 2] = centre[:, 2].mean()
     return time, centre
@@ -179,7 +177,7 @@ def spread_of(motions: Sequence[Motion]) -> float:
 
 @dataclass(frozen=True)
 class Stage:
-    """What is shown on the left: people in the world, and below it the images of cameras.
+    """The left half of the layout: people in the world, and the images of cameras below.
 
     Attributes:
         motions: of the bodies, for placing the eye; their first frames count most.
@@ -290,14 +288,12 @@ def recorded_panels(plots: Mapping[str, str], span: tuple[float, float]) -> rrb.
 
 def live_panels(plots: Sequence[tuple[str, str]]) -> rrb.Vertical:
     """The text above plots of the last seconds of a stream: entities and titles; the last two are tabs."""
-    now = rrb.TimeRangeBoundary.cursor_relative
-    recent = rrb.VisibleTimeRange("time", start=now(seconds=-30.0), end=now())
+    cursor = rrb.TimeRangeBoundary.cursor_relative
+    recent = rrb.VisibleTimeRange("time", start=cursor(seconds=-30.0), end=cursor())
     views = [
-        rrb.TimeSeriesView(
-            origin=entity, name=title, plot_legend=rrb.PlotLegend(visible=False), time_ranges=[recent]
-        )
+        rrb.TimeSeriesView(origin=entity, name=title, plot_legend=rrb.PlotLegend(visible=False), time_ranges=[recent])
         for entity, title in plots
-    ]  # fmt: skip
+    ]
     return _panels([*views[:-2], rrb.Tabs(*views[-2:], active_tab=0)])
 
 
@@ -313,9 +309,9 @@ LIMBS = "left limbs are lighter, right ones darker"
 def scene_summary(drawn: DrawnScene) -> str:
     """Markdown for the panel: the estimate's verdict and figures, errors, colours, then all facts."""
     estimate = drawn.estimate
-    alone = [wearer.estimate for wearer in drawn.wearers if wearer.estimate is not None]
-    if estimate is None and alone:
-        estimate = Estimate.of_one(alone[0])
+    estimates = [wearer.estimate for wearer in drawn.wearers if wearer.estimate is not None]
+    if estimate is None and estimates:
+        estimate = Estimate.of_one(estimates[0])
     tables = [] if estimate is None else list(estimate_tables(estimate))
     more = [] if estimate is None else [figure_table(estimate)]
     details = [recording_facts(wearer.recording) for wearer in drawn.wearers if wearer.recording is not None]
@@ -331,19 +327,19 @@ def scene_summary(drawn: DrawnScene) -> str:
 
 
 def _reprojection_px(drawn: DrawnScene, wearer: DrawnWearer) -> Array | None:
-    """Of an estimate; None without one."""
+    """Reprojection error of an estimate; None without one."""
     return None if drawn.camera is None or drawn.estimate is None else drawn.camera.reprojection_px(wearer)
 
 
 def _error_table(drawn: DrawnScene) -> Table:
-    """How far each wearer is from the truth and from the picture."""
+    """Errors of each wearer against the truth and the picture."""
     rows: list[Row] = []
     for wearer in drawn.wearers:
         error, pixels = wearer.error_mm, _reprojection_px(drawn, wearer)
-        mean, most = (np.nan, np.nan) if error is None else (error.mean(), np.percentile(error, 95))
+        mean, percentile_95 = (np.nan, np.nan) if error is None else (error.mean(), np.percentile(error, 95))
         median = np.nan if pixels is None else np.nanmedian(pixels)
         if np.isfinite([mean, median]).any():
-            rows.append((wearer.name, *(Quantity(float(value), decimals=1) for value in (mean, most, median))))
+            rows.append((wearer.name, *(Quantity(float(value), decimals=1) for value in (mean, percentile_95, median))))
     return Table(("wearer", "joint error, mm", "95 % below", "reprojection, px"), rows)
 
 
@@ -359,13 +355,13 @@ def _colour_lines(drawn: DrawnScene) -> list[str]:
     return _legend(lines, drawn.camera is not None, drawn.apart)
 
 
-def _legend(lines: Iterable[str], has_camera: bool, apart: bool) -> list[str]:
+def _legend(lines: Iterable[str], has_camera: bool, has_separate_worlds: bool) -> list[str]:
     image = "- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's."
     sensors = "- Small boxes are the sensors, each in the colour of its curves."
-    return ["## Colours", "", *lines, *[image] * has_camera, sensors, *[f"- **{APART}**"] * apart, ""]
+    return ["## Colours", "", *lines, *[image] * has_camera, sensors, *[f"- **{APART}**"] * has_separate_worlds, ""]
 
 
-def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], apart: bool) -> str:
+def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], has_separate_worlds: bool) -> str:
     """Markdown for the panel of a stream.
 
     Args:
@@ -382,4 +378,4 @@ def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], apart:
     ]
     colours.append("- Newest, preliminary (the first seconds, from little data): dark grey, solid.")
     colours.append("- Smoothed, a moment earlier: dark grey, see-through.")
-    return "\n".join([*lines, *_legend(colours, setup.camera is not None, apart)])
+    return "\n".join([*lines, *_legend(colours, setup.camera is not None, has_separate_worlds)])

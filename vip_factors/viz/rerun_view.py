@@ -122,8 +122,8 @@ def _towards_camera(drawn: DrawnScene) -> np.ndarray | None:
     return direction / norm if norm > 1e-6 else None
 
 
-def _below(*parts: str) -> str:
-    return "/".join([WORLD, *(rr.escape_entity_path_part(part) for part in parts)])
+def _below(*names: str) -> str:
+    return "/".join([WORLD, *(rr.escape_entity_path_part(name) for name in names)])
 
 
 def _body_of(wearer: DrawnWearer) -> str:

@@ -21,8 +21,8 @@ def rerun_command() -> str:
     Raises:
         VipFactorsError: if it is in neither place.
     """
-    beside = Path(sys.executable).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
-    rerun = str(beside) if beside.is_file() else shutil.which("rerun")
+    executable = Path(sys.executable).with_name("rerun.exe" if sys.platform == "win32" else "rerun")
+    rerun = str(executable) if executable.is_file() else shutil.which("rerun")
     if rerun is None:
         raise VipFactorsError("the command 'rerun' was not found: install rerun-sdk beside this Python")
     return rerun

@@ -18,6 +18,7 @@ from vip_factors.gait.analysis import Gait, _figures, gait_of, gaits_of
 from vip_factors.gait.events import events_of_motion, events_of_sensor
 from vip_factors.gait.files import curves_figure, write_gait
 from vip_factors.gait.strides import travel_of_foot
+from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import rotation_y
 from vip_factors.sensors.calibration import SensorCalibration, SensorSite, preset
 from vip_factors.sensors.imu_stream import ImuStream
@@ -163,6 +164,23 @@ def test_a_foot_sensor_measures_its_way() -> None:
     length = travel_of_foot(stream, np.array([0.3, 1.6]))
     assert length[0] == pytest.approx(1.4, abs=0.03)
     assert np.isnan(travel_of_foot(replace(stream, specific_force=None), np.array([0.3, 1.6]))).all()
+
+
+@pytest.mark.parametrize("seed", [0, 2])
+def test_strides_begin_where_a_foot_neither_turns_nor_slides(seed: int) -> None:
+    """Feet that turn little while they land or slide made 9 to 16 % of single feet's lengths."""
+    made = vip.simulate("walk", "totalcapture13", seconds=20.0, seed=seed).wearers[0]
+    assert made.truth is not None
+    motion = made.truth.motion
+    for site in made.placement.sites:
+        if site.bone.endswith("ankle"):
+            found = events_of_sensor(made.imus[site.sensor], site.R_bone_sensor)
+            assert found is not None
+            ankle = interpolate_points(motion.time, motion.state.p_world_joint[:, site.bone_index, :2], found.rest)
+            true = np.linalg.norm(np.diff(ankle, axis=0), axis=1)
+            walked = true > 0.5
+            lengths = travel_of_foot(made.imus[site.sensor], found.rest)[walked]
+            assert np.nanmean(lengths / true[walked]) == pytest.approx(1.0, abs=0.03)
 
 
 def shank_stream(motion: Motion, site: SensorSite) -> ImuStream:

@@ -25,6 +25,9 @@ EVENT_S = 0.02
 # the way, and at these shares within 25 ms in each.
 STRIKE_SHARE, OFF_SHARE = 0.25, 0.6
 REST_S = 0.06  # over which a foot rests most, between strike and toe-off
+# m/s² of specific force off gravity that are as little rest as a turn of 1 rad/s: the noises 0.01 m/s² and 0.1 °/s of
+# Skog et al. 2010, IEEE TBME 57: 2657. A foot that slides or lands may turn little.
+FORCE_PER_RATE = 0.01 / np.deg2rad(0.1)
 LEAST_RATE_HZ = 20.0  # of samples: slower ones do not tell a landing from a swing
 
 
@@ -74,8 +77,11 @@ def events_of_sensor(
             if ends is not None:
                 off.append(ends[0])
                 strike.append(ends[1])
-    restless = uniform_filter1d(np.sum(turning**2, axis=1), max(1, round(REST_S * rate)))
-    return _events(off, strike, time, restless, True)
+    restless = np.sum(turning**2, axis=1)
+    if stream.specific_force is not None:
+        force = np.linalg.norm(interpolate_points(stream.time, stream.specific_force, time), axis=1)
+        restless += ((force - 9.81) / FORCE_PER_RATE) ** 2
+    return _events(off, strike, time, uniform_filter1d(restless, max(1, round(REST_S * rate))), True)
 
 
 def angular_rate(stream: ImuStream) -> tuple[Array, Array]:

@@ -169,3 +169,11 @@ def test_what_nobody_declared_is_printed(run, tmp_path: Path) -> None:
     told = run("convert", log, "--template", tmp_path / "guess.toml")
     assert "note: no mounting is declared: the axes of LF, RS are taken as their sites'" in told.err
     assert "note: no site is known of thing" in told.err
+
+
+def test_a_table_of_one_sample_is_refused(run, tmp_path: Path) -> None:
+    log = tmp_path / "pelvis.csv"
+    log.write_text("time,acc_x,acc_y,acc_z,gyr_x,gyr_y,gyr_z\n0.0,0,0,9.81,0,0,0\n")
+    told = run("convert", log, "--template", tmp_path / "guess")
+    assert_one_sentence(told, "pelvis.csv: one sample: expected at least two")
+    assert list(tmp_path.iterdir()) == [log]

@@ -10,13 +10,15 @@ from hypothesis import strategies as st
 from table_samples import turning
 
 from vip_factors.errors import FileFormatError, InputError
+from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.convert import ImportOptions, read_log
-from vip_factors.io.importers.clocks import column_times, stated_rate
+from vip_factors.io.importers.clocks import column_times, stated_rate, turning_scale
 from vip_factors.io.importers.column_map import TIME_UNITS
 from vip_factors.io.importers.packet_counters import counter_column
 from vip_factors.io.importers.shared import ImportedLog, likely_sites
 from vip_factors.io.importers.text_table import read_text_table
+from vip_factors.sensors.imu_stream import ImuStream
 
 AXES = [f"{quantity}_{axis}" for quantity in ("acc", "gyr") for axis in "xyz"]
 MAP = 'acceleration = ["acc_x", "acc_y", "acc_z"]\nangular_rate = ["gyr_x", "gyr_y", "gyr_z"]\n'
@@ -267,6 +269,38 @@ def test_a_unit_that_gives_no_bodys_rate(
             read(tmp_path, path, columns)
     else:
         assert any("10 samples a second" in note and "'0.1ms'" in note for note in read(tmp_path, path, columns).notes)
+
+
+@pytest.mark.parametrize(
+    ("ticks_hz", "units", "words"),
+    [
+        (1e3, 'time = "t"\ntime_unit = "ms"', None),
+        (32_768.0, 'time = "t"\ntime_unit = "us"', "30.5 times .* rate_hz 100 instead of time, as .* 1/32768 s"),
+        (1e3, 'time = "t"\ntime_unit = "0.1ms"', "10 times .* 1000 samples .*; time_unit 'ms' or rate_hz 100"),
+        (1.0, 'time = "t"\nangular_rate_unit = "deg/s"', "57.3 times .*; angular_rate_unit 'rad/s' would fit"),
+        (1.0, "rate_hz = 400", "4 times .*; rate_hz 100 would fit"),
+        (1.0, "rate_hz = 150", None),
+    ],
+)
+def test_angular_rates_turn_as_far_as_orientations(
+    tmp_path: Path, ticks_hz: float, units: str, words: str | None
+) -> None:
+    count, names = 200, [f"quat_{axis}" for axis in "wxyz"]
+    quaternions = quaternion_from_matrix(turning(count)[0], Order.WXYZ).T
+    clocks = {"t": texts(np.arange(count) / 100 * ticks_hz)}
+    clocks |= {name: texts(values) for name, values in zip(names, quaternions, strict=True)}
+    path, columns = write_table(tmp_path, clocks), f"{units}\nquaternion = {names}"
+    if words is None:
+        assert len(read(tmp_path, path, columns).imus["pelvis"]) == count
+    else:
+        with pytest.raises(FileFormatError, match=words):
+            read(tmp_path, path, columns)
+
+
+def test_sensors_that_hardly_turn_show_no_unit() -> None:
+    R = np.tile(np.eye(3), (200, 1, 1))
+    still = ImuStream("pelvis", np.arange(200) / 100, None, R, np.full((200, 3), 1e-3))
+    assert turning_scale(still) is None
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])

@@ -36,7 +36,8 @@ def guess(path: Path, rate_hz: float | None = None) -> tuple[ColumnMap, Mapping[
     A folder may hold a folder for each sensor, and a sensor a file for each quantity.
 
     Raises:
-        FileFormatError: if the names of the columns tell nothing, or rows and times are not in order.
+        FileFormatError: if the names of the columns tell nothing, a table holds one sample, or rows and times are not
+            in order.
     """
     files = candidates(path, SUFFIXES)
     if not files and path.is_dir():
@@ -53,6 +54,8 @@ def guess(path: Path, rate_hz: float | None = None) -> tuple[ColumnMap, Mapping[
         obstacles.insert(0, f"{file.name}: {', '.join(table.names[:12])}")
         tables[file] = table
         sensors_of_table = guess_columns(table, rate_hz)
+        if sensors_of_table and len(table) == 1:
+            raise FileFormatError(f"{file}: one sample: expected at least two")
         if (
             "" in sensors_of_table
             and len(files) == 1

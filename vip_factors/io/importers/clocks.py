@@ -1,20 +1,23 @@
 """The clock of a table's samples: a column of times in any unit or as dates, a packet counter at a rate, a rate."""
 
 import re
+from collections.abc import Mapping
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError
-from vip_factors.geometry.rotations import Array
-from vip_factors.io.importers.column_map import PLAUSIBLE_RATES_HZ, TIME_UNITS, SensorColumns
+from vip_factors.geometry.rotations import Array, angle_between
+from vip_factors.io.importers.column_map import ANGULAR_RATE_UNITS, PLAUSIBLE_RATES_HZ, TIME_UNITS, SensorColumns
 from vip_factors.io.importers.packet_counters import LATE_SAMPLES, counter_column, order_packets, restart_note
 from vip_factors.io.importers.text_table import TextTable
-from vip_factors.sensors.imu_stream import rate_of
+from vip_factors.sensors.imu_stream import ImuStream, rate_of
 
 BODY_RATES_HZ = (16.0, 2000.0)  # of logs of people who move; what lies outside is likely another unit of time
 STATED_FACTOR = 3.0  # by which times and a stated rate may disagree: sensors drop to half their rate, not to a tenth
 SPREAD = 1.5  # usual steps between samples that share a stamp, at most; beyond it samples are lost
+TICK_S = 1 / 32_768  # of the clocks that many loggers count
 HOUR_S, DAY_S = 3600.0, 86_400.0
 CLOCK_MODULI = np.array([2.0**16, 2.0**24, 2.0**32])  # of clocks that count ticks
 DAYS_BEFORE_1970 = 25_569  # of spreadsheets
@@ -113,6 +116,54 @@ def _check_step(table: TextTable, entry: SensorColumns, time: Array, notes: list
     if stated or not PLAUSIBLE_RATES_HZ[0] <= rate <= PLAUSIBLE_RATES_HZ[1]:
         raise FileFormatError(f"{table.path}: {sentence}")
     notes.append(f"{table.path.name}: {sentence}")
+
+
+def check_turning(path: Path, entries: Mapping[str, SensorColumns], streams: Mapping[str, ImuStream]) -> None:
+    """Angular rates over the times have to turn as far as orientations do, on the median over the sensors.
+
+    Logs without orientations or angular rates, and sensors that hardly turn, do not show it.
+
+    Raises:
+        FileFormatError: if times or angular rates are in another unit; those that fit are named.
+    """
+    tolerated, near = 2.0, 1.1  # factors: of filters that lag and wrong axes; of units that explain it
+    scales = {name: scale for name, stream in streams.items() if (scale := turning_scale(stream)) is not None}
+    scale = float(np.median(list(scales.values()))) if scales else 1.0
+    if 1 / tolerated < scale < tolerated:
+        return
+    name = next(iter(scales))
+    entry, rate = entries[name], streams[name].rate
+    is_timed = entry.time is not None and entry.rate_hz is None
+    units = {"angular_rate_unit": ANGULAR_RATE_UNITS} | ({"time_unit": TIME_UNITS} if is_timed else {})
+    fits = [
+        f"{key} '{unit}'" for key, factors in units.items() for unit, factor in factors.items()
+        if 1 / near < factor / factors[getattr(entry, key)] / scale < near
+    ]  # fmt: skip
+    if BODY_RATES_HZ[0] <= rate / scale <= BODY_RATES_HZ[1]:
+        are_ticks = is_timed and 1 / near < TICK_S / TIME_UNITS[entry.time_unit] / scale < near
+        fits.append(
+            f"rate_hz {rate / scale:.4g}{' instead of time' if is_timed else ''}"
+            f"{', as the times count 1/32768 s' if are_ticks else ''}"
+        )
+    raise FileFormatError(
+        f"{path}: orientations turn {scale:.3g} times as far as angular rates say, at {rate:.4g} samples a second: "
+        f"expected as far; {' or '.join(fits) or 'no known unit'} would fit"
+    )
+
+
+def turning_scale(stream: ImuStream) -> float | None:
+    """How far orientations turn, of how far angular rates say over the times; None if nothing tells.
+
+    The median of the steps that turn most, each over a few samples: some makers repeat orientations.
+    """
+    span, fewest, least = 4, 20, 0.02  # samples; steps; rad, which is more than noise and rounding
+    R, rate = stream.R_inertial_sensor, stream.angular_rate
+    if R is None or rate is None or len(stream) <= span + 1:
+        return None
+    swept = np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(stream.time)[:, None], axis=0)
+    by_rate, turned = np.linalg.norm(swept[span:] - swept[:-span], axis=1), angle_between(R[1:-span], R[1 + span :])
+    most = turned >= max(least, float(np.quantile(turned, 0.75, method="lower")))
+    return float(np.median(turned[most] / np.maximum(by_rate[most], 1e-9))) if np.sum(most) >= fewest else None
 
 
 def column_times(table: TextTable, column: int, unit: str) -> Array:

@@ -11,7 +11,7 @@ from msgspec import structs
 from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
 from vip_factors.geometry.quaternions import UNIT_TOLERANCE, Order, continuous, interpolate_points
 from vip_factors.geometry.rotations import Array, transpose
-from vip_factors.io.importers.clocks import Clock, table_clock
+from vip_factors.io.importers.clocks import Clock, check_turning, table_clock
 from vip_factors.io.importers.column_map import (
     ACCELERATION_UNITS,
     ANGULAR_RATE_UNITS,
@@ -71,6 +71,7 @@ def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = 
     streams: dict[str, ImuStream] = {}
     for name, (entry, time, values) in samples.items():
         streams[name] = _stream(f"{columns.source}: sensor '{name}'", name, entry, time, values, notes)
+    check_turning(path, {name: entry for name, (entry, *_) in samples.items()}, streams)
     notes = [note for table in tables.values() for note in table.notes] + notes
     start = min(stream.time[0] for stream in streams.values())
     since_1970 = start > SINCE_1970_S

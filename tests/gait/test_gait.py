@@ -295,6 +295,17 @@ def test_uphill_toes_are_as_high_over_the_ground_as_on_the_level() -> None:
     assert found[1].mean == pytest.approx(found[0].mean, abs=0.01)
 
 
+def test_lengths_by_the_legs_are_as_sure_as_the_legs_length(motion: Motion, recording: Recording) -> None:
+    sigmas = []
+    for stature_m in (None, 1.75):
+        unshod = {name: one for name, one in recording.imus.items() if not name.endswith(("foot", "shank"))}
+        worn = replace(recording, imus=unshod, subject=vip.Subject(stature_m=stature_m))
+        length = gait_of(estimate_of(motion, recording), worn).figure("length")
+        assert length is not None
+        sigmas.append(length.sigma / length.mean)
+    assert sigmas[0] > 1.2 * sigmas[1] > 0.07
+
+
 def test_a_difference_is_left_less_right(gait: Gait) -> None:
     longer = [
         replace(one, values=one.values | {"length": one.values["length"] + 0.1 * (one.side == "left")})

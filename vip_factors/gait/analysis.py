@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from vip_factors.body.joint_angles import is_measured, joint_angle_sigmas, joint_angles
+from vip_factors.body.lengths import LENGTHS as BODY_LENGTHS
+from vip_factors.body.lengths import lengths_of
 from vip_factors.body.model_errors import shape_factor
 from vip_factors.body.skeleton import SIDES
 from vip_factors.display import Summarised
@@ -31,7 +33,7 @@ from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.sensors.scene import Scene
 
 if TYPE_CHECKING:
@@ -43,7 +45,7 @@ CYCLE = np.arange(101.0)  # per cent
 # them, by legs alone, as muscles carry a thigh's sensor along with four fifths of what its bone swings, or with what
 # the shanks' sensors make of it, or by feet whose blows are clipped; and what lies between the feet or below the toes,
 # by headings, mountings and soles. Half of it differs between the sides.
-LENGTH_BY_LEGS, LENGTH_BY_SHANKS, LENGTH_BY_SENSOR = 0.06, 0.035, 0.015
+LENGTH_BY_LEGS, LENGTH_BY_SHANKS, LENGTH_BY_SENSOR = 0.06, 0.035, 0.025
 SHARED = {"width": 0.09, "clearance": 0.01, "strike_angle": 4.0}  # m, m, degrees
 MOST_STRETCH = 3 * LENGTH_BY_LEGS  # more is no legs that swing too little, but a sensor that is wrong
 LENGTHS = ("length", "speed", "step_length", "width")  # of which the sides do not differ in it
@@ -195,7 +197,8 @@ def gait_of(
         replace(one, left_out="") if one.left_out in count else one for one in without_starts_and_stops(strides)
     )
     counted, name = [one for one in strides if not one.left_out], name or estimate.motion.name
-    by_legs = LENGTH_BY_LEGS if stretch is None else LENGTH_BY_SHANKS
+    legs = 0.0 if with_camera or recording is None else leg_length_sigma(recording.subject)
+    by_legs = float(np.hypot(LENGTH_BY_LEGS, legs)) if stretch is None else LENGTH_BY_SHANKS
     curves = _curves(estimate, counted)
     guessed = dict.fromkeys(one.angle for one in curves if not is_measured(measured, one.angle))
     return Gait(
@@ -227,6 +230,14 @@ def gaits_of(estimate: Estimate, scene: Scene | None = None, count: Collection[U
         )
         for one, recording in zip(estimate.wearers, recordings, strict=True)
     )
+
+
+def leg_length_sigma(subject: Subject) -> float:
+    """Standard deviation of the length of thigh and shank together, as a share of it; 0 if they are known."""
+    if (variation := subject.variation()) is None:
+        return 0.0
+    leg = np.isin(BODY_LENGTHS, ("thigh", "shank"))
+    return float(np.sqrt(leg @ variation.covariance @ leg) / (leg @ lengths_of(subject.body())))
 
 
 def _during(events: FootEvents, estimate: WearerEstimate) -> FootEvents:

@@ -1,7 +1,5 @@
-"""Files for animation programs: BVH, with the T-pose as rest pose and the angles of every frame; and binary glTF 2.0,
-skinned bodies that move and the camera that filmed them, in metres, Y up, as glTF has it.
-
-FBX, a format whose only open writer is Blender's: the glTF file, read and written there without a window.
+"""Files for animation programs: BVH; binary glTF 2.0 with skinned bodies and the camera; and FBX, which Blender writes
+from the glTF file, without a window: the format has no other open writer.
 """
 
 import importlib.util
@@ -24,6 +22,7 @@ from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Skeleto
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
+from vip_factors.geometry.quaternions import continuous as continuous_quaternions
 from vip_factors.geometry.rotations import Array, continuous, sequence_of_rotation
 from vip_factors.io.export.feet import planted
 from vip_factors.io.export.files import R_YUP_WORLD
@@ -37,8 +36,8 @@ work = json.loads(WORK)
 bpy.ops.wm.read_factory_settings(use_empty=True)
 bpy.context.scene.render.fps = work["rate"]
 bpy.ops.import_scene.gltf(filepath=work["source"])
-for one in [one for one in bpy.data.objects if one.name.startswith("Icosphere")]:  # the importer's picture of a bone
-    bpy.data.objects.remove(one)
+for bone in [bone for bone in bpy.data.objects if bone.name.startswith("Icosphere")]:  # the importer's picture of one
+    bpy.data.objects.remove(bone)
 for mesh in [mesh for mesh in bpy.data.objects if mesh.type == "MESH"]:
     mesh.parent = None  # Unreal takes an armature that has other children for a bone
 bpy.context.scene.unit_settings.scale_length = 0.01  # the numbers are centimetres: no bone is scaled
@@ -60,19 +59,13 @@ def write_bvh(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     motion = estimate.wearers[0].motion
     if settings.plant_feet:
         motion = planted(motion)
-    R_parent_child = motion.R_parent_child.copy()
-    if settings.bvh.up is UpAxis.Y:
-        p_file_pelvis = motion.p_world_pelvis @ R_YUP_WORLD.T
-        R_parent_child[:, 0] = R_YUP_WORLD @ R_parent_child[:, 0]
-        R_rest = np.eye(3)
-    else:  # the rest pose is turned upright, and with it the axes that bones turn about
-        p_file_pelvis = motion.p_world_pelvis
-        R_rest = R_YUP_WORLD.T
-        R_parent_child[:, 1:] = R_rest @ R_parent_child[:, 1:] @ R_rest.T
-        R_parent_child[:, 0] = R_parent_child[:, 0] @ R_rest.T
+    R_file_world = R_YUP_WORLD if settings.bvh.up is UpAxis.Y else np.eye(3)
+    R_rest = R_YUP_WORLD.T @ R_file_world  # turns the T-pose upright, and with it the axes that bones turn about
+    R_parent_child = R_rest @ motion.R_parent_child @ R_rest.T
+    R_parent_child[:, 0] = R_file_world @ motion.R_parent_child[:, 0] @ R_rest.T
     angles = np.rad2deg(continuous(sequence_of_rotation(R_parent_child[:, _depth_first()], "zxy")))
     unit = settings.bvh.unit.per_metre
-    frames = np.column_stack([unit * p_file_pelvis, angles.reshape(len(motion), -1)])
+    frames = np.column_stack([unit * motion.p_world_pelvis @ R_file_world.T, angles.reshape(len(motion), -1)])
     with path.open("w", encoding="ascii", newline="\n") as file:
         lines = _hierarchy(motion.skeleton, unit * R_rest, bone_names(settings.bone_names))
         file.writelines(f"{line}\n" for line in ("HIERARCHY", *lines))
@@ -154,38 +147,36 @@ class _Scene:
         Unreal's skeletons begin on the floor, with a bone whose z points up; its importer takes the node above for
         Blender's, and leaves it out, if it has the name of Blender's armatures.
         """
-        gltf, motion = self._gltf, estimate.motion
+        gltf, motion, is_rooted = self._gltf, estimate.motion, names is BoneNames.UNREAL
         rest = rest_pose(motion.skeleton, names)
         p, normal = body_mesh(motion.skeleton).posed(rest.R_body_bone, rest.p_body_joint)
         lift = np.array([0.0, -p[:, 1].min(), 0.0])
         R_bind, p_bind = rest.R_body_bone @ rest.R_bone_axes, rest.p_body_joint + lift
+        holder = self._node(name="Armature" if is_rooted else estimate.name, children=[len(gltf.nodes) + 1])
+        joints = [len(gltf.nodes) + joint for joint in range(JOINT_COUNT)]
         R_file_world = R_YUP_WORLD
-        holder = self._node(name="Armature" if names is BoneNames.UNREAL else estimate.name)
-        top = holder
-        if names is BoneNames.UNREAL:
-            top = self._node(name="root", rotation=_quaternions(R_YUP_WORLD[None])[0].tolist())
-            gltf.nodes[holder].children = [top]
+        if is_rooted:
+            joints = [joint + 1 for joint in joints]
+            root = self._node(name="root", children=joints[:1], rotation=_quaternions(R_YUP_WORLD[None])[0].tolist())
             R_bind, p_bind = np.concatenate([R_bind, R_YUP_WORLD[None]]), np.concatenate([p_bind, np.zeros((1, 3))])
             R_file_world = np.eye(3)
-        first = len(gltf.nodes)
-        gltf.nodes[top].children = [first]
         R_parent_axes = np.concatenate([np.eye(3)[None], rest.R_bone_axes[list(PARENTS[1:])]])
         offsets = self._unit * np.einsum("nji,nj->ni", R_parent_axes, motion.skeleton.p_parent_joint)
         for joint, name in enumerate(bone_names(names)):
-            children = [first + child for child in _children(joint)]
+            children = [joints[child] for child in _children(joint)]
             self._node(name=name, children=children, translation=offsets[joint].tolist())
         mesh = self._mesh(motion.skeleton, p + lift, normal, estimate.name)
-        joints = [*range(first, first + JOINT_COUNT), *([top] if top != holder else [])]
-        body = self._node(name=f"{estimate.name} body", mesh=mesh, skin=self._skin(R_bind, p_bind, joints, holder))
+        skin = self._skin(R_bind, p_bind, [*joints, root] if is_rooted else joints, holder)
+        body = self._node(name=f"{estimate.name} body", mesh=mesh, skin=skin)
         gltf.scenes[0].nodes += [holder, body]
 
         times = self._times(motion.time)
         R = motion.R_parent_child.copy()
         R[:, 0] = R_file_world @ R[:, 0]
         R = np.swapaxes(R_parent_axes, 1, 2) @ R @ rest.R_bone_axes
-        self._animate(first, "translation", times, self._unit * motion.p_world_pelvis @ R_file_world.T)
-        for joint in range(JOINT_COUNT):
-            self._animate(first + joint, "rotation", times, _quaternions(R[:, joint]))
+        self._animate(joints[0], "translation", times, self._unit * motion.p_world_pelvis @ R_file_world.T)
+        for joint, node in enumerate(joints):
+            self._animate(node, "rotation", times, _quaternions(R[:, joint]))
 
     def add_camera(self, camera: CameraEstimate) -> None:
         """A node with the camera's name, which moves if the camera does."""
@@ -262,11 +253,8 @@ class _Scene:
 
 
 def _quaternions(R: Array) -> Array:
-    """``(T, 4)`` w last; each on the side of the one before, for viewers that blend the numbers."""
-    q = quaternion_from_matrix(R, Order.XYZW)
-    turned = np.sum(q[1:] * q[:-1], axis=-1, keepdims=True) < 0
-    q[1:] *= np.cumprod(np.where(turned, -1.0, 1.0), axis=0)
-    return q
+    """Quaternions ``(T, 4)``, w last, without changes of sign: viewers blend the numbers."""
+    return continuous_quaternions(quaternion_from_matrix(R, Order.XYZW))
 
 
 def _material(lib: Any, side: Side) -> Any:
@@ -293,13 +281,10 @@ class GltfBuffer:
         self.data = bytearray()
 
     def add(self, values: np.ndarray, target: int | None = None, bounds: bool = False, unit: bool = False) -> int:
-        """The number of the accessor of an array ``(n, …)`` of float32, uint8, uint16 or uint32.
+        """Add an array ``(n, …)`` of float32, uint8, uint16 or uint32 and return the number of its accessor.
 
-        Args:
-            values: matrices have their columns in rows, as glTF stores them.
-            target: what it is for, :data:`CORNERS` or :data:`INDICES`.
-            bounds: whether least and greatest values are told, as glTF wants of positions and times.
-            unit: whether integers stand for fractions of their greatest value.
+        Matrices have their columns in rows. ``target`` is :data:`CORNERS` or :data:`INDICES`. ``bounds`` states least
+        and greatest values, as positions and times need. With ``unit``, integers are fractions of their greatest value.
         """
         from pygltflib import Accessor, BufferView
 

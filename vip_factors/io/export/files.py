@@ -1,6 +1,4 @@
-"""An estimate written in the format that a file's suffix tells, at another frame rate if asked; what may be chosen of
-the file, whatever its format; and the turn to a world with Y up.
-"""
+"""Export of an estimate in the format that a file's suffix names, at another frame rate if asked."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -180,6 +178,11 @@ def resampled(estimate: Estimate, rate: float | None) -> Estimate:
     return replace(estimate, wearers=wearers, camera=camera)
 
 
+def frame_times(time: Array, rate: float) -> Array:
+    """Times at ``rate`` frames per second from the first to the last of ``time`` ``(N,)``."""
+    return time[0] + np.arange(int(np.floor((time[-1] - time[0]) * rate + 1e-6)) + 1) / rate
+
+
 def poses_at(motion: Motion, time: Array) -> tuple[Array, Array]:
     """Joint rotations ``(N, 24, 3, 3)`` and root positions ``(N, 3)`` at ``time`` ``(N,)``; the ends are kept."""
     inside = np.clip(time, motion.time[0], motion.time[-1])
@@ -189,8 +192,7 @@ def poses_at(motion: Motion, time: Array) -> tuple[Array, Array]:
 
 def _wearer(estimate: WearerEstimate, rate: float) -> WearerEstimate:
     motion = estimate.motion
-    frames = int(np.floor((len(motion) - 1) / motion.rate * rate + 1e-6)) + 1
-    time = motion.start + np.arange(frames) / rate
+    time = frame_times(motion.time, rate)
     R, p = poses_at(motion, time)
     covariance = estimate.covariance
     if covariance is not None:

@@ -1,6 +1,5 @@
 """Rest poses and bone axes that animation programs expect of a skeleton, by the names of its bones."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,39 +24,17 @@ _NEXT = {"pelvis": "spine1", "spine3": "neck"}  # of bones with several below, t
 _DIRECTIONS = {"L": (1, 0, 0), "R": (-1, 0, 0), "U": (0, 1, 0), "D": (0, -1, 0), "F": (0, 0, 1), "B": (0, 0, -1)}
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
-
-@dataclass(frozen=True)
-class _Convention:
-    """Axes of a program's bones.
-
-    Attributes:
-        axes: joint without its side → where x, y and z of a left bone, or of the trunk's, point in the T-pose: left,
-            up, forward, or right, down, back. ``""`` stands for all others.
-        right: signs of the axes of a right bone against the mirrored left one.
-        turns: joint → rotation vector in degrees of its axes from there to the program's own rest pose.
-    """
-
-    axes: Mapping[str, str]
-    right: tuple[int, int, int]
-    turns: Mapping[str, tuple[float, float, float]]
-
-
+# Where x, y and z of left bones and the trunk's point in the T-pose: left, up, forward, or right, down, back.
 _ARM = ("collar", "shoulder", "elbow", "wrist", "hand")
-# Bind matrices of Mixamo's X Bot.
-_MIXAMO = _Convention(
-    {"": "LUF", "hip": "RDF", "knee": "RDF", "ankle": "RFU", "foot": "RFU"} | dict.fromkeys(_ARM, "BLD"), (-1, 1, 1), {}
-)
-# Reference pose of Unreal's mannequin (that of version 4), an A-pose.
-_UNREAL = _Convention(
-    {"": "UBR", "wrist": "LDB", "hand": "LDB", "foot": "FUR"} | dict.fromkeys(_ARM[:3], "LBU"),
-    (-1, -1, -1),
-    {
-        "spine1": (7.4, 0, 0), "spine2": (-6.7, 0, 0), "spine3": (-9.5, 0, 0), "neck": (14.0, 0, 0),
-        "collar": (-2.3, 26.5, -9.6), "shoulder": (0.3, 4.6, -49.6), "elbow": (-18.2, -21.1, -38.9),
-        "wrist": (-5.0, -26.6, -38.2), "hand": (-5.0, -26.6, -38.2), "hip": (1.2, 8.4, 7.1), "knee": (8.9, 3.3, 4.4),
-        "ankle": (0.7, 2.6, 0.9), "foot": (2.6, 2.6, 0.8),
-    },
-)  # fmt: skip
+_MIXAMO = {"hip": "RDF", "knee": "RDF", "ankle": "RFU", "foot": "RFU"} | dict.fromkeys(_ARM, "BLD")  # of its X Bot
+_UNREAL = dict.fromkeys(_ARM, "LBU") | {"wrist": "LDB", "hand": "LDB", "foot": "FUR"}  # of version 4's mannequin
+# Rotation vectors in degrees from there to the mannequin's reference pose, an A-pose.
+_UNREAL_TURNS = {
+    "spine1": (7.4, 0, 0), "spine2": (-6.7, 0, 0), "spine3": (-9.5, 0, 0), "neck": (14.0, 0, 0),
+    "collar": (-2.3, 26.5, -9.6), "shoulder": (0.3, 4.6, -49.6), "elbow": (-18.2, -21.1, -38.9),
+    "wrist": (-5.0, -26.6, -38.2), "hand": (-5.0, -26.6, -38.2), "hip": (1.2, 8.4, 7.1), "knee": (8.9, 3.3, 4.4),
+    "ankle": (0.7, 2.6, 0.9), "foot": (2.6, 2.6, 0.8),
+}  # fmt: skip
 _LIMBS = ("shoulder", "elbow", "wrist", "hand", "hip", "knee")
 
 
@@ -83,23 +60,22 @@ def rest_pose(skeleton: Skeleton, names: BoneNames) -> RestPose:
     each bone, turned about it as Mixamo's; Mixamo's trunk is upright. What differs between the mannequin's trunk,
     collars and feet and a wearer's is shape, which its axes take up; what differs between limbs is the pose.
     """
-    unreal = names is BoneNames.UNREAL
-    is_trunk_upright = names in (BoneNames.HUMANIK, BoneNames.MIXAMO)
-    convention = _UNREAL if unreal else _MIXAMO
+    is_unreal, is_trunk_upright = names is BoneNames.UNREAL, names in (BoneNames.HUMANIK, BoneNames.MIXAMO)
     R, axes = np.tile(np.eye(3), (2, JOINT_COUNT, 1, 1))
     for joint, name in enumerate(JOINT_NAMES):
-        side, _, part = name.rpartition("_")
-        axes[joint] = np.transpose([_DIRECTIONS[letter] for letter in convention.axes.get(part, convention.axes[""])])
-        turn = exp(np.deg2rad(convention.turns.get(part, (0.0, 0.0, 0.0))))
+        side, _, kind = name.rpartition("_")
+        letters = _UNREAL.get(kind, "UBR") if is_unreal else _MIXAMO.get(kind, "LUF")
+        directions = np.transpose([_DIRECTIONS[letter] for letter in letters])
+        turn = exp(np.deg2rad(_UNREAL_TURNS.get(kind, (0.0, 0.0, 0.0)))) if is_unreal else np.eye(3)
         if side == "right":
-            axes[joint] = _MIRROR @ axes[joint] * convention.right
+            directions = -_MIRROR @ directions if is_unreal else _MIRROR @ directions @ _MIRROR
             turn = _MIRROR @ turn @ _MIRROR
-        if part in _LIMBS:
-            R[joint] = turn
+        if kind in _LIMBS:
+            R[joint], axes[joint] = turn, directions
         else:
-            axes[joint] = turn @ axes[joint]
-        if not unreal and (side or not is_trunk_upright):
-            axes[joint] = rotation_between(axes[joint, :, 1], _end(skeleton, joint)) @ axes[joint]
+            axes[joint] = turn @ directions
+        if not is_unreal and (side or not is_trunk_upright):
+            axes[joint] = rotation_between(directions[:, 1], _end(skeleton, joint)) @ directions
     state = forward_kinematics(skeleton, local_rotations(R[None]), np.zeros((1, 3)))
     return RestPose(R, state.p_world_joint[0], axes)
 

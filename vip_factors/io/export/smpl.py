@@ -14,7 +14,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array, log, transpose
-from vip_factors.io.export.files import R_YUP_WORLD, poses_at
+from vip_factors.io.export.files import R_YUP_WORLD, frame_times, poses_at
 from vip_factors.io.motions import BODY_JOINTS, P_MODEL_PELVIS
 from vip_factors.io.settings import ExportSettings
 from vip_factors.sensors.detections import Detections
@@ -69,7 +69,7 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
     if scene is not None and scene.camera is not None and estimate.camera is not None:
         time = scene.camera.detections.timed(estimate.camera.clock).time
     else:
-        time = _steps(known, settings.frame_rate or VIDEO_RATE)
+        time = frame_times(known, settings.frame_rate or VIDEO_RATE)
     people = [_person(wearer, time) for wearer in estimate.wearers]
     poses2d = [_poses2d(number, estimate, scene, len(time)) for number in range(len(people))]
     frames_60hz = np.rint((time - known[0]) * IMU_RATE).astype(int)
@@ -92,10 +92,6 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
     path.write_bytes(pickled.replace(b"cnumpy._core.", b"cnumpy.core."))
 
 
-def _steps(time: Array, rate: float) -> Array:
-    return time[0] + np.arange(int(np.floor((time[-1] - time[0]) * rate + 1e-6)) + 1) / rate
-
-
 def _scene(path: Path, estimate: Estimate) -> Scene:
     from vip_factors.io.mcap_recording import read_scene
 
@@ -112,7 +108,7 @@ def _scene(path: Path, estimate: Estimate) -> Scene:
 def _person(estimate: WearerEstimate, video_time: Array) -> dict[str, Array]:
     motion = estimate.motion
     poses, trans, joints = {}, {}, np.zeros((0, 72))
-    for key, time in (("", video_time), ("_60Hz", _steps(motion.time, IMU_RATE))):
+    for key, time in (("", video_time), ("_60Hz", frame_times(motion.time, IMU_RATE))):
         R_parent_child, p_world_pelvis = poses_at(motion, time)
         R_parent_child[:, 0] = R_YUP_WORLD @ R_parent_child[:, 0]
         p_yup_pelvis = p_world_pelvis @ R_YUP_WORLD.T

@@ -264,13 +264,11 @@ def bone_names(names: BoneNames) -> tuple[str, ...]:
     if names is BoneNames.SMPL:
         return JOINT_NAMES
     bones, middle, limb = _BY_NAMES[names]
-    theirs = dict(zip(_SMPL, bones, strict=True))
-    found = []
-    for joint in JOINT_NAMES:
-        side, _, ours = joint.rpartition("_")
-        pattern = limb if side else middle
-        found.append(pattern.format(bone=theirs[ours], side=side.capitalize(), letter=side[:1]))
-    return tuple(found)
+    bone_of = dict(zip(_SMPL, bones, strict=True))
+    return tuple(
+        (limb if side else middle).format(bone=bone_of[kind], side=side.capitalize(), letter=side[:1])
+        for side, _, kind in (joint.rpartition("_") for joint in JOINT_NAMES)
+    )
 
 
 UNITY_BONES: Mapping[str, str] = {

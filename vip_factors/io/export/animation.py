@@ -74,7 +74,7 @@ def write_bvh(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
 
 
 def _depth_first(joint: int = 0) -> list[int]:
-    """The joint and all below it in the order in which the hierarchy, and with it every frame, tells them."""
+    """The joint and all below it, in the order of the hierarchy and of the numbers of a frame."""
     return [joint, *(below for child in _children(joint) for below in _depth_first(child))]
 
 

@@ -25,21 +25,22 @@ def planted(motion: Motion) -> Motion:
     """
     if len(motion) < 3:
         return motion
-    _, left, _, right = contact_points(motion.skeleton)
-    balls = np.stack([motion.state.point(bone, p) for bone, p in (left, right)])
+    _, left_ball, _, right_ball = contact_points(motion.skeleton)
+    balls = np.stack([motion.state.point(bone, p) for bone, p in (left_ball, right_ball)])
     low = np.percentile(balls[..., 2], 5)
     speed = np.linalg.norm(np.gradient(balls, 1 / motion.rate, axis=1), axis=-1)
     shifts = np.zeros_like(balls)
-    standing = [_stances(one, motion.rate) for one in (speed < SPEED_MPS) & (balls[..., 2] < low + HEIGHT_M)]
-    heights = [balls[foot, one, 2] for foot, stances in enumerate(standing) for one in stances]
+    is_slow_and_low = (speed < SPEED_MPS) & (balls[..., 2] < low + HEIGHT_M)
+    standing = [_stances(is_standing, motion.rate) for is_standing in is_slow_and_low]
+    heights = [balls[foot, stance, 2] for foot, stances in enumerate(standing) for stance in stances]
     if not heights:
         return motion
     floor = np.median(np.concatenate(heights))
     for foot, stances in enumerate(standing):
         if stances:
             rows = np.concatenate(stances)
-            places = [np.tile([*np.median(balls[foot, one, :2], axis=0), floor], (len(one), 1)) for one in stances]
-            fixed = np.concatenate(places) - balls[foot, rows]
+            places = [[*np.median(balls[foot, stance, :2], axis=0), floor] for stance in stances]
+            fixed = np.repeat(places, [len(stance) for stance in stances], axis=0) - balls[foot, rows]
             for axis in range(3):
                 shifts[foot, :, axis] = np.interp(np.arange(len(motion)), rows, fixed[:, axis])
     return _with_feet_moved(motion, shifts)
@@ -69,19 +70,19 @@ def _with_feet_moved(motion: Motion, shifts: Array) -> Motion:
 
 
 def _bent(thigh: Array, shank: Array, reach: Array, front: Array) -> tuple[Array, Array]:
-    """How thighs and shanks ``(T, 3)`` turn in the world for legs to end at ``reach`` ``(T, 3)``, as ``(T, 3, 3)``.
+    """Rotations ``(T, 3, 3)`` in the world that make thighs and shanks ``(T, 3)`` end at ``reach`` ``(T, 3)``.
 
     The knee bends in its plane, which the front ``(T, 3)`` of the thigh gives where it is straight. A leg that is too
     short ends as near as it can.
     """
-    a, b, d, whole = (np.linalg.norm(v, axis=1, keepdims=True) for v in (thigh, shank, reach, thigh + shank))
+    a, b, d, leg = (np.linalg.norm(v, axis=1, keepdims=True) for v in (thigh, shank, reach, thigh + shank))
     R_whole = rotation_between(thigh + shank, reach)
     along = reach / d
     # The front decides where the knee is nearly straight, or beyond.
     side, thigh, shank = np.moveaxis(R_whole @ np.stack([thigh + 0.1 * a * front, thigh, shank], axis=2), 2, 0)
     side -= np.sum(side * along, axis=1, keepdims=True) * along
     side /= np.linalg.norm(side, axis=1, keepdims=True)
-    distance = np.clip(d, np.abs(a - b) + 1e-6, np.maximum(STRAIGHT * (a + b), whole))
+    distance = np.clip(d, np.abs(a - b) + 1e-6, np.maximum(STRAIGHT * (a + b), leg))
     cosine = (a**2 + distance**2 - b**2) / (2 * a * distance)
     p_knee = a * (cosine * along + np.sqrt(np.maximum(1 - cosine**2, 0.0)) * side)
     R_thigh = rotation_between(thigh, p_knee) @ R_whole

@@ -109,19 +109,19 @@ def export(
     chosen = resampled(chosen, settings.frame_rate)
     if file_format.has_times:
         chosen = _from_zero(chosen, settings.zero, start_ns, clock_s)
-    parts = [chosen] if file_format.several else [_one_wearer(chosen, number) for number in range(len(chosen.wearers))]
+    contents = [chosen] if file_format.several else [_one_wearer(chosen, n) for n in range(len(chosen.wearers))]
     paths = [path]
-    if len(parts) > 1:
-        names = distinct_file_names(part.wearers[0].name for part in parts)
+    if len(contents) > 1:
+        names = distinct_file_names(content.wearers[0].name for content in contents)
         paths = [path.with_name(f"{path.stem}.{name}{path.suffix}") for name in names]
     for target in paths:
         check_target(target, overwrite)
     write = file_format.load()
-    for part, target in zip(parts, paths, strict=True):
+    for content, target in zip(contents, paths, strict=True):
         with atomic_path(target, overwrite) as temporary:
-            write(part, temporary, settings)
-        name = part.wearers[0].name
-        if len(parts) > 1 and not target.stem.endswith(f".{name}"):
+            write(content, temporary, settings)
+        name = content.wearers[0].name
+        if len(contents) > 1 and not target.stem.endswith(f".{name}"):
             on_message(f"wearer '{name}' is written as {target.name}")
     return tuple(paths)
 
@@ -130,10 +130,10 @@ def _from_zero(estimate: Estimate, zero: TimeZero, start_ns: int, clock_s: float
     """The wearers' frames with times that count from the chosen zero."""
     if zero is TimeZero.ABSOLUTE and not start_ns:
         raise InputError("the recording states no absolute time: expected --zero recording or --zero log")
-    later = {TimeZero.RECORDING: 0.0, TimeZero.LOG: clock_s, TimeZero.ABSOLUTE: start_ns / 1e9}[zero]
-    if not later:
+    shift = {TimeZero.RECORDING: 0.0, TimeZero.LOG: clock_s, TimeZero.ABSOLUTE: start_ns / 1e9}[zero]
+    if not shift:
         return estimate
-    motions = [replace(wearer.motion, start=wearer.motion.start + later) for wearer in estimate.wearers]
+    motions = [replace(wearer.motion, start=wearer.motion.start + shift) for wearer in estimate.wearers]
     wearers = zip(estimate.wearers, motions, strict=True)
     return replace(estimate, wearers=tuple(replace(wearer, motion=motion) for wearer, motion in wearers))
 
@@ -206,27 +206,27 @@ def _wearer(estimate: WearerEstimate, rate: float) -> WearerEstimate:
     )
 
 
-def _camera(camera: CameraEstimate, before: Array, time: Array) -> CameraEstimate:
+def _camera(camera: CameraEstimate, frame_time: Array, time: Array) -> CameraEstimate:
     """A camera that stands still stays one pose."""
     moves = len(camera.path) > 1
     covariance, residual = camera.covariance, camera.residual_px
     return replace(
         camera,
         path=camera.path.at(time) if moves else camera.path,
-        covariance=_between(before, covariance, time) if covariance is not None and moves else covariance,
-        residual_px=None if residual is None else _between(before, residual, time),
+        covariance=_between(frame_time, covariance, time) if covariance is not None and moves else covariance,
+        residual_px=None if residual is None else _between(frame_time, residual, time),
     )
 
 
-def _between(before: Array, values: Array, time: Array) -> Array:
-    """Linear between frames, of any shape behind the first axis; NaN beside what is not known."""
-    if len(values) != len(before):
+def _between(frame_time: Array, values: Array, time: Array) -> Array:
+    """Values ``(N, ...)`` at the frames interpolated linearly to ``time``; NaN beside NaN."""
+    if len(values) != len(frame_time):
         return values
-    left = np.clip(np.searchsorted(before, time, side="right") - 1, 0, max(len(before) - 2, 0))
-    right = np.minimum(left + 1, len(before) - 1)
-    step = np.where(right > left, before[right] - before[left], 1.0)
-    share = np.clip((time - before[left]) / step, 0.0, 1.0)
+    start = np.clip(np.searchsorted(frame_time, time, side="right") - 1, 0, max(len(frame_time) - 2, 0))
+    end = np.minimum(start + 1, len(frame_time) - 1)
+    step = np.where(end > start, frame_time[end] - frame_time[start], 1.0)
+    share = np.clip((time - frame_time[start]) / step, 0.0, 1.0)
     share = np.where(share > 1 - 1e-9, 1.0, np.where(share < 1e-9, 0.0, share))
     share = share.reshape(-1, *[1] * (values.ndim - 1))
-    mixed = np.where(share == 1, values[right], (1 - share) * values[left] + share * values[right])
-    return np.where(share == 0, values[left], mixed)
+    mixed = np.where(share == 1, values[end], (1 - share) * values[start] + share * values[end])
+    return np.where(share == 0, values[start], mixed)

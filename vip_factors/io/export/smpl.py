@@ -65,17 +65,17 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
     zero, of the mean shape, for the body is not SMPL's: ``jointPositions`` are those of the wearer's own skeleton.
     """
     scene = None if settings.recording is None else _scene(settings.recording, estimate)
-    known = estimate.wearers[0].motion.time
+    frame_time = estimate.wearers[0].motion.time
     if scene is not None and scene.camera is not None and estimate.camera is not None:
         time = scene.camera.detections.timed(estimate.camera.clock).time
     else:
-        time = frame_times(known, settings.frame_rate or VIDEO_RATE)
+        time = frame_times(frame_time, settings.frame_rate or VIDEO_RATE)
     people = [_person(wearer, time) for wearer in estimate.wearers]
     poses2d = [_poses2d(number, estimate, scene, len(time)) for number in range(len(people))]
-    frames_60hz = np.rint((time - known[0]) * IMU_RATE).astype(int)
+    frames_60hz = np.rint((time - frame_time[0]) * IMU_RATE).astype(int)
     sexes = {} if scene is None else {wearer.subject.name: wearer.subject.sex for wearer in scene.wearers}
     # Where a wearer can be looked for in a picture: seen there, if the recording is known to tell.
-    is_inside = (time >= known[0] - 1e-6) & (time <= known[-1] + 1e-6) & (estimate.camera is not None)
+    is_inside = (time >= frame_time[0] - 1e-6) & (time <= frame_time[-1] + 1e-6) & (estimate.camera is not None)
     valid = [is_inside & (scene is None or pixels[:, 2].any(axis=1)) for pixels in poses2d]
     content: dict[str, Any] = {
         "sequence": estimate.name,
@@ -134,17 +134,17 @@ def _camera(camera: CameraEstimate | None, time: Array) -> dict[str, Array]:
 
 def _poses2d(number: int, estimate: Estimate, scene: Scene | None, frames: int) -> Array:
     """``(N, 3, 18)`` pixels x, y and confidence of a wearer's keypoints, undistorted; zero where there are none."""
-    found = np.zeros((frames, 3, len(COCO18)))
+    poses = np.zeros((frames, 3, len(COCO18)))
     if scene is None or scene.camera is None or estimate.camera is None:
-        return found
+        return poses
     mine = scene.camera.detections.select(np.flatnonzero(estimate.wearer_of_detection == number))
     confidence, pixels = _coco18(mine)
     model = estimate.camera.model
     straight = model.normalise(pixels) * np.array(model.focal) + np.array(model.centre)
-    seen = (confidence > 0) & np.isfinite(straight).all(axis=-1)
+    is_visible = (confidence > 0) & np.isfinite(straight).all(axis=-1)
     rows = np.concatenate([straight, confidence[..., None]], axis=-1)
-    found[mine.frame] = np.where(seen[..., None], rows, 0.0).transpose(0, 2, 1)
-    return found
+    poses[mine.frame] = np.where(is_visible[..., None], rows, 0.0).transpose(0, 2, 1)
+    return poses
 
 
 def _coco18(detections: Detections) -> tuple[Array, Array]:

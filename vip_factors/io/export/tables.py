@@ -124,7 +124,7 @@ def write_opensense(estimate: Estimate, path: Path, settings: ExportSettings) ->
     quaternions = quaternion_from_matrix(segment_orientations(motion)[:, bones], Order.WXYZ)
     header = (f"DataRate={motion.rate:.6f}", "DataType=Quaternion", "version=3", "OpenSimVersion=4.6")
     rows = (
-        "\t".join([f"{time:.6f}", *(",".join(f"{part:.9f}" for part in wxyz) for wxyz in row)])
+        "\t".join([f"{time:.6f}", *(",".join(f"{component:.9f}" for component in wxyz) for wxyz in row)])
         for time, row in zip(motion.time, np.asarray(quaternions), strict=True)
     )
     write_opensim_table(path, header, [f"{body}_imu" for body in BODIES], rows)
@@ -153,12 +153,12 @@ def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
     file["parameters"]["POINT"]["UNITS"]["value"] = ["mm"]
     file["parameters"]["POINT"]["LABELS"]["value"] = list(names)
     file["parameters"]["POINT"]["DESCRIPTIONS"]["value"] = [described.get(name, "") for name in names]
-    first = round(motion.start * motion.rate)
-    if first < 0 or first + len(motion) > HEADER_FRAMES:
-        first = 0
-    if first + len(motion) > HEADER_FRAMES:
+    first_frame = round(motion.start * motion.rate)
+    if first_frame < 0 or first_frame + len(motion) > HEADER_FRAMES:
+        first_frame = 0
+    if first_frame + len(motion) > HEADER_FRAMES:
         file.add_parameter("POINT", "LONG_FRAMES", [float(len(motion))])
-    file["header"]["points"]["first_frame"] = first
+    file["header"]["points"]["first_frame"] = first_frame
     for group, name, value in (
         ("POINT", "ANGLES", list(angles)),
         ("POINT", "ANGLE_UNITS", ["deg"]),
@@ -186,17 +186,17 @@ _NAMES = {"pelvis": "Pelvis", "trunk": "Spine", "neck": "Neck"}
 def _angle_points(angles: JointAngles) -> tuple[Mapping[str, Array], Mapping[str, str]]:
     """Triples of angles ``(T, 3)`` in degrees by label, ``LKneeAngles``, and what each of the three is."""
     points, described = dict[str, Array](), dict[str, str]()
-    for first in range(0, len(angles.definitions), 3):
-        three = angles.definitions[first : first + 3]
+    for start in range(0, len(angles.definitions), 3):
+        three = angles.definitions[start : start + 3]
         side, _, joint = three[0].joint.rpartition("_")
         label = f"{side[:1].upper()}{_NAMES.get(joint, joint.capitalize())}Angles"
         if label in points:
             label = label.replace("Angles", "FlexionAngles")
-        at = [first, first + 1, first + 2]
+        columns = [start, start + 1, start + 2]
         if joint == "pelvis":  # sagittal plane first, as of the other joints
-            at, three = at[::-1], three[::-1]
-        points[label] = angles.degrees[:, at]
-        described[label] = ", ".join(one.name.removeprefix(f"{one.joint}_") for one in three)
+            columns, three = columns[::-1], three[::-1]
+        points[label] = angles.degrees[:, columns]
+        described[label] = ", ".join(angle.name.removeprefix(f"{angle.joint}_") for angle in three)
     return points, described
 
 
@@ -230,15 +230,15 @@ def opensim_coordinates(motion: Motion) -> Mapping[str, Array]:
     """
     R = segment_orientations(motion)
     p = motion.state.p_world_joint @ R_WORLD_ISB
-    left, right = p[:, joint_index("left_hip")], p[:, joint_index("right_hip")]
-    half_width = np.linalg.norm(left - right, axis=-1, keepdims=True) / 2
-    origin = (left + right) / 2 + half_width * (R[:, 0] @ PELVIS_ORIGIN)
+    p_left, p_right = p[:, joint_index("left_hip")], p[:, joint_index("right_hip")]
+    half_width = np.linalg.norm(p_left - p_right, axis=-1, keepdims=True) / 2
+    origin = (p_left + p_right) / 2 + half_width * (R[:, 0] @ PELVIS_ORIGIN)
     trunk = transpose(R[:, 0]) @ R[:, joint_index("spine3")]
     angles = _about_zxy(R[:, 0], "pelvis_tilt", "pelvis_list", "pelvis_rotation")
     angles |= _about_zxy(trunk, "lumbar_extension", "lumbar_bending", "lumbar_rotation")
     for side in ("right", "left"):
-        angles |= {f"{name}_{side[0]}": found for name, found in _side(R, side).items()}
-    degrees = {name: np.rad2deg(np.unwrap(found)) for name, found in angles.items()}
+        angles |= {f"{name}_{side[0]}": angle for name, angle in _side(R, side).items()}
+    degrees = {name: np.rad2deg(np.unwrap(angle)) for name, angle in angles.items()}
     return degrees | {f"pelvis_t{axis}": origin[:, number] for number, axis in enumerate("xyz")}
 
 
@@ -246,11 +246,11 @@ def _side(R: Array, side: str) -> dict[str, Array]:
     """Coordinates ``(T,)`` of an arm and a leg in radians, by name without its side."""
 
     def between(above: str, below: str) -> Array:
-        first, second = (
+        R_above, R_below = (
             R[:, joint_index(name if name in ("pelvis", "spine3") else f"{side}_{name}")] for name in (above, below)
         )
-        found = transpose(first) @ second
-        return mirrored(found) if side == "left" else found
+        R_above_below = transpose(R_above) @ R_below
+        return mirrored(R_above_below) if side == "left" else R_above_below
 
     elbow = R_ARM_MODEL.T @ between("shoulder", "elbow")
     wrist = sequence_of_rotation(between("elbow", "wrist"), "zxy")

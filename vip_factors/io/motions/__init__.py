@@ -89,8 +89,8 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _text(value: Array) -> str:
     """``male``, however the file stores it: text, bytes, or the text of bytes."""
-    item = np.asarray(value).ravel()[0]
-    text = item.decode() if isinstance(item, bytes) else str(item)
+    scalar = np.asarray(value).ravel()[0]
+    text = scalar.decode() if isinstance(scalar, bytes) else str(scalar)
     return text.removeprefix("b'").strip("'").lower()
 
 
@@ -114,5 +114,5 @@ def read_motion(path: str | Path) -> Motion:
 
 def motion_files(folder: str | Path) -> list[Path]:
     """All motion files in a folder and below, sorted; AMASS's files of a shape without a motion are not among them."""
-    found = (path for path in Path(folder).rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
-    return sorted(path for path in found if not (path.suffix == ".npz" and path.stem.endswith(("shape", "stagei"))))
+    paths = (path for path in Path(folder).rglob("*") if path.suffix.lower() in MOTION_SUFFIXES)
+    return sorted(path for path in paths if not (path.suffix == ".npz" and path.stem.endswith(("shape", "stagei"))))

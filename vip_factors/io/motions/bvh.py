@@ -55,9 +55,9 @@ def read_bvh_clip(path: str | Path) -> SourceClip:
     offsets = np.array(hierarchy.offsets)
     R_parent_node, p_parent_node = _local_poses(hierarchy, offsets, values)
     R_world, p_world = source_kinematics(hierarchy.parents, p_parent_node, R_parent_node)
-    rest = rest_positions(hierarchy.parents, offsets)
+    p_rest = rest_positions(hierarchy.parents, offsets)
     names, parents = tuple(hierarchy.names), tuple(hierarchy.parents)
-    return SourceClip(names, parents, rest, R_world, p_world, _rate(frame_time), path.stem, str(path))
+    return SourceClip(names, parents, p_rest, R_world, p_world, _rate(frame_time), path.stem, str(path))
 
 
 def _rate(frame_time: float) -> float:
@@ -137,7 +137,7 @@ def _parse_motion(lines: list[str], numbered: Iterator[tuple[int, str]], width: 
             break
     if not frame_time > 0:
         raise FileFormatError(f"{path}: no line 'Frame Time: seconds' with a positive number after MOTION")
-    rows = [(at, line) for at, line in enumerate(lines[number:], start=number + 1) if line.strip()]
+    rows = [(line_number, line) for line_number, line in enumerate(lines[number:], start=number + 1) if line.strip()]
     if rows and len(rows[-1][1].split()) < width:
         rows.pop()  # a last line cut off in writing
     if not rows:
@@ -147,10 +147,10 @@ def _parse_motion(lines: list[str], numbered: Iterator[tuple[int, str]], width: 
     except ValueError:
         values = np.empty((0, 0))
     if values.shape[1] != width or not np.all(np.isfinite(values)):
-        for at, line in rows:
-            row = _floats(line.split(), width, at, path)
+        for line_number, line in rows:
+            row = _floats(line.split(), width, line_number, path)
             if not np.all(np.isfinite(row)):
-                raise FileFormatError(f"{path}, line {at}: a number is not finite")
+                raise FileFormatError(f"{path}, line {line_number}: a number is not finite")
     return frame_time, values
 
 

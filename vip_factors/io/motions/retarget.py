@@ -118,26 +118,26 @@ def _nearest_axis(vector: Array) -> Array:
 
 def _body_from_source_axes(clip: SourceClip, table: SkeletonMap) -> Array:
     """The signed permutation ``(3, 3)`` that takes the source's axes to ours: x left, y up, z forward."""
-    at = {joint: clip.rest(node) for joint, node in table.joints.items()}
-    up = _nearest_axis(at["neck"] - (at["left_hip"] + at["right_hip"]) / 2)
-    left = _nearest_axis(at["left_hip"] - at["right_hip"])
-    if abs(up @ left) > 0.5 or not up.any() or not left.any():
+    p_rest = {joint: clip.rest(node) for joint, node in table.joints.items()}
+    up = _nearest_axis(p_rest["neck"] - (p_rest["left_hip"] + p_rest["right_hip"]) / 2)
+    left_axis = _nearest_axis(p_rest["left_hip"] - p_rest["right_hip"])
+    if abs(up @ left_axis) > 0.5 or not up.any() or not left_axis.any():
         raise InputError(
             f"{clip.path}: at rest the neck is not above the hips, or the hips are not side by side: expected a "
             "rest pose (OFFSETs) of an upright body"
         )
-    return np.stack([left, up, np.cross(left, up)])
+    return np.stack([left_axis, up, np.cross(left_axis, up)])
 
 
 def _stature(clip: SourceClip, table: SkeletonMap) -> float:
     """Stature in the source's unit, from the rest lengths of legs, arms and trunk and their published proportions."""
-    at = {joint: clip.rest(node) for joint, node in table.joints.items()}
+    p_rest = {joint: clip.rest(node) for joint, node in table.joints.items()}
     limbs = sum(
-        float(np.linalg.norm(at[f"{side}_{end}"] - at[f"{side}_{start}"]))
+        float(np.linalg.norm(p_rest[f"{side}_{end}"] - p_rest[f"{side}_{start}"]))
         for side in ("left", "right")
         for start, end in LIMB_LENGTHS
     )
-    trunk = float(np.linalg.norm(at["neck"] - (at["left_hip"] + at["right_hip"]) / 2))
+    trunk = float(np.linalg.norm(p_rest["neck"] - (p_rest["left_hip"] + p_rest["right_hip"]) / 2))
     return (limbs / 2 + trunk) / (sum(LIMB_LENGTHS.values()) + TRUNK_LENGTH)
 
 
@@ -171,14 +171,14 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap) -> Array:
         if f"{side}_hand" not in nodes and f"{side}_fingertip" in table.landmarks:
             nodes[f"{side}_hand"] = table.landmarks[f"{side}_fingertip"]
     for joint, name in enumerate(JOINT_NAMES):
-        end, ours = AIMS.get(name, ("", DOWN))
+        end, direction = AIMS.get(name, ("", DOWN))
         start = name
         if table.straight and end in nodes:  # one direction for the whole limb
-            limb = name.partition("_")[0] + ("_knee" if ours == DOWN else "_shoulder")
+            limb = name.partition("_")[0] + ("_knee" if direction == DOWN else "_shoulder")
             start, end = limb, AIMS[limb][0]
         if end in nodes and start in nodes:
             bone = clip.rest(nodes[end]) - clip.rest(nodes[start])
-            C[joint] = _between(np.array(ours), bone) if np.linalg.norm(bone) > 0 else C[PARENTS[joint]]
+            C[joint] = _between(np.array(direction), bone) if np.linalg.norm(bone) > 0 else C[PARENTS[joint]]
             if name.endswith("_wrist") and angle_between(C[joint], C[PARENTS[joint]]) > STRANGE_HAND:
                 C[joint] = C[PARENTS[joint]]
         elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes and not table.straight:
@@ -196,7 +196,7 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap) -> Array:
 
 def _world_poses(clip: SourceClip, table: SkeletonMap, C: Array, stature: float) -> tuple[Array, Array]:
     """World rotations and positions of all 24 joints; those the source lacks hang rigidly on their parents."""
-    rest = {joint: clip.rest(node) for joint, node in table.joints.items()}
+    p_rest = {joint: clip.rest(node) for joint, node in table.joints.items()}
     R_world_bone = np.empty((len(clip), JOINT_COUNT, 3, 3))
     p_world_joint = np.empty((len(clip), JOINT_COUNT, 3))
     template = skeleton_from_stature(stature)
@@ -206,7 +206,7 @@ def _world_poses(clip: SourceClip, table: SkeletonMap, C: Array, stature: float)
             node = clip.node(table.joints[name])
             p_world_joint[:, joint] = clip.p_world_node[:, node]
         else:
-            offset = _missing_offset(joint, rest, template, C[parent])
+            offset = _missing_offset(joint, p_rest, template, C[parent])
             p_world_joint[:, joint] = p_world_joint[:, parent] + R_world_bone[:, parent] @ offset
         # The hand bone is rigid with the wrist: a finger's joint is not the palm's.
         if name in table.joints and (table.exact or not name.endswith("_hand")):
@@ -216,20 +216,21 @@ def _world_poses(clip: SourceClip, table: SkeletonMap, C: Array, stature: float)
     return R_world_bone, p_world_joint
 
 
-def _missing_offset(joint: int, rest: dict[str, Array], template: Skeleton, C_parent: Array) -> Array:
-    """Where a joint that the source lacks sits on its parent: on the way to the next joint of the spine, else as usual.
+def _missing_offset(joint: int, p_rest: dict[str, Array], template: Skeleton, C_parent: Array) -> Array:
+    """Offset from its parent of a joint that the source lacks: towards the spine's next joint, or else as usual.
 
-    The joint is added to ``rest``.
+    The joint is added to ``p_rest``.
     """
     name, parent = JOINT_NAMES[joint], JOINT_NAMES[PARENTS[joint]]
     spine = ("spine1", "spine2", "spine3", "neck")
     offset = template.p_parent_joint[joint]
     if name in spine:
-        beyond = next((other for other in spine[spine.index(name) + 1 :] if other in rest), "")
-        if beyond:
-            steps = [template.bone_length(one) for one in spine[spine.index(name) : spine.index(beyond) + 1]]
-            offset = C_parent.T @ (rest[beyond] - rest[parent]) * (steps[0] / sum(steps))
-    rest[name] = rest[parent] + C_parent @ offset
+        chain = spine[spine.index(name) :]
+        steps = next((number for number, joint_name in enumerate(chain) if joint_name in p_rest), 0)
+        if steps:
+            lengths = [template.bone_length(joint_name) for joint_name in chain[: steps + 1]]
+            offset = C_parent.T @ (p_rest[chain[steps]] - p_rest[parent]) * (lengths[0] / sum(lengths))
+    p_rest[name] = p_rest[parent] + C_parent @ offset
     return offset
 
 

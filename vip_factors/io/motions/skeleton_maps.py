@@ -174,13 +174,13 @@ def find_map(names: tuple[str, ...], path: str) -> SkeletonMap:
     spelling = {name.rpartition(":")[2].lower(): name for name in reversed(names)}
     missing: dict[str, list[str]] = {}
     for candidate in MAPS:
-        missing[candidate.name] = [node for joint, node in candidate.joints.items()
-                                   if joint in REQUIRED and node.lower() not in spelling]  # fmt: skip
+        joints, landmarks = (
+            {key: spelling[node.lower()] for key, node in nodes.items() if node.lower() in spelling}
+            for nodes in (candidate.joints, candidate.landmarks)
+        )
+        missing[candidate.name] = [candidate.joints[joint] for joint in REQUIRED if joint not in joints]
         if not missing[candidate.name]:
-            joints = {key: spelling[node.lower()] for key, node in candidate.joints.items() if node.lower() in spelling}
-            marks = {key: spelling[node.lower()] for key, node in candidate.landmarks.items()
-                     if node.lower() in spelling}  # fmt: skip
-            return replace(candidate, joints=joints, landmarks=marks)
+            return replace(candidate, joints=joints, landmarks=landmarks)
     nearest = min(missing, key=lambda name: len(missing[name]))
     raise InputError(
         f"{path}: the skeleton ({', '.join(names[:8])}, …) is none of the known families "
@@ -223,7 +223,7 @@ class SourceClip:
         return self.names.index(name)
 
     def rest(self, name: str) -> Array:
-        """Where a node is at rest ``(3,)``."""
+        """Rest position ``(3,)`` of a node."""
         return self.p_rest[self.node(name)]
 
     def frames(self, selection: slice) -> "SourceClip":
@@ -260,7 +260,7 @@ def source_kinematics(parents: Sequence[int], p_parent_node: Array, R_parent_nod
 
 
 def bone_names(names: BoneNames) -> tuple[str, ...]:
-    """Of the 24 bones, in the order of the joints."""
+    """Names of the 24 bones, in the order of the joints."""
     if names is BoneNames.SMPL:
         return JOINT_NAMES
     bones, middle, limb = _BY_NAMES[names]

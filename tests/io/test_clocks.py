@@ -9,11 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from table_samples import turning
 
+import vip_factors as vip
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.convert import ImportOptions, read_log
-from vip_factors.io.importers.clocks import column_times, stated_rate, turning_scale
+from vip_factors.io.importers.clocks import column_times, stated_rate, turning_hz, turning_scale
 from vip_factors.io.importers.column_map import TIME_UNITS
 from vip_factors.io.importers.packet_counters import counter_column
 from vip_factors.io.importers.shared import ImportedLog, likely_sites
@@ -275,7 +276,7 @@ def test_a_unit_that_gives_no_bodys_rate(
     ("ticks_hz", "units", "words"),
     [
         (1e3, 'time = "t"\ntime_unit = "ms"', None),
-        (32_768.0, 'time = "t"\ntime_unit = "us"', "30.5 times .* rate_hz 100 instead of time, as .* 1/32768 s"),
+        (32_768.0, 'time = "t"\ntime_unit = "us"', "30.5 .*; ticks of 1/32768 s or rate_hz 100 instead of time"),
         (1e3, 'time = "t"\ntime_unit = "0.1ms"', "10 times .* 1000 samples .*; time_unit 'ms' or rate_hz 100"),
         (1.0, 'time = "t"\nangular_rate_unit = "deg/s"', "57.3 times .*; angular_rate_unit 'rad/s' would fit"),
         (1.0, "rate_hz = 400", "4 times .*; rate_hz 100 would fit"),
@@ -297,10 +298,24 @@ def test_angular_rates_turn_as_far_as_orientations(
             read(tmp_path, path, columns)
 
 
+@pytest.mark.parametrize(("ticks_hz", "is_noted"), [(1e6, False), (32_768.0, True)])
+def test_nobody_turns_back_and_forth_at_thirty_hertz(tmp_path: Path, ticks_hz: float, is_noted: bool) -> None:
+    """Raw samples of a walk at 50 Hz, whose times in microseconds, or ticks, are read as microseconds."""
+    imu = vip.simulate("walk", seconds=6.0).wearers[0].imus["left_foot"]
+    assert imu.specific_force is not None
+    assert imu.angular_rate is not None
+    values = np.column_stack([ticks_hz * imu.time, imu.specific_force, imu.angular_rate])[::2]
+    rows = [",".join(["t", *AXES]), *(",".join(texts(row)) for row in values)]
+    (tmp_path / "left_foot.csv").write_text("\n".join(rows) + "\n")
+    notes = read(tmp_path, tmp_path / "left_foot.csv", 'time = "t"\ntime_unit = "us"').notes
+    assert any("people's are below 6 Hz: check time_unit" in note for note in notes) == is_noted
+
+
 def test_sensors_that_hardly_turn_show_no_unit() -> None:
     R = np.tile(np.eye(3), (200, 1, 1))
     still = ImuStream("pelvis", np.arange(200) / 100, None, R, np.full((200, 3), 1e-3))
     assert turning_scale(still) is None
+    assert turning_hz(still) is None
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be", "utf-8-sig"])

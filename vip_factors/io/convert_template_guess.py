@@ -36,8 +36,7 @@ def guess(path: Path, rate_hz: float | None = None) -> tuple[ColumnMap, Mapping[
     A folder may hold a folder for each sensor, and a sensor a file for each quantity.
 
     Raises:
-        FileFormatError: if the names of the columns tell nothing, a table holds one sample, or rows and times are not
-            in order.
+        FileFormatError: if columns' names tell nothing, a table holds one sample, or rows and times are not in order.
     """
     files = candidates(path, SUFFIXES)
     if not files and path.is_dir():

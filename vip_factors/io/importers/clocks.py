@@ -17,7 +17,6 @@ from vip_factors.sensors.imu_stream import ImuStream, rate_of
 BODY_RATES_HZ = (16.0, 2000.0)  # of logs of people who move; what lies outside is likely another unit of time
 STATED_FACTOR = 3.0  # by which times and a stated rate may disagree: sensors drop to half their rate, not to a tenth
 SPREAD = 1.5  # usual steps between samples that share a stamp, at most; beyond it samples are lost
-TICK_S = 1 / 32_768  # of the clocks that many loggers count
 HOUR_S, DAY_S = 3600.0, 86_400.0
 CLOCK_MODULI = np.array([2.0**16, 2.0**24, 2.0**32])  # of clocks that count ticks
 DAYS_BEFORE_1970 = 25_569  # of spreadsheets
@@ -118,45 +117,47 @@ def _check_step(table: TextTable, entry: SensorColumns, time: Array, notes: list
     notes.append(f"{table.path.name}: {sentence}")
 
 
-def check_turning(path: Path, entries: Mapping[str, SensorColumns], streams: Mapping[str, ImuStream]) -> None:
-    """Angular rates over the times have to turn as far as orientations do, on the median over the sensors.
-
-    Logs without orientations or angular rates, and sensors that hardly turn, do not show it.
-
-    Raises:
-        FileFormatError: if times or angular rates are in another unit; those that fit are named.
-    """
+def check_turning(
+    path: Path, entries: Mapping[str, SensorColumns], streams: Mapping[str, ImuStream], notes: list[str]
+) -> None:
+    """Refuse angular rates that do not turn as far as orientations; note those that no body turns back and forth at."""
     tolerated, near = 2.0, 1.1  # factors: of filters that lag and wrong axes; of units that explain it
+    fastest_hz = 12.0  # half of what gyroscopes measured of walks, jumps and gestures was below 0.4 to 6 Hz
+    halves = [hz for stream in streams.values() if (hz := turning_hz(stream)) is not None]
+    if halves and (half := float(np.median(halves))) > fastest_hz:
+        notes.append(f"{path.name}: gyroscopes turn at {half:.3g} Hz, people's are below 6 Hz: check time_unit")
     scales = {name: scale for name, stream in streams.items() if (scale := turning_scale(stream)) is not None}
     scale = float(np.median(list(scales.values()))) if scales else 1.0
     if 1 / tolerated < scale < tolerated:
         return
-    name = next(iter(scales))
-    entry, rate = entries[name], streams[name].rate
+    entry, rate, factors = entries[name := next(iter(scales))], streams[name].rate / scale, dict[str, float]()
     is_timed = entry.time is not None and entry.rate_hz is None
-    units = {"angular_rate_unit": ANGULAR_RATE_UNITS} | ({"time_unit": TIME_UNITS} if is_timed else {})
-    fits = [
-        f"{key} '{unit}'" for key, factors in units.items() for unit, factor in factors.items()
-        if 1 / near < factor / factors[getattr(entry, key)] / scale < near
-    ]  # fmt: skip
-    if BODY_RATES_HZ[0] <= rate / scale <= BODY_RATES_HZ[1]:
-        are_ticks = is_timed and 1 / near < TICK_S / TIME_UNITS[entry.time_unit] / scale < near
-        fits.append(
-            f"rate_hz {rate / scale:.4g}{' instead of time' if is_timed else ''}"
-            f"{', as the times count 1/32768 s' if are_ticks else ''}"
-        )
+    for key, known in (("angular_rate_unit", ANGULAR_RATE_UNITS), *[("time_unit", TIME_UNITS)] * is_timed):
+        factors |= {f"{key} '{unit}'": factor / known[getattr(entry, key)] for unit, factor in known.items()}
+    factors |= {"ticks of 1/32768 s": 1 / 32_768 / TIME_UNITS[entry.time_unit]} if is_timed else {}
+    fits = [words for words, factor in factors.items() if 1 / near < factor / scale < near]
+    fits += [f"rate_hz {rate:.4g}{' instead of time' * is_timed}"] * (BODY_RATES_HZ[0] <= rate <= BODY_RATES_HZ[1])
     raise FileFormatError(
-        f"{path}: orientations turn {scale:.3g} times as far as angular rates say, at {rate:.4g} samples a second: "
-        f"expected as far; {' or '.join(fits) or 'no known unit'} would fit"
+        f"{path}: orientations turn {scale:.3g} times as far as angular rates say, at {rate * scale:.4g} samples a "
+        f"second: expected as far; {' or '.join(fits) or 'no known unit'} would fit"
     )
 
 
-def turning_scale(stream: ImuStream) -> float | None:
-    """How far orientations turn, of how far angular rates say over the times; None if nothing tells.
+def turning_hz(stream: ImuStream) -> float | None:
+    """The frequency below which half of the power of the angular rate is; None of a sensor that hardly turns."""
+    from scipy.signal import periodogram  # late: it takes long to import
 
-    The median of the steps that turn most, each over a few samples: some makers repeat orientations.
-    """
-    span, fewest, least = 4, 20, 0.02  # samples; steps; rad, which is more than noise and rounding
+    least = 0.2  # rad/s, standard deviation: less may be noise, which has no frequency
+    if stream.angular_rate is None or np.linalg.norm(np.std(stream.angular_rate, axis=0)) < least:
+        return None
+    hertz, power = periodogram(stream.angular_rate, stream.rate, axis=0)
+    below = np.cumsum(power.sum(axis=1))
+    return float(hertz[np.searchsorted(below, below[-1] / 2)])
+
+
+def turning_scale(stream: ImuStream) -> float | None:
+    """How far orientations turn, of how far angular rates say, on the median of the steps that turn most, or None."""
+    span, fewest, least = 4, 20, 0.02  # samples, as some makers repeat orientations; steps; rad, more than noise
     R, rate = stream.R_inertial_sensor, stream.angular_rate
     if R is None or rate is None or len(stream) <= span + 1:
         return None

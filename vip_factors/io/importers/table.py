@@ -71,7 +71,7 @@ def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = 
     streams: dict[str, ImuStream] = {}
     for name, (entry, time, values) in samples.items():
         streams[name] = _stream(f"{columns.source}: sensor '{name}'", name, entry, time, values, notes)
-    check_turning(path, {name: entry for name, (entry, *_) in samples.items()}, streams)
+    check_turning(path, {name: entry for name, (entry, *_) in samples.items()}, streams, notes)
     notes = [note for table in tables.values() for note in table.notes] + notes
     start = min(stream.time[0] for stream in streams.values())
     since_1970 = start > SINCE_1970_S

@@ -124,7 +124,7 @@ def test_a_session_in_two_files_is_one_recording(run, files, tmp_path: Path) -> 
         np.testing.assert_allclose(np.diff(table.imus[name].time), np.diff(stream.time[kept]), atol=2e-6)
     told = run("smooth", files.recording, files.recording, "--out", tmp_path / "no.mcap")
     assert (told.code, told.err.count("\n")) == (2, 1)
-    assert "parts of a recording must follow one another" in told.err
+    assert "files of a recording must follow one another" in told.err
     assert run("smooth").code == 2
 
 

@@ -272,7 +272,7 @@ def test_findings_of_the_source_are_told_at_once_and_answered(
     assert capsys.readouterr().err == "care: sensor 'x' is nobody's: its samples are left out\n"
     assert stream.take(next(iter(live_samples(scene))), 0.25) == []
     assert stream._tracker.behind_s == 0.25
-    stream.take(LiveLoss("the tracker does not keep up", again=True))
+    stream.take(LiveLoss("the tracker does not keep up", is_repeat=True))
     assert stream._tracker.is_told_of_loss
     (last,) = stream.finish()
     assert sentences(last.findings) == (

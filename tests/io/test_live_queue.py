@@ -79,22 +79,22 @@ def test_losses_are_said_once_a_second_and_told_every_ten_and_at_the_end() -> No
 
     (told,) = flood()
     assert "4 IMU samples were dropped; this machine is too slow" in told.sentence
-    assert not told.again
+    assert not told.is_repeat
     clock.now = 0.9
     assert flood() == []
     clock.now = 1.1
     (said,) = flood()
-    assert said.again
+    assert said.is_repeat
     assert flood() == []
     clock.now = 10.5
     (told,) = flood()
     assert "16 IMU samples" in told.sentence
-    assert not told.again
+    assert not told.is_repeat
     flood()
     (told,) = drained(queue)
     assert isinstance(told, LiveLoss)
     assert "4 IMU samples" in told.sentence
-    assert not told.again
+    assert not told.is_repeat
 
 
 @pytest.mark.parametrize("drops", [True, False])

@@ -299,7 +299,7 @@ def test_a_sample_years_later_is_refused(filmed_scene: Scene, frames_of: Callabl
     late = replace(stream, time=np.append(stream.time[:-1], 1e9))
     wearers = [replace(one, imus={**one.imus, name: late}) for one in (wearer, *filmed_scene.wearers[1:])]
     damaged = replace(filmed_scene, wearers=tuple(wearers))
-    with pytest.raises(RecordingError, match=r"and 1e\+09 s: expected a day at most; .*'vip-factors info' tells"):
+    with pytest.raises(RecordingError, match=r"to 1e\+09 s: expected at most a day; .*'vip-factors info' shows"):
         frames_of(damaged)
 
 

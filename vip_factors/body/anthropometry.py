@@ -1,10 +1,8 @@
-"""The body of a person of whom stature, sex, mass or some lengths are known: the likeliest, and how others differ.
+"""Likely body of a person given stature, sex, mass or some lengths, with its uncertainty.
 
-What is known enters as observations of the prior over bodies (:class:`BodyGaussian`) and moves all that
-it does not name: long legs that were measured shorten the trunk, since the stature is what it is. Of a body estimated
-from an earlier recording, :class:`LengthPrior` says how far each length may still be off.
-
-That prior is a Gaussian: how heavy people are and how long each of their lengths, and which go together.
+The prior over bodies (:class:`BodyGaussian`) is a joint Gaussian over mass and lengths. Known quantities condition it:
+with a given stature, long measured legs shorten the trunk. :class:`LengthPrior` is the uncertainty of a body that was
+estimated from an earlier recording.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,24 +19,19 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
 STATURE_RANGE_M = (0.8, 2.6)  # from a small child to the tallest adults measured
-# A tape between two landmarks is read to 5 mm, and a finger finds each end of a joint's axis as well.
-LENGTH_SIGMA_M = 0.007
-FEW_SIGMAS = 3.0  # of stature: so far the prior knows people
-# Of all standard deviations, for every standard deviation of stature beyond: at 1.1 m a thigh and a shank have 3 cm
-# each, about as much as children's are shorter.
-WIDENING = 0.25
+LENGTH_SIGMA_M = 0.007  # of a tape, and of finding the joints' axes
+KNOWN_RANGE_SIGMAS = 3.0  # of stature, within which the prior is valid
+WIDENING = 0.25  # relative increase of standard deviations for every sigma of stature beyond that range
 SHIPPED_BODY_PRIOR = Path(__file__).parent.parent / "data" / "body_prior.npz"
 GROUPS = ("male", "female", "both")
 VARIABLES = ("log mass", *BODY_LENGTHS)
 SIZE = len(VARIABLES)
-STATURE_ROW = np.concatenate([[0.0], STATURE])  # of the variables: stature is a sum of lengths
+STATURE_ROW = np.concatenate([[0.0], STATURE])  # stature as a linear function of the variables
 
 
 @dataclass(frozen=True)
 class Observation:
-    """A number that a linear combination ``row`` ``(22,)`` of the :data:`VARIABLES` is known by, with its standard
-    deviation.
-    """
+    """Measured value of a linear combination ``row`` ``(22,)`` of the :data:`VARIABLES`, with standard deviation."""
 
     row: Array
     value: float
@@ -47,9 +40,7 @@ class Observation:
 
 @dataclass(frozen=True)
 class BodyGaussian:
-    """A Gaussian over the :data:`VARIABLES`, the mass's logarithm (kg) and the body's lengths in metres: mean ``(22,)``
-    and covariance ``(22, 22)``.
-    """
+    """Gaussian over the :data:`VARIABLES`, logarithm of the mass (kg) and lengths (m): mean ``(22,)``, covariance."""
 
     mean: Array
     covariance: Array
@@ -71,41 +62,39 @@ class BodyGaussian:
         return float(STATURE_ROW @ self.mean), float(np.sqrt(STATURE_ROW @ self.covariance @ STATURE_ROW))
 
     def widened(self, factor: float) -> "BodyGaussian":
-        """The same with every standard deviation ``factor`` times as large."""
+        """Multiply every standard deviation by ``factor``."""
         return BodyGaussian(self.mean, factor**2 * self.covariance)
 
     def given(self, observations: Sequence[Observation]) -> "BodyGaussian":
-        """The Gaussian conditional on independent observations."""
+        """Condition on independent observations."""
         if not observations:
             return self
-        rows = np.stack([one.row for one in observations])
-        missed = np.array([one.value for one in observations]) - rows @ self.mean
-        noise = np.diag([one.sigma**2 for one in observations])
+        rows = np.stack([observation.row for observation in observations])
+        missed = np.array([observation.value for observation in observations]) - rows @ self.mean
+        noise = np.diag([observation.sigma**2 for observation in observations])
         across = self.covariance @ rows.T
         gain = np.linalg.solve(rows @ across + noise, across.T).T
-        # Joseph's form, which stays positive definite.
-        kept = np.eye(SIZE) - gain @ rows
-        covariance = kept @ self.covariance @ kept.T + gain @ noise @ gain.T
+        # Joseph form: stays positive definite
+        reduction = np.eye(SIZE) - gain @ rows
+        covariance = reduction @ self.covariance @ reduction.T + gain @ noise @ gain.T
         return BodyGaussian(self.mean + gain @ missed, covariance)
 
 
 @dataclass(frozen=True)
 class BodyPrior:
-    """Gaussians over men, women and both together, by name (:data:`GROUPS`); provenance is one line: data, number of
-    people.
-    """
+    """Gaussians over men, women and both together (:data:`GROUPS`); ``provenance``: data and number of people."""
 
     groups: Mapping[str, BodyGaussian]
     provenance: str = "unknown"
 
     def of(self, sex: str | None) -> BodyGaussian:
-        """The Gaussian of ``"male"``, ``"female"`` or, for None, both together.
+        """Return the Gaussian for ``"male"``, ``"female"`` or, if None, both together.
 
         Raises:
             InputError: for anything else.
         """
         if sex not in ("male", "female", None):
-            raise InputError(f"sex '{sex}': expected 'male', 'female' or nothing")
+            raise InputError(f"sex '{sex}': expected 'male' or 'female'")
         return self.groups[sex or "both"]
 
 
@@ -126,19 +115,17 @@ def _read(path: Path) -> BodyPrior:
 
 
 def load_body_prior(path: str | Path | None = None) -> BodyPrior:
-    """A trained prior over bodies; the one shipped with the package if no path is given.
+    """Load a trained prior over bodies, by default the one shipped with the package.
 
     Raises:
-        FileFormatError: if the file is not one.
+        FileFormatError: if the file is not a prior over bodies.
     """
     return _read(Path(path) if path is not None else SHIPPED_BODY_PRIOR)
 
 
 @dataclass(frozen=True)
 class LikelyBody:
-    """A body as far as it is known: the likeliest skeleton, how others of whom the same is known differ from it, and a
-    sentence on what is doubtful, or nothing.
-    """
+    """Likeliest skeleton of a person, the prior over its changes, and a sentence about doubts or an empty string."""
 
     skeleton: Skeleton
     variation: BodyVariation
@@ -151,25 +138,24 @@ def likely_body(
     segment_lengths_m: Mapping[str, float] | None = None,
     mass_kg: float | None = None,
 ) -> LikelyBody:
-    """The body of a person of whom this is known.
+    """Estimate the body of a person.
 
-    People smaller or taller than the prior's (:data:`FEW_SIGMAS`) have the proportions of its last, with everything
-    less certain; children's legs are shorter than that.
+    People outside the prior's range (:data:`KNOWN_RANGE_SIGMAS`) have the proportions of its limit, with larger
+    uncertainty; children have shorter legs than that.
 
     Args:
         stature_m: height in metres, without shoes; unknown if None.
         sex: ``"male"``, ``"female"`` or None.
         segment_lengths_m: measured lengths in metres, to :data:`LENGTH_SIGMA_M`: ``thigh``, ``shank``, ``foot`` (ankle
-            to ball), ``upper_arm``, ``forearm``, ``hand`` (wrist to knuckles), each with ``left_``/``right_`` before it
-            if the sides differ, ``hip_width``, ``shoulder_width`` (between joint centres) and ``trunk`` (mid hip
-            to neck).
+            to ball), ``upper_arm``, ``forearm``, ``hand`` (wrist to knuckles), each with prefix ``left_``/``right_`` if
+            the sides differ, ``hip_width``, ``shoulder_width`` (between joint centres) and ``trunk`` (mid hip to neck).
         mass_kg: mass in kilograms; unknown if None.
 
     Raises:
         InputError: for an implausible stature, mass or length, or an unknown segment or sex.
     """
-    mass_sigma = 0.03  # of the mass: clothes, meals, scales
-    stature_sigma_m = 0.010  # a tape's, with the centimetre that people lose from morning to evening
+    mass_sigma = 0.03  # relative: clothes, meals, scales
+    stature_sigma_m = 0.010  # of a tape, and of the change over a day
     mass_range_kg = (8.0, 400.0)
     if stature_m is not None:
         _check_stature(stature_m)
@@ -178,27 +164,27 @@ def likely_body(
     adults = load_body_prior().of(sex)
     measured = dict(segment_lengths_m or {})
     lengths, halves = measured_lengths(measured)
-    scale, beyond = _scale(adults, stature_m)
+    scale, excess_sigmas = _scale(adults, stature_m)
     observations = [
         Observation(np.concatenate([[0.0], row]), metres / scale, LENGTH_SIGMA_M / scale) for row, metres in lengths
     ]
     if stature_m is not None:
         observations.append(Observation(STATURE_ROW, stature_m / scale, stature_sigma_m / scale))
     if mass_kg is not None:
-        mass = float(np.log(mass_kg / scale**2))  # as fat or lean for the stature
+        mass = float(np.log(mass_kg / scale**2))  # same body mass index
         observations.append(Observation(np.eye(len(VARIABLES))[0], mass, mass_sigma))
-    found = adults.widened(1 + WIDENING * beyond).given(observations)
-    known = [
+    posterior = adults.widened(1 + WIDENING * excess_sigmas).given(observations)
+    provenance = [
         "stature unknown" if stature_m is None else f"stature {stature_m:.2f} m",
         *([sex] if sex else []),
         *([f"{mass_kg:g} kg"] if mass_kg is not None else []),
         *([f"measured {', '.join(sorted(measured))}"] if measured else []),
     ]
-    moved = len(LENGTHS)
-    skeleton = skeleton_of_lengths(scale * found.mean[1:], f"{', '.join(known)}; prior over bodies")
-    covariance = scale**2 * found.covariance[1 : moved + 1, 1 : moved + 1]
+    count = len(LENGTHS)
+    skeleton = skeleton_of_lengths(scale * posterior.mean[1:], f"{', '.join(provenance)}; prior over bodies")
+    covariance = scale**2 * posterior.covariance[1 : count + 1, 1 : count + 1]
     variation = BodyVariation.about_mean(skeleton, covariance)
-    note = _note(stature_m, beyond, *adults.stature)
+    note = _note(stature_m, excess_sigmas, *adults.stature)
     return LikelyBody(apply_sides(skeleton, halves), variation, note)
 
 
@@ -208,7 +194,7 @@ def skeleton_from_stature(
     segment_lengths_m: Mapping[str, float] | None = None,
     mass_kg: float | None = None,
 ) -> Skeleton:
-    """The likeliest skeleton of a person, as :func:`likely_body` gives it.
+    """Likeliest skeleton of a person; see :func:`likely_body`.
 
     Raises:
         InputError: for an implausible stature, mass or length, or an unknown segment or sex.
@@ -225,27 +211,27 @@ def _check_stature(stature_m: float) -> None:
 
 
 def _scale(adults: BodyGaussian, stature_m: float | None) -> tuple[float, float]:
-    """Size over that of the prior's nearest person, and how many standard deviations lie between them."""
+    """Scale relative to the prior's nearest stature, and the distance in standard deviations."""
     if stature_m is None:
         return 1.0, 0.0
     mean, sigma = adults.stature
-    nearest = float(np.clip(stature_m, mean - FEW_SIGMAS * sigma, mean + FEW_SIGMAS * sigma))
+    nearest = float(np.clip(stature_m, mean - KNOWN_RANGE_SIGMAS * sigma, mean + KNOWN_RANGE_SIGMAS * sigma))
     return stature_m / nearest, abs(stature_m - nearest) / sigma
 
 
-def _note(stature_m: float | None, beyond: float, mean: float, sigma: float) -> str:
+def _note(stature_m: float | None, excess_sigmas: float, mean: float, sigma: float) -> str:
     if stature_m is None:
-        return f"stature unknown: an adult's, {mean:.2f} ± {sigma:.2f} m, stands for it, and every length follows"
-    if beyond > 0:
+        return f"stature unknown: an adult's is assumed, {mean:.2f} ± {sigma:.2f} m, and all lengths follow from it"
+    if excess_sigmas > 0:
         children = "; children have shorter legs" if stature_m < mean else ""
         return (
-            f"a stature of {stature_m:.2f} m is {beyond + FEW_SIGMAS:.1f} standard deviations from the mean of the "
-            f"adults whose proportions are known, {mean:.2f} m: these are scaled, and held for less certain{children}"
+            f"a stature of {stature_m:.2f} m is {excess_sigmas + KNOWN_RANGE_SIGMAS:.1f} standard deviations from the "
+            f"mean of the adults whose proportions are known, {mean:.2f} m: lengths are less certain{children}"
         )
     return ""
 
 
-# What is measured without sides, as a sum of the body's lengths.
+# Measured lengths without sides, as sums of the body's lengths.
 WHOLE = {
     "hip_width": {"hip width": 1.0},
     "shoulder_width": {"shoulder width": 1.0},
@@ -254,11 +240,11 @@ WHOLE = {
 
 
 def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, float]], dict[str, float]]:
-    """What measured lengths tell of a body whose sides are alike, and how the sides differ from it.
+    """Convert measured lengths to observations of a symmetric body and to differences of its sides.
 
     Returns:
-        Rows ``(17,)`` of the body's lengths with the metres they amount to; and by the joint at a limb's end the metres
-        that it is longer than the mean of both sides.
+        Rows ``(21,)`` over the body's lengths with their values in metres; and by the joint at a limb's end the limb's
+        excess over the mean of both sides, metres.
 
     Raises:
         InputError: for an implausible length or an unknown segment.
@@ -267,7 +253,7 @@ def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, f
     sides: dict[str, dict[str, float]] = {}
     rows = []
     low, high = length_range_m
-    for name, metres in sorted(measured.items(), key=lambda one: one[0].startswith(("left_", "right_"))):
+    for name, metres in sorted(measured.items(), key=lambda pair: pair[0].startswith(("left_", "right_"))):
         if not low <= metres <= high:
             raise InputError(f"segment length {name} = {metres:g} m: expected metres, between {low:g} and {high:g}")
         if name in WHOLE:
@@ -276,10 +262,12 @@ def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, f
         side, _, limb = name.partition("_") if name.startswith(("left_", "right_")) else ("", "", name)
         limb = limb.replace("_", " ")
         if limb not in LIMB_ENDS:
-            known = ", ".join([*LIMB_ENDS, *WHOLE]).replace(" ", "_").replace(",_", ", ")
-            raise InputError(f"unknown segment '{name}': expected one of {known}, with left_ or right_ before a limb's")
-        # A side's own length comes after both sides', and wins.
-        sides.setdefault(limb, {}).update({one: metres for one in ([side] if side else ["left", "right"])})
+            segments = ", ".join([*LIMB_ENDS, *WHOLE]).replace(" ", "_").replace(",_", ", ")
+            raise InputError(
+                f"unknown segment '{name}': expected one of {segments}, with left_ or right_ before a limb's"
+            )
+        # a length of one side comes after that of both and overrides it
+        sides.setdefault(limb, {}).update({side_name: metres for side_name in ([side] if side else ["left", "right"])})
     halves: dict[str, float] = {}
     for limb, lengths in sides.items():
         mean = float(np.mean(list(lengths.values())))
@@ -289,7 +277,7 @@ def measured_lengths(measured: Mapping[str, float]) -> tuple[list[tuple[Array, f
 
 
 def apply_sides(skeleton: Skeleton, halves: Mapping[str, float]) -> Skeleton:
-    """The skeleton with limbs longer than both sides' mean by metres, by the joint at their end."""
+    """Lengthen limbs of a skeleton by metres, by the joint at their end."""
     offsets = skeleton.p_parent_joint.copy()
     for joint, metres in halves.items():
         along = offsets[joint_index(joint)]
@@ -301,15 +289,18 @@ def _row(lengths: Mapping[str, float]) -> Array:
     return np.array([lengths.get(name, 0.0) for name in BODY_LENGTHS])
 
 
-# m: no combination of lengths is taken to be known better. Soft tissue and a detector's habits err alike in every
-# frame, and what was found counts each of them as news.
+# m, lower bound for any combination of lengths: soft tissue and a detector's bias are alike in every frame, so that the
+# estimated covariance is too small
 LEAST_SIGMA = 0.003
 
 
 @dataclass(frozen=True)
 class LengthPrior:
-    """A Gaussian about the lengths of a skeleton: names, ``B`` of :data:`~vip_factors.body.lengths.LENGTHS` or of
-    another version's, and covariance ``(B, B)`` m² of their changes.
+    """Gaussian over changes of a skeleton's lengths.
+
+    Attributes:
+        names: ``B`` of :data:`~vip_factors.body.lengths.LENGTHS`; names of other versions are ignored.
+        covariance: ``(B, B)`` m².
     """
 
     names: tuple[str, ...]
@@ -325,13 +316,13 @@ class LengthPrior:
         object.__setattr__(self, "covariance", covariance)
 
     def variation(self, skeleton: Skeleton) -> BodyVariation:
-        """How ``skeleton`` may change, and how likely: lengths without a name here as those of anybody else."""
-        whole = likely_body(skeleton.stature).variation.covariance
-        known = [(LENGTHS.index(name), place) for place, name in enumerate(self.names) if name in LENGTHS]
-        if known:
-            at, given = (np.array(column) for column in zip(*known, strict=True))
-            whole[at, :] = whole[:, at] = 0.0
-            whole[np.ix_(at, at)] = self.covariance[np.ix_(given, given)]
-        values, vectors = np.linalg.eigh(whole)
+        """Make the prior over changes of ``skeleton``; unnamed lengths have the covariance of the population."""
+        joint = likely_body(skeleton.stature).variation.covariance
+        pairs = [(LENGTHS.index(name), place) for place, name in enumerate(self.names) if name in LENGTHS]
+        if pairs:
+            rows, places = (np.array(column) for column in zip(*pairs, strict=True))
+            joint[rows, :] = joint[:, rows] = 0.0
+            joint[np.ix_(rows, rows)] = self.covariance[np.ix_(places, places)]
+        values, vectors = np.linalg.eigh(joint)
         covariance = (vectors * np.maximum(values, LEAST_SIGMA**2)) @ vectors.T
         return BodyVariation.about_mean(skeleton, covariance)

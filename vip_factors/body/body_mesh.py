@@ -1,8 +1,7 @@
-"""One smooth skin over the mannequin's segments, tied to the bones by weights: for renderers and for export.
+"""Skinned mesh of the mannequin, for renderers and export.
 
-The skin is where ``sum(exp(-distance / softness))`` over the segments is one: a union whose creases are rounded, the
-more the thicker the segments are. It is taken off a grid by surface nets (Gibson 1998) and moves by linear blend
-skinning.
+The skin is the level set ``sum(exp(-distance / softness)) = 1`` over the segments, a union with rounded creases. It is
+extracted from a grid by surface nets (Gibson 1998) and moves by linear blend skinning.
 """
 
 from collections.abc import Sequence
@@ -16,8 +15,8 @@ from vip_factors.body.mannequin import Segment, mannequin
 from vip_factors.body.skeleton import JOINT_COUNT, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.geometry.rotations import Array, rotation_z
 
-REACH = 7.0  # in softnesses: a segment that far away adds a thousandth
-# Joints whose segments make a piece of their own, and the size of its grid's cells, in thousandths of stature.
+REACH = 7.0  # in units of softness: a segment at this distance contributes a thousandth
+# Joints whose segments form a piece, and the cell size of its grid, in thousandths of stature.
 PIECES = (
     (("pelvis", "spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "left_hip", "right_hip",
       "left_knee", "right_knee", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow"), 11.0),
@@ -29,14 +28,14 @@ PIECES = (
 
 @dataclass(frozen=True)
 class BodyMesh:
-    """A triangle mesh that moves with a skeleton.
+    """Triangle mesh that moves with a skeleton.
 
     Attributes:
-        p_bind: ``(V, 3)`` metres, vertices in the pelvis frame, in the pose in which the skin was made.
-        normal: ``(V, 3)`` unit, outwards, there.
+        p_bind: ``(V, 3)`` metres, vertices in the pelvis frame, in the bind pose.
+        normal: ``(V, 3)`` unit normals, outwards, in the bind pose.
         faces: ``(F, 3)`` indices of vertices, anticlockwise seen from outside.
-        weights: ``(V, 24)`` share of each bone in each vertex's movement; rows sum to one.
-        R_bind_bone, p_bind_bone: ``(24, 3, 3)`` and ``(24, 3)`` poses of the bones there.
+        weights: ``(V, 24)`` skinning weights; rows sum to one.
+        R_bind_bone, p_bind_bone: ``(24, 3, 3)`` and ``(24, 3)`` poses of the bones in the bind pose.
     """
 
     p_bind: Array
@@ -48,23 +47,22 @@ class BodyMesh:
 
     @property
     def bone(self) -> np.ndarray:
-        """``(V,)`` the bone with the largest share in each vertex."""
+        """Bone ``(V,)`` with the largest weight of each vertex."""
         return np.argmax(self.weights, axis=1)
 
     def four_bones(self) -> tuple[np.ndarray, np.ndarray]:
-        """As graphics cards take them, bytes ``(V, 4)``: the bones that move a vertex most, and their shares of 255.
+        """Four bones with the largest weights of each vertex, ``(V, 4)`` bytes, and their weights, with sum 255.
 
-        Shares add up to 255: else a vertex is off by a part of its distance from the world's origin. Bones without a
-        share are number 0.
+        Bones without a weight have number 0.
         """
         bones = np.argsort(-self.weights, axis=1)[:, :4]
-        part = np.take_along_axis(self.weights, bones, axis=1)
-        shares = np.rint(255 * part / part.sum(axis=1, keepdims=True)).astype(np.int16)
+        largest = np.take_along_axis(self.weights, bones, axis=1)
+        shares = np.rint(255 * largest / largest.sum(axis=1, keepdims=True)).astype(np.int16)
         shares[:, 0] += 255 - shares.sum(axis=1)
         return np.where(shares > 0, bones, 0).astype(np.uint8), shares.astype(np.uint8)
 
     def posed(self, R_world_bone: Array, p_world_bone: Array) -> tuple[Array, Array]:
-        """Vertices and unit normals ``(V, 3)`` in the world, bones being at ``(24, 3, 3)`` and ``(24, 3)``."""
+        """Vertices and unit normals ``(V, 3)`` in the world, for bones at ``(24, 3, 3)`` and ``(24, 3)``."""
         R = np.einsum("bij,bkj->bik", R_world_bone, self.R_bind_bone)
         t = p_world_bone - np.einsum("bij,bj->bi", R, self.p_bind_bone)
         blended = self.weights @ np.concatenate([R.reshape(-1, 9), t], axis=1)
@@ -75,14 +73,17 @@ class BodyMesh:
 
 
 def body_mesh(skeleton: Skeleton) -> BodyMesh:
-    """The skin of a skeleton; some tenths of a second of work the first time, then it is remembered."""
-    landmarks = [(name, one.bone, one.p_bone_point.astype(float).tobytes()) for name, one in skeleton.landmarks.items()]
+    """Make the skin of a skeleton; takes tenths of a second, and is cached."""
+    landmarks = [
+        (name, landmark.bone, landmark.p_bone_point.astype(float).tobytes())
+        for name, landmark in skeleton.landmarks.items()
+    ]
     return _mesh_of(skeleton.p_parent_joint.tobytes(), tuple(landmarks))
 
 
 @lru_cache(maxsize=8)
 def _mesh_of(offsets: bytes, landmarks: tuple[tuple[str, int, bytes], ...]) -> BodyMesh:
-    legs_apart = np.deg2rad(14.0)  # while the skin is made: thighs that touch would grow together
+    legs_apart = np.deg2rad(14.0)  # in the bind pose, so that the thighs do not merge
     points = {name: Landmark(bone, np.frombuffer(point)) for name, bone, point in landmarks}
     skeleton = Skeleton(np.frombuffer(offsets).reshape(JOINT_COUNT, 3), points)
     R = np.tile(np.eye(3), (1, JOINT_COUNT, 1, 1))
@@ -99,15 +100,15 @@ def _mesh_of(offsets: bytes, landmarks: tuple[tuple[str, int, bytes], ...]) -> B
         vertices.append((p, field.normals(p, chosen), field.weights(p)))
         faces.append(triangles + count)
         count += len(p)
-    p, normal, weights = (np.concatenate(part) for part in zip(*vertices, strict=True))
+    p, normal, weights = (np.concatenate(arrays) for arrays in zip(*vertices, strict=True))
     return BodyMesh(p, normal, np.concatenate(faces), weights, state.R_world_bone[0], state.p_world_joint[0])
 
 
 class _Field:
-    """What the segments say at a point: positive inside the skin, growing inwards."""
+    """Scalar field of the segments: positive inside the skin, increasing inwards."""
 
     def __init__(self, segments: Sequence[Segment], state: BodyState) -> None:
-        softness = 0.16  # of a segment's thinner end: creases rounded, fingers still apart
+        softness = 0.16  # relative to a segment's thinner end: rounds creases, keeps fingers apart
         self.bone = np.array([segment.bone for segment in segments])
         R, p = state.R_world_bone[0, self.bone], state.p_world_joint[0, self.bone]
         self.start = np.einsum("nij,nj->ni", R, [s.p_bone_start for s in segments]) + p
@@ -118,16 +119,18 @@ class _Field:
         self.stature = float(np.ptp(ends[:, 1]))
 
     def _distance(self, n: int, p: Array) -> tuple[Array, Array]:
-        """From segment ``n``'s surface ``(...)``, negative inside, and the vector ``(..., 3)`` from its axis."""
-        axis, (first, last) = self.axis[n].astype(p.dtype), self.radius[n].astype(p.dtype)
+        """Distance ``(...)`` from segment ``n``'s surface, negative inside, and vector ``(..., 3)`` from its axis."""
+        axis, (start_radius, end_radius) = self.axis[n].astype(p.dtype), self.radius[n].astype(p.dtype)
         off = p - self.start[n].astype(p.dtype)
         along = np.clip(off @ axis / max(float(axis @ axis), 1e-12), 0.0, 1.0)
         away = off - along[..., None] * axis
-        return np.sqrt(np.einsum("...i,...i->...", away, away)) - (first + along * (last - first)), away
+        return np.sqrt(np.einsum("...i,...i->...", away, away)) - (
+            start_radius + along * (end_radius - start_radius)
+        ), away
 
     def skin(self, chosen: np.ndarray, cell: float) -> tuple[Array, np.ndarray]:
-        """Vertices ``(V, 3)`` and triangles ``(F, 3)`` of the skin over some segments."""
-        most_cells = 300  # along one axis of a piece's grid, four times a person's: of who has no height, say
+        """Extract vertices ``(V, 3)`` and triangles ``(F, 3)`` of the skin over some segments."""
+        most_cells = 300  # along one axis of a piece's grid, four times a usual one
         reach = self.radius.max(axis=1) + REACH * self.softness
         ends = np.stack([self.start, self.start + self.axis])
         low, high = ends.min(axis=0) - reach[:, None], ends.max(axis=0) + reach[:, None]
@@ -136,11 +139,11 @@ class _Field:
         shape = np.ceil((high[chosen].max(axis=0) - origin) / cell).astype(int) + 1
         total = np.full(shape, 1e-4, dtype=np.float32)
         for n in np.flatnonzero(chosen).tolist():
-            first = np.maximum(np.floor((low[n] - origin) / cell).astype(int), 0)
-            last = np.minimum(np.ceil((high[n] - origin) / cell).astype(int) + 1, shape)
-            box = tuple(slice(a, b) for a, b in zip(first, last, strict=True))
+            start = np.maximum(np.floor((low[n] - origin) / cell).astype(int), 0)
+            end = np.minimum(np.ceil((high[n] - origin) / cell).astype(int) + 1, shape)
+            box = tuple(slice(a, b) for a, b in zip(start, end, strict=True))
             axes = [
-                np.float32(origin[i]) + np.float32(cell) * np.arange(first[i], last[i], dtype=np.float32)
+                np.float32(origin[i]) + np.float32(cell) * np.arange(start[i], end[i], dtype=np.float32)
                 for i in range(3)
             ]
             distance, _ = self._distance(n, np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1))
@@ -148,7 +151,7 @@ class _Field:
         total[[0, -1]] = total[:, [0, -1]] = total[:, :, [0, -1]] = 1e-4
         places, faces = surface_net(np.log(total))
         p = origin + cell * places
-        for _ in range(2):  # Newton's steps onto the skin
+        for _ in range(2):  # Newton steps onto the skin
             value, slope = self._value(p, chosen)
             step = value / np.maximum(np.einsum("vi,vi->v", slope, slope), 1e-12)
             step = np.clip(step, -cell / np.linalg.norm(slope, axis=1), cell / np.linalg.norm(slope, axis=1))
@@ -156,14 +159,14 @@ class _Field:
         return p, faces
 
     def _value(self, p: Array, chosen: np.ndarray) -> tuple[Array, Array]:
-        """The field ``(V,)`` and its slope ``(V, 3)``."""
+        """Field ``(V,)`` and its gradient ``(V, 3)``."""
         total, slope = np.full(len(p), 1e-12), np.zeros_like(p)
         for n in np.flatnonzero(chosen).tolist():
             distance, away = self._distance(n, p)
-            part = np.exp(np.minimum(-distance / self.softness[n], 50.0))
-            total += part
+            density = np.exp(np.minimum(-distance / self.softness[n], 50.0))
+            total += density
             length = np.maximum(np.linalg.norm(away, axis=1), 1e-9)
-            slope -= (part / self.softness[n] / length)[:, None] * away
+            slope -= (density / self.softness[n] / length)[:, None] * away
         return np.log(total), slope / total[:, None]
 
     def normals(self, p: Array, chosen: np.ndarray) -> Array:
@@ -172,8 +175,8 @@ class _Field:
         return -slope / np.maximum(np.linalg.norm(slope, axis=1, keepdims=True), 1e-12)
 
     def weights(self, p: Array) -> Array:
-        """Shares ``(V, 24)`` of the bones: of the nearest one, its parent and its children, by nearness."""
-        weight_softness = 0.45  # of a segment's thicker end: over what length around a joint the skin bends
+        """Skinning weights ``(V, 24)`` by distance: of the nearest bone, its parent and its children."""
+        weight_softness = 0.45  # relative to a segment's thicker end: length over which the skin bends at a joint
         shares = np.zeros((len(p), JOINT_COUNT))
         for n, bone in enumerate(self.bone):
             distance, _ = self._distance(n, p)
@@ -190,8 +193,10 @@ for _bone, _parent in enumerate(PARENTS[1:], start=1):
 
 
 def surface_net(field: Array) -> tuple[Array, np.ndarray]:
-    """The surface on which a field ``(X, Y, Z)`` is zero: vertices ``(V, 3)`` in cells of the grid, and triangles ``(F,
-    3)``, anticlockwise seen from where it is negative.
+    """Extract the zero level set of a field ``(X, Y, Z)``.
+
+    Returns:
+        Vertices ``(V, 3)`` in units of cells, and triangles ``(F, 3)``, anticlockwise seen from the negative side.
     """
     inside = field > 0
     corners = np.array([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1)])
@@ -216,17 +221,17 @@ def surface_net(field: Array) -> tuple[Array, np.ndarray]:
 
 
 def _net_faces(inside: np.ndarray, number: np.ndarray) -> np.ndarray:
-    """Two triangles for every edge of the grid that crosses the surface, between the four cells around it."""
+    """Make two triangles for every grid edge that crosses the surface, between the four cells around it."""
     faces = []
     for axis in range(3):
         low = np.moveaxis(inside, axis, 0)[:-1]
         high = np.moveaxis(inside, axis, 0)[1:]
         edges = np.argwhere(low != high)
         outwards = low[tuple(edges.T)]  # the field falls along the axis
-        others = np.moveaxis(number, axis, 0)
+        cells = np.moveaxis(number, axis, 0)
         i, j, k = edges.T
-        ring = np.stack([others[i, j - 1, k - 1], others[i, j, k - 1], others[i, j, k], others[i, j - 1, k]], axis=1)
-        # The other two axes follow this one cyclically for x and z only.
+        ring = np.stack([cells[i, j - 1, k - 1], cells[i, j, k - 1], cells[i, j, k], cells[i, j - 1, k]], axis=1)
+        # the other two axes follow cyclically for x and z only
         turned = outwards if axis != 1 else ~outwards
         ring = np.where(turned[:, None], ring, ring[:, ::-1])
         faces += [ring[:, [0, 1, 2]], ring[:, [0, 2, 3]]]

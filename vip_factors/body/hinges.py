@@ -1,4 +1,4 @@
-"""Elbows and knees as hinges: the axis each turns about, how it varies between people, and the estimate of it."""
+"""Elbows and knees as hinges: their axes, the variation between people, and estimates."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -11,24 +11,24 @@ from vip_factors.geometry.rotations import Array
 
 LEFT, DOWN, UP, FORWARD = (1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
 
-# Degrees. The carrying angle of elbows is 8° more or less, half of it a tilt of the axis; knees differ as much between
-# bow-legged and knock-kneed people. Where a skeleton's zero of turning about the limb is, is as uncertain.
+# The carrying angle of elbows varies by about 8°, half of it a tilt of the axis; knees vary as much between bow-legged
+# and knock-kneed people. A skeleton's zero of rotation about the limb is as uncertain.
 AXIS_SIGMA_DEG = 5.0
 OFFSET_SIGMA_DEG = 5.0
 
 
 @dataclass(frozen=True)
 class Hinge:
-    """One joint that turns about an axis fixed in the bone above it.
+    """Joint that turns about an axis fixed in the upper bone.
 
     Attributes:
-        joint: its name.
-        axis: ``(3,)`` of it, usually, in the bone above.
-        normals: ``(3, 2)`` the directions that it may be tilted to.
-        square: ``(3, n)`` directions in the bone below that stay square to the axis: along the limb, and, where the
-            bone below cannot turn about itself, one across.
-        rows: of these among those of all hinges.
-        tilts: of its axis among those of all hinges.
+        joint: name of the joint.
+        axis: ``(3,)`` usual axis in the upper bone.
+        normals: ``(3, 2)`` directions of its tilts.
+        square: ``(3, n)`` directions in the lower bone that stay perpendicular to the axis: along the limb, and one
+            across it unless the lower bone can rotate about itself.
+        rows: rows of these directions among those of all hinges.
+        tilts: columns of the tilts among the variables of all hinges.
     """
 
     joint: str
@@ -40,7 +40,7 @@ class Hinge:
 
     @property
     def columns(self) -> np.ndarray:
-        """Of its own variables among those of all hinges: two tilts, then an offset of each of its rows."""
+        """Columns among the variables of all hinges: two tilts, then an offset for each row."""
         rows = np.arange(self.rows.start, self.rows.stop)
         return np.concatenate([np.arange(self.tilts.start, self.tilts.stop), TILTS + rows])
 
@@ -50,12 +50,12 @@ class Hinge:
         return joint_index(self.joint)
 
     def direction(self, tilt: Array) -> Array:
-        """The axis ``(3,)``, a unit vector, tilted by ``(2,)`` radians."""
+        """Unit axis ``(3,)`` tilted by ``(2,)`` radians."""
         long = self.axis + self.normals @ tilt
         return long / np.linalg.norm(long)
 
     def tilt_to(self, axis: Array) -> Array:
-        """The tilt ``(2,)`` of an axis ``(3,)`` that is less than a right angle off the usual one."""
+        """Tilt ``(2,)`` of an axis ``(3,)`` within a right angle of the usual one."""
         return np.asarray(self.normals.T @ axis / (self.axis @ axis))
 
     def direction_by_tilt(self, tilt: Array) -> Array:
@@ -66,10 +66,10 @@ class Hinge:
         return (np.eye(3) - np.outer(unit, unit)) @ self.normals / length
 
     def carrying_angle(self, tilt: Array, offset: float) -> float:
-        """Radians by which the lower limb, stretched, is off the upper one's line, away from the body's middle.
+        """Outward angle in radians of the stretched lower limb relative to the upper one.
 
-        At rest both lie along the first of ``square``; ``offset`` is the sine of how far the lower one is off the plane
-        that it bends in, and the upper one is off it by the axis's ``tilt``, ``(2,)`` radians.
+        ``offset`` is the sine of the lower limb's angle to the plane of flexion; the upper limb's angle to it follows
+        from the axis's ``tilt``, ``(2,)`` radians.
         """
         outwards = 1.0 if self.joint.startswith("left") else -1.0
         upper = float(self.direction(tilt) @ self.square[:, 0])
@@ -77,40 +77,40 @@ class Hinge:
 
 
 def _hinges() -> tuple[Hinge, ...]:
-    elbow = (UP, (LEFT, FORWARD), (LEFT,))  # the forearm turns about itself: pronation
+    elbow = (UP, (LEFT, FORWARD), (LEFT,))  # pronation is free
     knee = (LEFT, (UP, FORWARD), (DOWN, FORWARD))
-    found, row = list[Hinge](), 0
+    hinges, row = list[Hinge](), 0
     for name, (axis, normals, square) in (("elbow", elbow), ("knee", knee)):
         for side in ("left", "right"):
             rows = slice(row, row + len(square))
-            tilts = slice(2 * len(found), 2 * len(found) + 2)
-            found.append(Hinge(f"{side}_{name}", np.array(axis), np.array(normals).T, np.array(square).T, rows, tilts))
+            tilts = slice(2 * len(hinges), 2 * len(hinges) + 2)
+            hinges.append(Hinge(f"{side}_{name}", np.array(axis), np.array(normals).T, np.array(square).T, rows, tilts))
             row = rows.stop
-    return tuple(found)
+    return tuple(hinges)
 
 
 HINGES = _hinges()
-HINGE_OF = {one.joint: one for one in HINGES}
+HINGE_OF = {hinge.joint: hinge for hinge in HINGES}
 ROWS = HINGES[-1].rows.stop
-# Of the variables: two tilts of each hinge's axis, then an offset of each row.
+# Variables: two tilts of each hinge's axis, then an offset for each row.
 TILTS = 2 * len(HINGES)
 HINGE_VARIABLES = TILTS + ROWS
 HINGE_SIGMAS = np.radians(np.repeat([AXIS_SIGMA_DEG, OFFSET_SIGMA_DEG], [TILTS, ROWS]))
 
 
-# rad: no combination of a found hinge's variables is taken to be known better. An axis is told in the bone above, and
-# where that bone is, is a matter of its sensor's mounting: some degrees off, and anew with every strapping.
+# rad, lower bound for any combination of an estimated hinge's variables: the upper bone's axes depend on its sensor's
+# mounting, which differs by some degrees each time that it is strapped on
 LEAST_SIGMA = np.deg2rad(3.0)
 
 
 @dataclass(frozen=True)
 class HingeEstimate:
-    """The axis that an elbow or a knee was found to turn about.
+    """Estimated axis of an elbow or a knee.
 
     Attributes:
-        joint: its name.
-        variables: ``(n,)`` radians: two tilts of its axis, then an offset of each of its rows (:data:`HINGES`).
-        covariance: ``(n, n)`` rad²; NaN if not known.
+        joint: name of the joint.
+        variables: ``(n,)`` radians: two tilts of its axis, then an offset for each row (:data:`HINGES`).
+        covariance: ``(n, n)`` rad²; NaN if unknown.
     """
 
     joint: str
@@ -129,30 +129,27 @@ class HingeEstimate:
 
     @property
     def hinge(self) -> Hinge:
-        """The joint's usual axis, and how it may tilt."""
+        """Definition of the joint's hinge."""
         return HINGE_OF[self.joint]
 
     @property
     def axis(self) -> Array:
-        """``(3,)`` unit vector in the bone above."""
+        """Unit axis ``(3,)`` in the upper bone."""
         return self.hinge.direction(self.variables[:2])
 
     @property
     def sigma(self) -> Array:
-        """``(2,)`` standard deviations in radians towards the directions that the axis may be tilted to."""
+        """Standard deviations ``(2,)`` of the tilts in radians."""
         return np.sqrt(np.diag(self.covariance)[:2])
 
     @property
     def carrying_angle(self) -> float:
-        """Radians by which the lower limb, stretched, is off the upper one's line, outwards.
-
-        The carrying angle of an elbow; of a knee, knock-kneed above and bow-legged below zero.
-        """
+        """Outward angle of the stretched lower limb in radians: carrying angle of an elbow, valgus of a knee."""
         return self.hinge.carrying_angle(self.variables[:2], float(self.variables[2]))
 
     @property
     def carrying_sigma(self) -> float:
-        """Standard deviation of the carrying angle, which is small, in radians."""
+        """Standard deviation of the carrying angle in radians."""
         by_variables = np.zeros(len(self.variables))
         by_variables[:2] = -self.hinge.square[:, 0] @ self.hinge.direction_by_tilt(self.variables[:2])
         by_variables[2] = 1.0
@@ -161,40 +158,36 @@ class HingeEstimate:
 
 @dataclass(frozen=True)
 class HingePrior:
-    """A Gaussian over the variables of all hinges, ``(H,)`` radians and ``(H, H)`` rad²; of anybody, if nothing is
-    said.
-    """
+    """Gaussian over the variables of all hinges, ``(H,)`` rad and ``(H, H)`` rad²; by default of the population."""
 
     mean: Array = field(default_factory=lambda: np.zeros(HINGE_VARIABLES))
     covariance: Array = field(default_factory=lambda: np.diag(HINGE_SIGMAS**2))
 
     @classmethod
     def about(cls, estimates: Sequence[HingeEstimate]) -> "HingePrior":
-        """Of somebody some of whose hinges were found before, on another recording; the others are anybody's.
-
-        None is believed better than :data:`LEAST_SIGMA`.
-        """
+        """Make the prior from earlier estimates of some hinges, with sigmas of at least :data:`LEAST_SIGMA`."""
         usual = cls()
         mean, covariance = usual.mean, usual.covariance
-        for one in estimates:
-            values, vectors = np.linalg.eigh(one.covariance)
-            columns = one.hinge.columns
-            mean[columns] = one.variables
+        for estimate in estimates:
+            values, vectors = np.linalg.eigh(estimate.covariance)
+            columns = estimate.hinge.columns
+            mean[columns] = estimate.variables
             covariance[np.ix_(columns, columns)] = (vectors * np.maximum(values, LEAST_SIGMA**2)) @ vectors.T
         return cls(mean, covariance)
 
     @property
     def whitening(self) -> Array:
-        """``(H, H)`` per radian, the inverse square root of the covariance."""
+        """Inverse square root ``(H, H)`` of the covariance, per radian."""
         return np.asarray(np.linalg.inv(np.linalg.cholesky(self.covariance)))
 
     def hinges(self) -> tuple[HingeEstimate, ...]:
-        """The Gaussian of each hinge by itself."""
+        """Marginal Gaussian of each hinge."""
         return hinge_estimates(self.mean, self.covariance)
 
 
 def hinge_estimates(variables: Array, covariance: Array) -> tuple[HingeEstimate, ...]:
-    """Each hinge of the variables ``(H,)`` of all of them and their covariance ``(H, H)``."""
+    """Split the variables ``(H,)`` of all hinges and their covariance ``(H, H)`` by hinge."""
     return tuple(
-        HingeEstimate(one.joint, variables[one.columns], covariance[np.ix_(one.columns, one.columns)]) for one in HINGES
+        HingeEstimate(hinge.joint, variables[hinge.columns], covariance[np.ix_(hinge.columns, hinge.columns)])
+        for hinge in HINGES
     )

@@ -1,18 +1,17 @@
-"""Anatomical frames of the segments, and joint angles in the terms of the International Society of Biomechanics (ISB).
+"""Anatomical frames of the segments and joint angles as defined by the International Society of Biomechanics (ISB).
 
-Frames: x forward, y up, z to the right in the anatomical posture that ISB counts joint angles from (Wu et al. 2002,
-J. Biomech. 35; 2005, 38) and in which OpenSim's models stand: upright, feet level and pointing forward, arms hanging,
-palms forward. Ours at rest is the T-pose; from there the arms go down by 90° about the forward axis, by which the palms
-face the thighs, and the forearms turn outward (supinate) by 90°. Where ISB finds axes by palpated landmarks, these are
-the bone's own, parallel in that posture; but as there, the long axis of thigh, shank, upper arm and forearm goes
-through the centres of the joints at both ends, wherever a body has them.
+Frames: x forward, y up, z to the right in ISB's anatomical posture (Wu et al. 2002, J. Biomech. 35; 2005, 38), which is
+also that of OpenSim's models: upright, feet level and pointing forward, arms hanging, palms forward. From the T-pose,
+our rest pose, the arms go down by 90° about the forward axis, and the forearms supinate by 90°. ISB defines axes by
+palpated landmarks; here they are parallel in the posture, except that the long axis of thigh, shank, upper arm and
+forearm goes through the centres of the joints at both ends.
 
 Angles, in degrees. Hips, knees, ankles: Grood & Suntay (1983), J. Biomech. Eng. 105, and Wu et al. (2002): flexion
 about the upper segment's mediolateral axis, rotation about the lower one's long axis, adduction about the floating axis
-between. Trunk, neck, elbows and wrists likewise, and shoulders, the upper arm against the thorax, by plane of
-elevation, elevation and axial rotation (Wu et al. 2005). Pelvis: rotation, obliquity, tilt in that order (Baker 2001,
-J. Biomech. 34), so that tilt means the same whichever way somebody walks. Both sides have the same signs. All angles
-are zero in the anatomical posture, of a body whose limbs are straight in it.
+between. Trunk, neck, elbows and wrists likewise. Shoulders (upper arm relative to the thorax): plane of elevation,
+elevation and axial rotation (Wu et al. 2005). Pelvis: rotation, obliquity, tilt in that order (Baker 2001, J. Biomech.
+34), so that tilt does not depend on the walking direction. Both sides have the same signs. All angles are zero in the
+anatomical posture with straight limbs.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -37,8 +36,9 @@ from vip_factors.geometry.rotations import (
 
 @dataclass(frozen=True)
 class AngleDefinition:
-    """One joint angle, such as ``left_knee_flexion``; the same joint, ``left_knee``, has those that together make a
-    rotation. ``positive`` is what a positive angle means.
+    """One joint angle, such as ``left_knee_flexion`` of the joint ``left_knee``.
+
+    ``positive`` describes a positive angle. The three angles of a joint make a rotation.
     """
 
     name: str
@@ -55,17 +55,17 @@ class JointAngles(Summarised):
     degrees: Array
 
     def summary(self) -> list[str]:
-        """How many there are, and how they are called."""
+        """Describe number and names of the angles."""
         degrees = f"degrees: {len(self.time)} frames, {len(self.names)} angles"
         return ["joint angles", degrees, f"names: {', '.join(self.names[:3])} …"]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the ``N`` angles."""
-        return tuple(one.name for one in self.definitions)
+        return tuple(definition.name for definition in self.definitions)
 
     def of(self, name: str) -> Array:
-        """One angle ``(T,)`` in degrees.
+        """Return one angle ``(T,)`` in degrees.
 
         Raises:
             InputError: for an unknown name.
@@ -79,12 +79,12 @@ class JointAngles(Summarised):
 class _Joint:
     """Three angles between two segments.
 
-    ``axes`` are of the segments' anatomical axes (x forward, y up, z right), each turned by the turns before it;
-    ``angles`` are their names, the sign that makes them positive as they are meant, and what that is.
+    ``axes`` is an intrinsic sequence of the anatomical axes (x forward, y up, z right); ``angles`` are name, sign and
+    meaning of a positive angle.
     """
 
     name: str
-    above: str  # empty: the room
+    above: str  # empty: the world
     below: str
     axes: str
     angles: tuple[tuple[str, int, str], ...]
@@ -100,7 +100,7 @@ _MIDDLE = (
     _Joint("trunk", "pelvis", "spine3", "zxy", _SPINE),
     _Joint("neck", "spine3", "head", "zxy", _SPINE),
 )  # fmt: skip
-# Of the right side; the left one is looked at in a mirror.
+# Right side; left joints are mirrored.
 _SIDE = (
     _Joint("hip", "pelvis", "hip", "zxy", (
         ("flexion", 1, "thigh forward"), ("adduction", 1, "thigh inward"), ("internal_rotation", 1, "thigh inward"))),
@@ -126,25 +126,24 @@ _SIDE = (
 def _joints() -> Iterator[_Joint]:
     yield from _MIDDLE
     for side in ("left", "right"):
-        for one in _SIDE:
-            above = one.above if one.above in ("pelvis", "spine3") else f"{side}_{one.above}"
-            yield _Joint(f"{side}_{one.name}", above, f"{side}_{one.below}", one.axes, one.angles)
+        for joint in _SIDE:
+            above = joint.above if joint.above in ("pelvis", "spine3") else f"{side}_{joint.above}"
+            yield _Joint(f"{side}_{joint.name}", above, f"{side}_{joint.below}", joint.axes, joint.angles)
 
 
 _JOINTS = tuple(_joints())
-_BELOW = np.array([joint_index(one.below) for one in _JOINTS])
-_ABOVE = np.array([joint_index(one.above) if one.above else -1 for one in _JOINTS])
-# Numbers of the joints that are looked at in one way, at once.
-_ALIKE = [[n for n, one in enumerate(_JOINTS) if one.axes == axes] for axes in ("yxz", "zxy", "yxy")]
-# How the entries of a joint's rotation change sign as it is looked at: a left one's in a mirror, where z points the
-# other way; elevation from behind, where x and z do, and is a positive turn.
+_BELOW = np.array([joint_index(joint.below) for joint in _JOINTS])
+_ABOVE = np.array([joint_index(joint.above) if joint.above else -1 for joint in _JOINTS])
+# Joints with the same sequence of axes.
+_ALIKE = [[n for n, joint in enumerate(_JOINTS) if joint.axes == axes] for axes in ("yxz", "zxy", "yxy")]
+# Signs of the axes: z is mirrored for left joints; x and z are reversed for elevation, which is a positive turn then.
 _MIRRORED, _FROM_BEHIND = np.array([1.0, 1.0, -1.0]), np.array([-1.0, 1.0, -1.0])
 _VIEWS = [
-    (_MIRRORED if one.name.startswith("left_") else 1.0) * (_FROM_BEHIND if one.axes == "yxy" else np.ones(3))
-    for one in _JOINTS
+    (_MIRRORED if joint.name.startswith("left_") else 1.0) * (_FROM_BEHIND if joint.axes == "yxy" else np.ones(3))
+    for joint in _JOINTS
 ]
-_SEEN = np.stack([np.outer(one, one) for one in _VIEWS])
-_SIGNS = np.array([[1 if one.axes == "yxy" else sign for _, sign, _ in one.angles] for one in _JOINTS])
+_VIEW_SIGNS = np.stack([np.outer(signs, signs) for signs in _VIEWS])
+_SIGNS = np.array([[1 if joint.axes == "yxy" else sign for _, sign, _ in joint.angles] for joint in _JOINTS])
 ANGLE_DEFINITIONS: tuple[AngleDefinition, ...] = tuple(
     AngleDefinition(f"{joint.name}_{angle}", joint.name, positive)
     for joint in _JOINTS
@@ -154,12 +153,12 @@ ANGLE_DEFINITIONS: tuple[AngleDefinition, ...] = tuple(
 
 
 def joint_angles(motion: Motion) -> JointAngles:
-    """The angles of a motion, in degrees.
+    """Compute the joint angles of a motion, in degrees.
 
-    They lie within ±180°, but for the pelvis' rotation, which goes on counting when somebody turns round. Where the
-    upper arm hangs or points straight up, plane of elevation and axial rotation are determined together only, not each
-    by itself: read the shoulder's ``flexion`` and ``adduction`` there. These and ``internal_rotation`` are not ISB's
-    but those of gait models, and undetermined in turn with the arm stretched out sideways.
+    They lie within ±180°, except the pelvis' rotation, which is continuous over full turns. If the upper arm hangs or
+    points straight up, only the sum of plane of elevation and axial rotation is determined; use the shoulder's
+    ``flexion`` and ``adduction`` there. These and ``internal_rotation`` are angles of gait models, not ISB's, and are
+    undetermined with the arm stretched out sideways.
     """
     degrees = angles_of_segments(segment_orientations(motion))
     degrees[:, 0] = np.unwrap(degrees[:, 0], period=360.0)
@@ -167,7 +166,7 @@ def joint_angles(motion: Motion) -> JointAngles:
 
 
 def angles_of_segments(R_room_segment: Array) -> Array:
-    """The angles ``(T, N)`` in degrees, all within ±180, of :func:`segment_orientations` ``(T, 24, 3, 3)``."""
+    """Compute angles ``(T, N)`` in degrees within ±180 from :func:`segment_orientations` ``(T, 24, 3, 3)``."""
     degrees = np.empty((len(R_room_segment), len(_JOINTS), 3))
     for joints in _ALIKE:
         degrees[:, joints] = np.rad2deg(_angles(joints, _between(joints, R_room_segment)))
@@ -178,7 +177,7 @@ def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
     """Standard deviations ``(T, N)`` of the angles in degrees, to first order.
 
     ``covariance`` is ``(T, 24, 3, 3)`` rad², of right perturbations of the joint rotations. NaN for trunk, neck and
-    shoulders, which several joints turn: how their errors go together is not known.
+    shoulders, which span several joints with unknown correlations.
     """
     R, axes = segment_orientations(motion), segment_axes(motion.skeleton)
     sigmas = np.full((len(motion), len(ANGLE_DEFINITIONS)), np.nan)
@@ -196,30 +195,29 @@ def joint_angle_sigmas(motion: Motion, covariance: Array) -> Array:
     return sigmas
 
 
-_STEP = 1e-5  # rad: the difference of two angles keeps ten digits
+_STEP = 1e-5  # rad, of numerical differences
 
 
 def _between(joints: Sequence[int], R_room_segment: Array) -> Array:
-    """Rotations ``(T, J, 3, 3)`` of joints that are alike, of orientations ``(T, 24, 3, 3)``."""
+    """Rotations ``(T, J, 3, 3)`` of joints with the same axes from orientations ``(T, 24, 3, 3)``."""
     R = R_room_segment[:, _BELOW[joints]]
     return transpose(R_room_segment[:, _ABOVE[joints]]) @ R if _JOINTS[joints[0]].above else R
 
 
 def _angles(joints: Sequence[int], R_above_below: Array) -> Array:
-    """The three angles ``(T, J, 3)`` in radians, as they are meant, of joints that are alike."""
-    return sequence_of_rotation(R_above_below * _SEEN[joints], _JOINTS[joints[0]].axes) * _SIGNS[joints]
+    """Angles ``(T, J, 3)`` in radians, with the defined signs, of joints with the same axes."""
+    return sequence_of_rotation(R_above_below * _VIEW_SIGNS[joints], _JOINTS[joints[0]].axes) * _SIGNS[joints]
 
 
 # x forward, y up, z right, as columns in the body's axes: x left, y up, z forward.
 R_BODY_ISB = np.array([[0.0, 0.0, -1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]])
-# The same of the room, which has z up: x of the world, up, and what is to the right of who looks along x. OpenSim's
-# ground is like this.
+# The same for the world, whose z is up: x of the world, up, and right when facing x. OpenSim's ground has these axes.
 R_WORLD_ISB = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 def segment_axes(skeleton: Skeleton) -> Array:
-    """Each segment's anatomical axes, as columns in its bone's: ``(24, 3, 3)``."""
-    R_bone_segment = _of_straight_limbs()
+    """Anatomical axes of each segment as columns in bone axes, ``(24, 3, 3)``."""
+    R_bone_segment = _straight_limb_axes()
     for bone in range(JOINT_COUNT):
         limb = skeleton.limb(bone)
         if limb is not None:
@@ -227,29 +225,29 @@ def segment_axes(skeleton: Skeleton) -> Array:
     return R_bone_segment
 
 
-def _of_straight_limbs() -> Array:
-    hanging, found = calibration_pose("n-pose"), np.empty((JOINT_COUNT, 3, 3))
+def _straight_limb_axes() -> Array:
+    hanging, R_bone_segment = calibration_pose("n-pose"), np.empty((JOINT_COUNT, 3, 3))
     for bone, name in enumerate(JOINT_NAMES):
         side, _, joint = name.partition("_")
-        found[bone] = R_BODY_ISB
+        R_bone_segment[bone] = R_BODY_ISB
         if joint in ("shoulder", "elbow", "wrist", "hand"):
-            found[bone] = hanging[joint_index(f"{side}_shoulder")].T @ R_BODY_ISB
+            R_bone_segment[bone] = hanging[joint_index(f"{side}_shoulder")].T @ R_BODY_ISB
         if joint in ("elbow", "wrist", "hand"):  # with the palm at the thigh the forearm is pronated by 90°
-            found[bone] = found[bone] @ rotation_y(-np.pi / 2 if side == "left" else np.pi / 2)
-    return found
+            R_bone_segment[bone] = R_bone_segment[bone] @ rotation_y(-np.pi / 2 if side == "left" else np.pi / 2)
+    return R_bone_segment
 
 
 def segment_orientations(motion: Motion) -> Array:
-    """Orientations ``(T, 24, 3, 3)`` of the segments' anatomical axes in the room's (y up, :data:`R_WORLD_ISB`)."""
+    """Orientations ``(T, 24, 3, 3)`` of the segments' anatomical axes in the room (y up, :data:`R_WORLD_ISB`)."""
     return R_WORLD_ISB.T @ motion.state.R_world_bone @ segment_axes(motion.skeleton)
 
 
 def mirrored(R: Array) -> Array:
-    """Rotations ``(..., 3, 3)`` of the other side's segments, in the same axes."""
+    """Mirror rotations ``(..., 3, 3)`` of segments to the other side."""
     return R * np.outer(_MIRRORED, _MIRRORED)
 
 
-# A joint's angles are between two segments; of the trunk any bone does.
+# The two segments of each joint; any bone of the trunk measures it.
 _CHEST = ("spine1", "spine2", "spine3", "left_collar", "right_collar", "neck")
 _BETWEEN = {
     "hip": (("pelvis",), ("{}_hip",)),
@@ -265,16 +263,18 @@ _BETWEEN = {
 
 
 def is_measured(bones: Collection[str] | None, angle: str) -> bool:
-    """Whether both segments of an angle have sensors on the named bones; yes if nobody knows these.
+    """Test if both segments of an angle have sensors on the named bones; True if ``bones`` is None.
 
-    ``angle`` is one side's, ``left_hip_flexion``, or both sides', ``hip_flexion``.
+    ``angle`` names one side, ``left_hip_flexion``, or both, ``hip_flexion``.
     """
     return bones is None or not bare_segments(bones, angle)
 
 
 def bare_segments(bones: Collection[str], angle: str) -> tuple[tuple[str, ...], ...]:
-    """Segments of an angle without a sensor, each as the bones of which any would do, ``(left_ankle, left_foot)``."""
-    side, _, rest = angle.partition("_")
-    sides, name = ((side,), rest) if side in ("left", "right") else (("left", "right"), angle)
-    ends = (tuple(one.format(side) for one in end) for end in _BETWEEN[name.partition("_")[0]] for side in sides)
-    return tuple(dict.fromkeys(end for end in ends if not any(one in bones for one in end)))
+    """Segments of an angle without a sensor, each as its alternative bones, ``(left_ankle, left_foot)``."""
+    side, _, angle_name = angle.partition("_")
+    sides, name = ((side,), angle_name) if side in ("left", "right") else (("left", "right"), angle)
+    ends = (
+        tuple(template.format(side) for template in end) for end in _BETWEEN[name.partition("_")[0]] for side in sides
+    )
+    return tuple(dict.fromkeys(end for end in ends if not any(bone in bones for bone in end)))

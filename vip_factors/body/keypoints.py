@@ -1,8 +1,7 @@
-"""2D keypoint sets: their orders, where each keypoint sits on the body, and how exactly people can point at it.
+"""2D keypoint sets: order, position of each keypoint on the body, and precision of annotations.
 
-A detector's "hip" or "shoulder" is not the joint centre of a kinematic model, and its nose is a point on the head:
-every keypoint is a point fixed to a bone. Offsets are ours, from the proportions of Drillis & Contini (eyes at 0.936
-of stature) and from looking at annotated pictures.
+Every keypoint is a point fixed to a bone: a detector's "hip" or "shoulder" is not the joint centre of a kinematic
+model. Offsets are ours, from the proportions of Drillis & Contini (eyes at 0.936 of stature) and annotated images.
 """
 
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from vip_factors.geometry.rotations import Array
 
 @dataclass(frozen=True)
 class _Site:
-    """On ``bone``, from its joint (or from the middle of ``joints`` at rest, or a skeleton's landmark) by ``offset``.
+    """Point on ``bone``: its joint (or the middle of ``joints`` at rest, or a skeleton's landmark) plus ``offset``.
 
     ``offset`` is in fractions of stature, bone axes: x left, y up, z forward.
     """
@@ -27,30 +26,30 @@ class _Site:
     landmark: str = ""
 
     def mirrored(self) -> "_Site":
-        """The right one of a left site."""
+        """Mirror a left site to the right."""
         x, y, z = self.offset
         bone, landmark = (name.replace("left_", "right_") for name in (self.bone, self.landmark))
         return _Site(bone, (-x, y, z), self.joints, landmark)
 
 
-def _both_sides(**left: _Site) -> dict[str, _Site]:
-    right = {f"right_{name}": site.mirrored() for name, site in left.items()}
-    return {f"left_{name}": site for name, site in left.items()} | right
+def _both_sides(**left_sites: _Site) -> dict[str, _Site]:
+    right = {f"right_{name}": site.mirrored() for name, site in left_sites.items()}
+    return {f"left_{name}": site for name, site in left_sites.items()} | right
 
 
 _SHOULDERS, _HIPS = ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip")
 _SITES = {
     "nose": _Site("head", (0.0, 0.010, 0.062)),
     "head_top": _Site("head", landmark="head_top"),
-    "neck": _Site("spine3", joints=_SHOULDERS),  # detectors learn the shoulders' middle
-    "mid_hip": _Site("pelvis", (0.0, 0.008, 0.0), _HIPS),  # in the middle of its hips
+    "neck": _Site("spine3", joints=_SHOULDERS),  # middle of the shoulders
+    "mid_hip": _Site("pelvis", (0.0, 0.008, 0.0), _HIPS),  # middle of the hips
 } | _both_sides(
     eye=_Site("head", (0.018, 0.028, 0.050)),
     ear=_Site("head", (0.042, 0.020, 0.0)),
-    shoulder=_Site("left_shoulder", (0.0, 0.005, 0.0)),  # annotators point at the skin above the joint
+    shoulder=_Site("left_shoulder", (0.0, 0.005, 0.0)),  # the skin above the joint
     elbow=_Site("left_elbow"),
     wrist=_Site("left_wrist"),
-    hip=_Site("left_hip", (0.008, 0.008, 0.0)),  # and towards the trochanter, wider than the joint
+    hip=_Site("left_hip", (0.008, 0.008, 0.0)),  # towards the trochanter
     knee=_Site("left_knee"),
     ankle=_Site("left_ankle"),
     heel=_Site("left_ankle", landmark="left_heel"),
@@ -58,12 +57,11 @@ _SITES = {
     small_toe=_Site("left_foot", (0.022, 0.0, 0.004)),
 )
 
-# Where the detectors of a family put what has the same name, in the place of the table above; both sides alike. From
-# the marker sets that Pose2Sim and OpenCap put onto OpenSim models for each keypoint set and, of knee and heel, from
-# OpenPose beside markers on two walkers; no other detector was ever published beside markers with directions. Needham
-# et al. 2021 (Scientific Reports 11: 20673) tell sizes: hips and knees 30–50 mm, ankles 1–15 mm.
+# Sites that differ by detector family; both sides alike. From the marker sets of Pose2Sim and OpenCap for OpenSim
+# models; knee and heel from OpenPose and markers on two walkers. Needham et al. 2021 (Scientific Reports 11: 20673)
+# report 30–50 mm for hips and knees, 1–15 mm for ankles.
 _FEET_SITES = _both_sides(
-    heel=_Site("left_ankle", (-0.003, 0.014, 0.018), landmark="left_heel"),  # on the shoe's side, not under it
+    heel=_Site("left_ankle", (-0.003, 0.014, 0.018), landmark="left_heel"),  # on the shoe's side
     big_toe=_Site("left_foot", (-0.003, 0.012, -0.012), landmark="left_toe_tip"),
     small_toe=_Site("left_foot", (0.022, 0.003, 0.013)),
 )
@@ -84,8 +82,8 @@ _FAMILIES = {
     "body25b": _OPENPOSE_SITES | _UPPER_NECK, "halpe26": _COCO_SITES | _UPPER_NECK, "blazepose33": _BLAZEPOSE_SITES,
 }  # fmt: skip
 
-# Standard deviation of where people point, over the square root of the person's area (COCO's OKS sigmas); the last
-# rows are ours: soft points like shoulders, feet like ankles.
+# COCO's OKS sigmas: standard deviation of annotations over the square root of the person's area. The last rows are
+# ours: neck and head as shoulders, feet as ankles.
 _FACE = {"nose": 0.026, "left_eye": 0.025, "right_eye": 0.025, "left_ear": 0.035, "right_ear": 0.035}
 _LIMB = {"shoulder": 0.079, "elbow": 0.072, "wrist": 0.062, "hip": 0.107, "knee": 0.087, "ankle": 0.089}
 OKS_SIGMA: dict[str, float] = {
@@ -114,20 +112,20 @@ _BLAZEPOSE = (
 )  # fmt: skip
 
 
-# Keypoints whose place on the bone differs from detector to detector, alike on both sides.
+# Keypoints whose position on the bone depends on the detector, alike on both sides.
 OFFSET_KEYPOINTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
 
 
 def offset_of(keypoint: str) -> tuple[int, int]:
-    """Which of the :data:`OFFSET_KEYPOINTS` a keypoint is, −1 for none, and the sign of its side's x axis."""
+    """Index of a keypoint in the :data:`OFFSET_KEYPOINTS`, −1 for none, and the sign of its side's x axis."""
     side, _, name = keypoint.partition("_")
-    known = side in ("left", "right") and name in OFFSET_KEYPOINTS
-    return (OFFSET_KEYPOINTS.index(name) if known else -1), (-1 if side == "right" else 1)
+    has_offset = side in ("left", "right") and name in OFFSET_KEYPOINTS
+    return (OFFSET_KEYPOINTS.index(name) if has_offset else -1), (-1 if side == "right" else 1)
 
 
 @dataclass(frozen=True)
 class KeypointSet:
-    """An order of keypoints, as a detector writes them. Names that are not on our body are carried but not used."""
+    """Names and order of a detector's keypoints; names that the skeleton does not have are not used."""
 
     name: str
     keypoints: tuple[str, ...]
@@ -142,28 +140,28 @@ class KeypointSet:
 
     @property
     def offset_spread(self) -> float:
-        """How much farther than OpenPose's its points may lie from where :meth:`on_body` has them: less is known."""
+        """Uncertainty of the keypoints' positions on the body, relative to OpenPose's."""
         return {"coco17": 1.1, "halpe26": 1.1, "blazepose33": 1.25}.get(self.name, 1.0)
 
     @property
     def mirrored(self) -> np.ndarray:
-        """``(K,)`` index of each keypoint's twin on the other side (its own, if it has none)."""
+        """Index ``(K,)`` of each keypoint's counterpart on the other side, or of the keypoint itself."""
 
-        def twin(name: str) -> str:
+        def counterpart(name: str) -> str:
             swap = {"left": "right", "right": "left"}
             return "_".join(swap.get(word, word) for word in name.split("_"))
 
         row_of = {name: row for row, name in enumerate(self.keypoints)}
-        return np.array([row_of.get(twin(name), row) for row, name in enumerate(self.keypoints)])
+        return np.array([row_of.get(counterpart(name), row) for row, name in enumerate(self.keypoints)])
 
     def on_body(self, skeleton: Skeleton) -> tuple[Landmark | None, ...]:
-        """Where each keypoint sits on a skeleton; None where it is not on our body."""
+        """Position of each keypoint on a skeleton; None if the skeleton does not have it."""
         sites = _SITES | _FAMILIES.get(self.name, {})
         return tuple(_landmark(sites[name], skeleton) if name in sites else None for name in self.keypoints)
 
 
 def _landmark(site: _Site, skeleton: Skeleton) -> Landmark | None:
-    rest, bone = skeleton.p_pelvis_joint, joint_index(site.bone)
+    p_pelvis_joint, bone = skeleton.p_pelvis_joint, joint_index(site.bone)
     centre = np.zeros(3)
     if site.landmark:
         landmark = skeleton.landmarks.get(site.landmark)
@@ -171,14 +169,14 @@ def _landmark(site: _Site, skeleton: Skeleton) -> Landmark | None:
             return None
         bone, centre = landmark.bone, landmark.p_bone_point
     if site.joints:
-        centre = np.mean([rest[joint_index(name)] for name in site.joints], axis=0) - rest[bone]
+        centre = np.mean([p_pelvis_joint[joint_index(name)] for name in site.joints], axis=0) - p_pelvis_joint[bone]
     height = skeleton.stature if {"head_top", "left_heel"} <= set(skeleton.landmarks) else 1.72
     return Landmark(bone, centre + height * np.array(site.offset))
 
 
 KEYPOINT_SETS: dict[str, KeypointSet] = {
-    one.name: one
-    for one in (
+    keypoints.name: keypoints
+    for keypoints in (
         KeypointSet("coco17", _COCO17),
         KeypointSet("openpose18", (*_OPENPOSE_ARMS, *_OPENPOSE_LEGS, *_OPENPOSE_FACE)),
         KeypointSet("body25", (*_OPENPOSE_ARMS, "mid_hip", *_OPENPOSE_LEGS, *_OPENPOSE_FACE, *_FEET)),
@@ -194,7 +192,7 @@ KEYPOINT_SETS: dict[str, KeypointSet] = {
     )
 }  # fmt: skip
 
-# Pairs of keypoints that a drawn skeleton joins, where a set has both.
+# Pairs of keypoints that are connected in drawings.
 LIMBS = (
     ("nose", "left_eye"), ("nose", "right_eye"), ("left_eye", "left_ear"), ("right_eye", "right_ear"),
     ("left_shoulder", "right_shoulder"), ("left_shoulder", "left_elbow"), ("left_elbow", "left_wrist"),
@@ -206,7 +204,7 @@ LIMBS = (
 
 
 def keypoint_set(name: str) -> KeypointSet:
-    """One of the :data:`KEYPOINT_SETS`.
+    """Return one of the :data:`KEYPOINT_SETS`.
 
     Raises:
         InputError: for an unknown name.
@@ -221,8 +219,9 @@ SHAPE = (len(OFFSET_KEYPOINTS), 3)
 
 @dataclass(frozen=True)
 class KeypointOffsets:
-    """A Gaussian over the offsets of the :data:`OFFSET_KEYPOINTS` before one person, ``(K, 3)`` metres each: of the
-    left side, bone axes, from where the table has a keypoint; on the right side x is mirrored.
+    """Gaussian over the offsets of the :data:`OFFSET_KEYPOINTS`: mean and sigma ``(K, 3)`` m.
+
+    Offsets from the table's positions are in bone axes of the left side; x is mirrored on the right side.
     """
 
     mean: Array

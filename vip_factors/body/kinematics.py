@@ -1,7 +1,6 @@
-"""Motions (joint rotations and root path, even frames), forward kinematics, Jacobians of points on bones.
+"""Motions (joint rotations and root path), forward kinematics and Jacobians of points on bones, for all frames at once.
 
-All frames at once. Rotations are perturbed on the right, ``R_parent_child ← R_parent_child Exp(δ)``, as the graph's
-variables are.
+Rotations are perturbed on the right, ``R_parent_child ← R_parent_child Exp(δ)``, as the graph's variables are.
 """
 
 from collections.abc import Iterator
@@ -17,14 +16,14 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_points, interpolate_rotations
 from vip_factors.geometry.rotations import Array, hat, transpose
 
-# Of each joint (row), the bones it moves; the last row is the root's translation, which moves them all.
+# Bones (columns) that each joint (row) moves; the last row is the root's translation, which moves all.
 MOVES = np.ones((JOINT_COUNT + 1, JOINT_COUNT))
 for _bone in range(JOINT_COUNT):
     MOVES[:JOINT_COUNT, _bone] = np.isin(np.arange(JOINT_COUNT), ancestors(_bone))
 
 
 def _generations() -> Iterator[tuple[slice, np.ndarray]]:
-    """Joints whose parents are known once all before them are, and those parents."""
+    """Ranges of joints whose parents precede the range, and those parents."""
     start = 1
     while start < JOINT_COUNT:
         stop = start + 1
@@ -46,7 +45,7 @@ class BodyState:
     p_world_joint: Array
 
     def at(self, frames: slice) -> "BodyState":
-        """A stretch of the frames; where it is all of them, this very object with what it has already found out."""
+        """Select a stretch of frames; all frames return this object with its cached properties."""
         if frames.start == 0 and frames.stop >= len(self.p_world_joint):
             return self
         return BodyState(self.R_world_bone[frames], self.p_world_joint[frames])
@@ -58,22 +57,22 @@ class BodyState:
     def points(self, bones: np.ndarray, p_bone_point: Array, kernels: Kernels = kernels) -> Array:
         """World positions ``(T, n, 3)`` of points fixed to bones ``(n,)``, ``(n, 3)`` metres in their bones' axes."""
         if kernels is not None:
-            found = np.empty((len(self.p_world_joint), len(bones), 3))
-            kernels.points(self.R_world_bone, self.p_world_joint, bones, p_bone_point, found)
-            return found
+            p_world_point = np.empty((len(self.p_world_joint), len(bones), 3))
+            kernels.points(self.R_world_bone, self.p_world_joint, bones, p_bone_point, p_world_point)
+            return p_world_point
         return self.p_world_joint[:, bones] + (self.R_world_bone[:, bones] @ p_bone_point[..., None])[..., 0]
 
     def joints_by_offsets(self, directions: Array) -> Array:
-        """How joints move, ``(T, 24, 3, B)``, as their offsets change along ``directions`` ``(24, 3, B)``."""
-        moved = self.R_world_bone[:, PARENTS] @ directions  # the root's own direction is zero
+        """Derivatives ``(T, 24, 3, B)`` of joints by changes of offsets along ``directions`` ``(24, 3, B)``."""
+        moved = self.R_world_bone[:, PARENTS] @ directions  # the root's direction is zero
         return (MOVES[:-1].T @ moved.reshape(len(moved), JOINT_COUNT, -1)).reshape(moved.shape)
 
     @cached_property
     def screws(self) -> Array:
-        """How each joint moves the bones beyond it, as twists ``(T, 25, 6, 3)`` by its perturbation.
+        """Twists ``(T, 25, 6, 3)`` of the bones beyond each joint by the joint's perturbation.
 
-        A twist is the angular velocity, then the velocity of what is at the root's position, in world axes. The
-        last of the 25 is the root's translation.
+        A twist is the angular velocity, then the velocity of the point at the root's position, in world axes. The last
+        of the 25 is the root's translation.
         """
         return joint_screws(self.R_world_bone, self.p_world_joint)
 
@@ -105,8 +104,13 @@ def twists_at(arms: Array) -> Array:
 def forward_kinematics(
     skeleton: Skeleton, R_parent_child: Array, p_world_pelvis: Array, kernels: Kernels = kernels
 ) -> BodyState:
-    """World poses of all bones, of joint rotations ``(T, 24, 3, 3)`` (joint 0 is ``R_world_pelvis``) and roots ``(T,
-    3)``, m.
+    """Compute world poses of all bones.
+
+    Args:
+        skeleton: offsets of the joints.
+        R_parent_child: ``(T, 24, 3, 3)`` joint rotations; joint 0 is ``R_world_pelvis``.
+        p_world_pelvis: ``(T, 3)`` metres.
+        kernels: compiled kernels, or None for NumPy.
     """
     if kernels is not None:
         R_world_bone, p_world_joint = np.empty(R_parent_child.shape), np.empty(R_parent_child.shape[:-1])
@@ -125,13 +129,13 @@ def forward_kinematics(
 
 
 def local_rotations(R_world_bone: Array) -> Array:
-    """Joint rotations ``(..., 24, 3, 3)`` of world bone rotations ``(..., 24, 3, 3)``; joint 0 stays in the world."""
+    """Joint rotations ``(..., 24, 3, 3)`` from world bone rotations ``(..., 24, 3, 3)``; joint 0 is unchanged."""
     R_parent_child = R_world_bone.copy()
     R_parent_child[..., 1:, :, :] = transpose(R_world_bone[..., _PARENTS[1:], :, :]) @ R_world_bone[..., 1:, :, :]
     return R_parent_child
 
 
-FARTHEST_M = 1e8  # nobody is farther from the origin than the Earth is wide, and its square is still a number
+FARTHEST_M = 1e8  # larger coordinates are errors; squares stay finite
 
 
 @dataclass(frozen=True, repr=False)
@@ -144,7 +148,7 @@ class Motion(Summarised):
         p_world_pelvis: ``(T, 3)`` metres.
         rate: frames per second.
         start: time of the first frame in seconds from the recording's start.
-        name: who or what this is.
+        name: of the motion.
     """
 
     skeleton: Skeleton
@@ -155,7 +159,7 @@ class Motion(Summarised):
     name: str = "motion"
 
     def __post_init__(self) -> None:
-        fastest_hz = 1e6  # what is faster than a million frames a second is a mistake of units
+        fastest_hz = 1e6  # higher rates are errors of units
         T = len(self.p_world_pelvis)
         if self.R_parent_child.shape != (T, JOINT_COUNT, 3, 3) or self.p_world_pelvis.shape != (T, 3):
             raise InputError(
@@ -166,9 +170,9 @@ class Motion(Summarised):
             raise InputError(f"motion '{self.name}': rate {self.rate} Hz: expected a positive number")
         sound = np.isfinite(self.R_parent_child).all(axis=(1, 2, 3)) & (np.abs(self.p_world_pelvis) < FARTHEST_M).all(1)
         if not np.all(sound):
-            at = int(np.argmin(sound))
+            frame = int(np.argmin(sound))
             raise InputError(
-                f"motion '{self.name}': frame {at} is not finite (root at {self.p_world_pelvis[at]} m): "
+                f"motion '{self.name}': frame {frame} is not finite (root at {self.p_world_pelvis[frame]} m): "
                 "expected rotations and positions of a body"
             )
 
@@ -176,7 +180,7 @@ class Motion(Summarised):
         return len(self.p_world_pelvis)
 
     def summary(self) -> list[str]:
-        """How long it is, and of what body."""
+        """Describe duration and body."""
         frames = f"frames: {len(self)} at {self.rate:g} Hz, from {self.start:.2f} s on"
         return [f"motion '{self.name}'", frames, f"body: {self.skeleton.source}"]
 
@@ -190,7 +194,7 @@ class Motion(Summarised):
 
         Instants outside the motion take the nearest end.
         """
-        R = [interpolate_rotations(self.time, one, time) for one in self.R_parent_child.swapaxes(0, 1)]
+        R = [interpolate_rotations(self.time, R_joint, time) for R_joint in self.R_parent_child.swapaxes(0, 1)]
         return np.stack(R, axis=1), interpolate_points(self.time, self.p_world_pelvis, time)
 
     @cached_property
@@ -199,13 +203,13 @@ class Motion(Summarised):
         return forward_kinematics(self.skeleton, self.R_parent_child, self.p_world_pelvis)
 
     def frames(self, selection: slice) -> "Motion":
-        """The motion at some of its frames; a step in the slice lowers the rate."""
-        first, _, step = selection.indices(len(self))
+        """Select frames; a step in the slice lowers the rate."""
+        first_frame, _, step = selection.indices(len(self))
         return Motion(
             self.skeleton,
             self.R_parent_child[selection],
             self.p_world_pelvis[selection],
             self.rate / step,
-            self.start + first / self.rate,
+            self.start + first_frame / self.rate,
             self.name,
         )

@@ -1,4 +1,4 @@
-"""The body as something to look at: tapered segments on the bones, coloured by side."""
+"""Mannequin for drawings: tapered segments on the bones, coloured by side."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -11,7 +11,7 @@ from vip_factors.geometry.rotations import Array
 
 
 class Side(StrEnum):
-    """Which side of the wearer a segment belongs to."""
+    """Side of the wearer that a segment belongs to."""
 
     LEFT = "left"
     RIGHT = "right"
@@ -21,27 +21,25 @@ class Side(StrEnum):
 Colour = tuple[int, int, int]
 """Red, green, blue, 0-255."""
 
-# Orange and blue stay apart for every common kind of colour blindness; grey is nobody's side.
+# Orange and blue differ for every common kind of colour blindness.
 ESTIMATE_COLOURS: dict[Side, Colour] = {
     Side.LEFT: (232, 128, 72),
     Side.RIGHT: (64, 128, 196),
     Side.MIDDLE: (104, 116, 134),
 }
 TRUTH_COLOUR: Colour = (176, 180, 186)
-SENSOR_COLOUR: Colour = (246, 222, 120)  # pale yellow: seen against both limbs and background
+SENSOR_COLOUR: Colour = (246, 222, 120)  # pale yellow: visible on limbs and background
 
 
 def side_of(bone: int) -> Side:
-    """The side of a limb's bone; the collars belong to the trunk."""
-    first, _, joint = JOINT_NAMES[bone].partition("_")
-    return Side(first) if first in ("left", "right") and joint != "collar" else Side.MIDDLE
+    """Return the side of a limb's bone; collars belong to the trunk."""
+    side, _, joint = JOINT_NAMES[bone].partition("_")
+    return Side(side) if side in ("left", "right") and joint != "collar" else Side.MIDDLE
 
 
 @dataclass(frozen=True)
 class Segment:
-    """A rounded, tapered piece of the body, fixed to one bone: centres ``(3,)`` of its two round ends in the bone's
-    frame and their radii, metres.
-    """
+    """Tapered capsule fixed to one bone: centres ``(3,)`` of its ends in the bone's frame and their radii, metres."""
 
     bone: int
     p_bone_start: Array
@@ -56,10 +54,10 @@ Point = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class _Row:
-    """One segment before it is fitted to a skeleton; radii in thousandths of stature.
+    """Proportions of one segment; radii in thousandths of stature.
 
     ``end`` is the joint or landmark that the shares of ``start`` and ``stop`` refer to. If ``capped``, the far end is
-    pulled back by its radius, so that the skin and not the cap's centre lies on the landmark.
+    shortened by its radius, so that the skin lies on the landmark.
     """
 
     bone: str
@@ -70,7 +68,7 @@ class _Row:
     capped: bool = False
 
 
-# They are there to be looked at: close to the girths of a slim adult. Every joint is the far end of a segment.
+# Close to the girths of a slim adult. Every joint is the far end of a segment.
 _MIDDLE = (
     _Row("head", "head_top", (42, 43), (0.55, 0, 0, 15), (1, 0, 0, -13), capped=True),  # cranium
     _Row("head", "head_top", (37, 27), (0.45, 0, 0, 20), (-0.06, 0, 0, 26)),  # face and chin
@@ -85,17 +83,17 @@ _MIDDLE = (
 )  # fmt: skip
 _FINGERS = tuple(
     row
-    # Reach and beginning in shares of the hand, place beside its middle, and radius.
-    for reach, begin, beside, radius in (
+    # Reach and beginning in shares of the hand, lateral offset, and radius.
+    for reach, begin, offset, radius in (
         (0.90, 0.0, 15, 5.6), (1.0, 0.0, 2, 5.8), (0.93, -0.03, -11, 5.5), (0.74, -0.12, -21, 4.9),
     )
     for row in (
-        _Row("hand", "fingertip", (radius + 1.6, radius + 0.4), (begin, 0, 0, beside), (0.5 * reach, 0, 3, beside)),
-        _Row("hand", "fingertip", (radius + 0.4, radius - 0.8), (0.5 * reach, 0, 3, beside), (reach, 0, -3, beside),
+        _Row("hand", "fingertip", (radius + 1.6, radius + 0.4), (begin, 0, 0, offset), (0.5 * reach, 0, 3, offset)),
+        _Row("hand", "fingertip", (radius + 0.4, radius - 0.8), (0.5 * reach, 0, 3, offset), (reach, 0, -3, offset),
              capped=True),
     )
 )  # fmt: skip
-# Of the left side; the right one mirrors them.
+# Left side; the right one is mirrored.
 _SIDES = (
     _Row("spine3", "neck", (44, 43), (-0.62, 31, 0, 12), (0.28, 40, 0, 4)),  # ribs
     _Row("spine3", "neck", (30, 33), (0.12, 20, 0, 38), (0.22, 44, 0, 30)),  # breast
@@ -137,7 +135,7 @@ _SIDES = (
 
 
 def mannequin(skeleton: Skeleton) -> tuple[Segment, ...]:
-    """The segments of a body; ends that this skeleton does not know (no landmarks) are left out."""
+    """Make the segments of a body; segments whose landmarks the skeleton lacks are left out."""
     stature = stature_of(skeleton)
     segments = [_segment(row, skeleton, stature, "", 1.0) for row in _MIDDLE]
     for side, sign in (("left_", 1.0), ("right_", -1.0)):
@@ -151,8 +149,8 @@ def _segment(row: _Row, skeleton: Skeleton, stature: float, side: str, sign: flo
     if end is None:
         return None
     start, stop = (
-        share * end + 1e-3 * stature * np.array([sign * left, up, forward])
-        for share, left, up, forward in (row.start, row.stop)
+        share * end + 1e-3 * stature * np.array([sign * leftward, up, forward])
+        for share, leftward, up, forward in (row.start, row.stop)
     )
     radius_start, radius_stop = (1e-3 * stature * radius for radius in row.radii)
     if row.capped:

@@ -1,11 +1,9 @@
-"""What models leave out of a covariance: their share of the ± that is told.
+"""Model errors: contribution of systematic errors to reported standard deviations.
 
-A covariance knows noise, and that frames are not independent. How tissue goes with posture, what a joint's zero means,
-where sensors sit and how bodies differ is alike in every frame or slow, and it counts that as noise or not at all. So
-standard deviations are told times a factor, or with some more added as variances. The numbers are ours: such that 90 %
-intervals hold nine truths of ten, on people of a simulator that shares nothing with the package (the performers for
-choosing) and on the walks of two people of ``geneva_gait``; ``docs/uncertainty.md`` says what the others gave, and
-``python -m tests.studies coverage`` measures it.
+The covariance of the solution contains noise only. Soft tissue, joint zeros, sensor positions and body proportions
+cause errors that are constant or slow. Reported standard deviations are therefore scaled, or have a variance added,
+such that 90 % intervals contain nine of ten true values; see ``docs/uncertainty.md`` and
+``python -m tests.studies coverage``.
 """
 
 from collections.abc import Collection
@@ -16,9 +14,8 @@ import numpy as np
 from vip_factors.body.skeleton import JOINT_NAMES, PARENTS
 from vip_factors.geometry.rotations import Array
 
-# Of joints and the bones below them, both sides alike: with a camera, the factor of the joint's rotation, how far it is
-# off along each axis in millimetres from the middle of the hips, and degrees added to the mountings of sensors on that
-# bone; then the same without one.
+# Joints and the bones below them, both sides alike, with a camera and without: factor of the joint's rotation, error
+# along each axis relative to the middle of the hips in mm, and degrees added to mountings of sensors on that bone.
 _TABLE = {
     "pelvis": ((0.75, 20, 2), (1.4, 25, 4)),
     "hip": ((0.9, 8, 4), (1.15, 10, 5)),
@@ -34,20 +31,20 @@ _TABLE = {
     "wrist": ((0.6, 30, 3), (0.8, 80, 5)),
     "hand": ((1.0, 31, 3), (1.0, 85, 5)),
 }
-# Of a joint angle's mean squared error over a recording, what is constant: where its zero lies.
+# Constant share of a joint angle's mean squared error over a recording: its zero.
 _OFFSET_SHARE = {"pelvis": 0.6, "hip": 0.6, "knee": 0.4, "ankle": 0.5, "elbow": 0.7, "wrist": 0.9}
 
 
 @dataclass(frozen=True)
 class ModelErrors:
-    """The models' share of the standard deviations of a wearer, with a camera or without one.
+    """Model errors of a wearer's standard deviations, with or without a camera.
 
     Attributes:
         joint: ``(24,)`` factor of the joint's rotation.
-        position: ``(24,)`` m along each axis, of the joint from the middle of the hips.
+        position: ``(24,)`` m along each axis, of the joint relative to the middle of the hips.
         mounting: ``(24,)`` rad, added about each axis to mountings on that bone.
         heading: rad, added.
-        root: factor of where the wearer is.
+        root: factor of the wearer's position.
     """
 
     joint: Array
@@ -57,8 +54,8 @@ class ModelErrors:
     root: float
 
     def positions(self, bones: Collection[str]) -> Array:
-        """How far joints are off, ``(24,)`` m, on a wearer with sensors on these bones."""
-        far_from_sensors = 1.6  # times as far off is a limb's joint between bones that wear no sensor
+        """Position errors ``(24,)`` m of joints for sensors on these bones."""
+        far_from_sensors = 1.6  # factor for a limb's joint between bones without sensors
         far = [
             _group(name) in ("knee", "ankle", "elbow", "wrist") and not {name, JOINT_NAMES[above]} & set(bones)
             for name, above in zip(JOINT_NAMES, PARENTS, strict=True)
@@ -76,9 +73,9 @@ def _group(joint: str) -> str:
 
 
 FILMED, UNFILMED = _errors(0, heading_deg=5.0, root=1.0), _errors(1, heading_deg=3.5, root=1.5)
-LENGTH = 0.014  # m, added to lengths of the body: where others say that joints are
+LENGTH = 0.014  # m, added to lengths of the body: definitions of joint centres differ
 
 
 def shape_factor(joint: str) -> float:
-    """What of an angle's standard deviation is left once its mean over a recording is removed."""
+    """Factor of an angle's standard deviation once its mean over a recording is removed."""
     return float(np.sqrt(1 - _OFFSET_SHARE.get(_group(joint), 0.0)))

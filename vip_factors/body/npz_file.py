@@ -1,4 +1,4 @@
-"""Archives of arrays (.npz), which may be damaged or claim sizes that they do not have."""
+"""Safe reading of array archives (.npz), which may be damaged."""
 
 import math
 import sys
@@ -12,11 +12,10 @@ from vip_factors.errors import FileFormatError
 
 
 def read_npz(path: Path, expected: str, names: Iterable[str] | None = None) -> dict[str, Any]:
-    """The arrays of an archive by name, of those that are wanted; ``expected``, what it should be, is for the
-    complaint.
+    """Read the arrays of an archive, all or those in ``names``; ``expected`` begins the error message.
 
     Raises:
-        FileFormatError: if it is no archive of arrays, or damaged.
+        FileFormatError: if it is not an archive of arrays, or damaged.
     """
     try:
         with np.load(path, allow_pickle=False) as file:
@@ -24,24 +23,24 @@ def read_npz(path: Path, expected: str, names: Iterable[str] | None = None) -> d
             for name in wanted:
                 _check_size(file, name)
             return {name: _checked_text(name, file[name]) for name in wanted}
-    except Exception as error:  # of damaged archives NumPy, zipfile, zlib and tokenize raise a dozen kinds
-        raise FileFormatError(f"{path}: {expected} ({error or 'it breaks off'})") from error
+    except Exception as error:  # NumPy, zipfile, zlib and tokenize raise a dozen kinds
+        raise FileFormatError(f"{path}: {expected} ({error or 'it is truncated'})") from error
 
 
 def _checked_text(name: str, value: Any) -> Any:
-    """Refuse text with numbers that are no characters: Python fails at it later, wherever it is used."""
+    """Refuse text with invalid code points, which fails later in Python."""
     if value.dtype.kind == "U" and value.size:
         codes = np.ascontiguousarray(value).reshape(-1).view(np.dtype("u4").newbyteorder(value.dtype.byteorder))
         if codes.max() > sys.maxunicode:
-            raise ValueError(f"{name} is no text")
+            raise ValueError(f"{name} is not valid text")
     return value
 
 
 def _check_size(file: Any, name: str) -> None:
-    """Refuse an array that claims to be larger than its part of the archive, before room is made for it."""
-    with file.zip.open(f"{name}.npy") as part:
-        version = np.lib.format.read_magic(part)
+    """Refuse an array that claims to be larger than its file in the archive, before memory is allocated."""
+    with file.zip.open(f"{name}.npy") as array_file:
+        version = np.lib.format.read_magic(array_file)
         read_header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-        shape, _, kind = read_header(part)
+        shape, _, kind = read_header(array_file)
     if math.prod(shape) * kind.itemsize > file.zip.getinfo(f"{name}.npy").file_size:
-        raise ValueError(f"{name} claims to have the shape {shape}, for which the file is too short")
+        raise ValueError(f"{name} has the shape {shape} in its header, for which the file is too short")

@@ -1,12 +1,10 @@
-"""The Gaussian pose prior: which joint rotations people like, and which go together (thesis eqs. 3.14, 3.28); and how
-far joints bend: bounds on rotation-vector coordinates (thesis eq. 3.15).
+"""Gaussian pose prior over joint rotations (thesis eqs. 3.14, 3.28) and joint limits (thesis eq. 3.15).
 
-The bounds' ranges are those of the American Academy of Orthopaedic Surgeons ("Joint Motion: Method of Measuring and
-Recording", 1965; tabulated with later measurements by Norkin & White, "Measurement of Joint Motion"), put on the
-body's axes: x to the wearer's left, y up, z forward, T-pose at identity. Two things make the bounds wider than the
-table. A rotation vector is not a sequence of clinical angles, so where a joint moves about several axes at once
-its coordinates mix (shoulders). And sources differ in how they share the bend of the trunk and neck among joints, so
-each joint may take more than its share: together they reach beyond the range of the whole.
+Limits are the ranges of motion of the American Academy of Orthopaedic Surgeons ("Joint Motion: Method of Measuring and
+Recording", 1965; tabulated with later measurements by Norkin & White, "Measurement of Joint Motion"), in body axes: x
+to the wearer's left, y up, z forward, T-pose at identity. They are wider than the table for two reasons: coordinates of
+a rotation vector are not clinical angles if a joint moves about several axes (shoulders), and the bend of trunk and
+neck may be shared among joints in different ways.
 """
 
 from dataclasses import dataclass
@@ -26,8 +24,8 @@ Range = tuple[float, float]
 RANGES_DEG: dict[str, tuple[Range, Range, Range]] = {
     # x: flexion 120 is negative, extension 30; y: external rotation positive 45; z: abduction positive 45
     "left_hip": ((-125, 35), (-50, 60), (-35, 60)),
-    # x: flexion positive 140, hyperextension 10 where knees are loose, but adults' mean is 1 to 6 even when they are
-    # pushed, and walkers' knees stay above −3; a hinge otherwise, the shank turning a little on a bent knee
+    # x: flexion positive 140, hyperextension up to 10 but 1 to 6 on average; otherwise a hinge, with a little axial
+    # rotation of the shank
     "left_knee": ((-5, 150), (-25, 25), (-15, 15)),
     # x: plantar flexion positive 50, dorsiflexion 20 to 30 with a bent knee; y: toes out; z: eversion positive 20,
     # inversion 35
@@ -45,10 +43,10 @@ RANGES_DEG: dict[str, tuple[Range, Range, Range]] = {
     "left_collar": ((-25, 25), (-30, 25), (-15, 40)),
     # z: arm down negative 90, overhead positive 90 with the shoulder blade; y: forward across the chest negative 130
     "left_shoulder": ((-130, 90), (-140, 75), (-120, 100)),
-    # y: flexion negative 150, hyperextension 10; x: the forearm's turning by 80 either way, which with a bent elbow
-    # shows in z as well; that the elbow is a hinge is a factor of its own
+    # y: flexion negative 150, hyperextension 10; x: pronation and supination 80, also in z for a bent elbow (the hinge
+    # is another factor)
     "left_elbow": ((-85, 85), (-155, 15), (-85, 85)),
-    # z: flexion negative 80, extension 70; y: towards the thumb negative 20, away 30; x: the forearm's turning
+    # z: flexion negative 80, extension 70; y: towards the thumb negative 20, away 30; x: the forearm's rotation
     "left_wrist": ((-90, 90), (-30, 40), (-85, 75)),
     # knuckles: flexion negative
     "left_hand": ((-15, 15), (-20, 20), (-90, 30)),
@@ -59,7 +57,7 @@ SHIPPED_PRIOR = Path(__file__).parent.parent / "data" / "pose_prior.npz"
 
 @dataclass(frozen=True)
 class PosePrior:
-    """A Gaussian over the joint rotations of a pose; its residual is ``whitening @ (x − mean)``.
+    """Gaussian over the joint rotations of a pose, with the residual ``whitening @ (x − mean)``.
 
     ``x`` is the stack of rotation vectors Log(R_parent_child) of joints 1 … 23, in radians (:func:`joint_vector`).
 
@@ -90,7 +88,7 @@ class PosePrior:
 
     @cached_property
     def information(self) -> Array:
-        """The inverse ``(69, 69)`` of the covariance, ``Lᵀ L``."""
+        """Inverse covariance ``(69, 69)``, ``Lᵀ L``."""
         return self.whitening.T @ self.whitening
 
 
@@ -100,10 +98,10 @@ def joint_vector(R_parent_child: Array) -> Array:
 
 
 def mirror_joint_vector(x: Array) -> Array:
-    """The pose ``(..., 69)`` seen in a mirror: sides exchanged, and (x, y, z) → (x, −y, −z)."""
+    """Mirror a pose ``(..., 69)``: exchange the sides, and (x, y, z) → (x, −y, −z)."""
     vectors = np.asarray(x, float).reshape(*np.shape(x)[:-1], JOINT_COUNT - 1, 3)
-    other = [name.replace("left_", "_").replace("right_", "left_") for name in JOINT_NAMES[1:]]
-    swapped = [JOINT_NAMES.index(f"right{name}" if name[0] == "_" else name) - 1 for name in other]
+    mirrored_names = [name.replace("left_", "_").replace("right_", "left_") for name in JOINT_NAMES[1:]]
+    swapped = [JOINT_NAMES.index(f"right{name}" if name[0] == "_" else name) - 1 for name in mirrored_names]
     return (vectors[..., swapped, :] * np.array([1.0, -1.0, -1.0])).reshape(np.shape(x))
 
 
@@ -120,10 +118,10 @@ def _read(path: Path) -> PosePrior:
 
 
 def load_pose_prior(path: str | Path | None = None) -> PosePrior:
-    """A trained prior; the one shipped with the package if no path is given.
+    """Load a trained prior, by default the one shipped with the package.
 
     Raises:
-        FileFormatError: if the file is not one.
+        FileFormatError: if the file is not a pose prior.
     """
     return _read(Path(path) if path is not None else SHIPPED_PRIOR)
 
@@ -143,20 +141,22 @@ class JointLimits:
         object.__setattr__(self, "upper", upper)
 
     def violation(self, x: Array) -> Array:
-        """How far joint vectors ``(..., 69)`` lie outside, in radians, signed; zero inside."""
+        """Signed distance of joint vectors ``(..., 69)`` from the limits in radians; zero inside."""
         return np.minimum(x - self.lower, 0.0) + np.maximum(x - self.upper, 0.0)
 
-    def reaching(self, x: Array, beyond: float) -> "JointLimits":
+    def reaching(self, x: Array, tolerance: float) -> "JointLimits":
         """Limits that leave room for what most of the joint vectors ``(T, 69)`` do beyond these, by the median and by
         more than ``beyond``, in radians.
         """
         outside = self.violation(x)
-        most = np.where(np.abs(np.median(outside, axis=0)) > beyond, 1.0, 0.0)
-        return JointLimits(self.lower + most * outside.min(axis=0), self.upper + most * outside.max(axis=0))
+        is_exceeded = np.where(np.abs(np.median(outside, axis=0)) > tolerance, 1.0, 0.0)
+        return JointLimits(
+            self.lower + is_exceeded * outside.min(axis=0), self.upper + is_exceeded * outside.max(axis=0)
+        )
 
 
 def load_joint_limits() -> JointLimits:
-    """The limits of an able adult, alike on both sides."""
+    """Load the limits of a healthy adult, alike on both sides."""
     lower, upper = np.zeros((2, len(JOINT_NAMES) - 1, 3))
     for name, ranges in RANGES_DEG.items():
         lower[JOINT_NAMES.index(name) - 1], upper[JOINT_NAMES.index(name) - 1] = np.radians(ranges).T

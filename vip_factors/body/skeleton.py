@@ -1,7 +1,7 @@
-"""The 24-joint skeleton: SMPL's topology, names, order and axes; and the poses that wearers hold for calibration.
+"""Skeleton with SMPL's 24 joints (topology, names, order and axes), and calibration poses.
 
 Body axes at rest: x to the wearer's left, y up, z forward; all joint rotations are identity in the T-pose.
-A *bone* is the segment that a joint moves and carries that joint's name: bone ``left_knee`` is the left shank.
+A *bone* is the segment that a joint moves and has that joint's name: bone ``left_knee`` is the left shank.
 """
 
 from collections.abc import Collection, Container, Iterable, Mapping
@@ -14,7 +14,7 @@ from vip_factors.display import Summarised
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp
 
-# Body axes (x left, y up, z forward) in a Z-up world, facing its x axis: the pelvis of a person standing upright.
+# Orientation of an upright pelvis that faces the x axis of a world with z up.
 R_WORLD_FACING_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 POSES = ("t-pose", "n-pose")
 JOINT_NAMES = (
@@ -25,9 +25,9 @@ JOINT_NAMES = (
 )  # fmt: skip
 PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
 JOINT_COUNT = len(JOINT_NAMES)
-LONGEST_BONE_M = 10.0  # nobody's, but a giant's of an animation
+LONGEST_BONE_M = 10.0  # larger than any person; leaves room for animated giants
 
-# Bones whose name is a joint's but which people call otherwise.
+# Common names of bones.
 BONE_ALIASES = {
     f"{side}_{alias}": f"{side}_{joint}"
     for side in ("left", "right")
@@ -39,7 +39,7 @@ BONE_ALIASES = {
 SIDES = ("left", "right")
 # Bones of the limbs, from the trunk outwards.
 LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder", "elbow", "wrist", "hand")}
-# Bones that sensors sit along, and the joint at the far end of each.
+# Bones with sensor sites along them, and the joint at the far end of each.
 LIMB_ENDS = {
     f"{side}_{bone}": f"{side}_{end}"
     for side in SIDES
@@ -48,7 +48,7 @@ LIMB_ENDS = {
 
 
 def worn_limbs(bones: Container[str]) -> list[tuple[str, ...]]:
-    """Those of the :data:`LIMBS` with a sensor on either side, by the bones that have one."""
+    """Select the :data:`LIMBS` with a sensor on either side."""
     return [limb for limb in LIMBS.values() if any(f"{side}_{bone}" in bones for side in SIDES for bone in limb)]
 
 
@@ -65,9 +65,7 @@ def joint_index(name: str) -> int:
 
 
 def joints_placed_by(bones: Collection[str] | None, joints: Iterable[int]) -> list[int]:
-    """Rows of those joints whose place is known where the motion of some bones (None: all) is: they sit on the bone
-    above.
-    """
+    """Rows of joints whose parent bone is among ``bones`` (None: all): their positions are measured."""
     return [row for row in joints if bones is None or JOINT_NAMES[max(PARENTS[row], 0)] in bones]
 
 
@@ -81,7 +79,7 @@ def ancestors(joint: int) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class Landmark:
-    """A named point fixed to a bone: ``p_bone_point`` in metres, bone axes."""
+    """Point fixed to a bone: ``p_bone_point`` in metres, bone axes."""
 
     bone: int
     p_bone_point: Array
@@ -89,13 +87,13 @@ class Landmark:
 
 @dataclass(frozen=True, repr=False)
 class Skeleton(Summarised):
-    """Joint positions of one person.
+    """Joint offsets and landmarks of one person.
 
     Attributes:
         p_parent_joint: ``(24, 3)`` metres, each joint in its parent's frame at rest; the root's row is zero.
         landmarks: points beyond the last joints: ``head_top``, ``left_heel``, ``left_toe_tip``,
-            ``left_fingertip`` and their right twins.
-        source: one line saying where the lengths come from.
+            ``left_fingertip`` and their right counterparts.
+        source: one line about the origin of the lengths.
     """
 
     p_parent_joint: Array
@@ -123,7 +121,7 @@ class Skeleton(Summarised):
         return positions
 
     def limb(self, bone: int) -> Array | None:
-        """From a limb's joint to the one at its far end ``(3,)``; None of a bone that is no limb."""
+        """Vector ``(3,)`` from a limb's joint to the one at its far end; None for other bones."""
         end = LIMB_ENDS.get(JOINT_NAMES[bone])
         return None if end is None else self.p_parent_joint[joint_index(end)]
 
@@ -140,9 +138,9 @@ class Skeleton(Summarised):
 
 
 def contact_points(skeleton: Skeleton, sole: float = 0.0) -> tuple[tuple[int, Array], ...]:
-    """Heel and ball of both feet, as (bone, ``p_bone_point``); the ankle and toe joint where a skeleton has no heel.
+    """Heel and ball of both feet under a sole of ``sole`` metres, as (bone, ``p_bone_point``).
 
-    Under them is a sole as thick as ``sole`` metres.
+    Without a heel landmark the ankle takes its place.
     """
     points = []
     for side in ("left", "right"):
@@ -156,7 +154,7 @@ def contact_points(skeleton: Skeleton, sole: float = 0.0) -> tuple[tuple[int, Ar
 def calibration_pose(pose: str) -> Array:
     """Joint rotations ``(24, 3, 3)`` of a nominal pose, upright and facing the world's x axis.
 
-    ``"t-pose"``: rest. ``"n-pose"``: the arms hang straight down, palms towards the thighs.
+    ``"t-pose"`` is the rest pose; in the ``"n-pose"`` the arms hang straight down, palms towards the thighs.
 
     Raises:
         InputError: for another name.
@@ -171,11 +169,10 @@ def calibration_pose(pose: str) -> Array:
     return R
 
 
-# How people who were asked for a pose hold it: degrees about x, y, z of each joint of the left side and the middle,
-# mean and standard deviation; the right side is the mirror image. Arms in a T-pose hang 5–25° low, are turned by
-# 20–45° about themselves (the rest pose of the CMU database by 30°) and bent by about 20°; about a limb's own axis a
-# pose says next to nothing. Legs and trunk are 3–8° off, heads 16°, feet 7–15°; upright knees are bent by 3–7°.
-_TRUNK = {"spine1": 5.0, "spine2": 4.0, "spine3": 4.0, "neck": 8.0, "head": 10.0}
+# Poses as people hold them: mean and standard deviation in degrees about x, y, z of each joint of the left side and the
+# middle; the right side is mirrored. Arms in a T-pose are 5–25° low, rotated by 20–45° about their long axis and bent
+# by about 20°. Legs and trunk vary by 3–8°, heads by 16°, feet by 7–15°; upright knees are bent by 3–7°.
+_TRUNK_SIGMAS = {"spine1": 5.0, "spine2": 4.0, "spine3": 4.0, "neck": 8.0, "head": 10.0}
 _LEFT_SIGMAS = {
     "left_hip": (7.0, 10.0, 6.0), "left_knee": (7.0, 8.0, 4.0), "left_ankle": (8.0, 10.0, 8.0),
     "left_foot": (8.0, 8.0, 8.0), "left_collar": (8.0, 8.0, 8.0), "left_shoulder": (25.0, 15.0, 12.0),
@@ -189,8 +186,9 @@ _LEFT_MEANS = {
 
 @dataclass(frozen=True, repr=False)
 class HeldPose(Summarised):
-    """A calibration pose as people hold it: ``(24, 3, 3)`` rotations, of which the root's heading is free, and standard
-    deviations ``(24, 3)`` in radians about each joint's own axes; the root's row has no meaning.
+    """Calibration pose as people hold it: rotations ``(24, 3, 3)`` and standard deviations ``(24, 3)`` in radians.
+
+    The root's heading is free, and its row of standard deviations is not used.
     """
 
     R_parent_child: Array
@@ -198,21 +196,24 @@ class HeldPose(Summarised):
 
 
 def nominal_pose(pose: str) -> HeldPose:
-    """One of the poses to the letter, as the papers take it: every joint held as well as another, by eye."""
-    nominal_sigma_deg = 6.0  # a pose held by eye turns bones by 10–15°, through several joints
+    """Return a nominal pose as in the papers, with the same standard deviation for every joint."""
+    nominal_sigma_deg = 6.0  # per joint; bones deviate by 10–15° through several joints
     return HeldPose(calibration_pose(pose), np.full((JOINT_COUNT, 3), np.radians(nominal_sigma_deg)))
 
 
 def held_pose(pose: str, nominal: bool = False) -> HeldPose:
-    """One of the poses as people hold it, upright and facing the world's x axis; or ``nominal``, to the letter."""
+    """Return a pose as people hold it, upright and facing the world's x axis, or the ``nominal`` one."""
     if nominal:
         return nominal_pose(pose)
     R, sigma = calibration_pose(pose), np.ones((JOINT_COUNT, 3))
-    for name, spread in _TRUNK.items():
+    for name, spread in _TRUNK_SIGMAS.items():
         sigma[joint_index(name)] = np.radians(spread)
-    for left, spreads in _LEFT_SIGMAS.items():
-        mean = np.radians(_LEFT_MEANS[pose].get(left, (0.0, 0.0, 0.0)))
-        for joint, mirror in ((left, np.ones(3)), (left.replace("left", "right"), np.array([1.0, -1.0, -1.0]))):
+    for left_joint, spreads in _LEFT_SIGMAS.items():
+        mean = np.radians(_LEFT_MEANS[pose].get(left_joint, (0.0, 0.0, 0.0)))
+        for joint, mirror in (
+            (left_joint, np.ones(3)),
+            (left_joint.replace("left", "right"), np.array([1.0, -1.0, -1.0])),
+        ):
             sigma[joint_index(joint)] = np.radians(spreads)
             R[joint_index(joint)] = R[joint_index(joint)] @ exp(mirror * mean)
     return HeldPose(R, sigma)

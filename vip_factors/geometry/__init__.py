@@ -1,1 +1,1 @@
-"""Rotations, quaternions, poses and alignment: plain NumPy on stacks, knowing nothing of bodies or sensors."""
+"""Rotations, quaternions, poses and alignment, batched in NumPy."""

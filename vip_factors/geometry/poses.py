@@ -10,17 +10,17 @@ from vip_factors.geometry.rotations import SMALL_ANGLE, Array, exp, hat, nearest
 
 
 def retract_pose(R: Array, p: Array, steps: Array) -> tuple[Array, Array]:
-    """``T Exp(ξ)`` of poses ``(..., 3, 3)`` and ``(..., 3)`` by steps ``(..., 6)``: the translation turns along."""
+    """Retract poses ``(..., 3, 3)`` and ``(..., 3)`` by steps ``(..., 6)``, rotation first: ``T Exp(ξ)``."""
     turned = right_jacobian(-steps[..., :3]) @ steps[..., 3:, None]
     return R @ exp(steps[..., :3]), p + (R @ turned)[..., 0]
 
 
 @compiled((6,), (6, 6))
 def pose_right_jacobian(steps: ArrayLike) -> Array:
-    """``J_r`` with ``Exp(ξ + dξ) ≈ Exp(ξ) Exp(J_r dξ)``, ``(..., 6, 6)``, of steps ``(..., 6)``.
+    """Right Jacobian ``(..., 6, 6)`` at steps ``(..., 6)``: ``Exp(ξ + dξ) ≈ Exp(ξ) Exp(J_r dξ)``.
 
-    Barfoot, "State Estimation for Robotics", eqs. 7.85–7.86 (there left, translation first): ``J_r(ξ) = J_l(−ξ)``, with
-    SO(3)'s on the diagonal, and below it ``Q``.
+    Barfoot, "State Estimation for Robotics", eqs. 7.85–7.86 (left Jacobian, translation first): ``J_r(ξ) = J_l(−ξ)``,
+    with that of SO(3) on the diagonal and ``Q`` below it.
     """
     steps = np.asarray(steps, dtype=float)
     J = np.zeros((*steps.shape[:-1], 6, 6))
@@ -30,7 +30,7 @@ def pose_right_jacobian(steps: ArrayLike) -> Array:
 
 
 def _translation_by_rotation(turn: Array, shift: Array) -> Array:
-    """``Q`` ``(..., 3, 3)`` of the left Jacobian."""
+    """Block ``Q`` ``(..., 3, 3)`` of the left Jacobian."""
     square = np.sum(turn * turn, axis=-1)[..., None, None]
     small = square < SMALL_ANGLE**2
     angle = np.where(small, 1.0, np.sqrt(square))
@@ -45,7 +45,7 @@ def _translation_by_rotation(turn: Array, shift: Array) -> Array:
 
 @dataclass(frozen=True)
 class Alignment:
-    """``target ≈ scale · R_target_source @ source + p_target_source``; stacks carry leading axes."""
+    """Similarity ``target ≈ scale · R_target_source @ source + p_target_source``; stacks have leading axes."""
 
     R_target_source: Array
     p_target_source: Array

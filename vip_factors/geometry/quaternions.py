@@ -1,4 +1,4 @@
-"""Quaternions, which live only at the edges: files, messages, viewers. Their storage order is said in every call."""
+"""Conversion of quaternions in files, messages and viewers, with explicit storage order; interpolation."""
 
 from enum import StrEnum
 
@@ -8,22 +8,21 @@ from numpy.typing import ArrayLike
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, exp, log, transpose
 
-# A quaternion further than this from unit length is not a rounded rotation but a mistake.
-UNIT_TOLERANCE = 0.05
+UNIT_TOLERANCE = 0.05  # deviation from unit length beyond which a quaternion is an error
 
 
 class Order(StrEnum):
-    """Where the scalar part stands."""
+    """Storage order of quaternions."""
 
     WXYZ = "wxyz"
     XYZW = "xyzw"
 
 
 def matrix_from_quaternion(quaternion: ArrayLike, order: Order | str) -> Array:
-    """Rotation matrices ``(..., 3, 3)`` of quaternions ``(..., 4)`` in the given order, normalised first.
+    """Rotation matrices ``(..., 3, 3)`` of quaternions ``(..., 4)``, which are normalised first.
 
     Raises:
-        InputError: where a quaternion is not of unit length within 5 %, or not finite; for an unknown order.
+        InputError: if a quaternion is not finite or not of unit length within 5 %; for an unknown order.
     """
     q = np.asarray(quaternion, dtype=float)
     norm = np.linalg.norm(q, axis=-1)
@@ -44,20 +43,20 @@ def matrix_from_quaternion(quaternion: ArrayLike, order: Order | str) -> Array:
 
 
 def quaternion_from_matrix(R: ArrayLike, order: Order | str) -> Array:
-    """Unit quaternions ``(..., 4)`` in the given order, scalar part not negative, of rotations ``(..., 3, 3)``.
+    """Unit quaternions ``(..., 4)``, scalar part not negative, of rotations ``(..., 3, 3)``.
 
     Raises:
         InputError: for an unknown order.
     """
     w, v = _quaternion_parts(np.asarray(R, dtype=float))
-    parts = [w[..., None], v] if _scalar_first(order) else [v, w[..., None]]
-    return np.concatenate(parts, axis=-1)
+    components = [w[..., None], v] if _scalar_first(order) else [v, w[..., None]]
+    return np.concatenate(components, axis=-1)
 
 
 def _scalar_first(order: Order | str) -> bool:
-    """Whether the scalar part stands first; a plain string of the same letters is taken too."""
+    """True if the scalar part comes first."""
     if order not in list(Order):
-        raise InputError(f"order of a quaternion '{order}': expected {' or '.join(Order)}")
+        raise InputError(f"quaternion order '{order}': expected {' or '.join(Order)}")
     return order == Order.WXYZ
 
 
@@ -69,10 +68,10 @@ def interpolate_rotations(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Ar
     time, R, query = np.asarray(time, float), np.asarray(R, float), np.asarray(query, float)
     if len(time) == 1:
         return np.repeat(R, len(query), axis=0)
-    left = np.clip(np.searchsorted(time, query, side="right") - 1, 0, len(time) - 2)
-    fraction = np.clip((query - time[left]) / (time[left + 1] - time[left]), 0.0, 1.0)
-    step = log(transpose(R[left]) @ R[left + 1])
-    return R[left] @ exp(fraction[:, None] * step)
+    index = np.clip(np.searchsorted(time, query, side="right") - 1, 0, len(time) - 2)
+    fraction = np.clip((query - time[index]) / (time[index + 1] - time[index]), 0.0, 1.0)
+    step = log(transpose(R[index]) @ R[index + 1])
+    return R[index] @ exp(fraction[:, None] * step)
 
 
 def interpolate_points(time: ArrayLike, points: ArrayLike, query: ArrayLike) -> Array:
@@ -85,26 +84,26 @@ def interpolate_points(time: ArrayLike, points: ArrayLike, query: ArrayLike) -> 
 
 
 def continuous(q: Array) -> Array:
-    """Quaternions ``(N, ..., 4)`` of either order with signs like those before them: the same rotations."""
+    """Choose signs of quaternions ``(N, ..., 4)`` of either order such that they are continuous."""
     turned = np.sum(q[1:] * q[:-1], axis=-1, keepdims=True) < 0
     return np.concatenate([q[:1], q[1:] * np.cumprod(np.where(turned, -1.0, 1.0), axis=0)])
 
 
 def interpolate_smoothly(time: ArrayLike, R: ArrayLike, query: ArrayLike) -> Array:
-    """Rotations ``(N, ..., 3, 3)`` at ``time`` ``(N,)``, smoothly to ``query`` ``(M,)``: angular rates have no steps.
+    """Interpolate rotations ``(N, ..., 3, 3)`` at ``time`` ``(N,)`` to ``query`` ``(M,)`` with continuous rates.
 
-    A cubic spline through unit quaternions of like sign, normalised. Queries outside the range take the nearest end.
+    Normalised cubic spline through unit quaternions. Queries outside the range take the nearest end.
     """
     time, query = np.asarray(time, float), np.asarray(query, float)
     q = continuous(quaternion_from_matrix(R, Order.WXYZ))
-    from scipy.interpolate import make_interp_spline  # takes a fifth of a second, which info need not wait for
+    from scipy.interpolate import make_interp_spline  # slow import
 
-    found = make_interp_spline(time, q, k=min(3, len(time) - 1))(np.clip(query, time[0], time[-1]))
-    return matrix_from_quaternion(found / np.linalg.norm(found, axis=-1, keepdims=True), Order.WXYZ)
+    q_query = make_interp_spline(time, q, k=min(3, len(time) - 1))(np.clip(query, time[0], time[-1]))
+    return matrix_from_quaternion(q_query / np.linalg.norm(q_query, axis=-1, keepdims=True), Order.WXYZ)
 
 
 def _outer_of_matrix() -> tuple[Array, Array]:
-    """``(16, 9)`` and ``(16,)`` that make 4 q qᵀ of a rotation, both row by row."""
+    """Linear map ``(16, 9)`` and constant ``(16,)`` from a rotation to 4 q qᵀ, both in row order."""
     of_matrix, constant = np.zeros((4, 4, 3, 3)), np.eye(4)
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -120,10 +119,10 @@ _OF_MATRIX, _CONSTANT = _outer_of_matrix()
 
 def _quaternion_parts(R: Array) -> tuple[Array, Array]:
     """Scalar part ``(...)``, not negative, and vector part ``(..., 3)`` of the unit quaternion of R."""
-    # Each column of 4 q qᵀ is q times four times one component; the longest column is the accurate one.
+    # each column of 4 q qᵀ is a multiple of q; the longest is the most accurate
     outer = (R.reshape(-1, 9) @ _OF_MATRIX.T + _CONSTANT).reshape(-1, 4, 4)
-    best = np.argmax(outer[:, range(4), range(4)], axis=-1)
-    q = outer[np.arange(len(outer)), best]
+    largest = np.argmax(outer[:, range(4), range(4)], axis=-1)
+    q = outer[np.arange(len(outer)), largest]
     q /= np.where(q[:, :1] < 0, -1.0, 1.0) * np.sqrt((q * q).sum(axis=-1, keepdims=True))
     q = q.reshape(*R.shape[:-2], 4)
     return q[..., 0], q[..., 1:]

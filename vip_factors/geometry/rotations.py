@@ -1,7 +1,7 @@
-"""SO(3), batched: exponential, logarithm, right Jacobians with their near-identity branches, and Euler sequences.
+"""SO(3), batched: exponential, logarithm, right Jacobians and Euler sequences.
 
-All functions take stacks: rotation vectors are ``(..., 3)`` in radians, matrices ``(..., 3, 3)``. Perturbations
-act on the right, ``R Exp(δ)``, as GTSAM's ``Rot3.retract`` does. Formulas: Solà, Deray, Atchuthan, "A micro Lie
+All functions take stacks: rotation vectors are ``(..., 3)`` in radians, matrices ``(..., 3, 3)``. Perturbations act on
+the right, ``R Exp(δ)``, as in GTSAM's ``Rot3.retract``. Formulas: Solà, Deray, Atchuthan, "A micro Lie
 theory for state estimation in robotics", eqs. 132–146.
 """
 
@@ -12,12 +12,10 @@ from vip_factors.compiled import compiled
 
 Array = NDArray[np.float64]
 
-# Below this angle the closed forms lose digits to cancellation and their series, cut after the quartic term, is exact.
-SMALL_ANGLE = 1e-2
+SMALL_ANGLE = 1e-2  # below it closed forms lose digits, and the series up to the quartic term is exact
 
 
-# hat(v) as numbers in a row is linear in v, and so are the trace and the skew part of a matrix in its numbers: one
-# product with these does what would be many small operations, which on few rotations cost more than the arithmetic.
+# hat(v), trace and skew part as single matrix products: many small operations are slow on few rotations.
 _HAT = np.zeros((3, 9))
 _HAT[0, 7], _HAT[1, 2], _HAT[2, 3] = 1.0, 1.0, 1.0
 _HAT[0, 5], _HAT[1, 6], _HAT[2, 1] = -1.0, -1.0, -1.0
@@ -37,16 +35,16 @@ def _square(v: Array) -> Array:
     return np.einsum("...i,...i->...", v, v)[..., None]
 
 
-def _combined(v: Array, one: Array, of_hat: Array | float, of_outer: Array) -> Array:
+def _combined(v: Array, of_identity: Array, of_hat: Array | float, of_outer: Array) -> Array:
     """``one I + of_hat hat(v) + of_outer v vᵀ`` of vectors ``(..., 3)``; the coefficients are ``(..., 1)``."""
     matrix = ((of_outer * v)[..., :, None] * v[..., None, :]).reshape(*v.shape[:-1], 9)
-    matrix += one * _EYE
+    matrix += of_identity * _EYE
     matrix += (of_hat * v) @ _HAT
     return matrix.reshape(*v.shape, 3)
 
 
 def _sine_terms(square: Array) -> tuple[Array, Array, Array]:
-    """``sin θ/θ``, ``(1 − cos θ)/θ²`` and ``(θ − sin θ)/θ³``, of θ²."""
+    """Compute ``sin θ/θ``, ``(1 − cos θ)/θ²`` and ``(θ − sin θ)/θ³`` from θ²."""
     small = square < SMALL_ANGLE**2
     safe = np.where(small, 1.0, np.sqrt(square))
     sine, half_sine = np.sin(safe), np.sin(safe / 2)
@@ -62,19 +60,19 @@ def exp(rotation_vector: ArrayLike) -> Array:
     v = np.asarray(rotation_vector, dtype=float)
     square = _square(v)
     a, b, _ = _sine_terms(square)
-    return _combined(v, 1 - b * square, a, b)  # for hat(v)² = v vᵀ − θ² I
+    return _combined(v, 1 - b * square, a, b)  # hat(v)² = v vᵀ − θ² I
 
 
 @compiled((3, 3), (3,))
 def log(R: ArrayLike) -> Array:
-    """Rotation vectors ``(..., 3)`` of angle in [0, π] radians, of rotation matrices ``(..., 3, 3)``.
+    """Rotation vectors ``(..., 3)`` with angles in [0, π] radians of rotation matrices ``(..., 3, 3)``.
 
-    Up to 120° it is the skew part, of length ``sin θ``, scaled to the angle. Beyond, where that part vanishes towards
-    the half turn, the axis is read from the symmetric part.
+    Up to 120° it is the skew part, of length ``sin θ``, scaled to the angle. Beyond, the axis is taken from the
+    symmetric part, since the skew part vanishes at half a turn.
     """
     R = np.asarray(R, dtype=float)
-    parts = R.reshape(*R.shape[:-2], 9) @ _TRACE_AND_SKEW
-    trace, skew = parts[..., :1], parts[..., 1:]
+    trace_and_skew = R.reshape(*R.shape[:-2], 9) @ _TRACE_AND_SKEW
+    trace, skew = trace_and_skew[..., :1], trace_and_skew[..., 1:]
     sine = 0.5 * np.sqrt(_square(skew))
     angle, tiny = np.arctan2(sine, 0.5 * (trace - 1)), sine < 1e-12
     v = np.where(tiny, 0.5, 0.5 * angle / np.where(tiny, 1.0, sine)) * skew
@@ -87,19 +85,18 @@ def log(R: ArrayLike) -> Array:
 def _axis_of_large(R: Array, trace: Array, skew: Array) -> Array:
     """Axes ``(n, 3)`` of rotations ``(n, 3, 3)`` by more than a right angle, from ``(1 − cos θ) a aᵀ``.
 
-    Each of its columns is the axis times one of its components: the longest is the accurate one. Its sign is that of
-    the skew part; at half turns either is right.
+    The longest column is the most accurate; the sign is that of the skew part.
     """
     outer = R + transpose(R) - (trace - 1)[..., None] * np.eye(3)
-    best = np.argmax(np.einsum("nii->ni", outer), axis=1)
-    axis = outer[np.arange(len(R)), best]
+    largest = np.argmax(np.einsum("nii->ni", outer), axis=1)
+    axis = outer[np.arange(len(R)), largest]
     axis *= np.where(np.sum(axis * skew, axis=1) < 0, -1.0, 1.0)[:, None] / np.sqrt(_square(axis))
     return axis
 
 
 @compiled((3,), (3, 3))
 def right_jacobian(rotation_vector: ArrayLike) -> Array:
-    """``J_r`` with ``Exp(v + dv) ≈ Exp(v) Exp(J_r dv)``, ``(..., 3, 3)``; Solà et al. eq. 143."""
+    """Right Jacobian ``(..., 3, 3)``: ``Exp(v + dv) ≈ Exp(v) Exp(J_r dv)``; Solà et al. eq. 143."""
     v = np.asarray(rotation_vector, dtype=float)
     square = _square(v)
     _, b, c = _sine_terms(square)
@@ -108,16 +105,16 @@ def right_jacobian(rotation_vector: ArrayLike) -> Array:
 
 @compiled((3,), (3, 3))
 def inverse_right_jacobian(rotation_vector: ArrayLike) -> Array:
-    """``J_r⁻¹`` with ``Log(R Exp(δ)) ≈ Log(R) + J_r⁻¹ δ``, ``(..., 3, 3)``; Solà et al. eq. 144."""
+    """Inverse right Jacobian ``(..., 3, 3)``: ``Log(R Exp(δ)) ≈ Log(R) + J_r⁻¹ δ``; Solà et al. eq. 144."""
     v = np.asarray(rotation_vector, dtype=float)
     square = _square(v)
     small = square < SMALL_ANGLE**2
     half = np.where(small, 0.5, 0.5 * np.sqrt(square))
     cotangent = half / np.tan(half)
-    one = np.where(small, 1 - square * (1 / 12 + square * (1 / 720 + square / 30240)), cotangent)
+    of_identity = np.where(small, 1 - square * (1 / 12 + square * (1 / 720 + square / 30240)), cotangent)
     # (1 − (θ/2) cot(θ/2))/θ²: finite up to θ < 2π.
     outer = np.where(small, 1 / 12 + square * (1 / 720 + square / 30240), (1 - cotangent) / np.where(small, 1, square))
-    return _combined(v, one, 0.5, outer)
+    return _combined(v, of_identity, 0.5, outer)
 
 
 def rotation_x(angle: ArrayLike) -> Array:
@@ -152,7 +149,7 @@ def transpose(R: ArrayLike) -> Array:
 
 
 def rotation_between(start: ArrayLike, end: ArrayLike) -> Array:
-    """The smallest rotations ``(..., 3, 3)`` that take directions ``(..., 3)`` to others, not opposite, ones."""
+    """Smallest rotations ``(..., 3, 3)`` that take directions ``(..., 3)`` to others, which must not be opposite."""
     a, b = (np.asarray(v, dtype=float) / np.linalg.norm(v, axis=-1, keepdims=True) for v in (start, end))
     axis = hat(np.cross(a, b))
     return np.eye(3) + axis + axis @ axis / (1 + np.sum(a * b, axis=-1)[..., None, None])
@@ -164,7 +161,7 @@ def angle_between(R_a: ArrayLike, R_b: ArrayLike) -> Array:
 
 
 def nearest_rotation(matrix: ArrayLike) -> Array:
-    """The rotation nearest in Frobenius norm to each 3×3 matrix, by SVD."""
+    """Rotation nearest to each 3×3 matrix in Frobenius norm, by SVD."""
     U, _, Vt = np.linalg.svd(np.asarray(matrix, dtype=float))
     sign = np.sign(np.linalg.det(U @ Vt))
     U = U.copy()
@@ -173,30 +170,29 @@ def nearest_rotation(matrix: ArrayLike) -> Array:
 
 
 def mean_rotation(R: ArrayLike, weights: Array | None = None) -> Array:
-    """Chordal mean ``(3, 3)`` of rotations ``(N, 3, 3)``, weighted if asked."""
+    """Chordal mean ``(3, 3)`` of rotations ``(N, 3, 3)``, optionally weighted."""
     return nearest_rotation(np.average(np.asarray(R, dtype=float), axis=0, weights=weights))
 
 
 def wrap_angle(angle: ArrayLike) -> Array:
-    """Angles wrapped into [−π, π)."""
+    """Wrap angles into [−π, π)."""
     return (np.asarray(angle, dtype=float) + np.pi) % (2 * np.pi) - np.pi
 
 
 def yaw_of(R: ArrayLike) -> Array:
-    """The angle γ about the vertical for which ``rotation_z(γ)`` is nearest to each rotation."""
+    """Angle γ about the vertical for which ``rotation_z(γ)`` is nearest to each rotation."""
     R = np.asarray(R, dtype=float)
     return np.arctan2(R[..., 1, 0] - R[..., 0, 1], R[..., 0, 0] + R[..., 1, 1])
 
 
-# Below this sine or cosine of the middle angle only a sum or difference of the outer two is determined.
-_LOCKED = 1e-9
+_LOCKED = 1e-9  # sine or cosine of the middle angle: gimbal lock
 
 
 def sequence_of_rotation(R: Array, axes: str) -> Array:
-    """Angles ``(..., 3)`` in radians of rotations ``(..., 3, 3)``: of ``"zxy"``, those of ``Rz(a) Rx(b) Ry(c)``.
+    """Euler angles ``(..., 3)`` in radians of rotations ``(..., 3, 3)``; ``"zxy"`` means ``Rz(a) Rx(b) Ry(c)``.
 
-    The middle angle lies in [−π/2, π/2] of three different axes, and in [0, π] where the first axis comes again; the
-    outer ones in (−π, π]. At the ends of the middle one's range they cannot be told apart: the last is then zero.
+    The middle angle lies in [−π/2, π/2] for three different axes, in [0, π] if the first axis is repeated; the outer
+    ones in (−π, π]. In gimbal lock the last angle is zero.
     """
     R = np.asarray(R, dtype=float)
     i, j = "xyz".index(axes[0]), "xyz".index(axes[1])
@@ -219,13 +215,15 @@ def sequence_of_rotation(R: Array, axes: str) -> Array:
 
 
 def continuous(angles: Array) -> Array:
-    """The same rotations by angles ``(T, ..., 3)`` about three different axes, each frame's next to the frame before.
+    """Choose equivalent Euler angles ``(T, ..., 3)`` about three different axes that are continuous over frames.
 
-    Every rotation has two triples, ``(a, b, c)`` and ``(a + π, π − b, c + π)``, and each angle any number of turns.
+    Every rotation has two triples, ``(a, b, c)`` and ``(a + π, π − b, c + π)``, each up to full turns.
     """
-    one = np.asarray(angles, dtype=float)
-    other = one * [1.0, -1.0, 1.0] + np.pi
-    same, across = (np.abs(wrap_angle(to[1:] - one[:-1])).sum(axis=-1, keepdims=True) for to in (one, other))
-    changes = np.zeros((*one.shape[:-1], 1), dtype=int)  # from one triple to the other: back is as far
+    triple = np.asarray(angles, dtype=float)
+    alternative = triple * [1.0, -1.0, 1.0] + np.pi
+    same, across = (
+        np.abs(wrap_angle(to[1:] - triple[:-1])).sum(axis=-1, keepdims=True) for to in (triple, alternative)
+    )
+    changes = np.zeros((*triple.shape[:-1], 1), dtype=int)  # between the two triples
     changes[1:] = across < same
-    return np.unwrap(np.where(np.cumsum(changes, axis=0) % 2 == 1, other, one), axis=0)
+    return np.unwrap(np.where(np.cumsum(changes, axis=0) % 2 == 1, alternative, triple), axis=0)

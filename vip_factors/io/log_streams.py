@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import Array, mean_rotation
 from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.imu_stream import FORCE_LIMIT, ImuStream
-from vip_factors.sensors.parts import joined_in_memory
+from vip_factors.sensors.multi_file import join_recordings
 from vip_factors.sensors.recording import Recording, Subject
 
 MEAN_S = 1.0  # of the other log's start: people hold a pose for longer, and sway within it
@@ -173,14 +173,14 @@ def log_in_parts(logs: Sequence[ImportedLog], sources: Sequence[str]) -> Importe
     """Logs with absolute starts by these, others by their own clock, which must have gone on; without truth.
 
     Raises:
-        InputError: as :func:`~vip_factors.sensors.parts.in_parts`; ``sources`` say which log.
+        InputError: as :func:`~vip_factors.sensors.multi_file.join_sources`; ``sources`` say which log.
     """
     clocks = [0.0 if log.start_ns or log.clock_s is None else log.clock_s for log in logs]
     parts = []
     for log, clock, source in zip(logs, clocks, sources, strict=True):
         imus = {name: replace(imu, time=imu.time + (clock - min(clocks))) for name, imu in log.imus.items()}
         parts.append(Recording(source, Subject(), imus, Placement(), start_ns=log.start_ns))
-    whole = joined_in_memory(parts, sources)
+    whole = join_recordings(parts, sources)
     first = logs[[part.name for part in parts].index(whole.name)]
     notes = dict.fromkeys(note for log in logs for note in log.notes)
     return replace(first, imus=whole.imus, truth_motion=None, notes=(f"parts: {', '.join(sources)}", *notes))

@@ -24,7 +24,7 @@ from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.recording_info_pb2 import SceneInfo
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.parts import wearers_in_parts
+from vip_factors.sensors.multi_file import join_wearers
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import (
@@ -175,7 +175,7 @@ def _together(sources: Sequence[UnfilmedSource], paths: Sequence[str | os.PathLi
         return None
     if len(sources) == 1:
         return sources[0]
-    wearers = wearers_in_parts([part.wearers for part in sources], [str(path) for path in paths])
+    wearers = join_wearers([part.wearers for part in sources], [str(path) for path in paths])
     return UnfilmedSource(Scene(sources[0].scene.name, tuple(wearer.head for wearer in wearers)), wearers)
 
 

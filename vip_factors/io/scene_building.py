@@ -27,7 +27,7 @@ from vip_factors.sensors.camera import (
 )
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
-from vip_factors.sensors.parts import scene_in_parts
+from vip_factors.sensors.multi_file import join_scenes
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Camera, CameraMount, Scene, Video
 
@@ -57,7 +57,7 @@ def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
 def read_scenes(paths: Sequence[Path]) -> Scene:
     """A scene from a recording's file, or from several that are its parts, one after another in time."""
     scenes = [read_scene(path) for path in paths]
-    return scene_in_parts(scenes, [str(path) for path in paths]) if len(scenes) > 1 else scenes[0]
+    return join_scenes(scenes, [str(path) for path in paths]) if len(scenes) > 1 else scenes[0]
 
 
 def join_wearers(scenes: Sequence[Scene], name: str | None = None) -> Scene:

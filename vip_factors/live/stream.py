@@ -110,7 +110,7 @@ class Stream:
         if isinstance(item, LiveFinding):
             if isinstance(item, LiveLoss):
                 self._tracker.note_loss()
-            if not (isinstance(item, LiveLoss) and item.again):
+            if not (isinstance(item, LiveLoss) and item.is_repeat):
                 finding = bare(item.sentence)
                 self._pending.append(finding)
                 self._report(finding)

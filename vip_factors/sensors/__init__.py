@@ -1,1 +1,1 @@
-"""What was measured: IMU streams, where each sensor sits, calibration, and the recording that holds them."""
+"""Measurements: IMU streams, placement and calibration of sensors, detections, recordings and scenes."""

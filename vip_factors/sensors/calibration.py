@@ -1,4 +1,4 @@
-"""Where sensors sit on the body and how they are turned there, as placed, and as estimated: headings and mountings."""
+"""Placement of sensors on the body, and their estimated calibration: headings and mountings."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -14,16 +14,16 @@ from vip_factors.geometry.rotations import Array
 
 @dataclass(frozen=True)
 class SensorCalibration:
-    """How one sensor relates to the world and to its bone.
+    """Heading and mounting of one sensor.
 
     Attributes:
-        heading: γ in radians, ``R_world_inertial = rotation_z(γ)``; at the start, if it changes.
+        heading: γ in radians, ``R_world_inertial = rotation_z(γ)``; the first value if it drifts.
         R_bone_sensor: ``(3, 3)`` mounting.
         heading_sigma: standard deviation in radians, NaN if not estimated.
         mounting_sigma: ``(3,)`` standard deviations in radians about the sensor's axes, NaN if not estimated.
-        heading_time, heading_path: ``(n,)`` seconds, and ``(n,)`` radians (not wrapped) of a heading that changes with
-            time, linear in between; empty where it is constant.
-        bone: name of the bone that it is on; empty where that is not known, or where it is on a camera.
+        heading_time, heading_path: ``(n,)`` seconds and ``(n,)`` radians (not wrapped) of a drifting heading, linear in
+            between; empty if it is constant.
+        bone: name of the sensor's bone; empty if unknown, or if the sensor is on a camera.
     """
 
     heading: float
@@ -35,7 +35,7 @@ class SensorCalibration:
     bone: str = ""
 
     def heading_at(self, time: Array) -> Array:
-        """Headings in radians at instants in seconds; beyond its ends the path stays as it is there."""
+        """Headings in radians at instants in seconds; constant beyond the ends of the path."""
         if len(self.heading_path) == 0:
             return np.full(np.shape(time), self.heading)
         return np.interp(time, self.heading_time, self.heading_path)
@@ -45,17 +45,19 @@ Calibration = Mapping[str, SensorCalibration]
 """Calibrations by sensor name."""
 
 
-CARELESS_MOUNTING_SIGMA = np.deg2rad(15.0)  # of a calibration pose held by eye: 10–15° (thesis 4.4.2 starts there)
-STRAPPED_MOUNTING_SIGMA = np.deg2rad(40.0)  # of "strapped on roughly like this", without any pose
+CARELESS_MOUNTING_SIGMA = np.deg2rad(15.0)  # from a calibration pose held by eye: 10–15° (thesis 4.4.2)
+STRAPPED_MOUNTING_SIGMA = np.deg2rad(40.0)  # of a sensor strapped on roughly as declared, without a pose
 
-# Bone axes, all bones alike at rest: the words people use for them.
+# Bone axes; at rest they are alike for all bones.
 _DIRECTIONS = {
-    "left": (1, 0, 0), "right": (-1, 0, 0), "up": (0, 1, 0), "down": (0, -1, 0), "front": (0, 0, 1), "back": (0, 0, -1)
-}  # fmt: skip
-_SIDES = {
-    "left": "left side", "right": "right side", "up": "upper side", "down": "lower side", "front": "front",
-    "back": "back",
-}  # fmt: skip
+    "left": (1, 0, 0),
+    "right": (-1, 0, 0),
+    "up": (0, 1, 0),
+    "down": (0, -1, 0),
+    "front": (0, 0, 1),
+    "back": (0, 0, -1),
+}
+_SIDES = {name: f"{name} side" for name in ("left", "right")} | {"up": "upper side", "down": "lower side"}
 
 
 @dataclass(frozen=True)
@@ -63,9 +65,9 @@ class SensorSite:
     """One sensor on one bone.
 
     Attributes:
-        sensor: its name in the recording.
-        bone: SMPL joint name of the bone it is strapped to.
-        p_bone_sensor: ``(3,)`` metres, its position in the bone's frame.
+        sensor: name in the recording.
+        bone: SMPL joint name of the bone.
+        p_bone_sensor: ``(3,)`` metres, position in the bone's frame.
         R_bone_sensor: ``(3, 3)`` rough mounting.
         mounting_sigma: standard deviation in radians of the rough mounting about each axis.
     """
@@ -106,24 +108,24 @@ class Placement(Summarised):
             raise InputError(f"sensor '{twice[0]}' is placed twice: give each sensor one bone")
 
     def site(self, sensor: str) -> SensorSite:
-        """The site of a sensor.
+        """Return the site of a sensor.
 
         Raises:
-            InputError: if the sensor has no place.
+            InputError: if the sensor is not placed.
         """
         for site in self.sites:
             if site.sensor == sensor:
                 return site
-        known = ", ".join(site.sensor for site in self.sites) or "none"
-        raise InputError(f"sensor '{sensor}' has no place on the body: placed are {known}")
+        sensors = ", ".join(site.sensor for site in self.sites) or "none"
+        raise InputError(f"sensor '{sensor}' has no place on the body: placed are {sensors}")
 
 
 @dataclass(frozen=True)
 class NamedSite:
-    """A usual place for a sensor, in proportions, so that it fits any skeleton.
+    """Usual site of a sensor, in proportions, so that it fits any skeleton.
 
-    The strap convention: the sensor's x axis points along ``x_axis`` (towards the trunk, or up), its z axis away
-    from the skin, along ``outward``.
+    Convention: the sensor's x axis points along ``x_axis`` (towards the trunk, or up), its z axis away from the skin,
+    along ``outward``.
     """
 
     bone: str
@@ -136,7 +138,7 @@ class NamedSite:
 
 
 def _both_sides(name: str, site: NamedSite) -> dict[str, NamedSite]:
-    """The site on the left as given, and mirrored on the right."""
+    """Return a left site and its mirror image on the right."""
 
     def mirror(word: str) -> str:
         return {"left": "right", "right": "left"}.get(word, word.replace("left_", "right_"))
@@ -167,7 +169,7 @@ SITES: dict[str, NamedSite] = {
 
 
 def site_axes(name: str) -> str:
-    """Where a site is and how a sensor there is taken to be turned, in words: for tables and templates.
+    """Describe a site and the sensor's axes there, for tables and templates.
 
     Raises:
         InputError: for an unknown site.
@@ -175,10 +177,11 @@ def site_axes(name: str) -> str:
     site = _known_site(name)
     words = {tuple(direction): word for word, direction in _DIRECTIONS.items()}
     y_axis = np.cross(_DIRECTIONS[site.outward], _DIRECTIONS[site.x_axis])
-    where = f"{_SIDES[site.outward]} of {site.bone}"
+    side = _SIDES.get(site.outward, site.outward)
+    position = f"{side} of {site.bone}"
     if site.child is not None:
-        where = f"{_SIDES[site.outward]}, {100 * site.along:.0f} % of the way from {site.bone} to {site.child}"
-    return f"{where}; x {site.x_axis}, y {words[tuple(int(one) for one in y_axis)]}, z {site.outward}"
+        position = f"{side}, {100 * site.along:.0f} % of the way from {site.bone} to {site.child}"
+    return f"{position}; x {site.x_axis}, y {words[tuple(int(component) for component in y_axis)]}, z {site.outward}"
 
 
 def _known_site(name: str) -> NamedSite:
@@ -188,10 +191,8 @@ def _known_site(name: str) -> NamedSite:
 
 
 _SIX = ("head", "pelvis", "left_forearm", "right_forearm", "left_shank", "right_shank")
-_TEN = (
-    "sternum", "pelvis", "left_upper_arm", "right_upper_arm", "left_forearm", "right_forearm", "left_thigh",
-    "right_thigh", "left_shank", "right_shank",
-)  # fmt: skip
+_LIMBS = [f"{side}_{limb}" for limb in ("upper_arm", "forearm", "thigh", "shank") for side in ("left", "right")]
+_TEN = ("sternum", "pelvis", *_LIMBS)
 _THIRTEEN = ("head", *_TEN, "left_foot", "right_foot")
 PRESETS: dict[str, tuple[str, ...]] = {
     "sip6": _SIX,  # thesis 3.2.2
@@ -202,7 +203,7 @@ PRESETS: dict[str, tuple[str, ...]] = {
 
 
 def sensor_site(site_name: str, skeleton: Skeleton, sensor: str | None = None) -> SensorSite:
-    """A sensor at one of the :data:`SITES`, fitted to a skeleton.
+    """Place a sensor at one of the :data:`SITES` of a skeleton.
 
     Raises:
         InputError: for an unknown site.
@@ -216,7 +217,7 @@ def sensor_site(site_name: str, skeleton: Skeleton, sensor: str | None = None) -
 
 
 def placement_of(rule: Placement | Mapping[str, str] | str, skeleton: Skeleton) -> Placement:
-    """Where sensors sit, as it is said by name: a preset, or site → sensor.
+    """Make a placement from the name of a preset, or from a mapping site → sensor.
 
     Raises:
         InputError: for an unknown preset or site.
@@ -229,16 +230,20 @@ def placement_of(rule: Placement | Mapping[str, str] | str, skeleton: Skeleton) 
 
 
 def site_name(site: SensorSite, skeleton: Skeleton) -> str | None:
-    """Which of the :data:`SITES` a sensor sits at, on a skeleton; None if it was put elsewhere on the bone."""
-    at_the_site_m = 0.005  # what was placed by name sits there but for rounding, and sites are further apart
-    here = {name: sensor_site(name, skeleton).p_bone_sensor for name, one in SITES.items() if one.bone == site.bone}
-    apart = {name: float(np.linalg.norm(p_bone_sensor - site.p_bone_sensor)) for name, p_bone_sensor in here.items()}
-    nearest = min(apart, key=lambda name: apart[name], default=None)
-    return nearest if nearest is not None and apart[nearest] < at_the_site_m else None
+    """Name of the one of the :data:`SITES` at which a sensor is placed; None if it is elsewhere on the bone."""
+    at_the_site_m = 0.005  # more than rounding, less than the distance between sites
+    positions = {
+        name: sensor_site(name, skeleton).p_bone_sensor for name, usual in SITES.items() if usual.bone == site.bone
+    }
+    distances = {
+        name: float(np.linalg.norm(p_bone_sensor - site.p_bone_sensor)) for name, p_bone_sensor in positions.items()
+    }
+    nearest = min(distances, key=lambda name: distances[name], default=None)
+    return nearest if nearest is not None and distances[nearest] < at_the_site_m else None
 
 
 def preset(name: str, skeleton: Skeleton) -> Placement:
-    """One of the :data:`PRESETS`, fitted to a skeleton; sensors are called by their sites.
+    """Make one of the :data:`PRESETS` for a skeleton; sensors have the names of their sites.
 
     Raises:
         InputError: for an unknown preset.

@@ -1,4 +1,4 @@
-"""A pinhole camera with OpenCV's distortion: points in its frame to pixels, with derivatives; and its video's clock."""
+"""Camera model (pinhole with OpenCV's distortion) with derivatives, camera path and video clock."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from vip_factors.geometry.rotations import Array, rotation_z, transpose, yaw_of
 
 @dataclass(frozen=True, repr=False)
 class CameraPath(Summarised):
-    """Camera poses ``T_world_camera`` at ``T`` instants; one instant is a camera that stands still.
+    """Camera poses ``T_world_camera`` at ``T`` instants; a static camera has one.
 
     Attributes:
         time: ``(T,)`` seconds from the recording's start, increasing.
@@ -39,11 +39,11 @@ class CameraPath(Summarised):
         return len(self.time)
 
     def frames(self, which: slice) -> "CameraPath":
-        """The path at some consecutive instants, one at least."""
+        """Select consecutive instants, at least one."""
         return CameraPath(self.time[which], self.R_world_camera[which], self.p_world_camera[which])
 
     def at(self, time: Array) -> "CameraPath":
-        """Interpolated at other instants ``(N,)``; before the first and after the last, those are kept."""
+        """Interpolate at other instants ``(N,)``; constant before the first and after the last."""
         time = np.asarray(time, dtype=float)
         if len(self) == 1:
             count = len(time)
@@ -55,28 +55,28 @@ class CameraPath(Summarised):
         return CameraPath(time, interpolate_rotations(self.time, self.R_world_camera, inside), p)
 
     def to_camera(self, p_world: Array) -> Array:
-        """World points ``(T, N, 3)`` in the camera's frame at each instant."""
+        """Transform world points ``(T, N, 3)`` to the camera's frame at each instant."""
         return np.einsum(
             "tij,tnj->tni", transpose(self.R_world_camera), p_world - self.p_world_camera[:, None], optimize=True
         )
 
 
 MotionPair = tuple[Motion, Motion]
-"""An estimated and the true motion at the same frames."""
+"""Estimated and true motion at the same frames."""
 PathPair = tuple[CameraPath, CameraPath]
-"""An estimated and the true camera path at the same instants."""
+"""Estimated and true camera path at the same instants."""
 
 
 def scene_gauge(wearers: Sequence[MotionPair], camera: PathPair | None = None) -> Alignment:
-    """One yaw and one translation, estimate to truth, fitted to all joints of all wearers and the camera together.
+    """Fit one yaw and translation, estimate to truth, to the joints of all wearers and the camera.
 
-    In every frame the camera weighs as much as one wearer: it stands far off and says most about the yaw.
+    In every frame the camera weighs as much as one wearer: far from the wearers, it constrains the yaw best.
     """
     points = [[motion.state.p_world_joint.reshape(-1, 3) for motion in pair] for pair in wearers]
     if camera is not None:
         joints = wearers[0][0].R_parent_child.shape[1] if wearers else 1
         frames = len(wearers[0][0]) if wearers else len(camera[0])
-        # A camera that stands still has one instant; it is repeated to weigh the same.
+        # A static camera has one instant, which is repeated.
         times = joints * max(1, frames // len(camera[0]))
         points.append([np.repeat(path.p_world_camera, times, axis=0) for path in camera])
     estimated, true = (np.concatenate(side) for side in zip(*points, strict=True))
@@ -84,10 +84,10 @@ def scene_gauge(wearers: Sequence[MotionPair], camera: PathPair | None = None) -
 
 
 def anchored_gauge(wearer: MotionPair, heading_error: float) -> Alignment:
-    """The gauge as the graph's prior holds it: by one sensor's heading and that wearer's first root position.
+    """Gauge that the graph's prior fixes: one sensor's heading and its wearer's first root position.
 
-    Covariances are relative to what carries the prior; honesty (NEES) has to be judged in the same gauge, or the fitted
-    alignment takes part of the error away. ``heading_error`` is estimate minus truth, radians.
+    Covariances refer to this gauge, so NEES must be computed in it; a fitted alignment removes part of the error.
+    ``heading_error`` is estimate minus truth, radians.
     """
     R_true_estimate = rotation_z(-heading_error)
     estimated, true = (motion.p_world_pelvis[0] for motion in wearer)
@@ -95,23 +95,23 @@ def anchored_gauge(wearer: MotionPair, heading_error: float) -> Alignment:
 
 
 def yaw(gauge: Alignment) -> float:
-    """By how much the estimate's world is turned against the true one, radians: what every heading has in excess."""
+    """Yaw of the estimate's world relative to the true one, radians: the excess of every heading."""
     return -float(yaw_of(gauge.R_target_source))
 
 
 def move_motion(motion: Motion, gauge: Alignment) -> Motion:
-    """A motion brought into the true world."""
+    """Move a motion to the true world."""
     R_parent_child = motion.R_parent_child.copy()
     R_parent_child[:, 0] = gauge.R_target_source @ R_parent_child[:, 0]
     return replace(motion, R_parent_child=R_parent_child, p_world_pelvis=gauge.apply(motion.p_world_pelvis))
 
 
 def move_path(path: CameraPath, gauge: Alignment) -> CameraPath:
-    """A camera path brought into the true world."""
+    """Move a camera path to the true world."""
     return CameraPath(path.time, gauge.R_target_source @ path.R_world_camera, gauge.apply(path.p_world_camera))
 
 
-NEAREST_M = 0.1  # points nearer than this, or behind the camera, are projected as if at this depth
+NEAREST_M = 0.1  # depth at which nearer points and those behind the camera are projected
 
 
 @dataclass(frozen=True)
@@ -132,7 +132,7 @@ class CameraModel:
     distortion: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        largest_image = 1_000_000  # pixels a side: no camera has more, and a file that says so is damaged
+        largest_image = 1_000_000  # pixels a side: more means a damaged file
         if not (0 < self.width <= largest_image and 0 < self.height <= largest_image):
             raise InputError(
                 f"camera image of {self.width} by {self.height} pixels: expected numbers between 1 and {largest_image}"
@@ -145,7 +145,7 @@ class CameraModel:
             raise InputError(f"camera distortion {self.distortion}: expected 0, 4, 5 or 8 finite numbers, as OpenCV's")
 
     def zoomed(self, log_zoom: float) -> "CameraModel":
-        """The same image through a lens whose focal lengths are ``exp(log_zoom)`` times as long."""
+        """Multiply the focal lengths by ``exp(log_zoom)``."""
         zoom = float(np.exp(log_zoom))
         return replace(self, focal=(zoom * self.focal[0], zoom * self.focal[1]))
 
@@ -200,53 +200,53 @@ class CameraModel:
         return bent, D
 
     def inside(self, pixels: Array) -> np.ndarray:
-        """Whether pixels ``(..., 2)`` lie in the image."""
+        """Test which pixels ``(..., 2)`` lie in the image."""
         return np.all((pixels >= 0) & (pixels < [self.width, self.height]), axis=-1)
 
     def normalise(self, pixels: Array) -> Array:
-        """Undistorted coordinates ``(..., 2)`` at depth one, of pixels ``(..., 2)``; NaN stays NaN."""
-        undistort_steps = 6  # Newton's: four reach 1e-12 on strong wide-angle lenses
+        """Undistort pixels ``(..., 2)`` to coordinates ``(..., 2)`` at depth one; NaN stays NaN."""
+        undistort_steps = 6  # Newton steps: four reach 1e-12 on strong wide-angle lenses
         bent = (np.asarray(pixels, dtype=float) - np.array(self.centre)) / np.array(self.focal)
         flat = bent
         for _ in range(undistort_steps if self.distortion else 0):
-            there, D = self._distort(flat, jacobian=True)
+            distorted, D = self._distort(flat, jacobian=True)
             assert D is not None
-            flat = flat + np.linalg.solve(D, (bent - there)[..., None])[..., 0]
+            flat = flat + np.linalg.solve(D, (bent - distorted)[..., None])[..., 0]
         return flat
 
 
-# Of a lens that nobody calibrated. Phones film with 60 to 65 degrees along the longer side, a little less when they
-# steady the picture; action cameras with up to 90.
+# Lens without calibration. Phones have 60 to 65 degrees along the longer side, a little less with stabilisation;
+# action cameras up to 90.
 UNCALIBRATED_FIELD_OF_VIEW_DEG = 60.0
 UNCALIBRATED_FOCAL_SIGMA = 0.25  # of the logarithm of the focal length
 
 
 def uncalibrated_camera(width: int, height: int) -> CameraModel:
-    """A pinhole with a phone's usual field of view along the longer side, its principal point in the image's centre."""
+    """Make a pinhole camera with a phone's usual field of view and the principal point in the image's centre."""
     focal = max(width, height) / 2 / float(np.tan(np.deg2rad(UNCALIBRATED_FIELD_OF_VIEW_DEG) / 2))
     return CameraModel(width, height, (focal, focal), (width / 2, height / 2))
 
 
 @dataclass(frozen=True)
 class VideoClock:
-    """The sensors' time at an instant ``t`` of the video's own clock: ``t + offset + drift t``, in seconds.
+    """Map from the video's clock to the sensors': ``t + offset + drift t``, in seconds.
 
     Attributes:
         offset: seconds to add at the video's time 0.
-        drift: seconds more in every second of the video: two quartz clocks differ by some 1e-5, a rate that was told
-            as 30 for 29.97 Hz by 1e-3.
+        drift: seconds to add for each second of the video: about 1e-5 between two quartz clocks, 1e-3 if a rate of
+            29.97 Hz is declared as 30 Hz.
     """
 
     offset: float = 0.0
     drift: float = 0.0
 
     def __post_init__(self) -> None:
-        fastest = 0.5  # what drifts more is no clock of the same time
+        fastest = 0.5  # a larger drift means clocks of different times
         farthest_s = 1e10  # three centuries: one clock may count from 1970 and the other from its start
         if not (abs(self.offset) < farthest_s and abs(self.drift) < fastest):
             raise InputError(
-                f"video's clock off by {self.offset:g} s and {self.drift:g} s a second: expected seconds between two "
-                f"clocks that show the same time, and a drift below {fastest:g}"
+                f"video clock with an offset of {self.offset:g} s and a drift of {self.drift:g} s per second: expected "
+                f"an offset below {farthest_s:g} s and a drift below {fastest:g}"
             )
 
     def late(self, time: float) -> float:
@@ -254,10 +254,10 @@ class VideoClock:
         return self.offset + self.drift * time
 
     def at(self, time: Array) -> Array:
-        """The sensors' times at the video's."""
+        """Convert the video's times to the sensors'."""
         return time + self.offset + self.drift * time
 
     def corrected(self, seconds: float, drift: float, middle: float) -> "VideoClock":
-        """Put forward by seconds at an instant of the sensors' clock, and by ``drift`` seconds a second from there."""
+        """Add ``seconds`` at the instant ``middle`` of the sensors' clock, and ``drift`` seconds per second from it."""
         offset = self.offset + seconds + drift * (self.offset - middle)
         return VideoClock(offset, self.drift + drift * (1 + self.drift))

@@ -1,7 +1,4 @@
-"""What a 2D pose detector saw in the frames of one camera: everybody visible, wearers or not.
-
-With it, the keypoints of a moving body in a camera's image, and how far they lie from what the detector found.
-"""
+"""2D pose detections of one camera, of wearers and bystanders; keypoints of a motion and their reprojection error."""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +16,7 @@ from vip_factors.sensors.imu_stream import check_times
 
 @dataclass(frozen=True, repr=False)
 class Detections(Summarised):
-    """``N`` people found in ``F`` video frames, ``K`` keypoints each.
+    """``N`` people detected in ``F`` video frames, with ``K`` keypoints each.
 
     Attributes:
         keypoints: names and order of the keypoints.
@@ -27,8 +24,8 @@ class Detections(Summarised):
         frame: ``(N,)`` index of the video frame of each detection, not decreasing.
         pixels: ``(N, K, 2)``, distorted as in the image; NaN where a keypoint was not found.
         confidence: ``(N, K)`` in [0, 1]; 0 where a keypoint was not found.
-        torso_colour: ``(N, B)`` shares of the colours between shoulders and hips in the video, adding up to one; NaN
-            where nobody looked or the torso was not seen. None without a video.
+        torso_colour: ``(N, B)`` histogram of the torso's colours in the video, with sum one; NaN if not computed or not
+            visible. None without a video.
     """
 
     keypoints: KeypointSet
@@ -52,13 +49,13 @@ class Detections(Summarised):
             raise RecordingError(f"detections: frame numbers are not in order within the {len(self.time)} video frames")
 
     def summary(self) -> list[str]:
-        """How much was detected, and of what."""
+        """Describe number of detections and keypoint set."""
         who = f"detected: {len(self)} 2D poses ({self.keypoints.name}) in {len(self.time)} video frames"
         return ["detections", who]
 
     @classmethod
     def none(cls, keypoints: KeypointSet) -> "Detections":
-        """No video frame of a detector that answers with these keypoints."""
+        """Make empty detections, without video frames."""
         K = len(keypoints)
         return cls(keypoints, np.zeros(0), np.zeros(0, int), np.zeros((0, K, 2)), np.zeros((0, K)))
 
@@ -66,36 +63,36 @@ class Detections(Summarised):
     def from_arrays(
         cls, time: ArrayLike, pixels: ArrayLike, keypoints: str | KeypointSet, confidence: ArrayLike | None = None
     ) -> "Detections":
-        """2D poses from arrays that have all video frames.
+        """Make detections from arrays over all video frames.
 
         Args:
             time: ``(F,)`` seconds of the video frames.
             pixels: ``(F, P, K, 2)`` of ``P`` people at most, or ``(F, K, 2)`` of one; NaN where nobody or nothing is.
             keypoints: name of the keypoint set: coco17, openpose18, body25, halpe26 …
-            confidence: ``(F, P, K)`` or ``(F, K)`` in [0, 1]; one wherever there is a keypoint, if absent.
+            confidence: ``(F, P, K)`` or ``(F, K)`` in [0, 1]; 1 for each keypoint by default.
 
         Raises:
             InputError: for an unknown keypoint set.
             RecordingError: for arrays that do not belong together.
         """
         keypoints = keypoint_set(keypoints) if isinstance(keypoints, str) else keypoints
-        at, when = np.asarray(pixels, float), np.asarray(time, float)
-        at = at[:, None] if at.ndim == 3 else at
-        if at.ndim != 4 or at.shape[0] != len(when) or at.shape[2:] != (len(keypoints), 2):
+        poses, when = np.asarray(pixels, float), np.asarray(time, float)
+        poses = poses[:, None] if poses.ndim == 3 else poses
+        if poses.ndim != 4 or poses.shape[0] != len(when) or poses.shape[2:] != (len(keypoints), 2):
             raise RecordingError(
                 f"2D poses {np.shape(pixels)} at {len(when)} times: expected ({len(when)}, people, "
                 f"{len(keypoints)}, 2) of keypoint set {keypoints.name}"
             )
-        sure = np.ones(at.shape[:3]) if confidence is None else np.asarray(confidence, float)
-        if sure.size != at.size // 2:
+        sure = np.ones(poses.shape[:3]) if confidence is None else np.asarray(confidence, float)
+        if sure.size != poses.size // 2:
             raise RecordingError(
                 f"2D poses {np.shape(pixels)} with confidence {sure.shape}: expected one of each point"
             )
-        sure = sure.reshape(at.shape[:3])
-        found = np.all(np.isfinite(at), axis=-1) & (sure > 0)
-        frame, person = np.nonzero(found.any(axis=-1))
-        at, sure = np.where(found[..., None], at, np.nan), np.where(found, sure, 0.0)
-        return cls(keypoints, when, frame, at[frame, person], sure[frame, person])
+        sure = sure.reshape(poses.shape[:3])
+        is_detected = np.all(np.isfinite(poses), axis=-1) & (sure > 0)
+        frame, person = np.nonzero(is_detected.any(axis=-1))
+        poses, sure = np.where(is_detected[..., None], poses, np.nan), np.where(is_detected, sure, 0.0)
+        return cls(keypoints, when, frame, poses[frame, person], sure[frame, person])
 
     def __len__(self) -> int:
         return len(self.frame)
@@ -107,32 +104,30 @@ class Detections(Summarised):
 
     @property
     def seen(self) -> np.ndarray:
-        """``(N, K)`` whether a keypoint was found."""
+        """Mask ``(N, K)`` of detected keypoints."""
         return (self.confidence > 0) & np.all(np.isfinite(self.pixels), axis=-1)
 
     def of_frame(self, frame: int) -> slice:
-        """The detections of one video frame."""
+        """Slice of the detections of one video frame."""
         return slice(int(np.searchsorted(self.frame, frame)), int(np.searchsorted(self.frame, frame, side="right")))
 
     def select(self, which: np.ndarray) -> "Detections":
-        """Some of the detections (mask or increasing indices), all video frames kept."""
+        """Select detections by mask or increasing indices; all video frames remain."""
         colour = None if self.torso_colour is None else self.torso_colour[which]
-        return replace(
-            self, frame=self.frame[which], pixels=self.pixels[which], confidence=self.confidence[which],
-            torso_colour=colour,
-        )  # fmt: skip
+        frame, pixels, confidence = self.frame[which], self.pixels[which], self.confidence[which]
+        return replace(self, frame=frame, pixels=pixels, confidence=confidence, torso_colour=colour)
 
     def shifted(self, seconds: float) -> "Detections":
-        """The same with all times moved by an offset of the video's clock."""
+        """Shift all times."""
         return replace(self, time=self.time + seconds)
 
     def timed(self, clock: VideoClock) -> "Detections":
-        """The same with times on the sensors' clock instead of the video's own."""
+        """Convert times to the sensors' clock."""
         return replace(self, time=clock.at(self.time))
 
 
 def keypoints_in_world(motion: Motion, keypoints: KeypointSet) -> Array:
-    """World positions ``(T, K, 3)`` of keypoints in metres; NaN for those that are not on our body."""
+    """World positions ``(T, K, 3)`` of keypoints in metres; NaN for those that the skeleton does not have."""
     points = np.full((len(motion), len(keypoints), 3), np.nan)
     for column, place in enumerate(keypoints.on_body(motion.skeleton)):
         if place is not None:
@@ -145,26 +140,26 @@ def keypoints_in_image(
 ) -> Array:
     """Pixels ``(F, K, 2)`` of keypoints at instants ``(F,)`` of the recording's clock.
 
-    Between frames of the motion, world points are interpolated linearly: at 60 Hz within 2 mm of the true arc. NaN
-    outside the motion's time (a frame's length of slack), behind the camera, and for keypoints not on our body.
+    World points are interpolated linearly between frames. NaN outside the motion's time (with one frame of slack),
+    behind the camera, and for keypoints that the skeleton does not have.
     """
-    own, points = motion.time, keypoints_in_world(motion, keypoints)
-    inside = (time >= own[0] - 1 / motion.rate) & (time <= own[-1] + 1 / motion.rate)
-    place = np.clip((time - own[0]) * motion.rate, 0, len(own) - 1)
-    left = np.minimum(place.astype(int), max(len(own) - 2, 0))
-    right, share = np.minimum(left + 1, len(own) - 1), (place - left)[:, None, None]
-    p_camera = path.at(time).to_camera((1 - share) * points[left] + share * points[right])
-    seen = inside[:, None] & (p_camera[..., 2] > NEAREST_M)
-    pixels = model.project(np.where(seen[..., None], p_camera, [0.0, 0.0, 1.0]))
-    return np.where(seen[..., None], pixels, np.nan)
+    motion_time, points = motion.time, keypoints_in_world(motion, keypoints)
+    inside = (time >= motion_time[0] - 1 / motion.rate) & (time <= motion_time[-1] + 1 / motion.rate)
+    place = np.clip((time - motion_time[0]) * motion.rate, 0, len(motion_time) - 1)
+    index = np.minimum(place.astype(int), max(len(motion_time) - 2, 0))
+    right, share = np.minimum(index + 1, len(motion_time) - 1), (place - index)[:, None, None]
+    p_camera = path.at(time).to_camera((1 - share) * points[index] + share * points[right])
+    is_visible = inside[:, None] & (p_camera[..., 2] > NEAREST_M)
+    pixels = model.project(np.where(is_visible[..., None], p_camera, [0.0, 0.0, 1.0]))
+    return np.where(is_visible[..., None], pixels, np.nan)
 
 
 def reprojection_error(
     motion: Motion, path: CameraPath, model: CameraModel, detections: Detections, chosen: np.ndarray
 ) -> Array:
-    """Distances ``(n, K)`` in pixels of detected keypoints from a body's; NaN where one of the two is missing.
+    """Distances ``(n, K)`` in pixels of detected keypoints from a body's; NaN if one of the two is missing.
 
-    Detections have times on the recording's clock; ``chosen`` ``(n,)`` are the indices of the body's.
+    Detections have times on the recording's clock; ``chosen`` ``(n,)`` are the indices of the body's detections.
     """
     pixels = keypoints_in_image(motion, detections.keypoints, path, model, detections.time)
     distance = np.linalg.norm(pixels[detections.frame[chosen]] - detections.pixels[chosen], axis=-1)

@@ -1,7 +1,4 @@
-"""The samples of one IMU, on its own clock and at its own rate.
-
-Which times samples may have, and orientation from specific force and angular rate where none was fused on board.
-"""
+"""Samples of one IMU at its own rate, checks of their times and units, and orientation from force and angular rate."""
 
 from dataclasses import dataclass, replace
 
@@ -12,26 +9,25 @@ from vip_factors.errors import RecordingError
 from vip_factors.geometry.quaternions import Order, interpolate_points, interpolate_rotations, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array
 
-GAP_FACTOR = 1.5  # a step longer than this many sample periods is a gap: half a period of jitter is common
-ROTATION_TOLERANCE = 1e-3  # of RᵀR from the identity: beyond it the matrix was never a rotation
+GAP_FACTOR = 1.5  # sample periods; longer steps are gaps: half a period of jitter is common
+ROTATION_TOLERANCE = 1e-3  # of RᵀR from the identity
 FORCE_LIMIT = 400.0  # m/s²: above the ±16 g (157 m/s²) or even ±32 g range of body-worn IMUs
 RATE_LIMIT = 70.0  # rad/s: the widest gyroscopes measure 4000 °/s; more means degrees per second
-SPIKES = 0.01  # of the samples: fewer beyond a limit are blows or broken packets, more another unit
+SPIKES = 0.01  # share of samples beyond a limit up to which these are blows or broken packets, not another unit
 
 
 @dataclass(frozen=True, repr=False)
 class ImuStream(Summarised):
-    """Samples of one body-worn sensor; anything it does not measure is None. Without samples it is a name alone.
+    """Samples of one body-worn sensor; quantities that it does not measure are None.
 
     Attributes:
         name: of the sensor, unique in its recording.
-        time: ``(N,)`` seconds from the recording's start, strictly increasing; lost samples are simply absent.
+        time: ``(N,)`` seconds from the recording's start, strictly increasing; lost samples are absent.
         specific_force: ``(N, 3)`` m/s² in the sensor frame, gravity included (a resting sensor reads +9.81 up). Single
-            samples beyond :data:`FORCE_LIMIT` are not measured: what stands there is interpolated.
-        R_inertial_sensor: ``(N, 3, 3)`` orientation in this sensor's own inertial frame, whose z is up.
+            samples beyond :data:`FORCE_LIMIT` are interpolated and count as not measured.
+        R_inertial_sensor: ``(N, 3, 3)`` orientation in the sensor's inertial frame, whose z is up.
         angular_rate: ``(N, 3)`` rad/s in the sensor frame.
-        force_measured: ``(N,)`` whether specific force was measured, or was beyond the accelerometer's range say; None
-            if it was all along.
+        force_measured: ``(N,)`` mask of measured specific forces (within the accelerometer's range); None if all are.
     """
 
     name: str
@@ -44,7 +40,7 @@ class ImuStream(Summarised):
     def __post_init__(self) -> None:
         N = len(self.time)
         if N == 0 and self.specific_force is None and self.R_inertial_sensor is None:
-            return  # a sensor by its name: nothing is measured yet, as in the head of a stream
+            return  # a sensor without samples yet, as in the head of a stream
         if N == 0:
             raise RecordingError(f"sensor '{self.name}' has no samples: leave it out or check its file")
         check_times(self.time, f"sensor '{self.name}'")
@@ -52,7 +48,7 @@ class ImuStream(Summarised):
             ("specific force", self.specific_force, (N, 3)),
             ("orientation", self.R_inertial_sensor, (N, 3, 3)),
             ("angular rate", self.angular_rate, (N, 3)),
-            ("whether force was measured", self.force_measured, (N,)),
+            ("mask of measured forces", self.force_measured, (N,)),
         ):
             if values is None:
                 continue
@@ -70,20 +66,21 @@ class ImuStream(Summarised):
 
     def _check_values(self) -> None:
         if self.specific_force is not None and np.max(np.abs(self.specific_force)) > FORCE_LIMIT:
-            most = np.max(np.abs(self.specific_force), axis=1)
-            beyond = force_spikes(self.specific_force)
-            if not np.any(beyond):
+            magnitude = np.max(np.abs(self.specific_force), axis=1)
+            is_spike = force_spikes(self.specific_force)
+            if not np.any(is_spike):
+                row = int(magnitude.argmax())
                 raise RecordingError(
-                    f"sensor '{self.name}': specific force of {most.max():.3g} m/s² at sample {int(most.argmax())}: "
+                    f"sensor '{self.name}': specific force of {magnitude[row]:.3g} m/s² at sample {row}: "
                     f"expected at most {FORCE_LIMIT:g}; check the unit (m/s², not g or mg)"
                 )
-            force = interpolate_points(self.time[~beyond], self.specific_force[~beyond], self.time)
+            force = interpolate_points(self.time[~is_spike], self.specific_force[~is_spike], self.time)
             object.__setattr__(self, "specific_force", force)
-            object.__setattr__(self, "force_measured", self.force_measured_mask & ~beyond)
+            object.__setattr__(self, "force_measured", self.force_measured_mask & ~is_spike)
         if self.R_inertial_sensor is not None:
             R = self.R_inertial_sensor
             error = np.abs(np.einsum("nji,njk->nik", R, R) - np.eye(3)).max(axis=(1, 2))
-            error = np.where(np.linalg.det(R) > 0, error, 2.0)  # a mirror is orthogonal, but no rotation
+            error = np.where(np.linalg.det(R) > 0, error, 2.0)  # a reflection is orthogonal, but no rotation
             if np.max(error) > ROTATION_TOLERANCE:
                 row = int(np.argmax(error))
                 raise RecordingError(f"sensor '{self.name}': orientation of sample {row} is not a rotation matrix")
@@ -97,18 +94,19 @@ class ImuStream(Summarised):
         R_inertial_sensor: Array | None = None,
         angular_rate: Array | None = None,
     ) -> "ImuStream":
-        """A stream from raw samples: those with a value that is not finite, a single angular rate beyond a gyroscope's
-        range, or a time no clock shows, are dropped and become gaps.
+        """Make a stream from raw samples; unusable ones are dropped and become gaps.
+
+        Unusable are values that are not finite, single angular rates beyond a gyroscope's range, and impossible times.
 
         Raises:
-            RecordingError: if nothing is left, and as the constructor does.
+            RecordingError: if no sample is usable, and as the constructor does.
         """
         good = usable_times(time)
         for values in (specific_force, R_inertial_sensor, angular_rate):
             if values is None:
                 continue
             if len(values) != len(time):
-                return cls(name, time, specific_force, R_inertial_sensor, angular_rate)  # it says which and how long
+                return cls(name, time, specific_force, R_inertial_sensor, angular_rate)  # raises a precise error
             good &= np.all(np.isfinite(values), axis=tuple(range(1, values.ndim)))
         if angular_rate is not None:
             good &= ~rate_spikes(angular_rate)
@@ -122,43 +120,43 @@ class ImuStream(Summarised):
 
     @property
     def rate(self) -> float:
-        """Samples per second: one over the median step (0 for a single sample)."""
+        """Samples per second, from the median step (0 for a single sample)."""
         return rate_of(self.time)
 
     @property
     def force_measured_mask(self) -> np.ndarray:
-        """``(N,)`` whether specific force was measured."""
+        """Mask ``(N,)`` of measured specific forces."""
         everywhere = np.full(len(self), self.specific_force is not None)
         return everywhere if self.force_measured is None else everywhere & self.force_measured
 
     @property
     def gaps(self) -> Array:
-        """Start and end ``(G, 2)`` in seconds of the stretches without samples."""
+        """Start and end ``(G, 2)`` of gaps in seconds."""
         return gaps_of(self.time)
 
     def cut(self, start: float, end: float) -> "ImuStream":
-        """Samples with ``start <= time <= end``, still on the recording's clock."""
+        """Select samples with ``start <= time <= end``; times are unchanged."""
         inside = (self.time >= start) & (self.time <= end)
         measured = {name: values[inside] for name, values in vars(self).items() if isinstance(values, np.ndarray)}
         return replace(self, **measured)  # type: ignore[arg-type]  # all but the name
 
 
 def force_spikes(specific_force: Array) -> np.ndarray:
-    """Which samples ``(N, 3)`` m/s² are beyond any range; none of them where many are, for then the unit is another."""
-    beyond = np.max(np.abs(specific_force), axis=1) > FORCE_LIMIT
-    return beyond & (np.mean(beyond) <= SPIKES)
+    """Mask of samples ``(N, 3)`` m/s² beyond any accelerometer's range; none if many are: the unit is wrong then."""
+    exceeds_limit = np.max(np.abs(specific_force), axis=1) > FORCE_LIMIT
+    return exceeds_limit & (np.mean(exceeds_limit) <= SPIKES)
 
 
 def rate_spikes(angular_rate: Array) -> np.ndarray:
-    """Which samples ``(N, 3)`` rad/s are beyond any range; none where many are fast, for then these are degrees."""
-    most = np.max(np.abs(angular_rate), axis=1)
-    return (most > RATE_LIMIT) & (np.mean(most > RATE_LIMIT / 2) <= SPIKES)
+    """Mask of samples ``(N, 3)`` rad/s beyond any gyroscope's range; none if many are fast: these are degrees then."""
+    magnitude = np.max(np.abs(angular_rate), axis=1)
+    return (magnitude > RATE_LIMIT) & (np.mean(magnitude > RATE_LIMIT / 2) <= SPIKES)
 
 
 def rotations_of(orientation: Array) -> Array:
-    """Rotations ``(N, 3, 3)`` of such, or of unit quaternions w, x, y, z ``(N, 4)``; NaN where a quaternion is none."""
+    """Convert unit quaternions w, x, y, z ``(N, 4)`` to rotations ``(N, 3, 3)``; NaN stays NaN, rotations unchanged."""
     if orientation.ndim != 2 or orientation.shape[1] != 4:
-        return orientation  # a stream says what is wrong with it
+        return orientation  # the stream checks its shape
     finite = np.all(np.isfinite(orientation), axis=1)
     R = np.full((len(orientation), 3, 3), np.nan)
     R[finite] = matrix_from_quaternion(orientation[finite], Order.WXYZ)
@@ -166,26 +164,26 @@ def rotations_of(orientation: Array) -> Array:
 
 
 def rate_of(time: Array) -> float:
-    """Samples per second of samples at times ``(N,)``: one over the median step (0 for a single sample)."""
+    """Samples per second from times ``(N,)``: one over the median step (0 for a single sample)."""
     return float(1 / np.median(np.diff(time))) if len(time) > 1 else 0.0
 
 
 def gaps_of(time: Array) -> Array:
-    """Start and end ``(G, 2)`` of the stretches without samples, of samples at times ``(N,)``, in seconds."""
+    """Start and end ``(G, 2)`` of the gaps between samples at times ``(N,)``, in seconds."""
     wide = np.flatnonzero(np.diff(time) > GAP_FACTOR / rate_of(time)) if len(time) > 1 else np.zeros(0, int)
     return np.stack([time[wide], time[wide + 1]], axis=1)
 
 
-LATEST_S = 4e9  # 127 years: seconds since 1970 are less, and together with such a start they fit into nanoseconds
+LATEST_S = 4e9  # 127 years: above seconds since 1970, and small enough for nanoseconds in 64 bits
 
 
 def usable_times(time: Array) -> np.ndarray:
-    """Which of some times, in seconds from a recording's start or since 1970, a clock can have shown."""
+    """Mask of possible times, in seconds from a recording's start or since 1970."""
     return np.asarray(np.abs(time) <= LATEST_S)  # NaN is not
 
 
 def check_times(time: Array, whose: str) -> None:
-    """Times ``(N,)`` in seconds, one after the other.
+    """Check that times ``(N,)`` in seconds are possible and increasing.
 
     Raises:
         RecordingError: if one is not finite or beyond :data:`LATEST_S`, or if they do not increase strictly.
@@ -205,27 +203,24 @@ def check_times(time: Array, whose: str) -> None:
         )
 
 
-# Over a longer gap the turn about the vertical is a guess, and no later sample undoes it. In one second a limb can turn
-# by any angle, but packets lost by radio come back sooner.
-LONGEST_GAP_S = 1.0
-TILT_TIME_S = 3.0  # over which gravity corrects the tilt: the value VQF was tuned to on human motion
+LONGEST_GAP_S = 1.0  # longer gaps lose the heading; packets lost by radio are shorter
+TILT_TIME_S = 3.0  # VQF's time constant of the tilt correction, as tuned to human motion
 
 
 def with_orientation(stream: ImuStream) -> ImuStream:
-    """The stream with ``R_inertial_sensor`` filled in; one that has it already comes back as it is.
+    """Estimate ``R_inertial_sensor`` of a stream that lacks it.
 
-    Both directions of time are used (offline VQF: Laidig & Seel, Information Fusion 91, 2023) and no magnetometer,
-    so the inertial frame has its z up and an arbitrary heading. Samples are laid onto an even grid first, and what
-    short gaps lost is interpolated; the times of the stream stay. Angular rate is taken as measured at its time, as
-    specific force is: where both are means over the step before, the orientation is half a step late with them.
+    Offline VQF without magnetometer (Laidig & Seel, Information Fusion 91, 2023): the inertial frame has its z up and
+    an arbitrary heading. Samples are interpolated to an even grid first, across short gaps; the result has the times
+    of the stream. Angular rate and specific force are taken as instantaneous values.
 
     Raises:
-        RecordingError: if specific force or angular rate is missing, angular rate is implausible, there is but
-            one sample, or a gap is too long to carry the heading across.
+        RecordingError: if specific force or angular rate is missing, angular rate is implausible, there is only one
+            sample, or a gap is too long.
     """
     if stream.R_inertial_sensor is not None:
         return stream
-    specific_force, angular_rate = _checked(stream)
+    specific_force, angular_rate = _checked_input(stream)
     grid = np.linspace(stream.time[0], stream.time[-1], round((stream.time[-1] - stream.time[0]) * stream.rate) + 1)
     from vqf import offlineVQF
 
@@ -240,7 +235,7 @@ def with_orientation(stream: ImuStream) -> ImuStream:
     return replace(stream, R_inertial_sensor=interpolate_rotations(grid, R_inertial_sensor, stream.time))
 
 
-def _checked(stream: ImuStream) -> tuple[Array, Array]:
+def _checked_input(stream: ImuStream) -> tuple[Array, Array]:
     name = stream.name
     if stream.angular_rate is None or stream.specific_force is None:
         missing = "angular rate" if stream.angular_rate is None else "specific force"
@@ -267,36 +262,35 @@ def _checked(stream: ImuStream) -> tuple[Array, Array]:
 
 
 class AttitudeFilter:
-    """Orientation of one sensor while its samples arrive: VQF as :func:`with_orientation` has it, looking back only.
+    """Causal counterpart of :func:`with_orientation` for one sensor of a stream.
 
-    Tilt is there with the first samples; what the gyroscope reads at rest is learnt in the first seconds, and until
-    then the heading drifts more than it does afterwards.
+    The heading drifts more in the first seconds, until the gyroscope's bias is estimated.
     """
 
     def __init__(self) -> None:
         self._first: list[tuple[float, Array, Array]] = []
 
     def orientation(self, time: float, specific_force: Array, angular_rate: Array) -> Array | None:
-        """``R_inertial_sensor`` ``(3, 3)`` at a sample: seconds, ``(3,)`` m/s², ``(3,)`` rad/s.
+        """Add a sample (seconds, ``(3,)`` m/s², ``(3,)`` rad/s) and return ``R_inertial_sensor`` ``(3, 3)``.
 
-        None for a sample that is not newer than the one before. After a gap, or where time has stepped back, that is
-        longer than a heading can be carried over, a new one begins.
+        None for a sample that is not newer than the previous one. A gap or a step back in time longer than
+        :data:`LONGEST_GAP_S` restarts the filter with a new heading.
         """
-        rate_told_at = (1, 2, 8, 32)  # samples after which a stream's rate is looked at
+        rate_updates = (1, 2, 8, 32)  # numbers of samples after which the rate is estimated
         if self._first and abs(time - self._last[0]) > LONGEST_GAP_S:
             self._first = []
         if self._first and time <= self._last[0]:
             return None
-        if len(self._first) < max(rate_told_at):
+        if len(self._first) < max(rate_updates):
             self._first.append((time, specific_force, angular_rate))
-            if len(self._first) in rate_told_at:
+            if len(self._first) in rate_updates:
                 self._begin()
-                return self._estimated()
+                return self._orientation()
         self._take(time, specific_force, angular_rate)
-        return self._estimated()
+        return self._orientation()
 
     def _begin(self) -> None:
-        """All samples so far, now that the step between them is better known."""
+        """Restart the filter on all samples so far, with a better estimate of the step."""
         from vqf import VQF
 
         self._step = float(np.median(np.diff([time for time, _, _ in self._first]))) if len(self._first) > 1 else 0.01
@@ -306,18 +300,15 @@ class AttitudeFilter:
             self._take(*sample)
 
     def _take(self, time: float, specific_force: Array, angular_rate: Array) -> None:
-        before, rate = self._last
-        turned = (rate + angular_rate) / 2 * ((time - before) / self._step)  # as much as in the real step
+        previous_time, rate = self._last
+        turned = (rate + angular_rate) / 2 * ((time - previous_time) / self._step)  # scaled to the nominal step
         self._filter.update(np.ascontiguousarray(turned), np.ascontiguousarray(specific_force))
         self._last = time, angular_rate
 
-    def _estimated(self) -> Array:
+    def _orientation(self) -> Array:
         return matrix_from_quaternion(self._filter.getQuat6D(), Order.WXYZ)
 
 
 def _rate_over_step(angular_rate: Array) -> Array:
-    """Mean rate ``(N, 3)`` over the step before each sample: VQF turns by rate times step from one to the next.
-
-    By the sample's own rate instead, orientation would run half a step ahead of its time.
-    """
+    """Mean rate ``(N, 3)`` over the step before each sample; VQF integrates it over that step."""
     return np.concatenate([angular_rate[:1], (angular_rate[:-1] + angular_rate[1:]) / 2])

@@ -1,4 +1,4 @@
-"""Samples as they arrive, and what must be known of wearers and cameras before the first of them."""
+"""Samples of a stream, and its head: wearers and cameras as declared before the first sample."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -16,15 +16,15 @@ from vip_factors.sensors.scene import Camera, Scene
 
 @dataclass(frozen=True)
 class ImuSample:
-    """One sample of one IMU; what it does not measure is None.
+    """One sample of one IMU; quantities that it does not measure are None.
 
     Attributes:
         carrier: name of the wearer, or of the camera for the IMU on it.
-        sensor: its name, unique for its carrier.
+        sensor: name of the sensor, unique for its carrier.
         time: seconds from the start of the stream.
-        R_inertial_sensor: ``(3, 3)`` orientation in this sensor's own inertial frame, whose z is up.
+        R_inertial_sensor: ``(3, 3)`` orientation in the sensor's inertial frame, whose z is up.
         specific_force: ``(3,)`` m/s² in the sensor frame, gravity included.
-        angular_rate: ``(3,)`` rad/s in the sensor frame; with specific force it stands in for an orientation.
+        angular_rate: ``(3,)`` rad/s in the sensor frame; orientation is computed from it and specific force if missing.
     """
 
     carrier: str
@@ -37,14 +37,14 @@ class ImuSample:
 
 @dataclass(frozen=True)
 class VideoFrame:
-    """Everybody whom the detector saw in one video frame; nobody is an answer too.
+    """Detections in one video frame; there may be none.
 
     Attributes:
-        camera: its name.
+        camera: name of the camera.
         time: seconds from the start of the stream, on the IMUs' clock.
         pixels: ``(N, K, 2)``, distorted as in the image; NaN where a keypoint was not found.
         confidence: ``(N, K)`` in [0, 1]; 0 where a keypoint was not found.
-        frame: number of the stream's frame nearest in time, half a frame off at most; −1 before that is known.
+        frame: number of the stream's frame nearest in time; −1 if not yet assigned.
     """
 
     camera: str
@@ -55,7 +55,7 @@ class VideoFrame:
 
 
 def detections_of(frames: Sequence[VideoFrame], keypoints: KeypointSet) -> Detections:
-    """What was detected in video frames, in their order."""
+    """Collect the detections of video frames, in their order."""
     count, K = [len(frame.pixels) for frame in frames], len(keypoints)
     pixels = [np.zeros((0, K, 2)), *(np.reshape(frame.pixels, (-1, K, 2)) for frame in frames)]
     confidence = [np.zeros((0, K)), *(np.reshape(frame.confidence, (-1, K)) for frame in frames)]
@@ -73,43 +73,43 @@ LiveSample = ImuSample | VideoFrame
 
 @dataclass(frozen=True)
 class LiveFinding:
-    """One sentence for the user about messages that could not be used, or that were lost."""
+    """One sentence for the user about unusable or lost messages."""
 
     sentence: str
 
 
 @dataclass(frozen=True)
 class LiveLoss(LiveFinding):
-    """Samples that were sent and then dropped on the way to the tracker, which did not keep up.
+    """Samples that were dropped because the tracker did not keep up.
 
     Attributes:
-        again: whether people were told of such losses a moment ago, and will be told of these later.
+        is_repeat: True if a similar loss was reported recently; the report of this one is postponed.
     """
 
-    again: bool = False
+    is_repeat: bool = False
 
 
 LiveItem = LiveSample | LiveFinding
 
 
 def stream_head(scene: Scene) -> Scene:
-    """What is known of a scene before its first sample: all but samples, detections, video and truth.
+    """Remove samples, detections, video and truth from a scene: the head of a stream.
 
-    The sensor on a camera has its name alone. Times are on the sensors' clock, so cameras have no clock of their own.
+    Cameras have no clock, since times of a stream are on the sensors' clock.
 
     Raises:
-        RecordingError: for a wearer none of whose sensors is placed, and for a name that two carriers share.
+        RecordingError: for a wearer without placed sensors, and for a name that two carriers share.
     """
-    for one in scene.wearers:
-        if not (one.placed or (one.placement.sites and not one.imus)):  # without a sample yet, who wears what is known
-            raise nothing_placed(one.name, one.imus)
-    wearers = tuple(replace(one, name=scene.name, imus={}, truth=None, notes="") for one in scene.wearers)
-    cameras = [_camera_head(one) for one in scene.cameras]
+    for wearer in scene.wearers:
+        if not (wearer.placed or (wearer.placement.sites and not wearer.imus)):  # a head without samples is fine
+            raise nothing_placed(wearer.name, wearer.imus)
+    wearers = tuple(replace(wearer, name=scene.name, imus={}, truth=None, notes="") for wearer in scene.wearers)
+    cameras = [_camera_head(camera) for camera in scene.cameras]
     return checked_head(Scene(scene.name, wearers, cameras[0] if cameras else None, None, tuple(cameras[1:])))
 
 
 def checked_head(head: Scene) -> Scene:
-    """The head, whose wearers and cameras are told apart by their names, and of which one camera at most moves.
+    """Check that names of wearers and cameras are unique and that at most one camera moves; returns the head.
 
     Raises:
         RecordingError: for a name that two of them share, or for a second camera that moves.
@@ -117,20 +117,22 @@ def checked_head(head: Scene) -> Scene:
     names = [*(wearer.subject.name for wearer in head.wearers), *(camera.name for camera in head.cameras)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise RecordingError(f"stream '{head.name}': two carriers are called {', '.join(twice)}: name them apart")
+        raise RecordingError(
+            f"stream '{head.name}': two wearers or cameras are called {', '.join(twice)}: give each its own name"
+        )
     carried = [camera.name for camera in head.cameras if camera.moving]
     if len(carried) > 1:
         raise RecordingError(
-            f"stream '{head.name}': cameras {', '.join(carried)} move: expected one at most, beside any number that "
-            "stand still; leave the others out, or smooth the recording, which takes all of them"
+            f"stream '{head.name}': cameras {', '.join(carried)} move: expected at most one moving camera and any "
+            "number of static ones; leave the others out, or smooth the recording, which supports all of them"
         )
     return head
 
 
 def sensor_columns(head: Scene) -> list[tuple[str, str]]:
-    """Carrier and name of each sensor of a stream, those on cameras behind the wearers'."""
-    worn = [(wearer.subject.name, site.sensor) for wearer in head.wearers for site in wearer.placement.sites]
-    return worn + [(camera.name, camera.mount.imu.name) for camera in head.cameras if camera.mount is not None]
+    """Carrier and name of each sensor of a stream, those of wearers first."""
+    sensors = [(wearer.subject.name, site.sensor) for wearer in head.wearers for site in wearer.placement.sites]
+    return sensors + [(camera.name, camera.mount.imu.name) for camera in head.cameras if camera.mount is not None]
 
 
 def _camera_head(camera: Camera) -> Camera:
@@ -144,15 +146,15 @@ def _camera_head(camera: Camera) -> Camera:
 
 
 def live_samples(scene: Scene) -> Iterable[LiveSample]:
-    """The samples of a scene in the order of their times, as a live source would send them."""
+    """Samples of a scene in the order of their times, as a live source sends them."""
     samples: list[LiveSample] = []
-    streams = [(one.subject.name, stream) for one in scene.wearers for stream in one.imus.values()]
+    streams = [(wearer.subject.name, stream) for wearer in scene.wearers for stream in wearer.imus.values()]
     streams += [(camera.name, camera.mount.imu) for camera in scene.cameras if camera.mount is not None]
     for carrier, stream in streams:
         for n, time in enumerate(stream.time):
             measured = (stream.R_inertial_sensor, stream.specific_force, stream.angular_rate)
-            own = (None if values is None else values[n] for values in measured)
-            samples.append(ImuSample(carrier, stream.name, float(time), *own))
+            values_n = (None if values is None else values[n] for values in measured)
+            samples.append(ImuSample(carrier, stream.name, float(time), *values_n))
     for camera in scene.cameras:
         detections = camera.timed_detections
         for frame, time in enumerate(detections.time):

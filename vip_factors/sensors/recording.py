@@ -1,4 +1,4 @@
-"""A recording: who wore what, and what the sensors said."""
+"""Recording of one wearer: subject, placement and sensor streams."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -16,7 +16,7 @@ from vip_factors.errors import InputError, RecordingError
 from vip_factors.sensors.calibration import Calibration, Placement, placement_of
 from vip_factors.sensors.imu_stream import ImuStream, rotations_of, with_orientation
 
-DEFAULT_STATURE_M = 1.72  # of logs whose wearers nobody measured, for their sensors' places
+DEFAULT_STATURE_M = 1.72  # for sensor positions in logs without a stature
 
 
 @dataclass(frozen=True, repr=False)
@@ -27,9 +27,9 @@ class Subject(Summarised):
         name: unique in a recording.
         stature_m: height in metres; None if unknown.
         mass_kg, sex, segment_lengths_m: optional, as in :func:`~vip_factors.body.anthropometry.likely_body`.
-        skeleton: a ready skeleton (from an SMPL file, say), which wins over everything above.
-        length_prior: how far the lengths of that skeleton may be off, if it was found; None of one that is known.
-        hinges: of elbows and knees, as they were found before.
+        skeleton: a given skeleton, from an SMPL file for example; replaces all of the above.
+        length_prior: uncertainty of the skeleton's lengths if it was estimated; None if it is exact.
+        hinges: earlier estimates of the axes of elbows and knees.
     """
 
     name: str = "subject"
@@ -42,7 +42,7 @@ class Subject(Summarised):
     hinges: tuple[HingeEstimate, ...] = ()
 
     def body(self) -> Skeleton:
-        """The subject's skeleton: the one given, or the likeliest of what is known.
+        """Return the subject's skeleton: the given one, or the likeliest for stature, sex, mass and lengths.
 
         Raises:
             InputError: for an implausible stature, mass, segment or sex.
@@ -50,18 +50,18 @@ class Subject(Summarised):
         return self.skeleton if self.skeleton is not None else self._likely().skeleton
 
     def variation(self) -> BodyVariation | None:
-        """What is open about :meth:`body`; None of a skeleton that was given and is known."""
+        """Return the prior over changes of :meth:`body`; None if the skeleton is exact."""
         if self.length_prior is not None:
             return self.length_prior.variation(self.body())
         return None if self.skeleton is not None else self._likely().variation
 
     def hinge_prior(self) -> HingePrior:
-        """What is likely of the axes of elbows and knees."""
+        """Return the prior over the axes of elbows and knees."""
         return HingePrior.about(self.hinges)
 
     @property
     def body_note(self) -> str:
-        """A sentence on what is doubtful about the body, such as a stature that is unknown or a child's; or nothing."""
+        """Sentence about a doubtful body (unknown stature, a child's stature), or an empty string."""
         return "" if self.skeleton is not None else self._likely().note
 
     def _likely(self) -> LikelyBody:
@@ -70,13 +70,13 @@ class Subject(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class Truth(Summarised):
-    """What a simulator or an optical system knows: motion, and calibration if it does.
+    """Reference motion and calibration from a simulator or an optical system.
 
     Attributes:
         motion: of all 24 joints.
         calibration: of the sensors, if known.
-        known_bones: names of the bones whose motion is known; None: all. What the rest does is a guess, and nothing to
-            measure by: limbs without a sensor in the motion of an inertial system, say.
+        known_bones: names of the bones whose motion is measured; None: all. Others (limbs without a sensor in an
+            inertial motion) are not evaluated.
     """
 
     motion: Motion
@@ -86,12 +86,12 @@ class Truth(Summarised):
     def __post_init__(self) -> None:
         unknown = sorted((self.known_bones or frozenset()) - set(JOINT_NAMES))
         if unknown:
-            raise RecordingError(f"truth of unknown bones {', '.join(unknown)}: expected some of SMPL's")
+            raise RecordingError(f"truth with unknown bones {', '.join(unknown)}: expected names of SMPL joints")
 
 
 @dataclass(frozen=True)
 class Pause:
-    """A time without samples: seconds from and until, and the sensors that measured nothing."""
+    """Time without samples: start and end in seconds, and the silent sensors."""
 
     start: float
     end: float
@@ -106,13 +106,13 @@ class Recording(Summarised):
         name: of the session.
         subject: the wearer.
         imus: one stream per sensor, by sensor name.
-        placement: where each sensor sits; sensors without an entry are not used.
-        initial_pose: what the wearer declared to hold at the start: ``"t-pose"``, ``"n-pose"`` or ``"none"``.
+        placement: sites of the sensors; sensors without an entry are not used.
+        initial_pose: declared pose at the start: ``"t-pose"``, ``"n-pose"`` or ``"none"``.
         truth: reference motion and calibration, if known.
         notes: free text, such as the origin of the file.
         start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
         clock_s: time of t = 0 on the log's own clock, seconds.
-        pauses: after which headings may be others.
+        pauses: times without samples; headings may change during them.
     """
 
     name: str
@@ -129,7 +129,7 @@ class Recording(Summarised):
     def __post_init__(self) -> None:
         for name, stream in self.imus.items():
             if name != stream.name:
-                raise RecordingError(f"recording '{self.name}': stream '{stream.name}' is filed under '{name}'")
+                raise RecordingError(f"recording '{self.name}': stream '{stream.name}' has the key '{name}'")
         if self.initial_pose not in ("t-pose", "n-pose", "none"):
             raise RecordingError(
                 f"recording '{self.name}': initial pose '{self.initial_pose}': expected t-pose, n-pose or none"
@@ -143,11 +143,11 @@ class Recording(Summarised):
         initial_pose: str = "none",
         name: str = "recording",
     ) -> "Recording":
-        """Who wears what, before the first sample: what a stream begins with.
+        """Declare subject and placement without samples: the head of a stream.
 
         Args:
             placement: name of a preset (``"sip6"`` …), or site → sensor name.
-            subject: the wearer; one of whom nothing is known if absent.
+            subject: the wearer; by default an adult of unknown stature.
             initial_pose: ``"t-pose"``, ``"n-pose"`` or ``"none"``.
             name: of the recording.
 
@@ -172,49 +172,53 @@ class Recording(Summarised):
         initial_pose: str = "none",
         name: str = "recording",
     ) -> "Recording":
-        """A recording from arrays, each by the sensor's name.
+        """Make a recording from arrays by sensor name.
 
-        Samples that are not finite become gaps. Sensors without orientation get theirs from gyroscope and acceleration
-        (VQF, no magnetometer).
+        Samples that are not finite become gaps. Missing orientations are computed from gyroscope and acceleration (VQF
+        without magnetometer).
 
         Args:
-            time: ``(N,)`` seconds, of all sensors or by sensor.
-            orientation: ``(N, 3, 3)`` R_inertial_sensor, in a frame of the sensor's own whose z is up, or ``(N, 4)``
-                the same as unit quaternions w, x, y, z.
+            time: ``(N,)`` seconds, common to all sensors or by sensor.
+            orientation: ``(N, 3, 3)`` R_inertial_sensor, in the sensor's inertial frame whose z is up, or ``(N, 4)``
+                unit quaternions w, x, y, z.
             acceleration: ``(N, 3)`` m/s² in the sensor's axes, gravity included (a resting sensor reads +9.81 up).
             gyroscope: ``(N, 3)`` rad/s in the sensor's axes.
-            placement: name of a preset, or site → sensor name; absent, the sensors have the names of their sites.
-            subject: the wearer; one of whom nothing is known if absent.
-            initial_pose: held at the start: ``"t-pose"``, ``"n-pose"`` or ``"none"``.
+            placement: name of a preset, or site → sensor name; by default sensors have the names of their sites.
+            subject: the wearer; by default an adult of unknown stature.
+            initial_pose: declared pose at the start: ``"t-pose"``, ``"n-pose"`` or ``"none"``.
             name: of the recording.
 
         Raises:
             InputError: for an unknown preset or site, or a placed sensor without samples.
             RecordingError: for samples that cannot be used: shapes, units, times.
         """
-        measured = [dict(one or {}) for one in (acceleration, orientation, gyroscope)]
-        sensors = list(dict.fromkeys(sensor for one in measured for sensor in one))
-        head = cls.worn({one: one for one in sensors} if placement is None else placement, subject, initial_pose, name)
+        measured = [dict(values or {}) for values in (acceleration, orientation, gyroscope)]
+        sensors = list(dict.fromkeys(sensor for values in measured for sensor in values))
+        head = cls.worn(
+            {sensor: sensor for sensor in sensors} if placement is None else placement, subject, initial_pose, name
+        )
         absent = [site.sensor for site in head.placement.sites if site.sensor not in sensors]
         if absent:
             raise InputError(f"placed sensors without samples: {', '.join(absent)}; sensors are {', '.join(sensors)}")
         streams = {}
         for sensor in sensors:
-            own = time.get(sensor) if isinstance(time, Mapping) else time
-            if own is None:
+            sensor_time = time.get(sensor) if isinstance(time, Mapping) else time
+            if sensor_time is None:
                 raise InputError(f"sensor '{sensor}' has no times: expected them by the sensors' names")
-            force, R, rate = (np.asarray(one[sensor], float) if sensor in one else None for one in measured)
+            force, R, rate = (np.asarray(values[sensor], float) if sensor in values else None for values in measured)
             R = None if R is None else rotations_of(R)
-            streams[sensor] = with_orientation(ImuStream.from_samples(sensor, np.asarray(own, float), force, R, rate))
+            streams[sensor] = with_orientation(
+                ImuStream.from_samples(sensor, np.asarray(sensor_time, float), force, R, rate)
+            )
         return replace(head, imus=streams)
 
     @property
     def placed(self) -> list[str]:
-        """Names of the sensors that have both samples and a place on the body, in the placement's order."""
+        """Names of the placed sensors that have samples, in the placement's order."""
         return [site.sensor for site in self.placement.sites if site.sensor in self.imus]
 
     def summary(self) -> list[str]:
-        """Who wore what, and how long."""
+        """Describe subject, sensors and duration."""
         rates = [stream.rate for stream in self.imus.values()]
         lasts = f", {self.interval[0]:.1f} to {self.interval[1]:.1f} s, {np.median(rates):.0f} Hz" if rates else ""
         return [
@@ -235,7 +239,7 @@ class Recording(Summarised):
 
 
 def nothing_placed(name: str, imus: Iterable[str]) -> RecordingError:
-    """What to raise for a recording none of whose sensors can be used, given their names."""
+    """Make the error for a recording without a usable sensor, given the sensors' names."""
     sensors = ", ".join(imus)
     if not sensors:
         return RecordingError(f"recording '{name}' holds no samples of any sensor: was its file cut off?")

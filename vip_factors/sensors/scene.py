@@ -1,4 +1,4 @@
-"""A scene: one or more wearers of sensors, and the camera or cameras that filmed them."""
+"""Scene: one or more wearers of sensors and the cameras that filmed them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,18 +17,19 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
 
 CAMERA_MOUNTING_SIGMA = np.deg2rad(10.0)  # an IMU taped to a phone along its edges
-UNKNOWN_MOUNTING_SIGMA = np.pi  # nobody said how it sits: the data have to tell
+UNKNOWN_MOUNTING_SIGMA = np.pi  # undeclared: estimated from the data
 
 
 @dataclass(frozen=True, repr=False)
 class CameraMount(Summarised):
-    """The IMU on the camera.
+    """IMU on a camera.
 
     Attributes:
-        imu: its stream; in the head of a stream without samples.
+        imu: samples; none in the head of a stream.
         R_camera_imu: ``(3, 3)`` rough mounting.
-        p_camera_imu: ``(3,)`` metres, its position in the camera's frame.
-        mounting_sigma: radians, of the rough mounting about each axis; ``UNKNOWN_MOUNTING_SIGMA`` if nobody told it.
+        p_camera_imu: ``(3,)`` metres, position in the camera's frame.
+        mounting_sigma: standard deviation of the rough mounting about each axis, radians;
+            ``UNKNOWN_MOUNTING_SIGMA`` if it is not declared.
     """
 
     imu: ImuStream
@@ -38,13 +39,13 @@ class CameraMount(Summarised):
 
     @property
     def is_declared(self) -> bool:
-        """Whether anybody told how the sensor sits."""
+        """True if the mounting is declared."""
         return self.mounting_sigma < UNKNOWN_MOUNTING_SIGMA
 
 
 @dataclass(frozen=True)
 class Video:
-    """Frames to look at: a file beside the recording, or encoded images (JPEG, PNG) embedded in it, by video frame."""
+    """Video to display: a file beside the recording, or encoded images (JPEG, PNG) by video frame."""
 
     path: Path | None = None
     images: Mapping[int, bytes] = field(default_factory=dict)
@@ -52,22 +53,21 @@ class Video:
 
 @dataclass(frozen=True, repr=False)
 class Camera(Summarised):
-    """One camera and what a detector found in its frames.
+    """One camera and the 2D detections in its frames.
 
     Attributes:
         name: of the camera.
-        model: its intrinsics.
-        detections: with times on the video's own clock.
-        moving: False for a camera that stands still: one pose for the whole recording.
+        model: intrinsics.
+        detections: with times on the video's clock.
+        moving: False for a static camera, which has one pose.
         mount: the IMU on it, if any.
-        known_path: poses to be believed instead of estimated, if any.
-        clock: what lies between the video's clock and the IMUs'.
-        video: to look at.
-        keypoint_offsets: where its detector puts its keypoints, if that was found before.
-        focal_sigma: standard deviation of the logarithm of the focal length; 0 of a calibrated lens.
-        odometry: its path from visual odometry (ARKit, ARCore, SLAM), in a world of its own and with times on the
-            video's own clock, if any.
-        scale_free_odometry: whether that path has an unknown scale, as monocular SLAM has.
+        known_path: given poses, which are not estimated, or None.
+        clock: map from the video's clock to the IMUs'.
+        video: to display.
+        keypoint_offsets: prior on the detector's keypoint offsets from an earlier recording, if any.
+        focal_sigma: standard deviation of the logarithm of the focal length; 0 for a calibrated lens.
+        odometry: path from visual odometry (ARKit, ARCore, SLAM), in its own world and on the video's clock, if any.
+        scale_free_odometry: True if the scale of that path is unknown, as for monocular SLAM.
     """
 
     name: str
@@ -84,25 +84,25 @@ class Camera(Summarised):
     scale_free_odometry: bool = False
 
     def summary(self) -> list[str]:
-        """What it is, and what was detected in its video."""
-        known = "" if self.known_path is None else ", pose known"
-        stands = f"{'moves' if self.moving else 'stands still'}{known}"
+        """Describe image, motion and detections."""
+        pose_note = "" if self.known_path is None else ", pose known"
+        stands = f"{'moves' if self.moving else 'stands still'}{pose_note}"
         image = f"image: {self.model.width} by {self.model.height} pixels, {stands}"
         return [f"camera '{self.name}'", image, *self.detections.summary()[1:]]
 
     @property
     def keypoints(self) -> KeypointSet:
-        """Those that its detector answers with."""
+        """Keypoint set of the detector."""
         return self.detections.keypoints
 
     @property
     def timed_detections(self) -> Detections:
-        """What was detected, with times on the IMUs' clock."""
+        """Detections with times on the IMUs' clock."""
         return self.detections.timed(self.clock)
 
     @property
     def timed_odometry(self) -> CameraPath | None:
-        """The odometry with times on the IMUs' clock; a path without scale in units of its spread."""
+        """Odometry with times on the IMUs' clock; a path without scale is divided by its spread."""
         if self.odometry is None:
             return None
         p = self.odometry.p_world_camera
@@ -112,15 +112,15 @@ class Camera(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class SceneTruth(Summarised):
-    """What a simulator knows of a scene beyond the wearers' own truths (which share one world).
+    """Reference of a scene besides the wearers' motions, in the same world.
 
     Attributes:
-        camera: the true path.
+        camera: true path.
         wearer: ``(N,)`` index of the wearer behind each detection, −1 for bystanders and false detections.
-        pixels: ``(N, K, 2)`` where the keypoints really are in the image (distorted), NaN out of view or unknown.
+        pixels: ``(N, K, 2)`` true keypoints in the (distorted) image; NaN out of view or unknown.
         camera_calibration: heading and mounting of the camera's IMU.
-        clock: what lies between the video's clock and the IMUs'.
-        further: of each further camera, in the scene's order.
+        clock: map from the video's clock to the IMUs'.
+        further: truths of the further cameras, in the scene's order.
     """
 
     camera: CameraPath
@@ -133,17 +133,17 @@ class SceneTruth(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class Scene(Summarised):
-    """Everything measured at one time.
+    """Everything measured in one session.
 
     Attributes:
         name: of the scene.
-        wearers: their recordings, on one clock; subject names are unique.
-        camera: what filmed them, or None.
-        truth: if known.
-        further_cameras: beside the first one, of any kind. The world of cameras of known pose becomes the scene's.
+        wearers: recordings on one clock; subject names are unique.
+        camera: first camera, or None.
+        truth: reference, if known.
+        further_cameras: other cameras, of any kind. The scene's world is that of cameras with known poses.
 
     Raises:
-        RecordingError: for a scene whose parts do not belong together.
+        RecordingError: for inconsistent wearers, cameras or truth.
     """
 
     name: str
@@ -153,23 +153,23 @@ class Scene(Summarised):
     further_cameras: tuple[Camera, ...] = ()
 
     def summary(self) -> list[str]:
-        """Its wearers and cameras, a line each."""
-        told = [line for one in self.wearers for line in (f"wearer: {one.subject.name}", *one.summary()[2:])]
-        cameras = (", ".join(one.summary()[1:]) for one in self.cameras)
-        return [f"scene '{self.name}'", *told, *(f"camera: {one}" for one in cameras)]
+        """Describe wearers and cameras."""
+        lines = [line for wearer in self.wearers for line in (f"wearer: {wearer.subject.name}", *wearer.summary()[2:])]
+        cameras = (", ".join(camera.summary()[1:]) for camera in self.cameras)
+        return [f"scene '{self.name}'", *lines, *(f"camera: {camera}" for camera in cameras)]
 
     @property
     def names(self) -> list[str]:
-        """Of the wearers, in their order."""
-        return [one.subject.name for one in self.wearers]
+        """Names of the wearers."""
+        return [wearer.subject.name for wearer in self.wearers]
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """All of them, the first one first."""
+        """All cameras."""
         return (*((self.camera,) if self.camera is not None else ()), *self.further_cameras)
 
     def with_cameras(self, cameras: Sequence[Camera]) -> "Scene":
-        """The same filmed by other cameras; with its truth if there are as many."""
+        """Replace the cameras; the truth remains if their number is the same."""
         truth = self.truth if len(cameras) == len(self.cameras) else None
         return replace(self, camera=next(iter(cameras), None), further_cameras=tuple(cameras[1:]), truth=truth)
 
@@ -183,25 +183,27 @@ class Scene(Summarised):
             raise RecordingError(f"scene '{self.name}' has no wearer: expected at least one recording")
         if len(set(self.names)) < len(self.names):
             raise RecordingError(
-                f"scene '{self.name}': subjects {', '.join(self.names)}: give each wearer a name of its own"
+                f"scene '{self.name}': subjects {', '.join(self.names)}: give each wearer a unique name"
             )
         self._check_further_cameras()
         if self.truth is None:
             return
         truths = (self.truth, *self.truth.further)
-        if [len(one.wearer) for one in truths] != [len(camera.detections) for camera in self.cameras]:
+        if [len(truth.wearer) for truth in truths] != [len(camera.detections) for camera in self.cameras]:
             raise RecordingError(f"scene '{self.name}': its truth does not belong to its detections")
 
     def _check_further_cameras(self) -> None:
         if self.further_cameras and self.camera is None:
-            raise RecordingError(f"scene '{self.name}' has further cameras but no first one: name one of them first")
+            raise RecordingError(
+                f"scene '{self.name}' has further cameras but no first one: set 'camera' to one of them"
+            )
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):
-            raise RecordingError(f"scene '{self.name}': cameras {', '.join(names)}: give each a name of its own")
+            raise RecordingError(f"scene '{self.name}': cameras {', '.join(names)}: give each camera a unique name")
 
 
 def as_scene(recording: Recording | Scene) -> Scene:
-    """The scene itself, or that of one wearer without a camera.
+    """Convert a recording to a scene of one wearer without a camera; scenes are returned unchanged.
 
     Raises:
         InputError: for anything else.

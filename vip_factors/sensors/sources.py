@@ -1,4 +1,4 @@
-"""Where recordings and scenes come from: memory or files, which give by time what is longer than memory."""
+"""Sources of recordings and scenes: memory, or files that are read by time because they exceed memory."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -14,21 +14,21 @@ from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Camera, Scene
 
-MARGIN_S = 1.0  # of samples read on either side of frames: each frame looks a coarse step to both sides
-LEAST_SAMPLES = 2  # of a stream: one alone has no rate
+MARGIN_S = 1.0  # of samples on either side of frames: a frame depends on samples within a coarse step
+LEAST_SAMPLES = 2  # of a stream: a single sample has no rate
 
 
 class RecordingSource(Protocol):
-    """Where samples come from: memory, or a file."""
+    """Source of one wearer's samples."""
 
     @property
     def head(self) -> Recording:
-        """All but the samples."""
+        """The recording without samples."""
         ...
 
     @property
     def sensors(self) -> tuple[str, ...]:
-        """Names of the sensors that have both samples and a place on the body, in the placement's order."""
+        """Names of the placed sensors that have samples, in the placement's order."""
         ...
 
     @property
@@ -37,19 +37,19 @@ class RecordingSource(Protocol):
         ...
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """The samples of these sensors with ``start <= time <= end``; sensors that have hardly any are left out."""
+        """Samples of these sensors with ``start <= time <= end``; sensors with fewer than two are left out."""
         ...
 
 
 @dataclass(frozen=True)
 class RecordingInMemory:
-    """A recording that is in memory already."""
+    """Recording in memory."""
 
     recording: Recording
 
     @cached_property
     def head(self) -> Recording:
-        """The recording without what was measured."""
+        """The recording without samples."""
         return replace(self.recording, imus={})
 
     @cached_property
@@ -59,36 +59,36 @@ class RecordingInMemory:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """Seconds of their first and last sample."""
+        """Seconds of the first and last sample."""
         streams = [self.recording.imus[name] for name in self.sensors]
         if not streams:
             raise nothing_placed(self.recording.name, self.recording.imus)
         return float(min(stream.time[0] for stream in streams)), float(max(stream.time[-1] for stream in streams))
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """What was measured from one instant to another."""
+        """Measurements with ``start <= time <= end``."""
         return streams_between(self.recording.imus, self.sensors, start, end)
 
 
 def streams_between(
     streams: Mapping[str, ImuStream], sensors: Sequence[str], start: float, end: float
 ) -> dict[str, ImuStream]:
-    """The samples of some sensors with ``start <= time <= end``; sensors that have hardly any are left out."""
-    found = {}
+    """Samples of some sensors with ``start <= time <= end``; sensors with fewer than two are left out."""
+    selected = {}
     for name in sensors:
         time = streams[name].time if name in streams else np.zeros(0)
         if np.searchsorted(time, end, "right") - np.searchsorted(time, start, "left") >= LEAST_SAMPLES:
-            found[name] = streams[name].cut(start, end)
-    return found
+            selected[name] = streams[name].cut(start, end)
+    return selected
 
 
 def samples_around(recording: RecordingSource, time: Array) -> Mapping[str, ImuStream]:
-    """All samples that frames at ``time`` ``(T,)`` look at."""
+    """Samples that frames at ``time`` ``(T,)`` depend on."""
     return recording.between(float(time[0]) - MARGIN_S, float(time[-1]) + MARGIN_S)
 
 
 def frames_of(streams: Mapping[str, ImuStream], sensors: Sequence[str], time: Array) -> ImuFrames:
-    """Frames at ``time`` ``(T,)`` of all ``sensors``; of those without a stream nothing is valid."""
+    """Resample ``sensors`` to frames at ``time`` ``(T,)``; sensors without a stream are not valid."""
     T, S = len(time), len(sensors)
     R, force = np.tile(np.eye(3), (T, S, 1, 1)), np.zeros((T, S, 3))
     orientation_valid, acceleration_valid = np.zeros((T, S), bool), np.zeros((T, S), bool)
@@ -102,17 +102,17 @@ def frames_of(streams: Mapping[str, ImuStream], sensors: Sequence[str], time: Ar
 
 
 def without_gaps(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], times: Sequence[Array]) -> Recording:
-    """A recording of several stretches with the time between them left out: the first instant of each follows the last.
+    """Concatenate stretches of a recording without the time between them.
 
     Args:
-        head: all but the samples.
-        stretches: samples of each.
-        times: ``(T,)`` seconds of the frames of each, evenly spaced; samples beyond them are left out.
+        head: the recording without samples.
+        stretches: samples of each stretch.
+        times: ``(T,)`` evenly spaced frame times of each stretch, seconds; samples beyond them are left out.
 
     Raises:
         RecordingError: if there is no sample.
     """
-    parts: dict[str, list[ImuStream]] = {}
+    pieces: dict[str, list[ImuStream]] = {}
     begin = float(times[0][0])
     for streams, time in zip(stretches, times, strict=True):
         step, end = float(time[1] - time[0]), float(time[-1])
@@ -120,37 +120,37 @@ def without_gaps(head: Recording, stretches: Sequence[Mapping[str, ImuStream]], 
             inside = (stream.time >= time[0]) & (stream.time < end + step / 2)
             if np.count_nonzero(inside) >= LEAST_SAMPLES:
                 cut = stream.cut(float(time[0]), float(stream.time[inside][-1]))
-                parts.setdefault(name, []).append(replace(cut, time=cut.time + (begin - float(time[0]))))
+                pieces.setdefault(name, []).append(replace(cut, time=cut.time + (begin - float(time[0]))))
         begin += end - float(time[0]) + step
-    if not parts:
+    if not pieces:
         raise RecordingError(f"recording '{head.name}': no sensor measured in any of the stretches")
-    return replace(head, imus={name: one_stream(streams) for name, streams in parts.items()})
+    return replace(head, imus={name: one_stream(streams) for name, streams in pieces.items()})
 
 
-def one_stream(parts: Sequence[ImuStream]) -> ImuStream:
-    """Streams of one sensor, one after another, as one."""
+def one_stream(streams: Sequence[ImuStream]) -> ImuStream:
+    """Concatenate streams of one sensor."""
 
     def together(values: Sequence[Array | None]) -> Array | None:
         measured = [samples for samples in values if samples is not None]
-        return np.concatenate(measured) if len(measured) == len(parts) else None
+        return np.concatenate(measured) if len(measured) == len(streams) else None
 
-    is_masked = any(part.force_measured is not None for part in parts)
+    is_masked = any(stream.force_measured is not None for stream in streams)
     return ImuStream(
-        parts[0].name,
-        np.concatenate([part.time for part in parts]),
-        together([part.specific_force for part in parts]),
-        together([part.R_inertial_sensor for part in parts]),
-        together([part.angular_rate for part in parts]),
-        np.concatenate([part.force_measured_mask for part in parts]) if is_masked else None,
+        streams[0].name,
+        np.concatenate([stream.time for stream in streams]),
+        together([stream.specific_force for stream in streams]),
+        together([stream.R_inertial_sensor for stream in streams]),
+        together([stream.angular_rate for stream in streams]),
+        np.concatenate([stream.force_measured_mask for stream in streams]) if is_masked else None,
     )
 
 
 class SceneSource(Protocol):
-    """Where the samples and detections of a scene come from: memory, or a file."""
+    """Source of a scene's samples and detections."""
 
     @property
     def head(self) -> Scene:
-        """All but samples, detections and truth; its cameras have no video frame, and no IMU."""
+        """The scene without samples, detections and truth; its cameras have no video frames and no IMU."""
         ...
 
     @property
@@ -160,30 +160,30 @@ class SceneSource(Protocol):
 
     @property
     def video_start(self) -> float:
-        """Seconds of the first camera's first video frame, on the recordings' clock; infinite without one."""
+        """Seconds of the first camera's first video frame, on the recordings' clock; infinite without a video."""
         ...
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """The scene within ``start <= time <= end``, with samples on either side that frames look at.
+        """The scene within ``start <= time <= end``, with a margin of samples on either side.
 
-        Sensors that hardly measured are left out; detections have numbers of their own.
+        Sensors with fewer than two samples are left out; video frames are numbered from 0.
         """
         ...
 
     def detected(self, start: float, end: float) -> int:
-        """How many people the first camera's detector found in ``start <= time < end``; either may be infinite."""
+        """Number of the first camera's detections in ``start <= time < end``; either may be infinite."""
         ...
 
 
 @dataclass(frozen=True)
 class SceneInMemory:
-    """A scene that is in memory already; see :class:`SceneSource`."""
+    """Scene in memory; see :class:`SceneSource`."""
 
     scene: Scene
 
     @cached_property
     def head(self) -> Scene:
-        """The scene without what was measured."""
+        """The scene without measurements."""
         return self._scene(
             tuple(wearer.head for wearer in self.wearers), tuple(map(without_frames, self.scene.cameras))
         )
@@ -195,12 +195,12 @@ class SceneInMemory:
 
     @property
     def video_start(self) -> float:
-        """Seconds of the first video frame; infinite without one."""
+        """Seconds of the first video frame; infinite without a video."""
         time = self.scene.cameras[0].timed_detections.time if self.scene.cameras else np.zeros(0)
         return float(time[0]) if len(time) else np.inf
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """What was measured from one instant to another; all of it is the scene as it is, with its truth."""
+        """The scene within ``start <= time <= end``; with infinite limits the whole scene with its truth."""
         if start == -np.inf and end == np.inf:
             return self.scene
         wearers = tuple(
@@ -210,9 +210,9 @@ class SceneInMemory:
         return self._scene(wearers, tuple(camera_between(camera, start, end) for camera in self.scene.cameras))
 
     def detected(self, start: float, end: float) -> int:
-        """How many people were detected between two instants."""
-        first = self.scene.cameras[0]
-        time = first.timed_detections.time[first.detections.frame]
+        """Number of detections in ``start <= time < end``."""
+        camera = self.scene.cameras[0]
+        time = camera.timed_detections.time[camera.detections.frame]
         return int(np.count_nonzero((time >= start) & (time < end)))
 
     def _scene(self, wearers: tuple[Recording, ...], cameras: tuple[Camera, ...]) -> Scene:
@@ -221,7 +221,7 @@ class SceneInMemory:
 
 @dataclass(frozen=True)
 class UnfilmedSource(SceneInMemory):
-    """Wearers whom no camera filmed, from wherever their samples come; ``scene`` is what is not measured."""
+    """Wearers without cameras, from any source; ``scene`` is the head."""
 
     sources: tuple[RecordingSource, ...]
 
@@ -231,36 +231,38 @@ class UnfilmedSource(SceneInMemory):
         return self.sources
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """What was measured from one instant to another."""
+        """Measurements with ``start <= time <= end``."""
         reach = start - MARGIN_S, end + MARGIN_S
         return self._scene(tuple(replace(wearer.head, imus=wearer.between(*reach)) for wearer in self.wearers), ())
 
     def detected(self, start: float, end: float) -> int:
-        """How many people were detected between two instants: nobody."""
+        """Number of detections: zero."""
         return 0
 
 
 def shared_interval(source: SceneSource) -> tuple[float, float]:
-    """Seconds from which and until when the sensors of all wearers measure."""
+    """Seconds from and to which the sensors of all wearers measure."""
     starts, ends = zip(*(wearer.interval for wearer in source.wearers), strict=True)
     return max(starts), min(ends)
 
 
 def without_frames(camera: Camera) -> Camera:
-    """All of a camera but what it filmed and what the sensor on it measured."""
+    """Remove a camera's detections, video and IMU."""
     none = camera.detections.select(np.zeros(len(camera.detections), bool))
     return replace(camera, detections=replace(none, time=np.zeros(0)), mount=None, video=None)
 
 
 def camera_between(camera: Camera, start: float, end: float) -> Camera:
-    """A camera within ``start <= time <= end``, seconds on the recordings' clock."""
+    """Select a camera's measurements with ``start <= time <= end``, seconds on the recordings' clock."""
     mount = camera.mount
     if mount is not None:
         near = start - MARGIN_S, end + MARGIN_S
         count = np.searchsorted(mount.imu.time, near[1], "right") - np.searchsorted(mount.imu.time, near[0], "left")
         mount = replace(mount, imu=mount.imu.cut(*near)) if count >= LEAST_SAMPLES else None
     detections, time = camera.detections, camera.timed_detections.time
-    first, last = np.searchsorted(time, start, "left"), np.searchsorted(time, end, "right")
-    within = detections.select((detections.frame >= first) & (detections.frame < last))
-    within = replace(within, time=detections.time[first:last], frame=within.frame - first)  # counted anew
+    first_frame, end_frame = np.searchsorted(time, start, "left"), np.searchsorted(time, end, "right")
+    within = detections.select((detections.frame >= first_frame) & (detections.frame < end_frame))
+    within = replace(
+        within, time=detections.time[first_frame:end_frame], frame=within.frame - first_frame
+    )  # numbered from 0
     return replace(camera, detections=within, mount=mount, video=None)

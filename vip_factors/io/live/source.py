@@ -136,7 +136,7 @@ class LiveQueue:
         return LiveLoss(
             f"the tracker does not keep up: {what} were dropped; this machine is too slow, or busy: use fewer frames "
             "per second (--frame-rate), fewer wearers, fewer cameras or a shorter lag",
-            again=not telling,
+            is_repeat=not telling,
         )
 
 

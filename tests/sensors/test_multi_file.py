@@ -1,4 +1,4 @@
-"""A session in several files: parts become the recording that they were cut from, and what is no part is refused."""
+"""Sessions in several files: joined files equal the recording that they were cut from, and other files are refused."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.sensors.calibration import Placement, preset
-from vip_factors.sensors.parts import in_parts, joined_in_memory, scene_in_parts
+from vip_factors.sensors.multi_file import join_recordings, join_scenes, join_sources
 from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import RecordingInMemory
@@ -39,13 +39,13 @@ def test_parts_become_the_whole(recording: Recording, anew: bool) -> None:
     cuts = [(0.0, 1.0), (0.99, 1.5), (2.0, 9.0)]
     parts = [part(recording, *cut, anew) for cut in cuts]
     parts = [parts[1], parts[0], parts[2]]
-    whole = joined_in_memory(parts, ["b", "a", "c"])
+    whole = join_recordings(parts, ["b", "a", "c"])
     assert whole.imus.keys() == recording.imus.keys()
     for name, stream in recording.imus.items():
         kept = (stream.time <= 1.5) | (stream.time >= 2.0)
         np.testing.assert_allclose(whole.imus[name].time, stream.time[kept], atol=1e-6)
         np.testing.assert_array_equal(whole.imus[name].specific_force, stream.specific_force[kept])
-    sampled, memory = in_parts([RecordingInMemory(one) for one in parts], "bac"), RecordingInMemory(whole)
+    sampled, memory = join_sources([RecordingInMemory(one) for one in parts], "bac"), RecordingInMemory(whole)
     assert sampled.sensors == memory.sensors != tuple(whole.imus)
     assert sampled.interval == pytest.approx(memory.interval, abs=1e-6)
     assert sampled.head.start_ns == (BEGAN if anew else recording.start_ns)
@@ -70,7 +70,7 @@ def test_what_is_no_part_is_refused(recording: Recording) -> None:
     refused = {
         r"c begins at 0\.10 s, before a ends at 1\.00": part(recording, 0.1, 2.0, anew=True),
         "c begins 2.0 h after a ended": replace(second, start_ns=second.start_ns + 7200 * 10**9),
-        "a tells when it began and c does not": replace(second, start_ns=0),
+        "a has an absolute start time and c has none": replace(second, start_ns=0),
         "without head, unlike a": replace(second, imus=without),
         f"'{site.sensor}' is on neck": replace(second, placement=elsewhere),
         "c is of 'Bea'": replace(second, subject=replace(second.subject, name="Bea")),
@@ -78,22 +78,22 @@ def test_what_is_no_part_is_refused(recording: Recording) -> None:
     }
     for message, other in refused.items():
         with pytest.raises(InputError, match=message):
-            joined_in_memory([first, other], ["a", "c"])
+            join_recordings([first, other], ["a", "c"])
     unstamped = [replace(one, start_ns=0) for one in (first, second)]
-    with pytest.raises(InputError, match="clock began anew, nothing in the files tells when"):
-        joined_in_memory(unstamped, ["a", "c"])
+    with pytest.raises(InputError, match="clock restarted, the time between the files is unknown"):
+        join_recordings(unstamped, ["a", "c"])
     bea = replace(second, subject=replace(second.subject, name="Bea"))
     with pytest.raises(InputError, match="c has 2 wearers, a 1"):
-        scene_in_parts([Scene("s", (first,)), Scene("s", (second, bea))], ["a", "c"])
+        join_scenes([Scene("s", (first,)), Scene("s", (second, bea))], ["a", "c"])
 
 
 def test_a_part_without_samples_is_refused_by_name(recording: Recording) -> None:
     empty = replace(recording, imus={})
     for join in (
-        lambda: in_parts([RecordingInMemory(recording), RecordingInMemory(empty)], ["a.mcap", "b.mcap"]),
-        lambda: joined_in_memory([empty, recording], ["b.mcap", "a.mcap"]),
+        lambda: join_sources([RecordingInMemory(recording), RecordingInMemory(empty)], ["a.mcap", "b.mcap"]),
+        lambda: join_recordings([empty, recording], ["b.mcap", "a.mcap"]),
     ):
-        with pytest.raises(InputError, match=r"b\.mcap holds no samples of any sensor: was it cut off\?"):
+        with pytest.raises(InputError, match=r"b\.mcap holds no samples of any sensor: leave it out"):
             join()
     with pytest.raises(RecordingError, match="holds no samples of any sensor"):
         _ = RecordingInMemory(empty).interval

@@ -211,5 +211,5 @@ def test_a_stream_says_which_frames_its_factors_may_see() -> None:
         graph.add(gtsam.BetweenFactorPoint3(root_key(first - 9), root_key(first), np.zeros(3), THREE))
         return graph
 
-    with pytest.raises(InputError, match="sees frames 1 to 10: in a stream, expected frames 8 to 10"):
+    with pytest.raises(InputError, match="is on frames 1 to 10: in a stream, expected frames 8 to 10"):
         StreamedTerms(far_back, scene_layout(problem)).append(10, 0.5)

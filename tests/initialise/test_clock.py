@@ -114,7 +114,7 @@ def test_nothing_to_compare(scene: Scene) -> None:
     with pytest.raises(RecordingError, match="no camera"):
         find_clock_offset(replace(scene, camera=None))
     empty = scene.camera.detections.select(np.zeros(0, int))
-    with pytest.raises(RecordingError, match="nobody is seen"):
+    with pytest.raises(RecordingError, match="nobody is visible"):
         find_clock_offset(replace(scene, camera=replace(scene.camera, detections=empty)))
     with pytest.raises(InputError, match="max_offset"):
         find_clock_offset(scene, 0.0)
@@ -142,7 +142,7 @@ def test_a_drift_is_found_in_stretches(drift: float) -> None:
     scene = simulate_scene([Performer("a", motion, preset("sip6", motion.skeleton))], settings)
     seen = scene.camera.detections
     drifted = replace(seen, time=(seen.time - 0.5) / (1 + drift))
-    found = find_drift(scene, scene.camera, simple_tracks(drifted), 0.5 + 14 * drift, stretch=4.0, most=8e-3)
+    found = find_drift(scene, scene.camera, simple_tracks(drifted), 0.5 + 14 * drift, stretch=4.0, max_drift=8e-3)
     assert found is not None
     assert found.matters == (drift > 0)
     assert found.per_second == pytest.approx(drift, abs=5e-4)

@@ -52,7 +52,7 @@ def test_sites_from_names_and_notes_on_the_rest(walk: Path) -> None:
     assert set(recording.imus) == {"Pelvis", "LFemur", "00B4"}
     assert recording.name == "walk"
     assert "not placed on the body, and so not used: 00B4" in recording.notes
-    assert "stature unknown: an adult's, 1.69 ± 0.09 m" in recording.notes
+    assert "stature unknown: an adult's is assumed, 1.69 ± 0.09 m" in recording.notes
     assert recording.subject.stature_m is None
     assert recording.truth is None
     assert recording.initial_pose == "none"

@@ -36,7 +36,7 @@ def changed(**changes: object) -> dict:
 @pytest.mark.parametrize(
     ("wrong", "complaint"),
     [
-        (changed(name="phone"), "name of its own"),
+        (changed(name="phone"), "unique name"),
         ({"camera": None, "truth": None}, "no first one"),
         ({"truth": scene_sample(0.5, moving=False).truth}, "truth"),
     ],

@@ -172,7 +172,7 @@ def test_frames_know_what_was_not_measured() -> None:
     frames = resample_streams([stream], np.arange(1, 9) / 10)
     np.testing.assert_array_equal(frames.acceleration_valid[:, 0], [True, True, True, False, False, False, True, True])
     assert frames.orientation_valid.all()
-    with pytest.raises(RecordingError, match="whether force was measured"):
+    with pytest.raises(RecordingError, match="mask of measured forces"):
         replace(stream, force_measured=measured[:50])
 
 

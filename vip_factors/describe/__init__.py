@@ -1,1 +1,1 @@
-"""Facts about recordings and estimates as tables, which a page, a terminal and Rerun's text lay out."""
+"""Facts about recordings and estimates as tables, for the report, the terminal and Rerun."""

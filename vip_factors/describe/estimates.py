@@ -1,4 +1,4 @@
-"""Facts about estimates: what was found, how sure that is, and how it was made."""
+"""Facts about estimates: results, uncertainty and computation."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -26,30 +26,32 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.tables import MM, UNKNOWN, Cell, Quantity, Row, Table, bone_words, degrees, facts, joint_words
 
 RESIDUALS = {"orientation_deg": ("orientation", "°"), "acceleration_m_s2": ("acceleration", "m/s²")}
-# The joints that carry limbs: those of the spine share one bend, which is known better than its parts.
+# Joints of the limbs; the spine's joints share one bend and are less certain individually.
 LIMB_JOINTS = tuple(
     joint_index(f"{side}_{bone}") for side in ("left", "right") for bone in (*LIMBS["legs"][:3], *LIMBS["arms"][1:4])
 )
 
 
 def verdict_facts(estimate: Estimate) -> Table:
-    """Verdict and findings."""
+    """Table of the verdict and the findings."""
     findings = [(str(finding.severity), str(finding)) for finding in estimate.all_findings]
     return facts("", ("verdict", str(estimate.verdict)), *findings)
 
 
 def figure_table(estimate: Estimate) -> Table:
-    """The few figures that a person wants, each with a remark."""
+    """Table of the main figures, each with a remark."""
     wearers, camera = estimate.wearers, estimate.camera
     motion, sensors = wearers[0].motion, sum(len(wearer.sensors) for wearer in wearers)
+    duration = Quantity(len(motion) / motion.rate, unit="s", decimals=1)
     rows: list[Row] = [
-        ("duration", Quantity(len(motion) / motion.rate, unit="s", decimals=1),
-         f"{len(motion)} frames at {motion.rate:g} Hz"),
+        ("duration", duration, f"{len(motion)} frames at {motion.rate:g} Hz"),
         ("people", str(len(wearers)), f"{sensors} sensors in all"),
-    ]  # fmt: skip
+    ]
     sigma = limb_sigma(wearers)
     if math.isfinite(sigma):
-        remark = "how sensors sit not included" if mountings_are_held(wearers) else "one standard deviation"
+        remark = (
+            "uncertainty of the mountings not included" if mountings_are_held(wearers) else "one standard deviation"
+        )
         rows.append(("joint angles", f"± {degrees(sigma)}", f"typical of the limbs; {remark}"))
     residuals = [wearer.residuals.get("orientation_deg", np.zeros(0)).ravel() for wearer in wearers]
     median = finite_quantile(np.concatenate(residuals), 0.5)
@@ -77,42 +79,42 @@ def limb_sigma(wearers: Sequence[WearerEstimate]) -> float:
 
 
 def measured_limb_joints(wearer: WearerEstimate) -> list[int]:
-    """Joints of the limbs whose bone has a sensor; all of them where none has."""
+    """Joints of the limbs whose bone has a sensor; all limb joints if none has."""
     bones = {sensor.bone for sensor in wearer.calibration.values()}
     return [joint for joint in LIMB_JOINTS if JOINT_NAMES[joint] in bones] or list(LIMB_JOINTS)
 
 
 def mountings_are_held(wearers: Sequence[WearerEstimate]) -> bool:
-    """Whether the uncertainties of the poses take the sensors' mountings for known."""
+    """True if the uncertainties of the poses assume exact mountings."""
     sigmas = [sensor.heading_sigma for wearer in wearers for sensor in wearer.calibration.values()]
     return bool(sigmas) and not np.isfinite(sigmas).any()
 
 
 def finite_quantile(values: Array, share: float) -> float:
-    """The quantile of those values that are finite; NaN without any."""
+    """Quantile of the finite values; NaN without any."""
     finite = values[np.isfinite(values)]
     return float(np.quantile(finite, share)) if len(finite) else math.nan
 
 
 def wearer_facts(wearer: WearerEstimate) -> Table:
-    """Motion and body of a wearer, the start of the reconstruction, and how far it is from the sensors."""
+    """Table of a wearer's motion, body, start of the reconstruction and residuals."""
     rows: list[Row] = [*motion_facts(wearer.motion).rows, *_start_rows(wearer.start)]
     rows.append(("standard deviations", "yes" if wearer.covariance is not None else "no"))
     for kind, values in wearer.residuals.items():
         name, unit = RESIDUALS.get(kind, (kind, ""))
-        half, most = (Quantity(finite_quantile(values, share), unit=unit, decimals=2) for share in (0.5, 0.95))
-        rows.append((f"difference of {name}", f"{half} (median), 95 % below {most}"))
+        half, p95 = (Quantity(finite_quantile(values, share), unit=unit, decimals=2) for share in (0.5, 0.95))
+        rows.append((f"difference of {name}", f"{half} (median), 95 % below {p95}"))
     return facts(f"wearer '{wearer.motion.name or wearer.name}'", *rows)
 
 
 def _start_rows(start: StartChoice | None) -> list[Row]:
-    """The start that was chosen, the next one that differs, and how much less likely that is."""
+    """Rows of the chosen start and its most likely alternative."""
     if start is None:
         return []
     rows: list[Row] = [("start", start.supposition)]
     if start.rival:
-        often = 7.0  # nats: a thousand times
-        times = f"{math.exp(start.margin):.1f}" if start.margin < often else f"{math.exp(often):.0f} or more"
+        largest = 7.0  # nats: a thousand times
+        times = f"{math.exp(start.margin):.1f}" if start.margin < largest else f"{math.exp(largest):.0f} or more"
         rows.append(("another start", f"{start.rival}: {times} times less likely, turns a sensor by more than 60°"))
     if start.doubtful:
         rows.append(("not settled", ", ".join(start.doubtful)))
@@ -120,7 +122,7 @@ def _start_rows(start: StartChoice | None) -> list[Row]:
 
 
 def length_table(body: BodyEstimate | None) -> Table:
-    """Lengths before and after."""
+    """Table of prior and estimated lengths of the body."""
     rows: list[Row] = []
     if body is not None:
         values = (MM * array for array in (body.prior, body.prior_sigma, body.posterior, body.sigma))
@@ -131,7 +133,7 @@ def length_table(body: BodyEstimate | None) -> Table:
 
 
 def hinge_table(body: BodyEstimate | None) -> Table:
-    """Carrying angles of elbows and knees, before and after."""
+    """Table of prior and estimated carrying angles of elbows and knees."""
 
     def carrying(hinge: HingeEstimate | None) -> Cell:
         return UNKNOWN if hinge is None else degrees(hinge.carrying_angle, hinge.carrying_sigma)
@@ -143,9 +145,9 @@ def hinge_table(body: BodyEstimate | None) -> Table:
 
 
 def calibration_table(wearer: WearerEstimate, recording: Recording | None = None) -> Table:
-    """Heading and mounting of each sensor; mountings against the site where the recording tells that, else absolute."""
+    """Table of headings and mountings; mountings are relative to the sites if the recording is given, else absolute."""
     sites = {} if recording is None else {site.sensor: site for site in recording.placement.sites}
-    bones = {place.sensor: place.bone for place in wearer.sensor_places}  # in files of older versions, nowhere else
+    bones = {place.sensor: place.bone for place in wearer.sensor_places}  # older files
     rows = []
     for name, sensor in wearer.calibration.items():
         site, bone = sites.get(name), sensor.bone or bones.get(name, "")
@@ -160,15 +162,15 @@ def calibration_table(wearer: WearerEstimate, recording: Recording | None = None
 
 
 def quaternion_text(R: Array) -> str:
-    """A rotation ``(3, 3)`` as w, x, y and z."""
+    """Format a rotation ``(3, 3)`` as quaternion w, x, y, z."""
     return " ".join(f"{value:z.3f}" for value in quaternion_from_matrix(R, Order.WXYZ))
 
 
 def heading_text(sensor: SensorCalibration) -> str:
-    """Heading of a sensor within half a turn."""
-    held = np.deg2rad(0.15)  # only the heading that a gauge prior holds is as sure as this
+    """Format the heading of a sensor, within half a turn."""
+    gauge_sigma = np.deg2rad(0.15)  # only a heading with a gauge prior is as certain
     heading = float(wrap_angle(sensor.heading))
-    if math.isfinite(sensor.heading_sigma) and sensor.heading_sigma <= held:
+    if math.isfinite(sensor.heading_sigma) and sensor.heading_sigma <= gauge_sigma:
         return f"{degrees(heading)}, by convention"
     return str(degrees(heading, sensor.heading_sigma))
 
@@ -187,36 +189,35 @@ LEFT, UP, FORWARD = 0, 1, 2  # bone axes
 
 
 def place_table(wearer: WearerEstimate) -> Table:
-    """Where each sensor sat on its bone, and where it was supposed to sit."""
-    rows = [
-        (place.sensor, bone_words(place.bone),
-         *(_beside_prior(place, axis) for axis in (LEFT, UP, FORWARD)))
-        for place in wearer.sensor_places
-    ]  # fmt: skip
+    """Table of estimated and prior positions of the sensors on their bones."""
+    rows: list[Row] = []
+    for position in wearer.sensor_places:
+        coordinates = [_with_prior(position, axis) for axis in (LEFT, UP, FORWARD)]
+        rows.append((position.sensor, bone_words(position.bone), *coordinates))
     title = "sensors' places on their bones, mm from the joint (supposed)"
     return Table(("sensor", "on", "left", "up", "forward"), rows, title, words=2, is_detail=True)
 
 
 def detector_table(detector: DetectorEstimate | None) -> Table:
-    """How far from where its table has it a detector puts each keypoint of the left side."""
+    """Table of a detector's keypoint offsets of the left side."""
     rows: list[Row] = []
     if detector is not None:
         for number, name in enumerate(detector.keypoints):
-            rows.append((name, *(_beside_prior(detector, (number, axis)) for axis in (FORWARD, UP, LEFT))))
+            rows.append((name, *(_with_prior(detector, (number, axis)) for axis in (FORWARD, UP, LEFT))))
     title = "keypoints' offsets from the joint centres, mm (supposed)"
     return Table(("keypoint", "forward", "up", "outward"), rows, title, is_detail=True)
 
 
-def _beside_prior(place: SensorPlaceEstimate | DetectorEstimate, index: int | tuple[int, int]) -> str:
-    """One coordinate, with what was supposed of it behind."""
+def _with_prior(estimate: SensorPlaceEstimate | DetectorEstimate, index: int | tuple[int, int]) -> str:
+    """Format one coordinate, with its prior in brackets."""
     value, sigma, prior, prior_sigma = (
-        MM * float(array[index]) for array in (place.posterior, place.sigma, place.prior, place.prior_sigma)
+        MM * float(array[index]) for array in (estimate.posterior, estimate.sigma, estimate.prior, estimate.prior_sigma)
     )
     return f"{Quantity(value, sigma)} ({Quantity(prior, prior_sigma)})"
 
 
 def residual_table(wearer: WearerEstimate) -> Table:
-    """How far the motion is from what each sensor measured."""
+    """Table of residuals by sensor."""
     residuals = [wearer.residuals.get(kind, np.zeros((0, len(wearer.sensors)))) for kind in RESIDUALS]
     rows: list[Row] = []
     for column, sensor in enumerate(wearer.sensors if any(values.size for values in residuals) else ()):
@@ -232,7 +233,7 @@ def residual_table(wearer: WearerEstimate) -> Table:
 
 
 def camera_estimate_facts(camera: CameraEstimate) -> Table:
-    """Where a camera was, how its sensor sat, and its clock."""
+    """Table of a camera's path, IMU and clock."""
     rows: list[Row] = [("path", path_text(camera.path.p_world_camera))]
     if camera.focal_sigma is not None:
         rows.append(("image", image_text(camera.model, camera.focal_sigma)))
@@ -249,47 +250,51 @@ def camera_estimate_facts(camera: CameraEstimate) -> Table:
 
 
 def reprojection_table(estimate: Estimate, names: Sequence[str]) -> Table:
-    """How far each wearer is from what each camera saw."""
+    """Table of reprojection residuals by wearer and camera."""
     rows = []
     for camera in estimate.cameras:
         residuals = np.zeros((0, 0)) if camera.residual_px is None else camera.residual_px
         for name, values in zip(names, residuals.T, strict=False):
-            half, most = (Quantity(finite_quantile(values, share), decimals=1) for share in (0.5, 0.95))
+            half, p95 = (Quantity(finite_quantile(values, share), decimals=1) for share in (0.5, 0.95))
             label = f"{name}, {camera.name}" if estimate.further_cameras else name
-            rows.append((label, str(int(np.isfinite(values).sum())), half, most))
+            rows.append((label, str(int(np.isfinite(values).sum())), half, p95))
     return Table(("seen by the camera", "frames", "median, px", "95 % below, px"), rows)
 
 
 def detection_table(estimate: Estimate, names: Sequence[str]) -> Table:
-    """How many detections were given to whom."""
-    given = estimate.wearer_of_detection
-    people = [*enumerate(names), (-1, "nobody (strangers, false detections)")] if len(given) else []
+    """Table of detections by wearer."""
+    wearer_of_detection = estimate.wearer_of_detection
+    people = [*enumerate(names), (-1, "nobody (strangers, false detections)")] if len(wearer_of_detection) else []
     rows = [
-        (name, str(int(np.sum(given == index))), f"{100 * float(np.mean(given == index)):.1f} %")
+        (
+            name,
+            str(int(np.sum(wearer_of_detection == index))),
+            f"{100 * float(np.mean(wearer_of_detection == index)):.1f} %",
+        )
         for index, name in people
     ]
     return Table(("detections given to", "count", "share"), rows)
 
 
 def solve_table(reports: Sequence[SolveReport], with_cost: bool = False) -> Table:
-    """How each part of the computation went."""
+    """Table of the solver's stages."""
     rows = []
     for report in reports:
-        before, after = sum(report.initial_cost.values()), sum(report.final_cost.values())
-        cost = [str(len(report.iterations)), f"{before:.4g} → {after:.4g}"] if with_cost else []
+        initial_cost, final_cost = sum(report.initial_cost.values()), sum(report.final_cost.values())
+        cost = [str(len(report.iterations)), f"{initial_cost:.4g} → {final_cost:.4g}"] if with_cost else []
         rows.append((report.stage, "yes" if report.converged else "no", f"{report.seconds:.1f} s", *cost))
     head = ("part", "settled", "time", *(["steps", "cost"] if with_cost else []))
     return Table(head, rows, "how the computation went", words=2, is_detail=True)
 
 
 def setting_table(estimate: Estimate) -> Table:
-    """Settings that the estimate was made with, by name."""
+    """Table of the estimate's settings, by name."""
     settings = estimate.settings or estimate.wearers[0].settings
     return Table(("setting", "value"), sorted(settings.items()), "settings", words=2, is_detail=True)
 
 
 def wearer_tables(wearer: WearerEstimate) -> Iterator[Table]:
-    """Everything about one of the wearers."""
+    """Yield all tables of one wearer."""
     yield wearer_facts(wearer)
     yield length_table(wearer.body)
     yield hinge_table(wearer.body)
@@ -298,7 +303,7 @@ def wearer_tables(wearer: WearerEstimate) -> Iterator[Table]:
 
 
 def estimate_tables(estimate: Estimate, verbose: bool = False) -> Iterator[Table]:
-    """Everything about an estimate: verdict, camera, then each wearer; how the solves went only if verbose."""
+    """Yield all tables of an estimate: verdict, cameras, then wearers; solver stages if verbose."""
     names, reports = [wearer.motion.name for wearer in estimate.wearers], estimate.all_reports
     rows = [*verdict_facts(estimate).rows]
     if reports:

@@ -20,12 +20,12 @@ STREAMS = {"R_inertial_sensor": "orientation", "specific_force": "acceleration",
 
 
 def motion_facts(motion: Motion, title: str = "", frames: int | None = None) -> Table:
-    """Length, rate and body of a motion; ``frames`` of a motion whose frames were not read."""
+    """Table of a motion's duration, rate and body; ``frames`` is their number if they were not read."""
     frames = len(motion) if frames is None else frames
-    until = f", {motion.start:.2f} to {motion.start + (frames - 1) / motion.rate:.2f} s" if frames else ""
+    interval = f", {motion.start:.2f} to {motion.start + (frames - 1) / motion.rate:.2f} s" if frames else ""
     return facts(
         title,
-        ("motion", f"{frames} frames at {motion.rate:g} Hz{until}"),
+        ("motion", f"{frames} frames at {motion.rate:g} Hz{interval}"),
         ("body", motion.skeleton.source),
         ("lengths", _lengths_text(motion.skeleton)),
     )
@@ -34,16 +34,16 @@ def motion_facts(motion: Motion, title: str = "", frames: int | None = None) -> 
 def _lengths_text(skeleton: Skeleton) -> str:
     ends = {"thigh": "left_knee", "shank": "left_ankle", "upper arm": "left_elbow", "forearm": "left_wrist"}
     limbs = ", ".join(f"{name} {MM * skeleton.bone_length(end):.0f}" for name, end in ends.items())
-    rest = skeleton.p_pelvis_joint
+    p_pelvis_joint = skeleton.p_pelvis_joint
     hips, shoulders = (
-        MM * (rest[joint_index(f"left_{name}"), 0] - rest[joint_index(f"right_{name}"), 0])
+        MM * (p_pelvis_joint[joint_index(f"left_{name}"), 0] - p_pelvis_joint[joint_index(f"right_{name}"), 0])
         for name in ("hip", "shoulder")
     )
     return f"{limbs} mm; hips {hips:.0f}, shoulders {shoulders:.0f} mm apart"
 
 
 def recording_facts(recording: Recording) -> Table:
-    """Who wore the sensors, where, and when."""
+    """Table of subject, placement and time."""
     subject = recording.subject
     rows = [("subject", f"{subject.name}, {subject.body().source}")]
     if subject.body_note:
@@ -57,7 +57,7 @@ def recording_facts(recording: Recording) -> Table:
 
 
 def sensor_table(recording: Recording, time: Mapping[str, Array] | None = None) -> Table:
-    """Where each sensor sat and what it gave; ``time`` of all samples where they were not read."""
+    """Table of the sensors' sites and samples; ``time`` are sample times by sensor if samples were not read."""
     body = recording.subject.body()
     sites = {site.sensor: _site_words(site, body) for site in recording.placement.sites}
     start, end = recording.interval if recording.imus else (0.0, 0.0)
@@ -83,7 +83,7 @@ def _stream_words(stream: ImuStream) -> str:
 
 
 def truth_facts(recording: Recording, frames: int | None = None) -> Table:
-    """What is known for certain; ``frames`` of a motion whose frames were not read."""
+    """Table of the reference motion; ``frames`` is their number if they were not read."""
     truth = recording.truth
     if truth is None:
         return facts("")
@@ -92,7 +92,7 @@ def truth_facts(recording: Recording, frames: int | None = None) -> Table:
 
 
 def camera_facts(camera: Camera) -> Table:
-    """What filmed, and how much of whom a detector saw there."""
+    """Table of a camera's image, IMU, clock and detections."""
     rows: list[Row] = [("image", image_text(camera.model, camera.focal_sigma))]
     if camera.mount is not None:
         imu = camera.mount.imu
@@ -108,7 +108,7 @@ def camera_facts(camera: Camera) -> Table:
 
 
 def image_text(model: CameraModel, focal_sigma: float | None = None) -> str:
-    """The size of the image and its lens; ``focal_sigma`` is that of the focal length's logarithm, where uncertain."""
+    """Describe image size and lens; ``focal_sigma`` is the standard deviation of the focal length's logarithm."""
     bent = f"{len(model.distortion)} distortion coefficients" if model.distortion else "no distortion"
     known_to = f" ± {100 * focal_sigma:.1f} %" if focal_sigma else ""
     focal = f"focal length {model.focal[0]:.0f}, {model.focal[1]:.0f} px{known_to}"
@@ -116,7 +116,7 @@ def image_text(model: CameraModel, focal_sigma: float | None = None) -> str:
 
 
 def clock_rows(clock: VideoClock, sigma: tuple[float, float] | None = None) -> list[Row]:
-    """How the video's clock differs from the sensors' at its time 0, and how that changes."""
+    """Rows of offset and drift of the video's clock."""
     rows: list[Row] = []
     offset_sigma, drift_sigma = (math.nan, math.nan) if sigma is None else sigma
     if clock.offset or clock.drift or sigma is not None:
@@ -127,7 +127,7 @@ def clock_rows(clock: VideoClock, sigma: tuple[float, float] | None = None) -> l
 
 
 def detection_rows(detections: Detections) -> list[Row]:
-    """Frames and rate of a video, and the people that a detector found in it."""
+    """Rows of a video's frames, rate and detections."""
     keypoints, frames = detections.keypoints, len(detections.time)
     rows: list[Row] = [("keypoints", f"{keypoints.name} ({len(keypoints)})")]
     if not frames:
@@ -138,9 +138,9 @@ def detection_rows(detections: Detections) -> list[Row]:
     shares = ", ".join(f"{number or 'nobody'} in {times}" for number, times in zip(people, often, strict=True))
     rows.append(("detections", f"{len(detections)}; people per frame: {shares}"))
     if len(detections):
-        seen = detections.seen
-        middle = np.median(detections.confidence[seen]) if np.any(seen) else 0.0
-        rows.append(("keypoints seen", f"{100 * seen.mean():.0f} %, median confidence {middle:.2f}"))
+        is_detected = detections.seen
+        middle = np.median(detections.confidence[is_detected]) if np.any(is_detected) else 0.0
+        rows.append(("keypoints seen", f"{100 * is_detected.mean():.0f} %, median confidence {middle:.2f}"))
     if detections.torso_colour is not None:
         coloured = int(np.sum(np.isfinite(detections.torso_colour).all(axis=1)))
         rows.append(("colours of clothes", f"in {coloured} of them, to tell who is who"))
@@ -158,8 +158,8 @@ def _video_rows(video: Video | None) -> list[Row]:
 
 
 def path_text(p_world_camera: Array) -> str:
-    """Where a camera stood, or how far it went; positions ``(T, 3)`` in metres."""
-    stands = 0.1  # m: what stays as near to one place was no walk, though its steps add up to metres
+    """Describe a camera's position or the length of its path; positions ``(T, 3)`` in metres."""
+    stands = 0.1  # m: within it a camera counts as static
     middle = np.median(p_world_camera, axis=0)
     where = f"stood at {', '.join(f'{value:.2f}' for value in middle)} m"
     if len(p_world_camera) == 1:
@@ -172,25 +172,25 @@ def path_text(p_world_camera: Array) -> str:
 
 
 def _scene_truth_facts(truth: SceneTruth, names: Sequence[str]) -> Table:
-    given = [f"{np.sum(truth.wearer == index)} of {name}" for index, name in enumerate(names)]
+    counts = [f"{np.sum(truth.wearer == index)} of {name}" for index, name in enumerate(names)]
     rows = [("path", path_text(truth.camera.p_world_camera))]
-    more = {"heading and mounting of its sensor": truth.camera_calibration, "true pixels": truth.pixels}
-    rows += [("also", name) for name, value in more.items() if value is not None]
-    rows.append(("detections", f"{', '.join(given)}, {np.sum(truth.wearer < 0)} of others or nobody"))
+    references = {"heading and mounting of its sensor": truth.camera_calibration, "true pixels": truth.pixels}
+    rows += [("also", name) for name, value in references.items() if value is not None]
+    rows.append(("detections", f"{', '.join(counts)}, {np.sum(truth.wearer < 0)} of others or nobody"))
     return facts("truth of the camera", *rows)
 
 
 def recording_tables(
     recording: Recording, time: Mapping[str, Array] | None = None, truth_frames: int | None = None
 ) -> Iterator[Table]:
-    """Everything about a recording; times and number of true frames where these were not read."""
+    """Yield all tables of a recording; ``time`` and ``truth_frames`` replace samples that were not read."""
     yield recording_facts(recording)
     yield sensor_table(recording, time)
     yield truth_facts(recording, truth_frames)
 
 
 def scene_tables(scene: Scene) -> Iterator[Table]:
-    """Everything about a scene: its cameras, then each wearer."""
+    """Yield all tables of a scene: cameras, then wearers."""
     rows = [(count(len(scene.wearers), "wearer"), ", ".join(scene.names))]
     yield facts(f"scene '{scene.name}'", *rows, *([] if scene.cameras else [("camera", "none")]))
     truths = (None,) * len(scene.cameras) if scene.truth is None else (scene.truth, *scene.truth.further)
@@ -203,7 +203,7 @@ def scene_tables(scene: Scene) -> Iterator[Table]:
 
 
 def site_table() -> Table:
-    """Sites for sensors by name, where they are, and the axes of a sensor there."""
+    """Table of sensor sites: name, position and axes."""
     rows = []
     for name in SITES:
         where, axes = site_axes(name).split("; ")

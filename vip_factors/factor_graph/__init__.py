@@ -1,4 +1,4 @@
-"""The same objective as a ``gtsam.NonlinearFactorGraph``: to look at, to extend, to hold the fast solver against."""
+"""The objective as a ``gtsam.NonlinearFactorGraph``, to inspect, to extend and to validate the solver."""
 
 import lazy_loader
 

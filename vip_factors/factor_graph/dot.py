@@ -1,4 +1,4 @@
-"""Three frames of a factor graph in Graphviz's DOT language, and as a picture laid out by Graphviz."""
+"""Drawing of three frames of a factor graph with Graphviz: DOT text and SVG."""
 
 import itertools
 import re
@@ -11,7 +11,7 @@ from vip_factors.errors import InputError
 from vip_factors.factor_graph.graph import FactorGraph
 from vip_factors.factor_graph.variables import Variable
 
-FRAMES = 3  # an acceleration spans as many
+FRAMES = 3  # spanned by an acceleration
 LAYOUT_SECONDS = 60.0
 GRAPH = """rankdir=LR; ranksep=1; nodesep=0.1; fontname="Helvetica,Arial,sans-serif";
   node[fontname="Helvetica,Arial,sans-serif", fontsize=13, style=filled, fillcolor="#dbe6f5", color="#3f6fb5"];"""
@@ -22,44 +22,44 @@ COLOURS = (
     "#6b6b1c", "#2f78a6", "#5a6473", "#8a1f31", "#a33c10", "#3b3f8f", "#1f7a58",
 )  # fmt: skip
 Node = tuple[str, int | None]
-"""Kind of variables, and their frame; None if all frames share them."""
+"""Kind of variables and their frame; None for static variables."""
 
 
-def dot(graph: FactorGraph, title: str, first: int | None = None) -> str:
-    """Three frames of a graph as DOT text: ellipses are kinds of variables, boxes kinds of factors, with their counts.
+def dot(graph: FactorGraph, title: str, first_frame: int | None = None) -> str:
+    """Draw three frames of a graph as DOT text: ellipses are kinds of variables, boxes kinds of factors, with counts.
 
-    GTSAM writes the graph; colours, frames and the order of the columns are put around it. Variables of a kind share a
-    node, those of several wearers too. The frames begin with ``first``; if None, in the recording's middle.
+    GTSAM writes the graph; colours, frames and the order of columns are added. Variables of a kind share a node, also
+    those of several wearers. The frames begin with ``first_frame``, by default in the recording's middle.
 
     Raises:
         InputError: if the graph has no such frame.
     """
     count = len(graph.time)
-    first = max(count - FRAMES, 0) // 2 if first is None else first
-    if not 0 <= first < count:
-        raise InputError(f"frame {first}: the graph has frames 0 to {count - 1}; choose one of them")
-    window = range(first, min(first + FRAMES, count))
+    first_frame = max(count - FRAMES, 0) // 2 if first_frame is None else first_frame
+    if not 0 <= first_frame < count:
+        raise InputError(f"frame {first_frame}: the graph has frames 0 to {count - 1}; choose one of them")
+    window = range(first_frame, min(first_frame + FRAMES, count))
     variables = Counter(_node(graph, variable) for variable in graph.variables)
     nodes = [node for node in variables if node[1] is None or node[1] in window]
     keys = {node: key for key, node in enumerate(nodes)}
-    seen: dict[tuple[str, tuple[int, ...]], dict[Node, None]] = {}
+    connections: dict[tuple[str, tuple[int, ...]], dict[Node, None]] = {}
     factors: Counter[tuple[str, tuple[int, ...]]] = Counter()
     for factor in graph.factors:
         sees = dict.fromkeys(_node(graph, variable) for variable in factor.variables)
         if all(node in keys for node in sees):
             box = factor.kind, tuple(sorted({frame for _, frame in sees if frame is not None}))
-            seen.setdefault(box, {}).update(sees)
+            connections.setdefault(box, {}).update(sees)
             factors[box] += 1
     symbolic = gtsam.SymbolicFactorGraph()
-    for sees in seen.values():
+    for sees in connections.values():
         symbolic.push_back(gtsam.SymbolicFactor.FromKeys([keys[node] for node in sees]))
     labels = [_label(node[0], variables[node], "\\n") for node in nodes]
     text = symbolic.dot(lambda key: labels[int(key)])
-    colours = dict(zip(dict.fromkeys(kind for kind, _ in seen), itertools.cycle(COLOURS), strict=False))
-    boxes = list(seen)
+    colours = dict(zip(dict.fromkeys(kind for kind, _ in connections), itertools.cycle(COLOURS), strict=False))
+    boxes = list(connections)
 
     def edge(match: re.Match[str]) -> str:
-        """An edge in its factor's colour; columns are frames, their factors, what frames share, and priors on that."""
+        """Draw an edge in its factor's colour; columns are frames, factors, static variables and their priors."""
         key, (kind, frames) = int(match[1]), boxes[int(match[2])]
         ends = (f"var{key}", f"factor{match[2]}")
         ends = ends[::-1] if frames and nodes[key][1] is None else ends
@@ -81,7 +81,7 @@ def dot(graph: FactorGraph, title: str, first: int | None = None) -> str:
 
 
 def _body(text: str) -> str:
-    """What GTSAM writes between the braces, without the size that it gives the picture."""
+    """Statements of GTSAM's DOT text, without the size of the drawing."""
     return text[text.index(";") + 1 : text.rindex("}")].strip("\n")
 
 
@@ -95,9 +95,7 @@ def _label(kind: str, count: int, between: str = " ") -> str:
 
 
 def svg(text: str) -> bytes | None:
-    """The picture of DOT text, laid out by Graphviz's program; None without Graphviz, or if it fails or takes longer
-    than a minute.
-    """
+    """Lay out DOT text with Graphviz; None without Graphviz, or if it fails or takes longer than a minute."""
     try:
         program = subprocess.run(
             ["dot", "-Tsvg"], input=text.encode(), capture_output=True, timeout=LAYOUT_SECONDS, check=True

@@ -1,4 +1,4 @@
-"""A problem as a ``gtsam.NonlinearFactorGraph``, with values to start from and back."""
+"""Conversion of a problem to a ``gtsam.NonlinearFactorGraph`` with initial values, and back."""
 
 import time
 from collections import Counter
@@ -34,16 +34,15 @@ from vip_factors.solve.levenberg_marquardt import (
 
 @dataclass(frozen=True, repr=False)
 class FactorGraph(Summarised):
-    """A factor graph in the open. Keys are those of :mod:`vip_factors.factor_graph.keys`, and its methods give those of
-    sensors by name.
+    """Factor graph of a scene, with keys of :mod:`vip_factors.factor_graph.keys`.
 
     Attributes:
-        graph: of GTSAM; factors may be added to it.
-        values: to start from.
-        time: ``(T,)`` seconds of the frames that keys count.
-        factors: of the graph, in its order, with what they stand for.
-        variables: of the values.
-        problem, state: what the graph was made of; the state holds what does not move.
+        graph: GTSAM's graph; factors may be added to it.
+        values: initial values.
+        time: ``(T,)`` seconds of the frames.
+        factors: factors of the graph in its order, with their kinds and variables.
+        variables: variables of the values.
+        problem, state: origin of the graph; the state contains the constant variables.
     """
 
     graph: gtsam.NonlinearFactorGraph
@@ -55,14 +54,13 @@ class FactorGraph(Summarised):
     state: SceneState
 
     def state_at(self, values: gtsam.Values) -> SceneState:
-        """The state that values stand for."""
+        """Convert values to a state."""
         return state_of(values, self.state, self.variables)
 
     def solved(self, settings: SolveSettings | None = None) -> gtsam.Values:
-        """The values at which the package's own solver ends, which sums the terms of all frames at once.
+        """Solve with the package's solver, which is faster than GTSAM's, from the graph's initial state.
 
-        It starts where the graph does. Factors that were added to ``graph`` are not in it: give them to ``smooth`` as
-        ``extra_factors``.
+        Factors that were added to ``graph`` are ignored: pass them to ``smooth`` as ``extra_factors``.
 
         Raises:
             SolveError: if the problem is not determined.
@@ -71,10 +69,10 @@ class FactorGraph(Summarised):
         return values_of(state, self.variables)
 
     def marginals(self, values: gtsam.Values) -> dict[int, Array]:
-        """The covariance ``(w, w)`` of each variable at a solution, by its key and in GTSAM's tangent space.
+        """Marginal covariances ``(w, w)`` at a solution, by key, in GTSAM's tangent space.
 
-        One elimination of all frames gives the blocks of ``gtsam.Marginals``. Of a heading that drifts only the first
-        step has an entry.
+        One elimination of all frames gives the blocks of ``gtsam.Marginals``. A drifting heading has an entry for its
+        first step only.
 
         Raises:
             SolveError: if a variable is not determined.
@@ -91,7 +89,7 @@ class FactorGraph(Summarised):
 
     @property
     def sensors(self) -> dict[str, dict[str, int]]:
-        """The number of each sensor in keys, by the names of wearer and sensor."""
+        """Number of each sensor in keys, by the names of wearer and sensor."""
         wearers = ((wearer.name, wearer.frames.sensors) for wearer in self.problem.wearers)
         return {wearer: {sensor: number for number, sensor in enumerate(sensors)} for wearer, sensors in wearers}
 
@@ -110,21 +108,21 @@ class FactorGraph(Summarised):
         return keys.variable_key(block, self.sensors[wearer][sensor], list(self.sensors).index(wearer))
 
     def key_words(self, key: int) -> str:
-        """A key in words, such as ``heading of left_shank, Ada``: a formatter for what GTSAM prints."""
+        """Describe a key, such as ``heading of left_shank, Ada``; usable as GTSAM's key formatter."""
         variable = variable_of(key)
         if variable is None:
             return str(gtsam.DefaultKeyFormatter(key))
-        items, words = {JOINT: JOINT_NAMES, "keypoint_offsets": OFFSET_KEYPOINTS}.get(variable.block, ()), variable.kind
+        names, words = {JOINT: JOINT_NAMES, "keypoint_offsets": OFFSET_KEYPOINTS}.get(variable.block, ()), variable.kind
         wearer = self.problem.wearers[variable.wearer] if variable.owner.kind is Owner.WEARER else None
         if wearer is not None and not variable.is_of_a_frame and ROWS[variable.block].of_sensors:
-            items = wearer.frames.sensors
-        words += f" of {items[variable.item]}" if items else ""
+            names = wearer.frames.sensors
+        words += f" of {names[variable.item]}" if names else ""
         words += f", frame {variable.frame}" if variable.is_of_a_frame or variable.is_of_the_camera_path else ""
         words += f", step {variable.step}" if variable.step else ""
         return words if wearer is None else f"{words}, {wearer.name}"
 
     def summary(self) -> list[str]:
-        """How many factors on how many variables in how many frames, and how many of each kind."""
+        """Describe numbers of factors, variables and frames, and of each kind."""
         size = f"{self.graph.size()} factors on {self.values.size()} variables in {len(self.time)} frames"
         counts = {"variables": self.variable_counts, "factors": self.factor_counts}
         kinds = ((label, (f"{n} {kind}" for kind, n in count.most_common())) for label, count in counts.items())
@@ -133,25 +131,26 @@ class FactorGraph(Summarised):
 
     @property
     def factor_counts(self) -> Counter[str]:
-        """How many factors there are of each kind."""
-        return Counter(one.kind for one in self.factors)
+        """Number of factors of each kind."""
+        return Counter(factor.kind for factor in self.factors)
 
     @property
     def variable_counts(self) -> Counter[str]:
-        """How many variables there are of each kind."""
-        return Counter(one.kind for one in self.variables)
+        """Number of variables of each kind."""
+        return Counter(variable.kind for variable in self.variables)
 
 
 def factor_graph_of(problem: SceneProblem, state: SceneState, layout: Layout | None = None) -> FactorGraph:
-    """The factor graph of a scene's problem, to be started at a state; ``layout`` says which variables move: all that
-    the problem frees, if absent.
+    """Build the factor graph of a scene's problem with initial values from a state.
+
+    ``layout`` defines the free variables; by default those of the problem.
     """
     layout = layout or scene_layout(problem)
-    steps = {number: max(len(one.heading_times) - 1, 0) for number, one in enumerate(problem.wearers)}
+    steps = {number: max(len(wearer.heading_times) - 1, 0) for number, wearer in enumerate(problem.wearers)}
     variables = tuple(variables_of(layout, problem.frames, steps))
     factors, graph = tuple(term_factors(problem, state, layout)), gtsam.NonlinearFactorGraph()
-    for one in factors:
-        graph.push_back(one.factor)
+    for factor in factors:
+        graph.push_back(factor.factor)
     time = np.asarray(problem.wearers[0].frames.time)
     return FactorGraph(graph, values_of(state, variables), time, factors, variables, problem, state)
 
@@ -165,37 +164,36 @@ def optimise_with_gtsam(
 ) -> tuple[SceneState, SolveReport]:
     """Minimise an objective with ``gtsam.LevenbergMarquardtOptimizer``.
 
-    The arguments are those of :func:`~vip_factors.solve.levenberg_marquardt.levenberg_marquardt`. Factors that would
-    come to exist only elsewhere than at the start are not there: a joint limit always is, a measurement that is missing
-    never.
+    The arguments are those of :func:`~vip_factors.solve.levenberg_marquardt.levenberg_marquardt`. The factors are those
+    that exist at the start.
 
     Raises:
         SolveError: if the problem is not determined.
     """
     begin = time.perf_counter()
     problem = objective.problem
-    whole, extra = factor_graph_of(problem, start, objective.layout), problem.extra
+    scene_graph, extra = factor_graph_of(problem, start, objective.layout), problem.extra
     if isinstance(extra, UserTerms):
-        whole.graph.push_back(extra.factors(problem))
+        scene_graph.graph.push_back(extra.factors(problem))
     parameters = gtsam.LevenbergMarquardtParams()
     parameters.setlambdaInitial(INITIAL_DAMPING)
     parameters.setlambdaUpperBound(MAX_DAMPING)
     parameters.setMaxIterations(settings.max_iterations)
-    optimiser = gtsam.LevenbergMarquardtOptimizer(whole.graph, whole.values, parameters)
-    before, iterations, converged = optimiser.error(), list[Iteration](), False
+    optimiser = gtsam.LevenbergMarquardtOptimizer(scene_graph.graph, scene_graph.values, parameters)
+    cost, iterations, converged = optimiser.error(), list[Iteration](), False
     while len(iterations) < settings.max_iterations and not converged:
         lap = time.perf_counter()
         try:
             optimiser.iterate()
-        except RuntimeError as error:  # gtsam's IndeterminantLinearSystemException arrives as this
+        except RuntimeError as error:  # gtsam's IndeterminantLinearSystemException
             raise SolveError(f"{stage}: GTSAM's optimiser: {str(error).strip().splitlines()[-1]}") from error
-        after = optimiser.error()
+        next_cost = optimiser.error()
         seconds = {"iterate": time.perf_counter() - lap}
-        iterations.append(Iteration(after, optimiser.lambda_(), after < before, seconds))
-        converged = before - after <= settings.relative_decrease * before
-        before = after
+        iterations.append(Iteration(next_cost, optimiser.lambda_(), next_cost < cost, seconds))
+        converged = cost - next_cost <= settings.relative_decrease * cost
+        cost = next_cost
         if progress is not None:
             progress(1.0 if converged else len(iterations) / settings.max_iterations)
-    state = whole.state_at(optimiser.values())
+    state = scene_graph.state_at(optimiser.values())
     costs = dict(objective.cost(start)), dict(objective.cost(state))
     return state, SolveReport(stage, tuple(iterations), *costs, converged, time.perf_counter() - begin)

@@ -1,1 +1,1 @@
-"""Where the optimiser starts: headings, mountings, and a pose per frame."""
+"""Initial values: headings, mountings, poses, cameras and clocks."""

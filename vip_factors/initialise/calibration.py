@@ -1,12 +1,10 @@
-"""First headings and mountings: from rough placement, initial pose (thesis 4.3.1, eq. 4.7) and motion.
+"""Initial headings and mountings from rough placement, initial pose (thesis 4.3.1, eq. 4.7) and motion.
 
-Headings from motion: all sensors of one wearer ride along the same path. Below a third of a hertz, limbs do not
-accelerate on their own: what is left of each sensor's horizontal acceleration is the wearer setting off, turning and
-stopping, the same for all. In each sensor's inertial frame it appears turned by that sensor's heading, whatever the
-mounting.
+Headings from motion: below a third of a hertz, the horizontal acceleration of all sensors is that of the wearer's path.
+In each sensor's inertial frame it is rotated by that sensor's heading, independent of the mounting.
 
-First poses have instrumented bones as their sensors say and the others at the prior's mean; the first root path is
-kinematics alone: whichever foot stands lowest stands still.
+Initial poses have instrumented bones as measured and the others at the prior's mean; in the initial root path the
+lowest foot stands still.
 """
 
 from collections.abc import Sequence
@@ -38,33 +36,33 @@ TRUNK = (0, 3, 6, 9, 12, 15)  # pelvis, spine, neck, head
 
 @dataclass(frozen=True)
 class HeadingEvidence:
-    """Angles in radians and their standard deviations (infinite where there is no evidence), ``(S,)`` each."""
+    """Headings ``(S,)`` and standard deviations ``(S,)`` in radians, infinite without evidence."""
 
     headings: Array
     sigma: Array
 
-    def combined(self, other: "HeadingEvidence") -> "HeadingEvidence":
-        """Both, weighted by their information, the short way round the circle."""
-        own, others = self.sigma**-2.0, other.sigma**-2.0
-        share = others / (own + others)
-        headings = self.headings + share * wrap_angle(other.headings - self.headings)
-        return HeadingEvidence(headings, (own + others) ** -0.5)
+    def combined(self, evidence: "HeadingEvidence") -> "HeadingEvidence":
+        """Combine two estimates, weighted by their information, along the shorter arc."""
+        information_1, information_2 = self.sigma**-2.0, evidence.sigma**-2.0
+        share = information_2 / (information_1 + information_2)
+        headings = self.headings + share * wrap_angle(evidence.headings - self.headings)
+        return HeadingEvidence(headings, (information_1 + information_2) ** -0.5)
 
 
 def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvidence:
-    """Heading of every sensor less that of the reference sensor, from low-passed horizontal acceleration.
+    """Heading of every sensor relative to the reference sensor's, from low-passed horizontal acceleration.
 
     The reference itself, and sensors without acceleration or without common motion, have infinite sigma.
     """
-    pad_periods = 3  # recordings shorter than this many periods of the cut-off say nothing
-    inflation = 2.0  # of the error that the coherence promises: what limbs do in step with the body is no white noise
-    least_coherence = 0.5  # below it the limbs' own motion, or standing still, leaves no common acceleration to see
+    pad_periods = 3  # shortest recording, in periods of the cut-off
+    inflation = 2.0  # of the error expected from the coherence: motion of limbs is not white noise
+    least_coherence = 0.5  # below it there is no common acceleration
     cutoff_hz = 0.3  # below a slow step (0.5 Hz per foot), above the drift of attitude filters
     S = len(frames.sensors)
     none = HeadingEvidence(np.zeros(S), np.full(S, np.inf))
-    whole = frames.acceleration_valid
-    use = np.any(whole, axis=0)
-    rows = np.flatnonzero(np.all(whole[:, use], axis=1))
+    acceleration_valid = frames.acceleration_valid
+    use = np.any(acceleration_valid, axis=0)
+    rows = np.flatnonzero(np.all(acceleration_valid[:, use], axis=1))
     duration = len(rows) * frames.step
     if not use[reference] or duration * cutoff_hz < pad_periods or 2 * cutoff_hz * frames.step >= 1:
         return none
@@ -72,7 +70,7 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
     smooth = _low_passed(force[..., :2], cutoff_hz * frames.step)
     z = smooth[..., 0] + 1j * smooth[..., 1]
     z = z - z.mean(axis=0)
-    cross = np.conj(z).T @ z[:, reference]  # turned from each sensor's frame to the reference's
+    cross = np.conj(z).T @ z[:, reference]  # rotation from each sensor's frame to the reference's
     power = np.sqrt(np.sum(np.abs(z) ** 2, axis=0))
     product = power * power[reference]
     coherence = np.where(product > 0, np.abs(cross) / np.where(product > 0, product, 1.0), 0.0)
@@ -86,20 +84,19 @@ def headings_from_acceleration(frames: ImuFrames, reference: int) -> HeadingEvid
 
 
 def _low_passed(signal: Array, cutoff: float) -> Array:
-    """Forwards and backwards through a Butterworth filter of second order, ``cutoff`` in cycles per frame.
+    """Filter forwards and backwards with a second-order Butterworth low-pass, ``cutoff`` in cycles per frame.
 
-    As ``scipy.signal.sosfiltfilt`` has it, which brings scipy.stats, a third of a second: beyond the ends the signal
-    goes on turned about them, and was constant before.
+    Equal to ``scipy.signal.sosfiltfilt``, whose import takes a third of a second.
     """
-    pad = 9  # frames beyond the ends that a filter starts in
+    pad = 9  # frames of odd extension beyond the ends
     w = np.tan(np.pi * cutoff)
     scale = 1 / (1 + np.sqrt(2) * w + w**2)
     gains = scale * w**2 * np.array([1.0, 2.0, 1.0])
     feedback = scale * np.array([2 * (w**2 - 1), w**2 - np.sqrt(2) * w + 1])
 
     def filtered(x: Array) -> Array:
-        before = np.concatenate([x[:1], x[:1], x])
-        driven = gains[0] * x + gains[1] * before[1:-1] + gains[2] * before[:-2]
+        padded = np.concatenate([x[:1], x[:1], x])
+        driven = gains[0] * x + gains[1] * padded[1:-1] + gains[2] * padded[:-2]
         driven[0] -= feedback.sum() * x[0]
         driven[1] -= feedback[1] * x[0]
         bands = np.ones((3, len(x)))
@@ -114,7 +111,7 @@ def _low_passed(signal: Array, cutoff: float) -> Array:
 
 @dataclass(frozen=True)
 class InitialCalibration:
-    """What the graph starts from, in the order of the frames' sensors.
+    """Initial values of headings and mountings, in the order of the frames' sensors.
 
     Attributes:
         headings: ``(S,)`` radians, with standard deviations ``heading_sigma``.
@@ -128,9 +125,9 @@ class InitialCalibration:
     R_world_bone: Array | None = None
 
     def facing(self, angle: float) -> "InitialCalibration":
-        """The same, had the wearer faced ``angle`` radians further to the right in the initial pose.
+        """Turn the wearer's facing in the initial pose by ``angle`` radians to the right.
 
-        Relative to one another the headings stay; only which way the wearer's front is changes.
+        Heading differences are unchanged.
         """
         if self.R_world_bone is None:
             return self
@@ -142,12 +139,11 @@ class InitialCalibration:
 def initial_calibration(
     frames: ImuFrames, placement: Placement, skeleton: Skeleton, pose: HeldPose | None, seconds: float, reference: int
 ) -> InitialCalibration:
-    """Headings and mountings from the first ``seconds`` of a recording, and headings from all of its motion.
+    """Estimate headings and mountings from the first ``seconds`` of a recording, and headings from all of its motion.
 
-    The wearer is taken to face the world's x axis at the start. Each heading makes the rough mounting agree with the
-    initial pose about the vertical, and the motion with that of the reference sensor, each as far as it is sure. With
-    a declared pose the mounting is then read off that pose; without one the rough mounting stays, and the headings
-    suppose that the wearer starts upright with the arms hanging.
+    The wearer faces the world's x axis at the start. Headings combine the rough mounting in the initial pose with the
+    motion relative to the reference sensor. Mountings follow from a declared pose; without one they remain the rough
+    ones, and headings assume that the wearer starts upright with the arms hanging.
 
     Raises:
         RecordingError: if a sensor has no orientation in that time.
@@ -169,24 +165,26 @@ def initial_calibration(
 
 
 def known_calibration(frames: ImuFrames, calibrations: dict[str, SensorCalibration]) -> InitialCalibration:
-    """Headings and mountings that are known already, of a simulator or of an earlier estimate.
+    """Take headings and mountings from a simulator or an earlier estimate.
 
     Raises:
-        RecordingError: if one of the sensors is missing among them.
+        RecordingError: if a sensor is missing.
     """
     missing = [name for name in frames.sensors if name not in calibrations]
     if missing:
         raise RecordingError(f"no known calibration of sensor '{missing[0]}': known are {', '.join(calibrations)}")
     chosen = [calibrations[name] for name in frames.sensors]
-    headings = np.array([one.heading for one in chosen])
-    return InitialCalibration(headings, np.full(len(chosen), np.inf), np.stack([one.R_bone_sensor for one in chosen]))
+    headings = np.array([calibration.heading for calibration in chosen])
+    return InitialCalibration(
+        headings, np.full(len(chosen), np.inf), np.stack([calibration.R_bone_sensor for calibration in chosen])
+    )
 
 
 def orientation_at_start(frames: ImuFrames, seconds: float) -> Array:
     """Mean orientation ``(S, 3, 3)`` of each sensor over its first ``seconds`` of data.
 
     Raises:
-        RecordingError: if a sensor has none.
+        RecordingError: if a sensor has no orientation.
     """
     count = max(1, round(seconds / frames.step))
     means = []
@@ -201,12 +199,11 @@ def orientation_at_start(frames: ImuFrames, seconds: float) -> Array:
 def first_poses(
     frames: ImuFrames, bones: Sequence[int], headings: Array, R_bone_sensor: Array, prior: PosePrior
 ) -> Array:
-    """Joint rotations ``(T, 24, 3, 3)`` to start the inertial tracker from; headings ``(S,)``, or ``(T, S)`` by frame.
+    """Initial joint rotations ``(T, 24, 3, 3)`` of the inertial tracker; headings are ``(S,)``, or ``(T, S)`` by frame.
 
-    Between two instrumented bones the joints start at the prior's mean and share what is left, a like angle each: a
-    trunk whose neck alone did all the turning would start beyond its limits, in another valley than the solution's.
-    Where several sensors share a bone the first one decides; what it missed is interpolated, and one that measured
-    nothing is passed over. A pelvis without a sensor follows the first bone up the spine that has one.
+    Joints between two instrumented bones start at the prior's mean and share the remaining rotation equally, so that
+    none starts beyond its limits. If several sensors share a bone, the first one that measured is used, with gaps
+    interpolated. A pelvis without a sensor follows the lowest instrumented bone of the trunk.
     """
     measured = dict[int, Array]()
     for s, bone in enumerate(bones):
@@ -214,7 +211,7 @@ def first_poses(
             measured[bone] = _bone_orientation(frames, s, headings[..., s], R_bone_sensor[s])
     mean = np.concatenate([np.eye(3)[None], exp(prior.mean.reshape(-1, 3))])
     R_world_bone = np.empty((len(frames), JOINT_COUNT, 3, 3))
-    # A pelvis without a sensor is turned as the lowest instrumented bone of the trunk
+
     R_world_bone[:, 0] = next(measured[bone] for bone in (*TRUNK, 1, 2, *measured) if bone in measured)
     placed = {0}
     for bone in sorted(measured, key=lambda bone: (bone not in TRUNK, len(ancestors(bone)))):
@@ -223,9 +220,9 @@ def first_poses(
             continue
         start = R_world_bone[:, PARENTS[chain[0]]]
         followed = start[:, None] @ np.stack(list(accumulate(mean[chain], np.matmul)))
-        left = log(transpose(start) @ measured[bone] @ transpose(followed[:, -1]) @ start)
+        remaining_turn = log(transpose(start) @ measured[bone] @ transpose(followed[:, -1]) @ start)
         shares = np.arange(1, len(chain) + 1) / len(chain)
-        turned = exp(shares[:, None] * left[:, None])
+        turned = exp(shares[:, None] * remaining_turn[:, None])
         R_world_bone[:, chain] = start[:, None] @ turned @ transpose(start)[:, None] @ followed
         placed |= set(chain)
     for joint in range(JOINT_COUNT):
@@ -235,14 +232,14 @@ def first_poses(
 
 
 def _bone_orientation(frames: ImuFrames, s: int, headings: Array, R_bone_sensor: Array) -> Array:
-    """``R_world_bone`` ``(T, 3, 3)`` of the bone that carries a sensor (thesis eq. 4.8), gaps interpolated."""
-    seen = frames.orientation_valid[:, s]
-    R_inertial_sensor = interpolate_rotations(frames.time[seen], frames.R_inertial_sensor[seen, s], frames.time)
+    """Orientation ``R_world_bone`` ``(T, 3, 3)`` of a sensor's bone (thesis eq. 4.8), gaps interpolated."""
+    is_valid = frames.orientation_valid[:, s]
+    R_inertial_sensor = interpolate_rotations(frames.time[is_valid], frames.R_inertial_sensor[is_valid, s], frames.time)
     return rotation_z(headings) @ R_inertial_sensor @ transpose(R_bone_sensor)
 
 
 def standing_path(body: BodyState, points: tuple[tuple[int, Array], ...]) -> Array:
-    """Root positions ``(T, 3)`` that keep the lowest contact point of each frame where it is, on a floor at z = 0.
+    """Root positions ``(T, 3)`` for which the lowest contact point of each frame does not move, on a floor at z = 0.
 
     ``body`` has its root at the origin in all frames.
     """
@@ -257,16 +254,14 @@ def standing_path(body: BodyState, points: tuple[tuple[int, Array], ...]) -> Arr
 
 
 def contact_confidence(body: BodyState, points: tuple[tuple[int, Array], ...], step: float) -> Array:
-    """How surely each contact point ``(T, C)`` bears the body, in [0, 1]: it is low, and slower than anything else.
+    """Confidence ``(T, C)`` in [0, 1] that contact points are loaded: low and slow points.
 
-    ``body`` is placed in the world, with a first guess of its root path.
+    ``body`` is in the world, with an initial root path.
     """
-    # Frames: at 15 Hz it is one and a half of them, and the last digit of a time must not say one or two
-    rounding = 1e-6
-    smoothing = 0.1  # s over which confidence is averaged: a contact lasts longer than that
-    speed_scale = 0.4  # m/s: a planted foot rolls slower than this, a swinging one moves at 2–4 m/s
-    # M above the lowest point within which a point may bear the body: soles and floors are not flat
-    height_band = 0.03
+    rounding = 1e-6  # frames: makes rounding of half frames independent of the last digit of a time
+    smoothing = 0.1  # s, averaging window, shorter than a contact
+    speed_scale = 0.4  # m/s: a planted foot is slower, a swinging one moves at 2–4 m/s
+    height_band = 0.03  # m above the lowest point: soles and floors are not flat
     p = body.points(np.array([bone for bone, _ in points]), np.array([point for _, point in points]))
     velocity = np.gradient(p, step, axis=0)
     speed = np.linalg.norm(velocity, axis=2)
@@ -274,4 +269,4 @@ def contact_confidence(body: BodyState, points: tuple[tuple[int, Array], ...], s
     confidence = np.exp(-0.5 * (speed / speed_scale) ** 2 - 0.5 * (height / height_band) ** 2)
     frames = max(1, round(smoothing / step + rounding))
     averaged = scipy.ndimage.uniform_filter1d(confidence, frames, axis=0)
-    return np.clip(averaged, 0.0, 1.0)  # the running sum rounds to slightly below zero
+    return np.clip(averaged, 0.0, 1.0)  # the running sum may be slightly negative

@@ -1,4 +1,4 @@
-"""Where a path from visual odometry lies in the world of the wearers whom the camera saw."""
+"""Alignment of a path from visual odometry with the world of the wearers."""
 
 import itertools
 from dataclasses import replace
@@ -55,11 +55,11 @@ def along_odometry(odometry: Odometry, rough: CameraPath) -> tuple[CameraPath, f
         scale = _scale(*paths[number], rough.frames(stretches[number]))
     R_world_camera, p_world_camera = rough.R_world_camera.copy(), rough.p_world_camera.copy()
     for stretch, (R, p) in zip(stretches, paths, strict=True):
-        part = rough.frames(stretch)
-        turn = robust_mean_rotation(part.R_world_camera @ R.swapaxes(1, 2))
+        segment = rough.frames(stretch)
+        turn = robust_mean_rotation(segment.R_world_camera @ R.swapaxes(1, 2))
         p_turned = scale * p @ turn.T
         R_world_camera[stretch] = turn @ R
-        p_world_camera[stretch] = p_turned + np.median(part.p_world_camera - p_turned, axis=0)
+        p_world_camera[stretch] = p_turned + np.median(segment.p_world_camera - p_turned, axis=0)
     return CameraPath(rough.time, R_world_camera, p_world_camera), scale
 
 

@@ -1,4 +1,4 @@
-"""How far the video's clock is off the sensors', found from how people move."""
+"""Offset and drift of the video's clock relative to the sensors', estimated from the motion of people."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -18,22 +18,22 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import MAX_OFFSET_S
 
-OFFSETS_S = 0.35  # either side of the offset that was found for the whole
-FIT_S = 0.05  # over which a peak is a parabola
-LEAST_STRETCHES = 3  # that make a line
+OFFSETS_S = 0.35  # on either side of the offset of the whole video
+FIT_S = 0.05  # half-width of the parabola fitted to a peak
+LEAST_STRETCHES = 3  # for a line
 
 
 @dataclass(frozen=True)
 class ClockDrift:
-    """A line through the offsets of stretches.
+    """Line through the clock offsets of stretches.
 
     Attributes:
-        per_second: seconds more to add in every second of the video.
-        sigma: its standard deviation.
-        middle: of the video's times, where the line has the offset ``seconds``.
-        seconds: to add there to the video's times to get the sensors'.
+        per_second: drift, seconds per second of the video.
+        sigma: standard deviation of the drift.
+        middle: middle of the video, seconds on its clock.
+        seconds: offset there, to add to the video's times to get the sensors'.
         duration: of the video, seconds.
-        stretches: how many of them tell it.
+        stretches: number of stretches used.
     """
 
     per_second: float
@@ -45,7 +45,7 @@ class ClockDrift:
 
     @property
     def matters(self) -> bool:
-        """Whether the drift is surely there, and more than 10 ms over the video."""
+        """True if the drift is significant and more than 10 ms over the video."""
         return abs(self.per_second) > 4 * self.sigma and abs(self.per_second) * self.duration > 0.010
 
 
@@ -55,34 +55,34 @@ def find_drift(
     tracks: Sequence[ImageTrack],
     seconds: float,
     stretch: float = 20.0,
-    most: float = 2e-3,
+    max_drift: float = 2e-3,
 ) -> ClockDrift | None:
-    """The drift about the offset of the whole; None where too few stretches tell one.
+    """Estimate the drift about the offset of the whole video; None if too few stretches have an offset.
 
     Args:
         scene, camera, tracks: as for the offset.
-        seconds: the offset of the whole.
-        stretch: seconds of one: enough steps to tell an offset to some milliseconds.
-        most: seconds a second; a rate told as 30 for 29.97 Hz is half of it, quartz clocks are a hundred times better.
+        seconds: offset of the whole video.
+        stretch: length of a stretch in seconds, long enough for an offset to some milliseconds.
+        max_drift: largest drift, seconds per second; 29.97 Hz declared as 30 Hz is half of it.
     """
     start, end = min(track.time[0] for track in tracks), max(track.time[-1] for track in tracks)
     count = int((end - start) // stretch)
     if count < LEAST_STRETCHES:
         return None
     edges, middle = np.linspace(start, end, count + 1), (start + end) / 2
-    reach = OFFSETS_S + most * (end - start) / 2
+    reach = OFFSETS_S + max_drift * (end - start) / 2
     when, curves, offset = [], [], np.zeros(0)
-    for first, last in pairwise(edges.tolist()):
-        cut = [part for track in tracks if (part := between(track, first, last, seconds)) is not None]
+    for begin, finish in pairwise(edges.tolist()):
+        cut = [piece for track in tracks if (piece := between(track, begin, finish, seconds)) is not None]
         if cut:
             curve = correlation_curve(scene, camera, cut, reach)
-            when.append((first + last) / 2 - middle)
+            when.append((begin + finish) / 2 - middle)
             curves.append(np.maximum(curve.gain, 0.0))
             offset = curve.offset
     if len(curves) < LEAST_STRETCHES:
         return None
     time, gain = np.array(when), np.stack(curves)
-    line = _best_line(offset, gain, time, (end - start) / 2, most)
+    line = _best_line(offset, gain, time, (end - start) / 2, max_drift)
     measured = _fitted(offset, gain, time, line)
     if measured is None:
         return None
@@ -90,38 +90,38 @@ def find_drift(
     return ClockDrift(drift, sigma, float(middle), seconds + offset_at_middle, float(end - start), used)
 
 
-def between(track: ImageTrack, first: float, last: float, seconds: float) -> ImageTrack | None:
-    """What of a track lies in a stretch, its times put forward; None for hardly anything."""
-    inside = (track.time >= first) & (track.time <= last)
+def between(track: ImageTrack, start: float, end: float, seconds: float) -> ImageTrack | None:
+    """Cut a track to a stretch and add ``seconds`` to its times; None with fewer than two frames."""
+    inside = (track.time >= start) & (track.time <= end)
     if inside.sum() < 2:
         return None
     return replace(track, time=track.time[inside] + seconds, pixels=track.pixels[inside], size=track.size[inside])
 
 
-def _best_line(offset: Array, gain: Array, time: Array, half: float, most: float) -> tuple[float, float]:
-    """Offset in the middle and drift of the line ``o + d t`` along which all curves together are highest."""
-    grid_s = 0.008  # between lines, at their ends: a tenth of a peak's width
+def _best_line(offset: Array, gain: Array, time: Array, half: float, max_drift: float) -> tuple[float, float]:
+    """Offset in the middle and drift of the line ``o + d t`` with the largest sum of all curves."""
+    grid_s = 0.008  # between lines at their ends: a tenth of a peak's width
     at_middle = offset[np.abs(offset) <= OFFSETS_S]
-    best, line = -1.0, (0.0, 0.0)
-    steps = int(np.ceil(most * half / grid_s))
-    for drift in np.linspace(-most, most, 2 * steps + 1):
+    highest, line = -1.0, (0.0, 0.0)
+    steps = int(np.ceil(max_drift * half / grid_s))
+    for drift in np.linspace(-max_drift, max_drift, 2 * steps + 1):
         along = [
             np.interp(at_middle + drift * t, offset, curve, left=0.0, right=0.0)
             for t, curve in zip(time, gain, strict=True)
         ]
         total = np.sum(along, axis=0)
         place = int(np.argmax(total))
-        if total[place] > best:
-            best, line = float(total[place]), (float(at_middle[place]), float(drift))
+        if total[place] > highest:
+            highest, line = float(total[place]), (float(at_middle[place]), float(drift))
     return line
 
 
 def _fitted(
     offset: Array, gain: Array, time: Array, line: tuple[float, float]
 ) -> tuple[float, float, float, int] | None:
-    """Offset, drift, its standard deviation, and how many stretches told: each by its peak beside the line."""
-    beside_s = 0.06  # from the line, where a stretch has its own peak
-    least_gain = 10.0  # nats of a stretch that counts
+    """Fit offset, drift and its standard deviation to the peaks near the line; also returns their number."""
+    beside_s = 0.06  # largest distance of a stretch's peak from the line
+    least_gain = 10.0  # nats of a peak that is used
     rows = []
     for t, curve in zip(time, gain, strict=True):
         near = np.flatnonzero(np.abs(offset - (line[0] + line[1] * t)) <= beside_s)
@@ -133,15 +133,15 @@ def _fitted(
     A = np.stack([np.ones_like(t), t], axis=1)
     information = (A.T * weight) @ A
     offset_at_middle, drift = np.linalg.solve(information, (A.T * weight) @ peak)
-    left = peak - offset_at_middle - drift * t
-    # Beside what the curves' widths promise, stretches scatter by what limbs and detectors do differently in each.
-    scatter = float(np.sum(weight * left**2) / max(len(t) - 2, 1))
+    residual = peak - offset_at_middle - drift * t
+    # stretches scatter by more than the curves' widths
+    scatter = float(np.sum(weight * residual**2) / max(len(t) - 2, 1))
     sigma = np.sqrt(np.linalg.inv(information)[1, 1] * max(scatter, 1.0))
     return float(offset_at_middle), float(drift), float(sigma), len(rows)
 
 
-PEAK_S = 0.35  # around a peak of the curve: a half step lasts 0.5 s
-LIMB_S = 0.15  # around the common peak, where each limb has its own
+PEAK_S = 0.35  # least distance of two peaks: a half step lasts 0.5 s
+LIMB_S = 0.15  # largest distance of a limb's peak from the common one
 
 
 @dataclass(frozen=True)
@@ -152,11 +152,11 @@ class ClockOffset:
         seconds: to add to the video's times to get the sensors'; the best guess if undetermined.
         sigma: standard deviation in seconds; infinite if undetermined.
         alternatives: other offsets and their agreement relative to the best one's.
-        sentence: the offset and how sure it is, for people.
+        sentence: offset and uncertainty in words.
         curve: agreement over all offsets.
-        drift: of the clock about that offset, if stretches of the recording tell it.
-        clock: from the video's clock to the sensors': with the drift, where it matters.
-        finding: why it is undetermined although motions agree: another film.
+        drift: of the clock about that offset, if it is determined.
+        clock: map from the video's clock to the sensors', with the drift if it matters.
+        finding: set if the video seems to be of another session.
     """
 
     seconds: float
@@ -170,20 +170,19 @@ class ClockOffset:
 
     @property
     def determined(self) -> bool:
-        """Whether the offset can be relied upon."""
+        """True if the offset is determined."""
         return bool(np.isfinite(self.sigma))
 
 
 def find_clock_offset(scene: Scene, max_offset: float = MAX_OFFSET_S, number: int = 0) -> ClockOffset:
-    """Find the seconds to add to the video's times of the camera of a number to get the sensors', up to ``max_offset``
-    either way.
+    """Estimate the offset of a camera's clock, up to ``max_offset`` seconds either way; ``number`` is the camera.
 
-    An offset that the scene says already is not used. No association is needed: bodies are followed through the image
-    by nearness, and compared with every wearer.
+    The scene's declared offset is not used. No association is needed: bodies are tracked in the image and compared with
+    every wearer.
 
     Raises:
         InputError: if ``max_offset`` is not above 0.
-        RecordingError: if the scene has no camera, or nobody is seen for long enough.
+        RecordingError: if the scene has no camera, or nobody is visible for long enough.
     """
     film = _comparison(scene, max_offset, number)
     offset = _checked(_best_offset(film.curve(film.tracks)), film)
@@ -191,7 +190,7 @@ def find_clock_offset(scene: Scene, max_offset: float = MAX_OFFSET_S, number: in
 
 
 def film_finding(scene: Scene) -> Finding | None:
-    """Find out whether the film is of another session than the sensors' samples.
+    """Check whether the video is of another session than the sensors' samples; None if not.
 
     Raises:
         RecordingError: as :func:`find_clock_offset`.
@@ -202,7 +201,7 @@ def film_finding(scene: Scene) -> Finding | None:
 
 @dataclass(frozen=True)
 class _Comparison:
-    """Bodies in the image of a camera beside the sensors of a scene."""
+    """Body tracks of a camera to compare with the sensors of a scene."""
 
     scene: Scene
     camera: Camera
@@ -210,8 +209,8 @@ class _Comparison:
     max_offset: float
 
     def curve(self, tracks: Sequence[ImageTrack]) -> CorrelationCurve:
-        """Agreement by quick motion, which is exact, plus slow motion, which does not repeat with every step."""
-        slow_s = 0.3  # motions are compared once more so smoothed: what is slow tells one step from the next
+        """Agreement of quick motion, which is precise, plus that of slow motion, which does not repeat every step."""
+        slow_s = 0.3  # width of the smoothing for slow motion
         quick, slow = (
             correlation_curve(self.scene, self.camera, tracks, self.max_offset, width) for width in (QUICK_S, slow_s)
         )
@@ -227,7 +226,7 @@ def _comparison(scene: Scene, max_offset: float, number: int) -> _Comparison:
     tracks = simple_tracks(camera.detections)
     if not tracks:
         raise RecordingError(
-            f"scene '{scene.name}': nobody is seen for {SHORTEST_TRACK_S:g} s without a break: expected detections of "
+            f"scene '{scene.name}': nobody is visible for {SHORTEST_TRACK_S:g} s without a gap: expected detections of "
             "people in consecutive video frames"
         )
     scene = replace(scene, wearers=tuple(_oriented(wearer) for wearer in scene.wearers))
@@ -235,7 +234,7 @@ def _comparison(scene: Scene, max_offset: float, number: int) -> _Comparison:
 
 
 def _oriented(recording: Recording) -> Recording:
-    """The recording with all orientations that can be found: once, not for every track."""
+    """Compute missing orientations once, not for every track."""
 
     def oriented(stream: ImuStream) -> ImuStream:
         try:
@@ -248,24 +247,24 @@ def _oriented(recording: Recording) -> Recording:
 
 def _best_offset(curve: CorrelationCurve) -> ClockOffset:
     """Offset of the curve's highest peak; undetermined if the peak is low, at the edge, or has a rival."""
-    least_gain = 30.0  # nats; what chance alone gives a few limbs over a thousand offsets stays below 20
-    rival = 0.8  # share of the best offset's agreement that the second-best stays below
+    least_gain = 30.0  # nats; chance gives less than 20
+    rival = 0.8  # largest agreement of the second-best offset relative to the best
     offset, gain = curve.offset, curve.gain
-    best = int(np.argmax(gain))
-    others = [index for index in _peaks(curve) if abs(offset[index] - offset[best]) > PEAK_S][:4]
+    top_index = int(np.argmax(gain))
+    other_peaks = [index for index in _peaks(curve) if abs(offset[index] - offset[top_index]) > PEAK_S][:4]
     alternatives = tuple(
-        (peak_vertex(offset, gain, index, FIT_S)[0], float(gain[index] / gain[best])) for index in others
+        (peak_vertex(offset, gain, index, FIT_S)[0], float(gain[index] / gain[top_index])) for index in other_peaks
     )
-    seconds, curvature = peak_vertex(offset, gain, best, FIT_S)
-    if gain[best] < least_gain:
+    seconds, curvature = peak_vertex(offset, gain, top_index, FIT_S)
+    if gain[top_index] < least_gain:
         evidence, is_distinct, sigma = "no limb moves in the image as a sensor tells", False, np.inf
     else:
-        scatter, limbs = _limb_scatter(curve, best, seconds)
-        # Limbs that follow one another are not independent; exposure and rolling shutter blur a clock by milliseconds.
+        scatter, limbs = _limb_scatter(curve, top_index, seconds)
+        # limbs are not independent; exposure and rolling shutter blur a clock by milliseconds
         inflation, least = 1.5, 0.003  # s
         sigma = float(np.sqrt((inflation * np.hypot(scatter, curvature**-0.5)) ** 2 + least**2))
         evidence = f"{limbs} limbs move as their sensors tell"
-        at_edge = min(best, len(gain) - 1 - best) < 3
+        at_edge = min(top_index, len(gain) - 1 - top_index) < 3
         is_distinct = (alternatives[0][1] if alternatives else 0.0) < rival and not at_edge
     if is_distinct:
         sentence = f"video {seconds:+.3f} s ± {1e3 * sigma:.0f} ms, from motion: {evidence}"
@@ -280,20 +279,20 @@ def _best_offset(curve: CorrelationCurve) -> ClockOffset:
 
 
 def _peaks(curve: CorrelationCurve) -> list[int]:
-    """Indices of the curve's peaks, the highest first; of those close together the highest only."""
+    """Indices of the curve's peaks, the highest first; of close peaks only the highest."""
     step = float(curve.offset[1] - curve.offset[0])
     peaks, _ = scipy.signal.find_peaks(np.r_[-1.0, curve.gain, -1.0], distance=max(1, round(PEAK_S / step)))
     peaks = peaks[curve.gain[peaks - 1] > 0] - 1
     return [int(index) for index in peaks[np.argsort(-curve.gain[peaks])]]
 
 
-def _limb_scatter(curve: CorrelationCurve, best: int, seconds: float) -> tuple[float, int]:
-    """Standard deviation of the mean of the limbs' own peaks, and how many limbs agree."""
+def _limb_scatter(curve: CorrelationCurve, top_index: int, seconds: float) -> tuple[float, int]:
+    """Standard deviation of the mean of the limbs' peaks, and the number of limbs."""
     reach = round(LIMB_S / (curve.offset[1] - curve.offset[0]))
-    first = max(best - reach, 0)
+    start = max(top_index - reach, 0)
     shift, weight, names = [], [], set()
-    for limb in curve.limbs_at(best):
-        peak = first + int(np.argmax(limb.gain[first : best + reach + 1]))
+    for limb in curve.limbs_at(top_index):
+        peak = start + int(np.argmax(limb.gain[start : top_index + reach + 1]))
         top, curvature = peak_vertex(curve.offset, limb.gain, peak, FIT_S)
         shift.append(top - seconds)
         weight.append(curvature)
@@ -305,7 +304,7 @@ def _limb_scatter(curve: CorrelationCurve, best: int, seconds: float) -> tuple[f
 
 
 def _checked(offset: ClockOffset, film: _Comparison) -> ClockOffset:
-    """The offset; undetermined, with a finding, if the film is another one."""
+    """Mark the offset as undetermined, with a finding, if the video is of another session."""
     if not offset.determined:
         return offset
     index = int(np.argmin(np.abs(offset.curve.offset - offset.seconds)))
@@ -322,12 +321,10 @@ def _checked(offset: ClockOffset, film: _Comparison) -> ClockOffset:
 
 
 def _belongs(curve: CorrelationCurve, index: int, film: _Comparison) -> bool:
-    """Whether sensors explain enough of the film at an offset, or some of both halves, or too little is there to tell.
+    """Test if the sensors explain the video at an offset, or both its halves; True if it is too short to decide.
 
-    Of a limb's motion in the image, sensors explained 0.37–0.64 in 17 films of the wearer, in twenty others' up to
-    0.38 (once 0.44), or gained up to 156 nats. Where both are less, both halves of the film have to gain some nats at
-    the offset: wearers' gain 52 and more, of others' films one half gains less than 20. Of fewer limbs nothing is
-    said: with eight keypoints the sensors explain 14 % of the wearer's film.
+    Sensors explain 0.37–0.64 of limbs' motion in videos of the wearer, up to 0.44 in others, where at least one half
+    gains less than 20 nats. With few limbs the shares are smaller, and nothing is decided.
     """
     enough_explained, sure_gain, half_gain, half_s, fewest_limbs = 0.4, 160.0, 20.0, 2.5, 8
     if curve.explained(index) >= enough_explained or curve.gain[index] >= sure_gain:
@@ -340,14 +337,14 @@ def _belongs(curve: CorrelationCurve, index: int, film: _Comparison) -> bool:
     return all(_gain_between(film, *half, near) >= half_gain for half in ((start, middle), (middle, end)))
 
 
-def _gain_between(film: _Comparison, first: float, last: float, near: Array) -> float:
-    """Largest gain at the offsets ``near`` ``(L,)`` in a stretch of the film; 0 where nobody is seen."""
-    parts = [part for track in film.tracks if (part := between(track, first, last, 0.0)) is not None]
-    return float(film.curve(parts).gain[near].max()) if parts else 0.0
+def _gain_between(film: _Comparison, start: float, end: float, near: Array) -> float:
+    """Largest gain at the offsets ``near`` ``(L,)`` in a stretch of the video; 0 if nobody is visible."""
+    pieces = [piece for track in film.tracks if (piece := between(track, start, end, 0.0)) is not None]
+    return float(film.curve(pieces).gain[near].max()) if pieces else 0.0
 
 
 def _with_drift(offset: ClockOffset, film: _Comparison) -> ClockOffset:
-    """The offset with the drift that stretches of the recording tell; then it is that of the middle."""
+    """Add the drift; with a drift that matters the offset refers to the middle of the video."""
     offset = replace(offset, clock=VideoClock(offset.seconds))
     drift = find_drift(film.scene, film.camera, film.tracks, offset.seconds)
     if drift is None or not drift.matters:

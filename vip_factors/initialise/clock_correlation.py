@@ -1,9 +1,8 @@
-"""How well image and sensors agree for every offset of their clocks: a log-likelihood curve, without any event.
+"""Agreement of image and sensors for every offset of their clocks, as a log-likelihood curve.
 
-For every track and every limb of every wearer, the share R² of the limb's image motion that its sensor explains (see
-:mod:`clock_signals`) is found for all offsets at once, by Fourier transforms. ``−n log(1 − R²)`` is the gain in
-log-likelihood over "this body is somebody else", n being the number of independent instants; limbs add up, each
-track is one wearer or nobody.
+For every track and limb, the share R² of the limb's image motion that its sensor explains (:mod:`clock_signals`) is
+computed for all offsets at once by Fourier transforms. ``−n log(1 − R²)`` is the gain in log-likelihood over "this body
+is somebody else", with n independent instants. Gains of limbs are added; each track is one wearer or nobody.
 """
 
 from collections.abc import Sequence
@@ -28,13 +27,13 @@ from vip_factors.initialise.clock_signals import (
 )
 from vip_factors.sensors.scene import Camera, Scene
 
-LEAST_SAMPLES = 30  # of common grid time, for a linear map to mean anything
-QUICK_S = 0.07  # wide enough for a detector's jitter, narrow enough for a step of 0.4 s
+LEAST_SAMPLES = 30  # of common grid time for a linear map
+QUICK_S = 0.07  # wider than a detector's jitter, narrower than a step of 0.4 s
 
 
 @dataclass(frozen=True)
 class LimbCurve:
-    """Agreement of a limb of a wearer with a track: log-likelihood gain and independent instants ``(L,)``."""
+    """Agreement of a wearer's limb with a track: log-likelihood gain and number of independent instants ``(L,)``."""
 
     wearer: int
     sensor: str
@@ -44,7 +43,7 @@ class LimbCurve:
 
 @dataclass(frozen=True)
 class Pair:
-    """A track and a wearer, and at which offsets ``(L,)`` they were taken for the same person."""
+    """Track and wearer, and the offsets ``(L,)`` at which they are assigned to each other."""
 
     track: int
     wearer: int
@@ -58,8 +57,8 @@ class CorrelationCurve:
     Attributes:
         offset: ``(L,)`` seconds to add to the video's times, evenly spaced.
         gain: ``(L,)`` log-likelihood gain in nats, over all tracks.
-        tracks: of every track, the curves of all limbs of all wearers.
-        pairs: who was taken for whom.
+        tracks: for every track, the curves of all limbs of all wearers.
+        pairs: assignments of tracks to wearers.
     """
 
     offset: Array
@@ -68,11 +67,11 @@ class CorrelationCurve:
     pairs: tuple[Pair, ...] = ()
 
     def limbs_at(self, index: int) -> list[LimbCurve]:
-        """The limbs that agree at an offset, of all tracks that were given to a wearer there."""
+        """Limbs that agree at an offset, of all tracks that are assigned to a wearer."""
         return [limb for pair in self.pairs if pair.chosen[index] for limb in self._of(pair) if limb.gain[index] > 0]
 
     def explained(self, index: int) -> float:
-        """The share of limbs' motion in the image that sensors explain at an offset: a mean R², of the best track."""
+        """Share of limbs' image motion that sensors explain at an offset: mean R² of the best track."""
         pairs = [self._of(pair) for pair in self.pairs if pair.chosen[index]]
         sums = [
             (sum(limb.gain[index] for limb in limbs), sum(limb.instants[index] for limb in limbs)) for limbs in pairs
@@ -85,12 +84,12 @@ class CorrelationCurve:
 
 
 def peak_vertex(offset: Array, gain: Array, index: int, reach_s: float) -> tuple[float, float]:
-    """Where the parabola through a peak has its top, and its curvature (1/s² times nats, at least a tiny one).
+    """Vertex of the parabola through a peak, and its (positive) curvature in nats/s².
 
     Args:
         offset, gain: ``(L,)`` of a curve.
         index: of the peak.
-        reach_s: seconds on both sides over which it is a parabola.
+        reach_s: half-width of the fit in seconds.
     """
     reach = max(2, round(reach_s / (offset[1] - offset[0])))
     window = slice(max(index - reach, 0), index + reach + 1)
@@ -107,14 +106,14 @@ def correlation_curve(
     max_offset: float,
     width: float = QUICK_S,
 ) -> CorrelationCurve:
-    """The agreement of a scene's tracks with its sensors for all offsets up to ``max_offset`` seconds either way.
+    """Compute the agreement of tracks with the sensors of a scene for all offsets up to ``max_offset`` either way.
 
     Args:
-        scene: whose wearers' sensors are compared.
-        camera: its camera; an IMU on it is used if it moves.
+        scene: wearers and their sensors.
+        camera: camera of the tracks; its IMU is used if it moves.
         tracks: bodies in the image.
         max_offset: seconds.
-        width: seconds, of the Gaussian that smooths both sides.
+        width: of the smoothing Gaussian, seconds.
     """
     lags = round(2 * max_offset * GRID_HZ) + 1
     offset: Array = (np.arange(lags, dtype=float) - (lags - 1) / 2) / GRID_HZ
@@ -125,20 +124,18 @@ def correlation_curve(
         imu = track.time[0] + offset[0] + np.arange(count + lags - 1) / GRID_HZ
         every.append(_limb_curves(scene, camera, track, video, imu, width))
         turning = np.maximum(turning, _camera_curve(camera, track, video, imu, width))
-    pairs, gain = _assigned(tracks, every, lags)
+    pairs, gain = _assign_tracks(tracks, every, lags)
     return CorrelationCurve(offset, gain + turning, every, pairs)
 
 
-def _assigned(
+def _assign_tracks(
     tracks: Sequence[ImageTrack], every: Sequence[Sequence[LimbCurve]], lags: int
 ) -> tuple[tuple[Pair, ...], Array]:
-    """Pairs of track and wearer, and the summed gain ``(L,)`` of those chosen at each offset.
+    """Assign tracks to wearers greedily at each offset; returns the pairs and the summed gain ``(L,)``.
 
-    The best pair first, then the best of those left: a track is one wearer, and a wearer is in one place at a time.
-    Without that, somebody who walks in step with a wearer would pull the clocks to where their steps agree.
+    A track is at most one wearer, and a wearer has one track at a time: people who walk in step must not count.
     """
-    # That two tracks of one person may both be there: a detector may see somebody twice for a moment
-    common_seconds = 0.2
+    common_seconds = 0.2  # possible overlap of two tracks of one person: double detections
     candidates = [(t, w) for t, curves in enumerate(every) for w in sorted({curve.wearer for curve in curves})]
     if not candidates:
         return (), np.zeros(lags)
@@ -146,18 +143,18 @@ def _assigned(
     track, wearer = np.array(candidates).T
     start = np.array([tracks[t].time[0] for t in track])
     end = np.array([tracks[t].time[-1] for t in track])
-    both = np.minimum(end[:, None], end) - np.maximum(start[:, None], start)
-    excluded = (track[:, None] == track) | ((wearer[:, None] == wearer) & (both > common_seconds))
+    overlap = np.minimum(end[:, None], end) - np.maximum(start[:, None], start)
+    excluded = (track[:, None] == track) | ((wearer[:, None] == wearer) & (overlap > common_seconds))
     free, total, chosen = gain > 0, np.zeros(lags), np.zeros(gain.shape, bool)
     for _ in range(len(tracks)):
         value = np.where(free, gain, 0.0)
-        best = np.argmax(value, axis=0)
-        more = value[best, np.arange(lags)] > 0
-        if not np.any(more):
+        choice = np.argmax(value, axis=0)
+        has_gain = value[choice, np.arange(lags)] > 0
+        if not np.any(has_gain):
             break
-        total += value[best, np.arange(lags)]
-        chosen[best[more], np.flatnonzero(more)] = True
-        free &= ~excluded[best].T
+        total += value[choice, np.arange(lags)]
+        chosen[choice[has_gain], np.flatnonzero(has_gain)] = True
+        free &= ~excluded[choice].T
     return tuple(Pair(t, w, row) for (t, w), row in zip(candidates, chosen, strict=True)), total
 
 
@@ -166,16 +163,16 @@ def _limb_curves(
 ) -> list[LimbCurve]:
     least_seconds = 2.0  # of common time that a limb must show
     turned = camera_rotation(camera.mount, imu) if camera.moving and camera.mount is not None else None
-    seen: dict[tuple[int, int], Signal] = {}
+    images: dict[tuple[int, int], Signal] = {}
     curves = []
     for number, recording in enumerate(scene.wearers):
         for sensor, direction in limb_directions(recording, imu).items():
             limb = limb_indices(camera.detections.keypoints, recording.placement.site(sensor).bone)
             if limb is None:
                 continue
-            if limb not in seen:
-                seen[limb] = limb_in_image(track, limb, video, width)
-            image = seen[limb]
+            if limb not in images:
+                images[limb] = limb_in_image(track, limb, video, width)
+            image = images[limb]
             if image.valid.sum() < least_seconds * GRID_HZ:
                 continue
             features = _features(direction, turned, width)
@@ -184,19 +181,19 @@ def _limb_curves(
 
 
 def _features(direction: Signal, turned: tuple[Array, np.ndarray] | None, width: float) -> list[Signal]:
-    """What the image may be a linear map of: one signal for both its axes, or one for each (the same map for both)."""
+    """Regressors of the image motion: one signal for both axes, or one for each with a common map."""
     if turned is None:
         return [rate_of(direction.values, direction.valid, width)]
     R_camera_inertial, valid = turned
     x, y, z = direction.values.T
-    # A heading between the two inertial frames turns (x, y) to (c x − s y, s x + c y): linear in c and s; and z stays.
-    parts = np.stack([np.stack([x, y, 0 * z], 1), np.stack([-y, x, 0 * z], 1), np.stack([0 * x, 0 * y, z], 1)], axis=-1)
-    in_camera = R_camera_inertial @ parts
+    # a heading between the inertial frames maps (x, y) to (c x − s y, s x + c y), linear in c and s
+    basis = np.stack([np.stack([x, y, 0 * z], 1), np.stack([-y, x, 0 * z], 1), np.stack([0 * x, 0 * y, z], 1)], axis=-1)
+    in_camera = R_camera_inertial @ basis
     return [rate_of(in_camera[:, row], valid & direction.valid, width) for row in (0, 1)]
 
 
 def _camera_curve(camera: Camera, track: ImageTrack, video: Array, imu: Array, width: float) -> Array:
-    """Whether bodies cross the image as the camera's gyroscope says."""
+    """Agreement of the bodies' motion in the image with the camera's gyroscope."""
     none = np.zeros(len(imu) - len(video) + 1)
     if not camera.moving or camera.mount is None or camera.mount.imu.angular_rate is None:
         return none
@@ -210,11 +207,11 @@ def _camera_curve(camera: Camera, track: ImageTrack, video: Array, imu: Array, w
 def _gain(image: Signal, features: Sequence[Signal], width: float) -> tuple[Array, Array]:
     """Log-likelihood gain ``(L,)`` of image motion ``(T, 2)`` as a linear map of features ``(T + L − 1, 3)``.
 
-    And of how many independent instants ``(L,)`` it is.
+    Also returns the number of independent instants ``(L,)``.
     """
-    most_explained = 0.98  # a limb that fits better by chance must not outvote the rest
-    ridge = 1e-2  # of the sensor's mean square: a limb that moves in one plane leaves one direction undetermined
-    independent = 0.28 / width / GRID_HZ  # instants in one sample: a width holds 1 over twice the root of pi
+    most_explained = 0.98  # limits the weight of a limb that fits by chance
+    ridge = 1e-2  # relative to the mean square: planar motion leaves one direction undetermined
+    independent = 0.28 / width / GRID_HZ  # independent instants per sample: 1 / (2 √π) per width
     size = scipy.fft.next_fast_len(len(features[0].values), real=True)
     lags = len(features[0].values) - len(image.values) + 1
 
@@ -239,9 +236,9 @@ def _gain(image: Signal, features: Sequence[Signal], width: float) -> tuple[Arra
     for spectrum in cross:
         s = scipy.fft.irfft(spectrum, size, axis=0)[:lags]
         explained += np.einsum("li,li->l", s, np.linalg.solve(S, s[..., None])[..., 0])
-    enough = common > LEAST_SAMPLES
-    share = np.where(enough & (power > 0), explained / np.where(power > 0, power, 1.0), 0.0)
+    is_sufficient = common > LEAST_SAMPLES
+    share = np.where(is_sufficient & (power > 0), explained / np.where(power > 0, power, 1.0), 0.0)
     share = np.clip(share, 0.0, most_explained)
     parameters = 3 * len(cross)
-    instants = np.where(enough, independent * common, 0.0)
-    return np.where(enough, -instants * np.log1p(-share) - parameters, 0.0), instants
+    instants = np.where(is_sufficient, independent * common, 0.0)
+    return np.where(is_sufficient, -instants * np.log1p(-share) - parameters, 0.0), instants

@@ -1,14 +1,11 @@
-"""What limbs do, once as the image shows it and once as the sensors tell it, on one even grid of time.
+"""Motion of limbs in the image and by their sensors, on a common grid of time.
 
-A limb's direction in space, seen by a camera that stands still, is a linear map of that direction (parallel
-projection; the size of the person in the image is divided out). So the difference of its two keypoints follows the
-three components of the direction that its IMU measures, whatever the sensor's heading and wherever the camera stands:
-six numbers that a least-squares fit finds. If the camera moves and carries an IMU, the direction is turned into the
-camera's frame first, and one heading is all that is unknown. Both sides are passed through the same derivative of a
-Gaussian, which removes what lasts (perspective, wrong mountings, a panning camera) and delays neither.
+The image of a limb's direction in a static camera is a linear map of that direction (parallel projection, with the
+person's size in the image divided out): six coefficients for any heading and camera pose. For a moving camera with an
+IMU, the direction is transformed to the camera's frame first, and only a heading is unknown. Both signals pass through
+the same derivative of a Gaussian, which removes constant errors (perspective, mountings) without a delay.
 
-Bodies are followed through the image by nearness alone (:func:`simple_tracks`): good enough to see limbs move, whoever
-they belong to.
+Bodies are tracked in the image by proximity alone (:func:`simple_tracks`).
 """
 
 from dataclasses import dataclass
@@ -35,9 +32,9 @@ class ImageTrack:
     """One body in consecutive video frames.
 
     Attributes:
-        time: ``(n,)`` seconds on the video's clock, increasing; frames without it are absent.
-        pixels: ``(n, K, 2)``, NaN where a keypoint is not seen.
-        size: ``(n,)`` pixels, the spread of the keypoints, smoothed over a second or two.
+        time: ``(n,)`` seconds on the video's clock, increasing; frames without the body are absent.
+        pixels: ``(n, K, 2)``, NaN if a keypoint is not detected.
+        size: ``(n,)`` pixels, smoothed spread of the keypoints.
     """
 
     time: Array
@@ -46,35 +43,35 @@ class ImageTrack:
 
 
 def simple_tracks(detections: Detections) -> list[ImageTrack]:
-    """Bodies followed through a video, the longest tracks first."""
-    least_confidence = 0.2  # what detectors say below is mostly guessed
-    most = 40  # bystanders come and go in thousands
+    """Track bodies in a video; the longest tracks come first."""
+    least_confidence = 0.2  # of keypoints that are used
+    max_tracks = 40  # bystanders may have thousands
     pixels = np.where((detections.confidence >= least_confidence)[..., None], detections.pixels, np.nan)
     tracks = []
-    for rows in _joined(detections, pixels):
+    for rows in _linked(detections, pixels):
         time = detections.time[detections.frame[rows]]
         if time[-1] - time[0] >= SHORTEST_TRACK_S:
             tracks.append(ImageTrack(time, pixels[rows], _smooth_size(time, _spread(pixels[rows]))))
     tracks.sort(key=lambda track: len(track.time), reverse=True)
-    return tracks[:most]
+    return tracks[:max_tracks]
 
 
-def _joined(detections: Detections, pixels: Array) -> list[list[int]]:
-    """Indices of the detections of each track."""
-    reach = 0.35  # mean shift of the keypoints over their spread, from one frame to the next; a runner's is 0.1
-    doubt = 1.5  # two candidates whose shifts differ by less than this factor end the track: better short than mixed
-    longest_gap_s = 0.25  # that a track survives without a detection
+def _linked(detections: Detections, pixels: Array) -> list[list[int]]:
+    """Link detections to tracks; returns the detections' indices of each track."""
+    reach = 0.35  # largest shift of the keypoints between frames over their spread; a runner's is 0.1
+    doubt = 1.5  # ratio of two candidates' shifts below which a track ends: ambiguous
+    longest_gap_s = 0.25  # without a detection
     done: list[list[int]] = []
     alive: list[list[int]] = []
     for frame in np.unique(detections.frame):
-        here = np.arange(*detections.of_frame(int(frame)).indices(len(detections)))
-        now = detections.time[frame]
-        fresh = [now - detections.time[detections.frame[rows[-1]]] <= longest_gap_s for rows in alive]
+        indices = np.arange(*detections.of_frame(int(frame)).indices(len(detections)))
+        time = detections.time[frame]
+        fresh = [time - detections.time[detections.frame[rows[-1]]] <= longest_gap_s for rows in alive]
         done += [rows for rows, young in zip(alive, fresh, strict=True) if not young]
         alive = [rows for rows, young in zip(alive, fresh, strict=True) if young]
-        taken: set[int] = set()
+        matched: set[int] = set()
         if alive:
-            shift = _shifts(pixels[[rows[-1] for rows in alive]], pixels[here])
+            shift = _shifts(pixels[[rows[-1] for rows in alive]], pixels[indices])
             ended = []
             for row, column in zip(*scipy.optimize.linear_sum_assignment(np.minimum(shift, 1e3)), strict=True):
                 if shift[row, column] > reach:
@@ -83,39 +80,39 @@ def _joined(detections: Detections, pixels: Array) -> list[list[int]]:
                 if min(rivals, default=np.inf) < doubt * shift[row, column]:
                     ended.append(row)
                     continue
-                alive[row].append(int(here[column]))
-                taken.add(int(column))
+                alive[row].append(int(indices[column]))
+                matched.add(int(column))
             done += [alive[row] for row in ended]
             alive = [rows for row, rows in enumerate(alive) if row not in ended]
-        alive += [[int(index)] for column, index in enumerate(here) if column not in taken]
+        alive += [[int(index)] for column, index in enumerate(indices) if column not in matched]
     return done + alive
 
 
-def _shifts(before: Array, after: Array) -> Array:
-    """Median distance of common keypoints over their spread ``(A, B)``; infinite for less than four."""
-    distance = np.linalg.norm(before[:, None] - after[None], axis=-1)
+def _shifts(pixels: Array, next_pixels: Array) -> Array:
+    """Median distance ``(A, B)`` of common keypoints over their spread; infinite for less than four."""
+    distance = np.linalg.norm(pixels[:, None] - next_pixels[None], axis=-1)
     common = np.isfinite(distance)
     filled = np.sort(np.where(common, distance, np.inf), axis=-1)
     count = common.sum(axis=-1)
     middle = np.take_along_axis(filled, np.maximum(count // 2, 0)[..., None].clip(max=filled.shape[-1] - 1), axis=-1)
-    size = np.fmax(_spread(before), 1.0)
+    size = np.fmax(_spread(pixels), 1.0)
     return np.where(count >= 4, middle[..., 0] / size[:, None], np.inf)
 
 
 def _spread(pixels: Array) -> Array:
-    """Diagonal of the keypoints' bounding box ``(n,)``; 0 where fewer than two are seen."""
-    seen = np.isfinite(pixels)
-    low = np.where(seen, pixels, np.inf).min(axis=1)
-    high = np.where(seen, pixels, -np.inf).max(axis=1)
+    """Diagonal ``(n,)`` of the keypoints' bounding box; 0 with fewer than two keypoints."""
+    is_finite = np.isfinite(pixels)
+    low = np.where(is_finite, pixels, np.inf).min(axis=1)
+    high = np.where(is_finite, pixels, -np.inf).max(axis=1)
     return np.linalg.norm(np.where(np.isfinite(low), high - low, 0.0), axis=-1)
 
 
 def _smooth_size(time: Array, size: Array) -> Array:
-    """Large quantile over a window: arms that rise and fall must not look like coming nearer."""
+    """Large quantile over a window, so that raised arms do not change the size."""
     window = 2.0  # s
     knots = np.arange(time[0], time[-1] + window / 2, window / 2)
-    first, last = np.searchsorted(time, knots - window / 2), np.searchsorted(time, knots + window / 2, side="right")
-    values = [np.quantile(size[a:b], 0.8) if b > a else np.nan for a, b in zip(first, last, strict=True)]
+    starts, ends = np.searchsorted(time, knots - window / 2), np.searchsorted(time, knots + window / 2, side="right")
+    values = [np.quantile(size[a:b], 0.8) if b > a else np.nan for a, b in zip(starts, ends, strict=True)]
     good = np.isfinite(values)
     return np.maximum(np.interp(time, knots[good], np.array(values)[good]), 1.0)
 
@@ -127,7 +124,7 @@ _SIDED = {
     "knee": ("knee", "ankle"),
     "ankle": ("ankle", "big_toe"),
 }
-# Bone → the two keypoints that show its direction.
+# The two keypoints that define the direction of each bone.
 LIMBS: dict[str, tuple[str, str]] = {
     **{
         f"{side}_{bone}": (f"{side}_{near}", f"{side}_{far}")
@@ -144,16 +141,16 @@ LEFT, FORWARD = np.array([1.0, 0, 0]), np.array([0, 0, 1.0])
 
 @dataclass(frozen=True)
 class Signal:
-    """Values ``(T, D)`` on the grid, and where they are valid ``(T,)``; zero elsewhere."""
+    """Values ``(T, D)`` on the grid and their validity ``(T,)``; invalid values are zero."""
 
     values: Array
     valid: np.ndarray
 
 
 def limb_in_image(track: ImageTrack, limb: tuple[int, int], grid: Array, width: float) -> Signal:
-    """Rate of the difference of two keypoints over the person's size ``(T, 2)`` in 1/s; the grid is on video time.
+    """Rate ``(T, 2)`` in 1/s of the difference of two keypoints over the person's size; the grid is on video time.
 
-    ``width`` is that of the smoothing Gaussian, seconds, here and below.
+    ``width`` is that of the smoothing Gaussian, seconds.
     """
     near, far = limb
     values = (track.pixels[:, far] - track.pixels[:, near]) / track.size[:, None]
@@ -161,12 +158,12 @@ def limb_in_image(track: ImageTrack, limb: tuple[int, int], grid: Array, width: 
 
 
 def middle_in_image(track: ImageTrack, focal: tuple[float, float], grid: Array, width: float) -> Signal:
-    """Rate of the middle of the trunk in the image ``(T, 2)`` in rad/s, as a turning camera moves it."""
+    """Rate ``(T, 2)`` in rad/s of the body's middle in the image, as a turning camera moves it."""
     return _rate(track.time, np.nanmedian(track.pixels, axis=1) / np.array(focal), grid, width)
 
 
 def limb_indices(keypoints: KeypointSet, bone: str) -> tuple[int, int] | None:
-    """Indices of the keypoints that show a bone's direction, if the set has them."""
+    """Indices of the keypoints that define a bone's direction; None if the set lacks them."""
     names = LIMBS.get(bone, ("", ""))
     if any(name not in keypoints.keypoints for name in names):
         return None
@@ -174,10 +171,9 @@ def limb_indices(keypoints: KeypointSet, bone: str) -> tuple[int, int] | None:
 
 
 def limb_directions(recording: Recording, grid: Array) -> dict[str, Signal]:
-    """Direction of each limb that has a sensor and keypoints, in the sensor's inertial frame ``(T, 3)``; by sensor.
+    """Directions ``(T, 3)`` of limbs with keypoints in the sensors' inertial frames, by sensor, not differentiated.
 
-    Not yet differentiated, so that it may be turned into a camera's frame. Sensors without orientation whose
-    orientation cannot be found are left out.
+    Sensors whose orientation is missing and cannot be computed are left out.
     """
     skeleton = recording.subject.body()
     directions = {}
@@ -194,9 +190,9 @@ def limb_directions(recording: Recording, grid: Array) -> dict[str, Signal]:
 
 
 def camera_rotation(mount: CameraMount, grid: Array) -> tuple[Array, np.ndarray] | None:
-    """``R_camera_inertial (T, 3, 3)`` from the IMU on the camera, and where it is valid.
+    """Rotations ``R_camera_inertial`` ``(T, 3, 3)`` from the camera's IMU and their validity.
 
-    None without orientation, or if nobody told how it sits.
+    None without orientations or without a declared mounting.
     """
     turned = rotations_on(mount.imu, grid) if mount.is_declared else None
     if turned is None:
@@ -206,7 +202,7 @@ def camera_rotation(mount: CameraMount, grid: Array) -> tuple[Array, np.ndarray]
 
 
 def rotations_on(stream: ImuStream, grid: Array) -> tuple[Array, np.ndarray] | None:
-    """``R_inertial_sensor (T, 3, 3)`` on the grid (IMU time), and where it was measured; None if it cannot be had."""
+    """Rotations ``R_inertial_sensor`` ``(T, 3, 3)`` on the grid (IMU time) and their validity; None if unavailable."""
     try:
         R = with_orientation(stream).R_inertial_sensor
     except RecordingError:
@@ -216,17 +212,17 @@ def rotations_on(stream: ImuStream, grid: Array) -> tuple[Array, np.ndarray] | N
 
 
 def rate_of(values: Array, valid: np.ndarray, width: float) -> Signal:
-    """The smoothed derivative of what is already on the grid; not valid within its width of what is missing."""
+    """Smoothed derivative of values on the grid; not valid near missing values."""
     sigma = width * GRID_HZ
     rate = scipy.ndimage.gaussian_filter1d(values, sigma, axis=0, order=1, mode="nearest") * GRID_HZ
-    # The kernel's ends count little: what is missing within one and a half widths would be seen.
+    # values beyond one and a half widths have little weight
     missing = scipy.ndimage.maximum_filter1d((~valid).astype(np.uint8), 2 * round(1.5 * sigma) + 1, mode="constant")
-    whole = missing == 0
-    return Signal(np.where(whole[:, None], rate, 0.0), whole)
+    is_complete = missing == 0
+    return Signal(np.where(is_complete[:, None], rate, 0.0), is_complete)
 
 
 def smoothed(values: Array, valid: np.ndarray, width: float) -> Signal:
-    """The same smoothing without derivative, for what is a rate already."""
+    """Smooth as :func:`rate_of`, without derivative, for signals that are rates."""
     values = scipy.ndimage.gaussian_filter1d(values, width * GRID_HZ, axis=0, mode="nearest")
     return Signal(np.where(valid[:, None], values, 0.0), valid)
 
@@ -241,7 +237,7 @@ def _rate(time: Array, values: Array, grid: Array, width: float) -> Signal:
 
 
 def _near_samples(time: Array, grid: Array) -> np.ndarray:
-    """Whether the samples on both sides of each grid time are near enough to interpolate."""
+    """Test at which grid times the samples on both sides are near enough to interpolate."""
     longest_gap_s = 0.12
     right = np.searchsorted(time, grid)
     inside = (grid >= time[0]) & (grid <= time[-1])
@@ -250,9 +246,9 @@ def _near_samples(time: Array, grid: Array) -> np.ndarray:
 
 
 def _without_jumps(values: Array) -> Array:
-    """NaN where a limb jumps to somewhere and back within few frames: left taken for right."""
-    before = np.abs(values - np.roll(values, 1, axis=0)).max(axis=1)
-    jump = np.flatnonzero(before[1:] > 0.25) + 1
+    """Replace short jumps of a limb (swapped sides) by NaN."""
+    step = np.abs(values - np.roll(values, 1, axis=0)).max(axis=1)
+    jump = np.flatnonzero(step[1:] > 0.25) + 1
     clean = values.copy()
     for index in jump:
         clean[index - 1 : index + 1] = np.nan
@@ -260,7 +256,7 @@ def _without_jumps(values: Array) -> Array:
 
 
 def _axis(bone: str, p_parent_joint: Array) -> Array:
-    """Unit vector along the limb in the bone's frame, as its keypoints lie at rest."""
+    """Unit vector along the limb in the bone's frame, from its keypoints at rest."""
     far = {"shoulder": "elbow", "elbow": "wrist", "hip": "knee", "knee": "ankle"}
     side, _, joint = bone.partition("_")
     if joint in far:

@@ -1,9 +1,8 @@
-"""Which sensor is on which bone: bones that share a joint are accelerated alike there, whatever the mountings are.
+"""Check of the assignment of sensors to bones: two bones have the same acceleration at their common joint.
 
-Joint-centre accelerations of two sensors, with the arms to the joint and the heading between them left free, agree
-within a tenth where the sensors are on neighbouring bones, and not at all elsewhere (joint positions are found so by
-Seel, Schauer and Raisch 2012). Summed over the links of the sensor tree this tells how well a placement explains the
-recording; the sum is compared with that of every exchange of two sensors.
+Joint-centre accelerations of two sensors, with free arms and relative heading, agree within a tenth if the sensors are
+on neighbouring bones, and not at all otherwise (cf. Seel, Schauer and Raisch 2012). Their sum over the links of the
+sensor tree rates a placement; it is compared with that of every exchange of two sensors.
 """
 
 import itertools
@@ -21,24 +20,23 @@ from vip_factors.sensors.calibration import Placement
 Pair = tuple[int, int]
 
 
-# Nats by which an exchange has to be likelier to be reported. Of 58 recordings and scenes with all sensors in their
-# places none came near; thighs, shanks or feet exchanged had 15 to 150 wherever legs moved for ten seconds.
-LEAST_NATS = 10.0
-# Share of the joints' acceleration by which neighbours may disagree: soft tissue leaves 0.05 to 0.3.
-MISFIT = 0.1
+LEAST_NATS = (
+    10.0  # gain for which an exchange is reported; exchanged leg sensors that move for ten seconds have 15 to 150
+)
+MISFIT = 0.1  # share of the joints' acceleration by which neighbours may disagree: soft tissue causes 0.05 to 0.3
 SECONDS = 40.0  # of the recording, from its middle
 
 
 @dataclass(frozen=True)
 class Exchange:
-    """Two sensors that are on one another's segments.
+    """Two sensors that are exchanged.
 
     Attributes:
-        sensors: their numbers.
-        nats: by which the recording is likelier with them exchanged.
-        rivals: other exchanges that explain it as well, of which one is right.
-        others: pairs that are exchanged as well, where whole limbs or sides are.
-        evidence: in words, where it is not neighbours' accelerations.
+        sensors: numbers of the sensors.
+        nats: gain in log-likelihood by the exchange.
+        rivals: alternative exchanges that explain the recording as well.
+        others: further exchanged pairs, if whole limbs or sides are exchanged.
+        evidence: in words, if it is not the acceleration of neighbours.
     """
 
     sensors: Pair
@@ -48,93 +46,97 @@ class Exchange:
     evidence: str = ""
 
 
-ALIKE = 3.0  # nats between exchanges of which neither is told for the other: 20 to 1
+AMBIGUOUS_NATS = 3.0  # difference below which two exchanges are equally likely: 20 to 1
 
 
 def exchanged_sensors(
     signals: Sequence[JointSignal | None], links: Sequence[Pair], least: float = LEAST_NATS
 ) -> tuple[Exchange, ...]:
-    """Exchanges that explain a recording better, one after the other; each supposes those before it.
+    """Find exchanges that explain a recording better, greedily; each assumes the previous ones.
 
     Args:
-        signals: of ``S`` sensors; None of those that tell nothing.
-        links: numbers of the sensors on bones that share a joint, as placed.
-        least: nats by which an exchange has to be likelier.
+        signals: of ``S`` sensors; None for unusable sensors.
+        links: pairs of sensors on bones that share a joint, as placed.
+        least: smallest gain in nats.
     """
     cost = _pair_costs(signals)
-    of, found = list(range(len(signals))), list[Exchange]()  # the sensor that is in each one's place
-    while len(found) < len(signals) // 2:
-        now = _gains(of, links, cost, least)
-        if not now or max(now.values()) < least:
+    of, exchanges = list(range(len(signals))), list[Exchange]()  # sensor at each site
+    while len(exchanges) < len(signals) // 2:
+        gains = _gains(of, links, cost, least)
+        if not gains or max(gains.values()) < least:
             break
-        best = max(now, key=lambda pair: now[pair])
-        rivals = tuple(pair for pair in now if pair != best and now[best] - now[pair] < ALIKE)
-        found.append(Exchange(best, now[best], rivals))
-        of[best[0]], of[best[1]] = of[best[1]], of[best[0]]
-    return tuple(found)
+        likeliest = max(gains, key=lambda pair: gains[pair])
+        rivals = tuple(pair for pair in gains if pair != likeliest and gains[likeliest] - gains[pair] < AMBIGUOUS_NATS)
+        exchanges.append(Exchange(likeliest, gains[likeliest], rivals))
+        of[likeliest[0]], of[likeliest[1]] = of[likeliest[1]], of[likeliest[0]]
+    return tuple(exchanges)
 
 
 def _pair_costs(signals: Sequence[JointSignal | None]) -> Callable[[int, int], float]:
-    """Nats by which two sensors disagree about a joint that they would share, against two that share none."""
+    """Cost in nats of a common joint of two sensors, relative to sensors without a common joint."""
 
     @cache
-    def cost(one: int, other: int) -> float:
-        first, second = signals[one], signals[other]
-        fitted = None if first is None or second is None else joint_misfit(first, second)
+    def cost(sensor_a: int, sensor_b: int) -> float:
+        signal_a, second = signals[sensor_a], signals[sensor_b]
+        fitted = None if signal_a is None or second is None else joint_misfit(signal_a, second)
         if fitted is None:
             return 0.0
         share, seconds = fitted
         looks = min(seconds * SWINGS_PER_SECOND, MOST_LOOKS)
         return 1.5 * looks * float(np.log((min(share, 1.0) + MISFIT) / (1.0 + MISFIT)))
 
-    return lambda one, other: cost(min(one, other), max(one, other))
+    return lambda a, b: cost(min(a, b), max(a, b))
 
 
 def _gains(
     of: Sequence[int], links: Sequence[Pair], cost: Callable[[int, int], float], least: float
 ) -> dict[Pair, float]:
-    """Nats that exchanges would gain, of those that could gain enough."""
+    """Gains in nats of exchanges that could gain enough."""
     cheapest = 1.5 * MOST_LOOKS * float(np.log(MISFIT / (1.0 + MISFIT)))
-    touching = [[link for link in links if one in link] for one in range(len(of))]
-    found = {}
-    for one, other in itertools.combinations(range(len(of)), 2):
-        own = {*touching[one], *touching[other]} - {(one, other), (other, one)}
-        now = sum(cost(of[a], of[b]) for a, b in own)
-        if now - len(own) * cheapest < least:
+    touching = [[link for link in links if sensor in link] for sensor in range(len(of))]
+    gains = {}
+    for sensor_a, sensor_b in itertools.combinations(range(len(of)), 2):
+        affected = {*touching[sensor_a], *touching[sensor_b]} - {(sensor_a, sensor_b), (sensor_b, sensor_a)}
+        cost_before = sum(cost(of[a], of[b]) for a, b in affected)
+        if cost_before - len(affected) * cheapest < least:
             continue
-        swap, then = {one: other, other: one}, len(own) * cheapest
-        for a, b in own:
-            then += cost(of[swap.get(a, a)], of[swap.get(b, b)]) - cheapest
-            if now - then < least - ALIKE:  # whatever the others say
+        swap, cost_after = {sensor_a: sensor_b, sensor_b: sensor_a}, len(affected) * cheapest
+        for a, b in affected:
+            cost_after += cost(of[swap.get(a, a)], of[swap.get(b, b)]) - cheapest
+            if cost_before - cost_after < least - AMBIGUOUS_NATS:  # cannot gain enough any more
                 break
         else:
-            found[one, other] = now - then
-    return found
+            gains[sensor_a, sensor_b] = cost_before - cost_after
+    return gains
 
 
 def exchanged(placement: Placement, names: Sequence[str], exchanges: Sequence[Exchange]) -> Placement:
-    """A placement with sensors in each other's sites."""
+    """Exchange sensors between sites of a placement."""
     sites = {site.sensor: site for site in placement.sites}
     for pair in (pair for exchange in exchanges for pair in (exchange.sensors, *exchange.others)):
-        one, other = (names[number] for number in pair)
-        sites[one], sites[other] = replace(sites[other], sensor=one), replace(sites[one], sensor=other)
+        sensor_a, sensor_b = (names[number] for number in pair)
+        sites[sensor_a], sites[sensor_b] = (
+            replace(sites[sensor_b], sensor=sensor_a),
+            replace(sites[sensor_a], sensor=sensor_b),
+        )
     return replace(placement, sites=tuple(sites.values()))
 
 
-TURN_FRAMES, WINDOW_FRAMES = 2, 100  # over which turns are compared; in which headings hardly drift
+TURN_FRAMES, WINDOW_FRAMES = 2, 100  # for comparing rotations; short against the drift of headings
 
 
-def spread_between(one: Array, other: Array, step: float) -> tuple[float, float]:
-    """How two sensors turn against each other, RMS in radians about the mean of five seconds, whatever their mountings
-    and headings are; and how fast the slower of the two turns, rad/s. NaN in less than five seconds.
+def spread_between(R_a: Array, R_b: Array, step: float) -> tuple[float, float]:
+    """Relative rotation of two sensors, RMS in radians about its mean over five seconds, for any calibration.
+
+    Also returns the angular speed of the slower one, rad/s. NaN in less than five seconds.
 
     Args:
-        one, other: ``(T, 3, 3)`` orientations in inertial frames, all known.
+        R_a, R_b: ``(T, 3, 3)`` orientations in inertial frames, all valid.
         step: seconds between frames.
     """
-    turns = [log(transpose(R[:-TURN_FRAMES]) @ R[TURN_FRAMES:]) for R in (one, other)]
-    between = one @ nearest_rotation(turns[0].T @ turns[1]) @ transpose(other)
+    turns = [log(transpose(R[:-TURN_FRAMES]) @ R[TURN_FRAMES:]) for R in (R_a, R_b)]
+    between = R_a @ nearest_rotation(turns[0].T @ turns[1]) @ transpose(R_b)
     windows = [between[n : n + WINDOW_FRAMES] for n in range(0, len(between) - WINDOW_FRAMES + 1, WINDOW_FRAMES)]
-    squares = [np.mean(angle_between(mean_rotation(own), own) ** 2) for own in windows]
+    squares = [np.mean(angle_between(mean_rotation(window), window) ** 2) for window in windows]
     speed = min(float(np.sqrt(np.sum(turn**2, axis=1).mean())) for turn in turns) / (TURN_FRAMES * step)
     return (float(np.sqrt(np.mean(squares))), speed) if squares else (float("nan"), speed)

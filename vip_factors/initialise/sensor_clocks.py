@@ -1,14 +1,12 @@
-"""Sensors whose clocks are off their fellows', throughout or since they jumped.
+"""Estimation of sensor clocks that are delayed relative to the others, throughout or after a jump.
 
-How late one sensor is against its neighbour: the joint between their bones is accelerated once, not twice. The joint's
-acceleration is told by either sensor: its own, and the turning of its bone times the arm from it to the joint (Seel,
-Raisch & Schauer, Sensors 14, 2014). Where the joint lies from either sensor, how their headings differ and how late one
-is are found together, so nothing of mountings, headings or the body is supposed. Rates of turn would need less, but in
-walking thigh and shank do not turn in step. The fewest delays that explain what neighbours say are taken.
+Two neighbouring sensors measure the acceleration of their common joint: their own plus that of the arm to the joint
+(Seel, Raisch & Schauer, Sensors 14, 2014). Arms, relative heading and delay are estimated together, independent of
+mountings, headings and body. The smallest set of delays that explains all pairs is chosen.
 
-A clock jumps where samples were lost and a log has moved the later ones up: at the end of a recording they are as much
-too early as was lost. All shifts within seconds are tried there, with the heading and arms that suit each best. Strides
-repeat themselves, so a shift has to explain much more than none, of all joints that the sensor has a part in.
+A clock jumps if samples are lost and a log shifts the later ones: at the end of a recording they are too early. All
+shifts of up to some seconds are tried there. Strides repeat, so a shift has to explain much more than no shift, summed
+over all joints of the sensor.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,21 +23,19 @@ from vip_factors.initialise.sensor_tree import Link, joint_products
 from vip_factors.sensors.frames import resample_streams
 from vip_factors.sensors.imu_stream import ImuStream
 
-STEP = 1 / 30  # s: what is quicker are foot strikes, which ring straps and reach one sensor after the other
-FINE = 4  # instants in a step at which accelerations are known; splines give them in between
-ARM_SIGMA, MISFIT = 0.2, 1.5  # m from sensor to joint; m/s² by which bodies that are not rigid miss
-# s between the instants that delays are found from. Between samples noise averages out: were all instants at one phase
-# of the parent's samples, the child's would seem late or early by what puts them between its own.
-APART = STEP * (1 + 1 / FINE)
-STARTS = np.arange(-0.12, 0.121, 0.02)  # s, delays looked at: the misfit's valley is a quarter of a swing wide
+STEP = 1 / 30  # s: longer than foot strikes, which shake straps
+FINE = 4  # samples per step; splines interpolate between them
+ARM_SIGMA, MISFIT = 0.2, 1.5  # m, arm from sensor to joint; m/s², misfit of non-rigid bodies
+SPACING = STEP * (1 + 1 / FINE)  # s between evaluated instants: all phases of the samples, which avoids a bias
+STARTS = np.arange(-0.12, 0.121, 0.02)  # s, initial delays: the cost's valley is a quarter of a swing wide
 REACH = float(STARTS[-1]) + STEP
 HEADINGS = np.deg2rad(np.arange(0.0, 360.0, 30.0))
-STRONG = 15.0  # m/s², from which on an acceleration counts less at the start
-BLOCK = 1.0  # s: misfits within a swing belong together
-LEAST_SHARED = 3.0  # s that two sensors have in common, to be told apart from others
-# Of the joint's mean square acceleration, misfit that is left: knees and ankles leave 0.05–0.4, hips to 0.7; a loose
-# sensor on a thigh 0.9 to its shank and 2.6 to its pelvis, and 85 ms where there were none.
-POOR = 0.75
+STRONG = 15.0  # m/s², scale above which accelerations have less initial weight
+BLOCK = 1.0  # s: misfits within a swing are correlated
+LEAST_SHARED = 3.0  # s, common time of two sensors
+# Misfit over the joint's mean square acceleration: 0.05–0.4 for knees and ankles, up to 0.7 for hips, more for a loose
+# sensor, whose delay would be wrong.
+LARGEST_MISFIT = 0.75
 GRAVITY = np.array([0.0, 0.0, 9.81])
 Signal = Callable[[Array], Array]
 _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
@@ -47,13 +43,13 @@ _TURN = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
 
 @dataclass(frozen=True)
 class JointSignal:
-    """What a sensor says of the acceleration of points of its bone, over time.
+    """Acceleration of points on a sensor's bone as a linear function of the arm to the point.
 
     Attributes:
-        time: ``(T,)`` seconds, :data:`FINE` instants a step.
-        values: ``(T, 3, 4)``: the sensor's acceleration in its inertial frame in m/s², and what the arm ``(3,)`` in the
-            sensor's frame is to be multiplied with to get that of a point.
-        valid: ``(T,)`` whether all samples around are there.
+        time: ``(T,)`` seconds, :data:`FINE` instants per step.
+        values: ``(T, 3, 4)``: the sensor's acceleration in its inertial frame in m/s², and the matrix that multiplies
+            the arm ``(3,)`` in the sensor's frame.
+        valid: ``(T,)`` mask of instants without missing samples.
     """
 
     time: Array
@@ -62,139 +58,151 @@ class JointSignal:
 
     @cached_property
     def spline(self) -> "scipy.interpolate.BSpline":
-        """Of the values."""
+        """Cubic spline of the values."""
         return scipy.interpolate.make_interp_spline(self.time, self.values, k=3)
 
     def cut(self, start: float, end: float) -> "JointSignal | None":
-        """What lies between two instants, if that is long enough to tell anything."""
-        own = slice(*np.searchsorted(self.time, (start, end)))
-        one = JointSignal(self.time[own], self.values[own], self.valid[own])
-        return one if end - start >= LEAST_SHARED else None
+        """Cut the signal to an interval; None if it is shorter than :data:`LEAST_SHARED`."""
+        rows = slice(*np.searchsorted(self.time, (start, end)))
+        signal = JointSignal(self.time[rows], self.values[rows], self.valid[rows])
+        return signal if end - start >= LEAST_SHARED else None
 
     @cached_property
     def first(self) -> int:
-        """Number of the first instant; ``FINE * n`` is that nearest to ``n`` steps from the recording's start."""
+        """Number of the first instant; ``FINE * n`` is ``n`` steps from the recording's start."""
         return round(self.time[0] / STEP * FINE)
 
     def at(self, steps: np.ndarray) -> Array:
-        """The values at some steps from the recording's start, to a :data:`FINE`-th of a step."""
+        """Values at steps from the recording's start, to a :data:`FINE`-th of a step."""
         return self.values[steps * FINE - self.first]
 
     def complete(self, time: Array, reach: float) -> np.ndarray:
-        """Whether nothing is missing within the reach of each of the times."""
+        """Test at which times no sample is missing within ``reach``."""
         missing = np.r_[0, np.cumsum(~self.valid)]
-        first, last = (np.searchsorted(self.time, time + sign * reach) for sign in (-1, 1))
-        return missing[last] == missing[first]
+        start, end = (np.searchsorted(self.time, time + sign * reach) for sign in (-1, 1))
+        return missing[end] == missing[start]
 
 
 def joint_signal(stream: ImuStream) -> JointSignal | None:
-    """None of a stream without orientation or specific force, or one that is too short."""
+    """Compute the signal of a stream; None without orientation or specific force, or if it is too short."""
     if stream.R_inertial_sensor is None or stream.specific_force is None:
         return None
     if stream.time[-1] - stream.time[0] < LEAST_SHARED:
         return None
     fine = resample_streams([stream], np.arange(stream.time[0], stream.time[-1], STEP / FINE))
-    R, seen, whole = fine.R_inertial_sensor[:, 0], fine.orientation_valid[:, 0], fine.acceleration_valid[:, 0]
+    R, orientation_valid, force_valid = (
+        fine.R_inertial_sensor[:, 0],
+        fine.orientation_valid[:, 0],
+        fine.acceleration_valid[:, 0],
+    )
     count = len(fine) - 2 * FINE
-    # As coarse frames from each instant on have it: differences over a step, and its triangle of narrower ones.
-    before, now, after = (slice(shift, shift + count) for shift in (0, FINE, 2 * FINE))
+    # differences over a step, and its triangular window as a sum of narrower ones
+    previous_steps, steps, next_steps = (slice(shift, shift + count) for shift in (0, FINE, 2 * FINE))
     around = [slice(FINE + shift, FINE + shift + count) for shift in range(1 - FINE, FINE)]
     triangle = (FINE - np.abs(np.arange(1 - FINE, FINE))) / FINE**2
-    valid = seen[before] & seen[now] & seen[after] & np.all([whole[one] for one in around], axis=0)
+    valid = (
+        orientation_valid[previous_steps]
+        & orientation_valid[steps]
+        & orientation_valid[next_steps]
+        & np.all([force_valid[window] for window in around], axis=0)
+    )
     values = np.empty((count, 3, 4))
-    values[..., 0] = np.tensordot(triangle, [fine.specific_force_inertial[one, 0] for one in around], 1) - GRAVITY
-    values[..., 1:] = (R[before] - 2 * R[now] + R[after]) / STEP**2
-    return JointSignal(fine.time[now], np.where(valid[:, None, None], values, 0.0), valid)
+    values[..., 0] = np.tensordot(triangle, [fine.specific_force_inertial[window, 0] for window in around], 1) - GRAVITY
+    values[..., 1:] = (R[previous_steps] - 2 * R[steps] + R[next_steps]) / STEP**2
+    return JointSignal(fine.time[steps], np.where(valid[:, None, None], values, 0.0), valid)
 
 
-def common_steps(one: JointSignal, other: JointSignal) -> np.ndarray:
-    """Steps from the recording's start that two signals have, with one more on either side."""
-    first, last = max(one.first, other.first), min(each.first + len(each.time) - 1 for each in (one, other))
-    return np.arange(-(-first // FINE) + 1, last // FINE)
+def common_steps(signal_a: JointSignal, signal_b: JointSignal) -> np.ndarray:
+    """Steps from the recording's start that two signals have in common, with a margin of one."""
+    start, end = max(signal_a.first, signal_b.first), min(s.first + len(s.time) - 1 for s in (signal_a, signal_b))
+    return np.arange(-(-start // FINE) + 1, end // FINE)
 
 
 def link_delay(parent: JointSignal, child: JointSignal) -> tuple[float, float] | None:
-    """How late the child's samples are against the parent's, and its standard deviation, in seconds.
+    """Delay of the child's samples relative to the parent's and its standard deviation, seconds.
 
-    None where the two share too little time or hardly move, or no delay in reach makes them tell the same.
+    None if they have too little common time or motion, or if no delay within reach makes them agree.
     """
     least_blocks, least_moving_s = 8, 2.0
     margin = REACH + 2 * STEP
     start, end = max(parent.time[0], child.time[0]) + margin, min(parent.time[-1], child.time[-1]) - margin
-    time = np.arange(start, end, APART)
+    time = np.arange(start, end, SPACING)
     time = time[parent.complete(time, STEP) & child.complete(time, margin)] if len(time) else time
-    if len(time) * APART < least_blocks * BLOCK:
+    if len(time) * SPACING < least_blocks * BLOCK:
         return None
     above = parent.spline(time)
-    if np.count_nonzero(_is_moving(above, child.spline(time))) * APART < least_moving_s:
+    if np.count_nonzero(_is_moving(above, child.spline(time))) * SPACING < least_moving_s:
         return None
     starts = [(*_start(above, child.spline(time + seconds)), seconds) for seconds in STARTS]
     _, heading, begin = min(starts)
-    seconds, sigma, misfit = _fitted(above, child.spline, child.spline.derivative(), time, begin, heading)
-    return None if misfit > POOR or abs(seconds) > REACH else (seconds, sigma)
+    seconds, sigma, misfit = _fit_delay(above, child.spline, child.spline.derivative(), time, begin, heading)
+    return None if misfit > LARGEST_MISFIT or abs(seconds) > REACH else (seconds, sigma)
 
 
-def joint_misfit(one: JointSignal, other: JointSignal) -> tuple[float, float] | None:
-    """Of a joint's acceleration the share (in squares) by which two sensors disagree, and seconds of motion.
+def joint_misfit(signal_a: JointSignal, signal_b: JointSignal) -> tuple[float, float] | None:
+    """Mean square misfit of two sensors over the joint's acceleration, with best heading and arms; seconds of motion.
 
-    Heading and arms are those that fit best; clocks agree. None where the two share no time.
+    Clocks are assumed to agree. None without common time.
     """
-    steps = common_steps(one, other)
-    steps = steps[one.complete(steps * STEP, STEP) & other.complete(steps * STEP, STEP)]
+    steps = common_steps(signal_a, signal_b)
+    steps = steps[signal_a.complete(steps * STEP, STEP) & signal_b.complete(steps * STEP, STEP)]
     if len(steps) * STEP < LEAST_SHARED:
         return None
-    above, below = one.at(steps), other.at(steps)
+    above, below = signal_a.at(steps), signal_b.at(steps)
     moving = _is_moving(above, below)
-    *_, share = _fitted(above, lambda _: below, None, np.zeros(len(steps)), 0.0, _start(above, below)[1])
+    *_, share = _fit_delay(above, lambda _: below, None, np.zeros(len(steps)), 0.0, _start(above, below)[1])
     return share, np.count_nonzero(moving) * STEP
 
 
 def _is_moving(above: Array, below: Array) -> np.ndarray:
-    """Whether either sensor is accelerated ``(T,)``: at rest values are noise alone."""
+    """Mask ``(T,)`` of instants at which either sensor is accelerated; at rest there is only noise."""
     return np.asarray(np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) > MISFIT**2)
 
 
 def _start(above: Array, below: Array) -> tuple[float, float]:
-    """Least cost over headings, and that heading."""
+    """Least cost over headings and that heading."""
     weight = 1 / (1 + np.sum(above[:, :, 0] ** 2 + below[:, :, 0] ** 2, axis=1) / STRONG**2)
-    products = joint_products(*(one * np.sqrt(weight)[:, None, None] for one in (above, below)))
+    products = joint_products(*(side * np.sqrt(weight)[:, None, None] for side in (above, below)))
     cost, heading = least_over_headings(products[None])
     return float(cost[0]), float(heading[0])
 
 
 def least_over_headings(products: Array) -> tuple[Array, Array]:
-    """Least costs ``(L,)`` over headings, and these; of :func:`joint_products` ``(L, 5, 4, 4)``, arms eliminated."""
+    """Least costs ``(L,)`` over headings and these headings, with arms eliminated.
+
+    ``products`` ``(L, 5, 4, 4)`` are those of :func:`joint_products`.
+    """
     turns = np.stack([np.cos(HEADINGS), np.sin(HEADINGS), np.ones(len(HEADINGS))], axis=1)
     gram = np.zeros((len(products), len(HEADINGS), 8, 8))
     gram[..., :4, :4], gram[..., 4:, 4:] = products[:, None, 0], products[:, None, 1]
     gram[..., :4, 4:] = -np.einsum("hc,lckm->lhkm", turns, products[:, 2:])
     gram[..., 4:, :4] = transpose(gram[..., :4, 4:])
-    # The first column of either side is what both accelerations are; the rest are multiplied with the arms.
+    # the first column of either side has coefficient 1, the others are multiplied by the arms
     fixed, arms = np.array([1.0, 0, 0, 0, 1.0, 0, 0, 0]), [1, 2, 3, 5, 6, 7]
     linear, square = (gram @ fixed)[..., arms], gram[..., arms, :][..., arms] + (MISFIT / ARM_SIGMA) ** 2 * np.eye(6)
     cost = fixed @ gram @ fixed - np.sum(linear * np.linalg.solve(square, linear[..., None])[..., 0], axis=-1)
-    best = cost.argmin(axis=1)
-    return cost[np.arange(len(cost)), best], HEADINGS[best]
+    index = cost.argmin(axis=1)
+    return cost[np.arange(len(cost)), index], HEADINGS[index]
 
 
-def _fitted(
+def _fit_delay(
     above: Array, below: Signal, rate: Signal | None, time: Array, seconds: float, heading: float
 ) -> tuple[float, float, float]:
-    """Gauss–Newton over heading, both arms and delay, Cauchy weights: the delay, its sigma, and the misfit's share.
+    """Gauss–Newton over heading, both arms and delay with Cauchy weights; returns delay, sigma and relative misfit.
 
-    The sigma is from blocks as independent as swings. Without the ``rate`` of what is ``below`` the delay stays.
+    The sigma is computed from independent blocks. Without the ``rate`` of ``below`` the delay is constant.
     """
     rounds = 12
-    settled = 1e-6  # radians, metres and seconds
+    tolerance = 1e-6  # radians, metres and seconds
     arms, has_prior = np.zeros(6), np.r_[0.0, np.ones(6), np.zeros(int(rate is not None))]
     for _ in range(rounds):
         turned = rotation_z(heading) @ below(time + seconds)
         by_arms = np.concatenate([above[:, :, 1:], -turned[:, :, 1:]], axis=2)
         misfit = above[:, :, 0] - turned[:, :, 0] + by_arms @ arms
-        at = np.concatenate([[1.0], arms[3:]])
-        slopes = [(-(turned @ at) @ _TURN.T)[..., None], by_arms]
+        coefficients = np.concatenate([[1.0], arms[3:]])
+        slopes = [(-(turned @ coefficients) @ _TURN.T)[..., None], by_arms]
         if rate is not None:
-            slopes.append(-(rotation_z(heading) @ rate(time + seconds) @ at)[..., None])
+            slopes.append(-(rotation_z(heading) @ rate(time + seconds) @ coefficients)[..., None])
         slope = np.concatenate(slopes, axis=2)
         square = np.sum(misfit**2, axis=1)
         scale = max(float(np.median(square)) / 2.37, 0.05)  # 2.37: the median of chi square with three degrees
@@ -207,7 +215,7 @@ def _fitted(
         step = -np.linalg.solve(hessian, scores.sum(axis=0) + prior * np.r_[0.0, arms, np.zeros(unknowns - 7)])
         heading, arms = heading + float(step[0]), arms + step[1:7]
         seconds += float(np.clip(step[7:].sum(), -0.03, 0.03))
-        if abs(seconds) > REACH or np.abs(step).max() < settled:
+        if abs(seconds) > REACH or np.abs(step).max() < tolerance:
             break
     block = ((time - time[0]) / BLOCK).astype(int)
     sums = np.stack([np.bincount(block, column) for column in scores.T], axis=1)
@@ -216,7 +224,7 @@ def _fitted(
     return seconds, float(np.linalg.norm(spread)), float(weight @ square / (weight @ joint))
 
 
-LIMBS = ("knee", "ankle", "foot", "elbow", "wrist", "hand")  # what the lower bone of a link within a limb is called
+LIMBS = ("knee", "ankle", "foot", "elbow", "wrist", "hand")  # lower bones of links within a limb
 
 
 CLOCK_SECONDS = 40.0  # of the recording, from its middle: some twenty strides
@@ -225,12 +233,12 @@ DELAY_DEVIATIONS = 4.0  # standard deviations by which a delay must differ from 
 
 @dataclass(frozen=True)
 class SensorDelay:
-    """A sensor whose samples are late (early if below nought).
+    """Delay of a sensor's samples.
 
     Attributes:
-        sensor: its number.
-        seconds, sigma: how late.
-        rival: another one that may be the one off instead, by as much the other way; None if there is none.
+        sensor: number of the sensor.
+        seconds, sigma: delay (negative: early) and its standard deviation.
+        rival: sensor that may have the opposite delay instead, or None.
     """
 
     sensor: int
@@ -242,59 +250,58 @@ class SensorDelay:
 def sensor_delays(
     signals: Sequence[JointSignal | None], bones: Sequence[int], links: Sequence[Link]
 ) -> tuple[SensorDelay, ...]:
-    """The sensors that are off; fewer than half of all, since most are taken to be right.
+    """Find delayed sensors, fewer than half of all.
 
     Args:
-        signals: of ``S`` sensors; None of those that tell nothing.
-        bones: ``S`` numbers.
-        links: of the sensor tree; those between sensors with a free limb in between say nothing.
+        signals: of ``S`` sensors; None for unusable sensors.
+        bones: of ``S`` sensors.
+        links: of the sensor tree; links with a free limb in between are not used.
     """
-    ranges = [(one.time[0], one.time[-1]) for one in signals if one is not None]
-    start, end = max((one for one, _ in ranges), default=0.0), min((one for _, one in ranges), default=0.0)
+    ranges = [(signal.time[0], signal.time[-1]) for signal in signals if signal is not None]
+    start, end = max((t for t, _ in ranges), default=0.0), min((t for _, t in ranges), default=0.0)
     spare = max(end - start - CLOCK_SECONDS, 0.0) / 2
-    # What skin and muscle delay, s: sensors in step (MTw) seem up to 10 ms apart across knees, ankles and elbows, and
-    # up to 23 ms across hips, shoulders and the spine.
+    # s, delays by soft tissue: up to 10 ms across knees, ankles and elbows, 23 ms across hips, shoulders and the spine
     limb_sigma, trunk_sigma = 0.0055, 0.009
-    signals = [None if one is None else one.cut(start + spare, end - spare) for one in signals]
+    signals = [None if signal is None else signal.cut(start + spare, end - spare) for signal in signals]
     ends, delay, sigma = [], [], []
     for link in links:
         parent, child = signals[link.parent], signals[link.child]
         if link.p_parent is None or parent is None or child is None:
             continue
-        found = link_delay(parent, child)
-        if found is not None:
+        estimate = link_delay(parent, child)
+        if estimate is not None:
             ends.append((link.parent, link.child))
-            delay.append(found[0])
+            delay.append(estimate[0])
             limb = JOINT_NAMES[bones[link.child]].endswith(LIMBS)
-            sigma.append(np.hypot(found[1], limb_sigma if limb else trunk_sigma))
+            sigma.append(np.hypot(estimate[1], limb_sigma if limb else trunk_sigma))
     return fewest_delays(len(signals), ends, np.array(delay), np.array(sigma))
 
 
 def fewest_delays(sensors: int, ends: Sequence[tuple[int, int]], delay: Array, sigma: Array) -> tuple[SensorDelay, ...]:
-    """One sensor after the other is let off, that which explains most, as long as it explains enough.
+    """Choose delayed sensors greedily by the decrease of the cost.
 
     Args:
-        sensors: how many there are.
+        sensors: number of sensors.
         ends: parent and child of ``L`` links.
-        delay, sigma: ``(L,)`` seconds, of the child against the parent.
+        delay, sigma: ``(L,)`` seconds, of the child relative to the parent.
     """
     if not len(delay):
         return ()
     rows = np.zeros((len(ends), sensors))
     for row, (parent, child) in enumerate(ends):
         rows[row, [parent, child]] = -1, 1
-    rows, wanted, enough = rows / sigma[:, None], delay / sigma, DELAY_DEVIATIONS**2
+    rows, wanted, threshold = rows / sigma[:, None], delay / sigma, DELAY_DEVIATIONS**2
     late: list[int] = []
     rivals: dict[int, int | None] = {}
     while len(late) + 1 < sensors / 2 or (sensors == 2 and not late):
         cost = {s: _cost(rows[:, [*late, s]], wanted) for s in range(sensors) if s not in late and np.any(rows[:, s])}
         if not cost:
             break
-        best, *others = sorted(cost, key=lambda s: cost[s])
-        if _cost(rows[:, late], wanted) - cost[best] < enough:
+        sensor, *other_sensors = sorted(cost, key=lambda s: cost[s])
+        if _cost(rows[:, late], wanted) - cost[sensor] < threshold:
             break
-        late.append(best)
-        rivals[best] = next((s for s in others[:1] if cost[s] - cost[best] < enough / 4), None)
+        late.append(sensor)
+        rivals[sensor] = next((s for s in other_sensors[:1] if cost[s] - cost[sensor] < threshold / 4), None)
     return _significant_delays(late, rivals, rows, wanted)
 
 
@@ -306,9 +313,9 @@ def _significant_delays(
     information = rows[:, late].T @ rows[:, late]
     seconds = np.linalg.solve(information, rows[:, late].T @ wanted)
     sigma = np.sqrt(np.diag(np.linalg.inv(information)))
-    found = (SensorDelay(s, float(a), float(b), rivals[s]) for s, a, b in zip(late, seconds, sigma, strict=True))
-    # Sensors in step have seemed 0.024 s apart, for soft tissue follows the bone.
-    return tuple(item for item in found if abs(item.seconds) > max(0.024, DELAY_DEVIATIONS * item.sigma))
+    delays = (SensorDelay(s, float(a), float(b), rivals[s]) for s, a, b in zip(late, seconds, sigma, strict=True))
+    # soft tissue causes up to 0.024 s
+    return tuple(delay for delay in delays if abs(delay.seconds) > max(0.024, DELAY_DEVIATIONS * delay.sigma))
 
 
 def _cost(rows: Array, wanted: Array) -> float:
@@ -318,21 +325,21 @@ def _cost(rows: Array, wanted: Array) -> float:
     return float(np.sum((wanted - rows @ solution) ** 2))
 
 
-LONGEST_S = 2.5  # that are looked for
+LONGEST_S = 2.5  # largest jump
 
 
 def clock_step(signals: Sequence[JointSignal | None], links: Sequence[Link]) -> tuple[int, float] | None:
-    """The sensor whose clock has surely jumped before a recording's end, and by how many seconds it is late there.
+    """Find a sensor whose clock has jumped before a recording's end; returns it and its delay there in seconds.
 
     Args:
-        signals: of ``S`` sensors; None of those that tell nothing.
-        links: of the sensor tree; those between sensors with a free limb in between say nothing.
+        signals: of ``S`` sensors; None for unusable sensors.
+        links: of the sensor tree; links with a free limb in between are not used.
     """
-    sure = 10.0  # nats by which a shift explains more than none: 43 sound recordings and scenes have 7 at most
+    sure = 10.0  # nats, least gain of a shift; recordings without a jump have at most 7
     near_s = 0.15  # smaller shifts are delays
-    end_s = 15.0  # of a recording's end that are looked at, its last third if that is less
-    ranges = [(one.time[0], one.time[-1]) for one in signals if one is not None]
-    start, end = min((one for one, _ in ranges), default=0.0), max((one for _, one in ranges), default=0.0)
+    end_s = 15.0  # of the recording's end that are used, at most its last third
+    ranges = [(signal.time[0], signal.time[-1]) for signal in signals if signal is not None]
+    start, end = min((t for t, _ in ranges), default=0.0), max((t for _, t in ranges), default=0.0)
     looked_at = min(end_s, (end - start) / 3)
     steps = np.arange(*np.ceil((end - LONGEST_S - np.array([looked_at, 0.0])) / STEP).astype(int))
     gains = np.zeros((len(signals), len(SHIFTS)))
@@ -358,42 +365,42 @@ SHIFTS = np.arange(-MOST, MOST + 1) * STEP
 
 
 def shift_shares(parent: JointSignal, child: JointSignal, steps: np.ndarray) -> Array | None:
-    """Of the parent's mean square acceleration the misfit that is left with the child late by each of :data:`SHIFTS`.
+    """Misfit over the parent's mean square acceleration for each of the :data:`SHIFTS` of the child.
 
-    None where they share too little at the ``steps`` ``(T,)``.
+    None if they have too little in common at the ``steps`` ``(T,)``.
     """
-    least_there = 0.6  # of the instants, with any shift: packets are lost
+    least_present = 0.6  # of the instants, with any shift: packets are lost
     steps = np.intersect1d(steps, common_steps(parent, child))
     steps = steps[(steps * STEP >= child.time[0] + LONGEST_S) & (steps * STEP <= child.time[-1] - LONGEST_S)]
     if len(steps) * STEP < LEAST_SHARED:
         return None
     reach = np.arange(steps[0] - MOST, steps[-1] + MOST + 1)
-    above, below, known = parent.at(steps), child.at(reach), parent.complete(steps * STEP, STEP)
-    there = child.complete(reach * STEP, STEP).astype(float)
-    at_shift = sliding_window_view(there, len(steps))
-    if (at_shift @ known).min() < least_there * len(steps):
+    above, below, is_complete = parent.at(steps), child.at(reach), parent.complete(steps * STEP, STEP)
+    is_present = child.complete(reach * STEP, STEP).astype(float)
+    at_shift = sliding_window_view(is_present, len(steps))
+    if (at_shift @ is_complete).min() < least_present * len(steps):
         return None
-    weight = known / (1 + np.sum(above[:, :, 0] ** 2, axis=1) / STRONG**2)
-    products = _shifted_products(above, weight, below, there)
-    floor = MISFIT**2 * (at_shift @ weight)  # what bodies that are not rigid leave says nothing
+    weight = is_complete / (1 + np.sum(above[:, :, 0] ** 2, axis=1) / STRONG**2)
+    products = _shifted_products(above, weight, below, is_present)
+    floor = MISFIT**2 * (at_shift @ weight)  # misfit of non-rigid bodies
     cost, _ = least_over_headings(products)
     return np.asarray((cost + floor) / (products[:, 0, 0, 0] + floor))
 
 
-def _shifted_products(above: Array, weight: Array, below: Array, there: Array) -> Array:
-    """:func:`joint_products` ``(N - T + 1, 5, 4, 4)`` of ``(T, 3, 4)`` and as many of ``(N, 3, 4)``, from each on.
+def _shifted_products(above: Array, weight: Array, below: Array, is_present: Array) -> Array:
+    """Compute :func:`joint_products` ``(N - T + 1, 5, 4, 4)`` of ``(T, 3, 4)`` and shifted ``(N, 3, 4)``.
 
-    Products count by their ``weight`` ``(T,)`` and by what is ``there`` ``(N,)``.
+    Products have the ``weight`` ``(T,)`` times ``is_present`` ``(N,)``.
     """
     size = 1 << (len(below) - 1).bit_length()
 
     def spectrum(values: Array) -> np.ndarray:
         return np.fft.rfft(values, size, axis=0)
 
-    weighted, left = above * weight[:, None, None], below * there[:, None, None]
-    one, other = spectrum(weighted).conj()[..., None], spectrum(left)[:, :, None]
-    own = spectrum(np.swapaxes(weighted, 1, 2) @ above).conj() * spectrum(there)[:, None, None]
-    others = spectrum(weight).conj()[:, None, None] * spectrum(np.swapaxes(left, 1, 2) @ below)
-    across = one[:, 1] * other[:, 0] - one[:, 0] * other[:, 1]
-    found = [own, others, one[:, 0] * other[:, 0] + one[:, 1] * other[:, 1], across, one[:, 2] * other[:, 2]]
-    return np.fft.irfft(np.stack(found, axis=1), size, axis=0)[: len(below) - len(above) + 1]
+    weighted, masked = above * weight[:, None, None], below * is_present[:, None, None]
+    A, B = spectrum(weighted).conj()[..., None], spectrum(masked)[:, :, None]
+    above_products = spectrum(np.swapaxes(weighted, 1, 2) @ above).conj() * spectrum(is_present)[:, None, None]
+    below_products = spectrum(weight).conj()[:, None, None] * spectrum(np.swapaxes(masked, 1, 2) @ below)
+    across = A[:, 1] * B[:, 0] - A[:, 0] * B[:, 1]
+    products = [above_products, below_products, A[:, 0] * B[:, 0] + A[:, 1] * B[:, 1], across, A[:, 2] * B[:, 2]]
+    return np.fft.irfft(np.stack(products, axis=1), size, axis=0)[: len(below) - len(above) + 1]

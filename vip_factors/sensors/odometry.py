@@ -35,8 +35,8 @@ class Odometry:
         R, p = poses.R_world_camera, poses.p_world_camera
         R_next, p_next = np.concatenate([R[1:], R[-1:]]), np.concatenate([p[1:], p[-1:]])
         R_camera_next, p_camera_next = transpose(R) @ R_next, np.einsum("tji,tj->ti", R, p_next - p)
-        after = np.searchsorted(path.time, time, side="right")
-        gap = np.diff(path.time, prepend=-np.inf, append=np.inf)[after]
+        next_index = np.searchsorted(path.time, time, side="right")
+        gap = np.diff(path.time, prepend=-np.inf, append=np.inf)[next_index]
         has_pose = (gap <= LONGEST_GAP_S) | np.isin(time, path.time)
         valid = has_pose & np.append(has_pose[1:], False)
         step = np.diff(time, append=np.inf)

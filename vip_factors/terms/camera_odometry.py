@@ -17,18 +17,18 @@ from vip_factors.terms.evaluation import CameraEvaluation
 SCALE_SIGMA = 2.0  # of the logarithm of the path's spread in metres
 
 
-def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
+def equations(camera: CameraEvaluation, stretch: slice) -> Iterator[DenseEquations]:
     """One factor for each frame and its next, and on the scale where that is free."""
-    odometry = at.problem.odometry
-    if odometry is None or not at.is_path:
+    odometry = camera.problem.odometry
+    if odometry is None or not camera.is_path:
         return
-    settings = at.problem.settings.odometry
-    sigmas = np.repeat([np.deg2rad(settings.turn_sigma_deg), settings.shift_sigma], 3) * np.sqrt(at.step)
-    poses, next_poses = at.poses(first), at.poses(slice(first.start + 1, first.stop + 1))
+    settings = camera.problem.settings.odometry
+    sigmas = np.repeat([np.deg2rad(settings.turn_sigma_deg), settings.shift_sigma], 3) * np.sqrt(camera.step)
+    poses, next_poses = camera.poses(stretch), camera.poses(slice(stretch.start + 1, stretch.stop + 1))
     R_camera_next = transpose(poses.R_world_camera) @ next_poses.R_world_camera
-    turn = log(transpose(odometry.R_camera_next[first]) @ R_camera_next)
+    turn = log(transpose(odometry.R_camera_next[stretch]) @ R_camera_next)
     motion = camera_velocity_residual(poses, next_poses, 1.0)
-    shift = float(np.exp(at.state.path_scale)) * odometry.p_camera_next[first]
+    shift = float(np.exp(camera.state.path_scale)) * odometry.p_camera_next[stretch]
     residual = np.concatenate([turn, motion[:, 3:] - shift], axis=1)
 
     def blocks() -> tuple[JacobianBlock, ...]:
@@ -37,18 +37,20 @@ def equations(at: CameraEvaluation, first: slice) -> Iterator[DenseEquations]:
         by_pose[:, :3, :3] = -by_next[:, :3, :3] @ transpose(R_camera_next)
         by_scale: Array = np.concatenate([np.zeros_like(shift), -shift], axis=1)
         whitened = [(by / sigmas[:, None])[:, None] for by in (by_pose, by_next, by_scale[:, :, None])]
-        frames = (JacobianBlock(at.owner, "poses", by, ahead=ahead) for ahead, by in enumerate(whitened[:2]))
-        return (*frames, JacobianBlock(at.owner, "path_scale", whitened[2]))
+        frames = (JacobianBlock(camera.owner, "poses", by, ahead=ahead) for ahead, by in enumerate(whitened[:2]))
+        return (*frames, JacobianBlock(camera.owner, "path_scale", whitened[2]))
 
-    confidence = odometry.valid[first, None].astype(float)
-    yield DenseEquations(first.start, (residual / sigmas)[:, None], confidence, settings.loss, blocks)
+    confidence = odometry.valid[stretch, None].astype(float)
+    yield DenseEquations(stretch.start, (residual / sigmas)[:, None], confidence, settings.loss, blocks)
 
 
-def scale_equations(at: CameraEvaluation) -> Iterator[DenseEquations]:
+def scale_equations(camera: CameraEvaluation) -> Iterator[DenseEquations]:
     """One factor on the scale, where it is a variable."""
-    if at.problem.odometry is not None and at.problem.odometry.is_scale_free:
+    if camera.problem.odometry is not None and camera.problem.odometry.is_scale_free:
         root = np.full((1, 1), 1 / SCALE_SIGMA)
-        yield from prior_equations(JacobianBlock(at.owner, "path_scale", root[None, None]), root * at.state.path_scale)
+        yield from prior_equations(
+            JacobianBlock(camera.owner, "path_scale", root[None, None]), root * camera.state.path_scale
+        )
 
 
 CAMERA_ODOMETRY = Term("camera odometry", 1, equations, every_frame=False)

@@ -108,11 +108,8 @@ class SceneObjective:
 
     def linearise(self, state: SceneState) -> SceneSystem:
         """Build the normal equations at a state; they reuse the memory of earlier ones, which become invalid."""
-        evaluation, problem, groups = (
-            SceneEvaluation(self.problem, state, self._wearers_move),
-            self.problem,
-            self.groups,
-        )
+        evaluation, problem = SceneEvaluation(self.problem, state, self._wearers_move), self.problem
+        groups = self.groups
         extra = None if problem.extra is None else problem.extra.linearised(problem, self.layout, state)
 
         def add(blocks: Blocks, group: VariableGroup, begin: int) -> None:

@@ -90,11 +90,8 @@ def joint_signal(stream: ImuStream) -> JointSignal | None:
     if stream.time[-1] - stream.time[0] < LEAST_SHARED:
         return None
     fine = resample_streams([stream], np.arange(stream.time[0], stream.time[-1], STEP / FINE))
-    R, orientation_valid, force_valid = (
-        fine.R_inertial_sensor[:, 0],
-        fine.orientation_valid[:, 0],
-        fine.acceleration_valid[:, 0],
-    )
+    R, orientation_valid = fine.R_inertial_sensor[:, 0], fine.orientation_valid[:, 0]
+    force_valid = fine.acceleration_valid[:, 0]
     count = len(fine) - 2 * FINE
     # differences over a step, and its triangular window as a sum of narrower ones
     previous_steps, steps, next_steps = (slice(shift, shift + count) for shift in (0, FINE, 2 * FINE))

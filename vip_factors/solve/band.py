@@ -155,10 +155,8 @@ class BandElimination:
         band_end, m = end + every.static, end + shape.static
         border = np.arange(end, m)
         later_columns = np.concatenate([w + np.arange(w), 2 * w + shape.far])[: shape.ahead]
-        earlier_columns, later_columns = (
-            np.concatenate([later_columns - w, border]),
-            np.concatenate([later_columns, border]),
-        )
+        earlier_columns = np.concatenate([later_columns - w, border])
+        later_columns = np.concatenate([later_columns, border])
         H, v = np.zeros((m, m)), np.zeros(m)
         H[np.ix_(earlier_columns, earlier_columns)], v[earlier_columns] = np.triu(self.information), self.vector
         for t in range(band.frames):

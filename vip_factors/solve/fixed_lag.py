@@ -86,10 +86,8 @@ class FixedLagChain:
         frame, rest_columns = Conditional(information[: self.width], vector[: self.width]), slice(self.width, None)
         shared, information_ahead, vector_ahead = None, information[rest_columns, rest_columns], vector[rest_columns]
         if sigmas is not None and len(sigmas):
-            information_ahead, columns = (
-                information_ahead.copy(),
-                np.arange(len(vector_ahead) - self.static, len(vector_ahead)),
-            )
+            information_ahead = information_ahead.copy()
+            columns = np.arange(len(vector_ahead) - self.static, len(vector_ahead))
             shared = add_process_noise(information_ahead, vector_ahead, columns, sigmas, np.zeros(self.static))
         self._frames[number] = _Eliminated(frame, shared, information_ahead, vector_ahead)
 

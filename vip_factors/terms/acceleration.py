@@ -15,9 +15,7 @@ from vip_factors.terms.evaluation import WearerEvaluation
 
 SECOND_DIFFERENCE = np.array([1.0, -2.0, 1.0])  # of three successive positions: acceleration times step²
 GRAVITY = np.array([0.0, 0.0, -9.81])  # m/s², world
-_QUARTER = np.array(
-    [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]
-)  # row vectors: derivative of a rotation about −z
+_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # derivative of a rotation of row vectors
 
 
 def acceleration_residual(
@@ -57,11 +55,8 @@ def equations(wearer: WearerEvaluation, stretch: slice) -> Iterator[DifferenceEq
         heading = JacobianBlock(wearer.owner, "headings", by_heading[..., None], is_per_factor=True)
         return heading, *finite_difference(wearer.sensor_blocks(body), c)
 
-    is_valid, bones, arms = (
-        problem.frames.acceleration_valid[centre],
-        problem.sensor_points.bones,
-        wearer.arms(p, stretch),
-    )
+    is_valid, bones = problem.frames.acceleration_valid[centre], problem.sensor_points.bones
+    arms = wearer.arms(p, stretch)
     yield DifferenceEquations(stretch.start, residual, is_valid, settings.loss, wearer.owner, bones, arms, c, blocks)
 
 

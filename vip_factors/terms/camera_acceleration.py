@@ -20,11 +20,8 @@ def equations(camera: CameraEvaluation, stretch: slice) -> Iterator[DenseEquatio
         return
     settings = camera.problem.settings.acceleration
     poses, centre = camera.poses(slice(stretch.start, stretch.stop + 2)), slice(stretch.start + 1, stretch.stop + 1)
-    p_camera_imu, heading, force = (
-        camera.problem.p_camera_imu,
-        camera.state.heading,
-        imu.specific_force_inertial[centre, 0],
-    )
+    p_camera_imu, heading = camera.problem.p_camera_imu, camera.state.heading
+    force = imu.specific_force_inertial[centre, 0]
     p, step, count = poses.point(p_camera_imu), camera.step, stretch.stop - stretch.start
     residual = acceleration_residual(p[:-2], p[1:-1], p[2:], step, heading, force) / settings.sigma
 

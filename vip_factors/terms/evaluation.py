@@ -123,9 +123,8 @@ class WearerEvaluation:
         by_lengths = self.body_blocks(body, points)
         if not self.problem.free_places:
             return by_lengths
-        return JacobianBlock(
-            self.owner, "sensor_positions", body.R_world_bone[:, points.bones], is_per_factor=True
-        ), *by_lengths
+        by_position = body.R_world_bone[:, points.bones]
+        return JacobianBlock(self.owner, "sensor_positions", by_position, is_per_factor=True), *by_lengths
 
     def contact_blocks(self, body: BodyState) -> tuple[JacobianBlock, ...]:
         """Derivatives of the contact points' world positions by the body's lengths and by the logarithm of the sole."""

@@ -66,11 +66,8 @@ def equations(evaluation: ViewEvaluation, stretch: slice) -> Iterator[BoneEquati
         return
     settings = evaluation.camera.settings.reprojection
     body, poses, points = evaluation.wearer.body.at(stretch), evaluation.state.at_frames(stretch), view.body_points
-    p, sigma, speed = (
-        evaluation.points_on(points).on(body),
-        view.sigma[stretch, :, None],
-        view.pixels_per_second[stretch],
-    )
+    p, sigma = evaluation.points_on(points).on(body), view.sigma[stretch, :, None]
+    speed = view.pixels_per_second[stretch]
     residual, p_camera = reprojection_residual(p, poses, lens, view.pixels[stretch])
     is_detected = view.seen[stretch]
     late = evaluation.seconds_late(stretch)[:, None, None]
@@ -87,9 +84,8 @@ def equations(evaluation: ViewEvaluation, stretch: slice) -> Iterator[BoneEquati
             *evaluation.offset_blocks(body, by_point / sigma[..., None]),
         )
 
-    yield BoneEquations(
-        stretch.start, whitened, is_detected, settings.loss, evaluation.wearer.owner, points.bones, derivatives
-    )
+    owner = evaluation.wearer.owner
+    yield BoneEquations(stretch.start, whitened, is_detected, settings.loss, owner, points.bones, derivatives)
 
 
 def _clock_blocks(evaluation: ViewEvaluation, stretch: slice, speed: Array) -> tuple[JacobianBlock, ...]:

@@ -28,9 +28,8 @@ def mounting_equations(wearer: WearerEvaluation) -> Iterator[DenseEquations]:
         sigma = wearer.problem.mounting_sigma[:, None]
         error = rotation_prior_residual(wearer.state.R_bone_sensor, wearer.problem.prior_R_bone_sensor)
         jacobian = (inverse_right_jacobian(error) / sigma[..., None])[None]
-        yield from prior_equations(
-            JacobianBlock(wearer.owner, "R_bone_sensor", jacobian, is_per_factor=True), error / sigma
-        )
+        block = JacobianBlock(wearer.owner, "R_bone_sensor", jacobian, is_per_factor=True)
+        yield from prior_equations(block, error / sigma)
 
 
 def camera_mounting_equations(camera: CameraEvaluation) -> Iterator[DenseEquations]:
@@ -51,14 +50,11 @@ def initial_pose_equations(wearer: WearerEvaluation, stretch: slice) -> Iterator
     sigma = declared.pose.sigma[1:] * settings.scale * np.sqrt(declared.frames)  # (23, 3) rad
     frames = slice(stretch.start, min(stretch.stop, declared.left))
     error = rotation_prior_residual(wearer.state.R_parent_child[frames, 1:], declared.pose.R_parent_child[1:])
-    yield JointEquations(
-        frames.start,
-        error / sigma,
-        1.0,
-        SQUARE,
-        wearer.owner,
-        lambda: (inverse_right_jacobian(error) / sigma[..., None],),
-    )
+
+    def by_joints() -> tuple[Array, ...]:
+        return (inverse_right_jacobian(error) / sigma[..., None],)
+
+    yield JointEquations(frames.start, error / sigma, 1.0, SQUARE, wearer.owner, by_joints)
 
 
 MOUNTING_PRIOR = Term.prior("mounting prior", mounting_equations)

@@ -168,7 +168,7 @@ def test_a_flood_of_one_mistake_is_told_once() -> None:
         (lambda header: setattr(header.cameras[0], "calibration", b"\xff"), "no foxglove.CameraCalibration"),
         (lambda header: header.cameras[0].ClearField("calibration"), "camera matrix K"),
         (lambda header: header.cameras[0].info.ClearField("keypoints"), "names no keypoints"),
-        (lambda header: setattr(header.cameras[0].info, "name", "Ada"), "two carriers are called Ada"),
+        (lambda header: setattr(header.cameras[0].info, "name", "Ada"), "two wearers or cameras are called Ada"),
         (lambda header: header.wearers[0].placement.sites[0].ClearField("mounting_wxyz"), "unit length"),
         (lambda header: setattr(header.wearers[0].subject, "stature_m", 17.0), "17"),
     ],

@@ -50,5 +50,5 @@ def test_a_stream_takes_one_camera_that_moves() -> None:
     scene = two_cameras()
     both = replace(scene.camera, moving=True), replace(scene.further_cameras[0], moving=True)
     stream_head(replace(scene, camera=both[0]))
-    with pytest.raises(RecordingError, match="cameras phone, left move: expected one at most"):
+    with pytest.raises(RecordingError, match="cameras phone, left move: expected at most one moving camera"):
         stream_head(replace(scene, camera=both[0], further_cameras=both[1:]))

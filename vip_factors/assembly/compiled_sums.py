@@ -249,12 +249,8 @@ def _camera_acceleration(sums: Any, camera: CameraEvaluation, scatter: CompiledA
 def _camera_velocity(sums: Any, camera: CameraEvaluation, scatter: CompiledAccumulator) -> None:
     if camera.is_path:
         settings = camera.problem.settings.velocity
-        sums.camera_velocity(
-            *_poses(camera, scatter),
-            camera.step,
-            camera_velocity_sigmas(settings),
-            *_loss_arguments(settings.loss, camera),
-        )
+        sigmas, loss = camera_velocity_sigmas(settings), _loss_arguments(settings.loss, camera)
+        sums.camera_velocity(*_poses(camera, scatter), camera.step, sigmas, *loss)
 
 
 KERNELS: dict[str, Callable[[Any, Any, CompiledAccumulator], None]] = {

@@ -55,14 +55,8 @@ class SceneEvaluation:
         if self._wearers_move:
             yield from ((term, wearer) for term in WEARER_TERMS)
         for camera, viewpoint in enumerate(self._viewpoints):
-            view = ViewEvaluation(
-                wearer,
-                camera_owner(camera),
-                viewpoint.problem,
-                viewpoint.state,
-                viewpoint.views[number],
-                *self._offsets,
-            )
+            arguments = viewpoint.problem, viewpoint.state, viewpoint.views[number]
+            view = ViewEvaluation(wearer, camera_owner(camera), *arguments, *self._offsets)
             yield from ((term, view) for term in VIEW_TERMS)
 
     def camera_terms(self) -> Iterator[tuple[Term[Any], Any]]:

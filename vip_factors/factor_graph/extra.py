@@ -72,11 +72,8 @@ def _checked(key: int, state: SceneState, first_frame: int) -> Variable:
             f"an extra factor is on frame {variable.frame} ({name}): expected one of {first_frame} to "
             f"{first_frame + frames - 1}"
         )
-    if (
-        variable.block in ROWS
-        and ROWS[variable.block].of_sensors
-        and variable.item >= len(state.wearers[variable.wearer].headings)
-    ):
+    is_sensors = variable.block in ROWS and ROWS[variable.block].of_sensors
+    if is_sensors and variable.item >= len(state.wearers[variable.wearer].headings):
         raise InputError(f"an extra factor is on sensor {variable.item} ({name}): the wearer has fewer")
     return variable
 

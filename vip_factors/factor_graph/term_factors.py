@@ -141,12 +141,10 @@ class _Window:
 
         def evaluate(values: gtsam.Values, derived: bool) -> tuple[Array, list[Array]]:
             evaluation = self.at(self.problem, state_of(values, self.state, variables, self.begin))
-            equations_at_values = self.equations(evaluation)
-            assert equations_at_values is not None
-            blocks = (
-                [root * block for _, block in self._blocks(equations_at_values, evaluation, row, n)] if derived else []
-            )
-            return root * equations_at_values.residual[row, n], blocks
+            eq = self.equations(evaluation)
+            assert eq is not None
+            blocks = [root * block for _, block in self._blocks(eq, evaluation, row, n)] if derived else []
+            return root * eq.residual[row, n], blocks
 
         noise = noise_model(equations.loss, equations.residual.shape[2])
         keys, widths = [variable.key for variable in variables], [variable.width for variable in variables]
@@ -158,17 +156,14 @@ class _Window:
         match eq:
             case BoneEquations():
                 by_twist, other_blocks = eq.derivatives()
-                return [
-                    *self._by_bone(eq, evaluation, by_twist[row, n], eq.bones[n], 0),
-                    *self._by_blocks(other_blocks, row, n),
-                ]
+                bone_blocks = self._by_bone(eq, evaluation, by_twist[row, n], eq.bones[n], 0)
+                return bone_blocks + self._by_blocks(other_blocks, row, n)
             case DifferenceEquations():
                 blocks: Blocks = []
                 for ahead, c in enumerate(eq.coefficients):
                     arm = eq.arms[row + ahead, n]
-                    blocks += self._by_bone(
-                        eq, evaluation, c * twists_at(arm), eq.bones[n] if arm.any() else None, ahead
-                    )
+                    bone = eq.bones[n] if arm.any() else None
+                    blocks += self._by_bone(eq, evaluation, c * twists_at(arm), bone, ahead)
                 return [*blocks, *self._by_blocks(eq.blocks(), row, n)]
             case JointEquations():
                 return self._by_joints(eq, row, n)

@@ -267,20 +267,15 @@ class StartSearch:
             behind = float(np.min(costs[off], initial=np.inf)) - minimum.cost
             if behind < SETTLED_NATS:
                 alternative = self._minimum(grid, pairs, (hypothesis,), (s, off), marginals=False)
-                start = Start(
-                    best_start.hypothesis,
-                    _calibration_of(grid, alternative, best_start.calibration),
-                    best_start.cost + behind,
-                )
-                near.append((start, {s}))
+                calibration = _calibration_of(grid, alternative, best_start.calibration)
+                near.append((Start(best_start.hypothesis, calibration, best_start.cost + behind), {s}))
             rival, margin = (best_start.hypothesis, behind) if behind < margin else (rival, margin)
         doubtful, rivals = set[int](), list[Start]()
         for start, turned in sorted(near, key=lambda entry: entry[0].cost):
             rivals += [start] if turned - doubtful else []
             doubtful |= turned
-        best_start = replace(
-            best_start, calibration=replace(best_start.calibration, heading_sigma=_heading_sigma(grid, minimum))
-        )
+        calibration = replace(best_start.calibration, heading_sigma=_heading_sigma(grid, minimum))
+        best_start = replace(best_start, calibration=calibration)
         return Starts(best_start, rival, float(max(margin, 0.0)), tuple(sorted(doubtful)), rivals=tuple(rivals))
 
 
@@ -294,9 +289,8 @@ def _differences(calibration_a: InitialCalibration, calibration_b: InitialCalibr
     """Differences ``(S,)`` of two starts in radians: of mountings, or of headings without the common yaw."""
     off = wrap_angle(calibration_b.headings - calibration_a.headings)
     common = np.angle(np.exp(1j * off).mean())
-    return np.maximum(
-        angle_between(calibration_a.R_bone_sensor, calibration_b.R_bone_sensor), np.abs(wrap_angle(off - common))
-    )
+    turns = angle_between(calibration_a.R_bone_sensor, calibration_b.R_bone_sensor)
+    return np.maximum(turns, np.abs(wrap_angle(off - common)))
 
 
 def _candidate_differences(grid: Candidates, s: int, heading: int, mounting: int) -> Array:

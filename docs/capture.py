@@ -208,7 +208,7 @@ def capture_scene(browser: Browser, folder: Path) -> None:
     drawn, viewer = drawn_scene(scene, estimate), Viewer(tab)
     video = footage(viewer, drawn)
     drawn = replace(drawn, cameras=(replace(drawn.camera, video=video),))
-    shown = replace(scene, camera=replace(scene.camera, video=video))
+    shown = replace(scene, cameras=(replace(scene.camera, video=video),))
     vip.picture(estimate, DOCS / "scene.png", shown, title="Two wearers before a hand-held camera", overwrite=True)
     first, *others = hero(viewer, scene, drawn)
     first.save(

@@ -61,12 +61,12 @@ def camera_of(scene: Scene) -> Camera:
 def with_detections(scene: Scene, change: Callable[[Detections], Detections]) -> Scene:
     """The scene with other detections; it no longer knows whose they are."""
     camera = camera_of(scene)
-    return replace(scene, camera=replace(camera, detections=change(camera.detections)), truth=None)
+    return replace(scene, cameras=(replace(camera, detections=change(camera.detections), truth=None),))
 
 
 def without_detections(scene: Scene, start: float, end: float, wearer: int | None = None) -> Scene:
     """Nothing was detected between two instants: of anybody, or of one wearer."""
-    camera, truth = camera_of(scene), scene.truth
+    camera, truth = camera_of(scene), scene.camera.truth
     assert truth is not None
     time = camera.detections.time[camera.detections.frame]
     gone = (time >= start) & (time <= end)
@@ -74,7 +74,7 @@ def without_detections(scene: Scene, start: float, end: float, wearer: int | Non
         gone &= truth.wearer == wearer
     assert truth.pixels is not None
     kept = replace(truth, wearer=truth.wearer[~gone], pixels=truth.pixels[~gone])
-    return replace(scene, camera=replace(camera, detections=camera.detections.select(~gone)), truth=kept)
+    return replace(scene, cameras=(replace(camera, detections=camera.detections.select(~gone), truth=kept),))
 
 
 def spliced(first: Detections, second: Detections) -> Detections:

@@ -17,7 +17,7 @@ LAG = 15  # frames
 
 def live_scene(seconds: float = 1.0, wearers: int = 2, filmed: bool = True) -> Scene:
     scene = scene_sample(seconds)
-    return Scene(scene.name, scene.wearers[:wearers], scene.camera if filmed else None, scene.truth if filmed else None)
+    return Scene(scene.name, scene.wearers[:wearers], scene.cameras if filmed else ())
 
 
 def answers(scene: Scene, covariance: bool = True, lag: int = LAG) -> Iterator[LiveEstimate]:
@@ -56,7 +56,7 @@ def pose(scene: Scene, index: int, frame: int, covariance: bool) -> LivePose:
 
 
 def camera_pose(scene: Scene, time: float) -> LiveCameraPose:
-    at = scene.truth.camera.at(np.array([time]))
+    at = scene.camera.truth.path.at(np.array([time]))
     return LiveCameraPose(time, at.R_world_camera[0], at.p_world_camera[0], np.diag(np.repeat([1e-4, 9e-4], 3)))
 
 

@@ -14,7 +14,7 @@ from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections, keypoints_in_image
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording, Subject, Truth
-from vip_factors.sensors.scene import Camera, CameraMount, Scene, SceneTruth
+from vip_factors.sensors.scene import Camera, CameraMount, CameraTruth, Scene
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import looking_at
 
@@ -81,8 +81,9 @@ def scene_sample(seconds: float = 2.0, moving: bool = True, noise_px: float = 0.
     wearers = tuple(recording_of(motions[name], name, walkers[name][0]) for name in ("ann", "bob"))
     along = path.at(wearers[0].truth.motion.time)
     imu = ImuStream("camera", along.time, None, rotation_z(0.4) @ along.R_world_camera)
-    truth = SceneTruth(path, np.tile([0, 1, -1], len(time)), pixels, SensorCalibration(-0.4, np.eye(3)))
-    return Scene("two of three", wearers, Camera("phone", MODEL, detections, moving, CameraMount(imu)), truth)
+    truth = CameraTruth(path, np.tile([0, 1, -1], len(time)), pixels, SensorCalibration(-0.4, np.eye(3)))
+    camera = Camera("phone", MODEL, detections, moving, CameraMount(imu), truth=truth)
+    return Scene("two of three", wearers, (camera,))
 
 
 def estimate_of(scene: Scene, injected: Injected | None = None) -> Estimate:
@@ -111,7 +112,7 @@ def estimate_of(scene: Scene, injected: Injected | None = None) -> Estimate:
                 residuals, tuple(calibration),
             )
         )  # fmt: skip
-    path = scene.truth.camera
+    path = scene.camera.truth.path
     R_true, p_true = path.R_world_camera, path.p_world_camera + error.camera_m * path.R_world_camera[:, :, 2]
     found = CameraPath(path.time, R_gauge @ R_true @ exp([0, 0, error.camera_rad]), p_true @ R_gauge.T + shift)
     camera = CameraEstimate(
@@ -120,4 +121,4 @@ def estimate_of(scene: Scene, injected: Injected | None = None) -> Estimate:
         found,
         SensorCalibration(-0.4 + error.yaw, transpose(exp([error.mounting, 0, 0])), error.sigma),
     )
-    return Estimate(scene.name, "VIP", tuple(wearers), camera, scene.truth.wearer.copy())
+    return Estimate(scene.name, "VIP", tuple(wearers), (camera,), scene.camera.truth.wearer.copy())

@@ -118,7 +118,7 @@ def test_bones_without_sensors_are_seen_by_the_camera() -> None:
 
 def test_a_hand_held_camera_without_an_imu() -> None:
     filmed = scene("hand-held")
-    filmed = replace(filmed, camera=replace(camera_of(filmed), mount=None))
+    filmed = replace(filmed, cameras=(replace(camera_of(filmed), mount=None),))
     estimate = smooth(filmed, QUICK)
     evaluation = evaluate_scene(estimate, filmed)
     assert estimate.camera is not None
@@ -130,14 +130,14 @@ def test_a_hand_held_camera_without_an_imu() -> None:
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
 def test_a_known_camera_is_believed_and_puts_the_wearer_where_they_were(camera: CameraKind) -> None:
     filmed = scene(camera)
-    assert filmed.truth is not None
-    filmed = replace(filmed, camera=replace(camera_of(filmed), known_path=filmed.truth.camera))
+    assert filmed.camera.truth is not None
+    filmed = replace(filmed, cameras=(replace(camera_of(filmed), known_path=filmed.camera.truth.path),))
     estimate = smooth(filmed, QUICK)
     assert estimate.camera is not None
-    assert filmed.truth is not None
+    assert filmed.camera.truth is not None
     time = estimate.camera.path.time
     np.testing.assert_allclose(
-        estimate.camera.path.p_world_camera, filmed.truth.camera.at(time).p_world_camera, atol=1e-6
+        estimate.camera.path.p_world_camera, filmed.camera.truth.path.at(time).p_world_camera, atol=1e-6
     )
     assert mpjpe(estimate, filmed) < 30.0
     assert filmed.wearers[0].truth is not None
@@ -147,7 +147,7 @@ def test_a_known_camera_is_believed_and_puts_the_wearer_where_they_were(camera: 
 
 
 def test_without_a_camera_nobody_knows_who_stands_where() -> None:
-    estimate = smooth(replace(pair(), camera=None, truth=None), HASTY)
+    estimate = smooth(replace(pair(), cameras=()), HASTY)
     assert estimate.method == "SIP"
     assert estimate.camera is None
     assert len(estimate.wearers) == 2
@@ -172,7 +172,7 @@ def test_the_focal_length_of_an_uncalibrated_camera_is_estimated(zoom: float) ->
     filmed = filmed_gestures(seconds=8.0)
     true = camera_of(filmed).model.focal[0]
     uncalibrated = replace(camera_of(filmed), model=camera_of(filmed).model.zoomed(zoom), focal_sigma=0.25)
-    camera = smooth(replace(filmed, camera=uncalibrated), QUICK).camera
+    camera = smooth(replace(filmed, cameras=(uncalibrated,)), QUICK).camera
     assert camera is not None
     assert camera.focal_sigma is not None
     assert camera.focal_sigma < 0.15
@@ -189,22 +189,22 @@ def test_a_calibrated_lens_is_kept() -> None:
 
 def test_how_its_sensor_sits_on_the_camera_is_found() -> None:
     filmed = scene("hand-held")
-    mount, truth = camera_of(filmed).mount, filmed.truth
+    mount, truth = camera_of(filmed).mount, filmed.camera.truth
     assert mount is not None
     assert mount.imu.R_inertial_sensor is not None
     assert mount.imu.specific_force is not None
     assert truth is not None
-    assert truth.camera_calibration is not None
+    assert truth.calibration is not None
     R = exp(np.array([1.2, -2.0, 0.7]))  # another make's axes
     imu = replace(
         mount.imu, R_inertial_sensor=mount.imu.R_inertial_sensor @ R, specific_force=mount.imu.specific_force @ R
     )
     unknown = CameraMount(imu, mounting_sigma=UNKNOWN_MOUNTING_SIGMA)
-    estimate = smooth(replace(filmed, camera=replace(camera_of(filmed), mount=unknown)), QUICK)
+    estimate = smooth(replace(filmed, cameras=(replace(camera_of(filmed), mount=unknown),)), QUICK)
     assert estimate.camera is not None
     found = estimate.camera.calibration
     assert found is not None
-    off = np.rad2deg(angle_between(found.R_bone_sensor, truth.camera_calibration.R_bone_sensor @ R))
+    off = np.rad2deg(angle_between(found.R_bone_sensor, truth.calibration.R_bone_sensor @ R))
     assert off < 25.0  # of 180: in four seconds a hand tilts a camera little
     assert np.all(np.isfinite(found.mounting_sigma))
     assert mpjpe(estimate, filmed) < 35.0
@@ -243,7 +243,7 @@ def test_a_heading_that_nothing_shows_is_less_sure() -> None:
     hidden = [index for index, name in enumerate(found.keypoints.keypoints) if "elbow" in name or "wrist" in name]
     confidence = found.confidence.copy()
     confidence[:, hidden] = 0.0
-    blind = replace(scene(), camera=replace(camera_of(scene()), detections=replace(found, confidence=confidence)))
+    blind = replace(scene(), cameras=(replace(camera_of(scene()), detections=replace(found, confidence=confidence)),))
     shown, unseen = solved().wearers[0].calibration, smooth(blind, QUICK).wearers[0].calibration
     for name in ("left_forearm", "right_forearm", "left_upper_arm", "right_upper_arm"):
         assert unseen[name].heading_sigma > 1.1 * shown[name].heading_sigma

@@ -63,11 +63,11 @@ def camera_seen_from_the_pelvis(estimate: Estimate, scene: Scene) -> tuple[Array
     A world without contacts is free not only to turn and shift but to drift at a constant speed.
     """
     assert estimate.camera is not None
-    assert scene.truth is not None
+    assert scene.camera.truth is not None
     assert scene.wearers[0].truth is not None
     ours, truth, _ = common_frames(estimate.wearers[0].motion, scene.wearers[0].truth.motion)
     relative = []
-    for motion, path in ((ours, estimate.camera.path), (truth, scene.truth.camera)):
+    for motion, path in ((ours, estimate.camera.path), (truth, scene.camera.truth.path)):
         camera, pelvis = path.at(motion.time), motion.R_parent_child[:, 0]
         p = np.einsum("tji,tj->ti", pelvis, camera.p_world_camera - motion.p_world_pelvis)
         relative.append((transpose(pelvis) @ camera.R_world_camera, p))

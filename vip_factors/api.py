@@ -113,9 +113,9 @@ def sync(scene: Scene, max_offset: float = 10.0) -> Scene:
 
 def with_clock(scene: Scene, clock: VideoClock, number: int = 0) -> Scene:
     """The scene in which the video's clock of the camera of a number is so far off the sensors'."""
-    return scene.with_cameras(
-        [replace(camera, clock=clock) if at == number else camera for at, camera in enumerate(scene.cameras)]
-    )
+    cameras = list(scene.cameras)
+    cameras[number] = replace(cameras[number], clock=clock)
+    return replace(scene, cameras=tuple(cameras))
 
 
 def detect(

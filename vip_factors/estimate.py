@@ -21,6 +21,7 @@ from vip_factors.findings import Finding, Verdict, verdict
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
+from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.solve.levenberg_marquardt import SolveReport
 
 if TYPE_CHECKING:
@@ -260,27 +261,26 @@ class Estimate(Summarised):
         name: of the recording.
         method: name of the variant (``"VIP"``, ``"SIP"`` …).
         wearers: one estimate each, in the recording's order.
-        camera: if there was one.
-        wearer_of_detection: ``(N,)`` index of the wearer that each detection was given to, −1 for nobody.
+        cameras: those that show a wearer, in the recording's order.
+        wearer_of_detection: ``(N,)`` index of the wearer that each detection of the recording's first camera was given
+            to, −1 for nobody.
         reports: of the solves over all wearers, in order.
         findings: what is odd or not determined: to be shown to the user.
         settings: the effective settings, flattened to text.
         detector: where it puts its keypoints; None if that was not looked for.
         association: sentences about what told who is who in the first camera's picture, one of each wearer.
-        further_cameras: beside the first one, those that show a wearer.
     """
 
     name: str
     method: str
     wearers: tuple[WearerEstimate, ...]
-    camera: CameraEstimate | None = None
+    cameras: tuple[CameraEstimate, ...] = ()
     wearer_of_detection: np.ndarray = field(default_factory=lambda: np.zeros(0, int))
     reports: tuple[SolveReport, ...] = ()
     findings: tuple[Finding, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     detector: DetectorEstimate | None = None
     association: tuple[str, ...] = ()
-    further_cameras: tuple[CameraEstimate, ...] = ()
 
     @classmethod
     def of_one(cls, wearer: WearerEstimate) -> "Estimate":
@@ -309,7 +309,7 @@ class Estimate(Summarised):
     @property
     def is_plain(self) -> bool:
         """Whether it says nothing beyond the estimate of its only wearer."""
-        if len(self.wearers) != 1 or self.camera is not None or self.detector is not None:
+        if len(self.wearers) != 1 or self.cameras or self.detector is not None:
             return False
         own, plain = (
             (one.name, one.method, one.findings, dict(one.settings)) for one in (self, Estimate.of_one(self.wearers[0]))
@@ -317,17 +317,9 @@ class Estimate(Summarised):
         return own == plain and not (self.reports or self.association or len(self.wearer_of_detection))
 
     @property
-    def cameras(self) -> tuple[CameraEstimate, ...]:
-        """All cameras that show a wearer, in the scene's order."""
-        return (*(() if self.camera is None else (self.camera,)), *self.further_cameras)
-
-    def with_cameras(
-        self, cameras: Sequence[CameraEstimate], wearers: Sequence[WearerEstimate] | None = None
-    ) -> "Estimate":
-        """The same with other estimates of its cameras, and of its wearers if they are given."""
-        first, further = (None, cameras) if self.camera is None else (cameras[0], cameras[1:])
-        wearers = self.wearers if wearers is None else wearers
-        return replace(self, camera=first, further_cameras=tuple(further), wearers=tuple(wearers))
+    def camera(self) -> CameraEstimate | None:
+        """The first camera, the only one of most estimates; None without any."""
+        return self.cameras[0] if self.cameras else None
 
     def wearer(self, name: str | None = None) -> WearerEstimate:
         """The estimate of the wearer of a name, or of the only one.
@@ -367,7 +359,7 @@ class Estimate(Summarised):
         one = self.wearer(wearer)
         columns = {"time_s": one.motion.time}
         if "positions" in tables:
-            columns |= _position_columns(one, UNFILMED if self.camera is None else FILMED)
+            columns |= _position_columns(one, FILMED if self.cameras else UNFILMED)
         return columns | (_angle_columns(one) if "angles" in tables else {})
 
     def to_dataframe(self, wearer: str | None = None) -> "pandas.DataFrame":
@@ -407,6 +399,14 @@ class Estimate(Summarised):
         whole = xarray.concat(each, "individuals", join="outer")
         fps = self.wearers[0].motion.rate
         return whole.assign_attrs(fps=fps, time_unit="seconds", source_software="vip_factors", ds_type="poses")
+
+
+def camera_pairs(scene: Scene, estimate: Estimate) -> list[tuple[Camera, CameraEstimate]]:
+    """Each camera that shows a wearer and its estimate, by name; where both have one camera, it whatever its names."""
+    if len(scene.cameras) == len(estimate.cameras) == 1:
+        return [(scene.cameras[0], estimate.cameras[0])]
+    estimates = {camera.name: camera for camera in estimate.cameras}
+    return [(camera, estimates[camera.name]) for camera in scene.cameras if camera.name in estimates]
 
 
 Moved = Motion | WearerEstimate | Estimate

@@ -35,7 +35,11 @@ class EstimateChunks:
         wearers, none = estimate.wearers, slice(0, 0)
         without = tuple(replace(one, reports=()) for one in wearers)
         return cls(
-            estimate.with_cameras([camera.start for camera in estimate.cameras], [one.frames(none) for one in wearers]),
+            replace(
+                estimate,
+                cameras=tuple(camera.start for camera in estimate.cameras),
+                wearers=tuple(one.frames(none) for one in wearers),
+            ),
             tuple(len(one.motion) for one in wearers),
             iter([replace(estimate, wearers=without, reports=())]),
             tuple(len(camera.path) for camera in estimate.cameras),
@@ -55,10 +59,10 @@ class EstimateChunks:
         """All chunks together, in memory."""
         chunks = list(self.chunks)
         head = self.closed() if self.closed is not None else self.head
-        wearers = [_joined_wearer(*own) for own in zip(head.wearers, *(one.wearers for one in chunks), strict=True)]
-        cameras = [_joined_camera(*own) for own in zip(head.cameras, *(one.cameras for one in chunks), strict=True)]
+        wearers = map(_joined_wearer, head.wearers, *(one.wearers for one in chunks))
+        cameras = map(_joined_camera, head.cameras, *(one.cameras for one in chunks))
         reports = (*head.reports, *(report for one in chunks for report in one.reports))
-        return replace(head.with_cameras(cameras, wearers), reports=reports)
+        return replace(head, cameras=tuple(cameras), wearers=tuple(wearers), reports=reports)
 
 
 def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstimate:

@@ -283,7 +283,7 @@ def _sync(recording: Path, out: Path, overwrite: bool, progress: ProgressCallbac
     scene = api.read(recording)
     sentences = list[str]()
     for number, camera in enumerate(scene.cameras):
-        offset, label = find_clock_offset(scene, number=number), f"{camera.name}: " if scene.further_cameras else ""
+        offset, label = find_clock_offset(scene, number=number), f"{camera.name}: " if len(scene.cameras) > 1 else ""
         if not offset.determined:
             raise InputError(f"{recording}: {label}{offset.sentence}")
         scene = api.with_clock(scene, offset.clock, number)
@@ -346,7 +346,7 @@ def estimate_lines(estimate: "Estimate", frames: Sequence[int]) -> Iterator[str]
     for wearer, count in zip(estimate.wearers, frames, strict=True):
         who = f", {wearer.name}" if wearer.name else ""
         yield f"{wearer.method}{who}: {count} frames at {wearer.motion.rate:g} Hz from {len(wearer.sensors)} sensors"
-    if estimate.camera is not None:
+    if estimate.cameras:
         labels = estimate.wearer_of_detection
         yield f"camera: {int((labels >= 0).sum())} of {len(labels)} detections are of wearers"
     yield f"computed in {sum(report.seconds for report in estimate.all_reports):.1f} s"

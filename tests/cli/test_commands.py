@@ -95,7 +95,7 @@ def test_a_simulated_scene_is_what_was_asked_for(run, tmp_path: Path, camera: st
     assert (scene.camera.model.width, scene.camera.moving) == (1280, camera == "walking")
     assert (scene.camera.mount is None) == (camera == "fixed")
     assert scene.camera.detections.keypoints.name == "coco17"
-    assert set(np.unique(scene.truth.wearer)) == {-1, 0, 1}
+    assert set(np.unique(scene.camera.truth.wearer)) == {-1, 0, 1}
 
 
 def test_further_people_need_a_camera(run, tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def test_findings_are_told_by_their_weight(run: Callable, filmed: Path, tmp_path
     assert scene.camera is not None
     nobody = scene.camera.detections.select(np.zeros(len(scene.camera.detections), bool))
     write_recording(
-        replace(scene, camera=replace(scene.camera, detections=nobody), truth=None), tmp_path / "empty.mcap"
+        replace(scene, cameras=(replace(scene.camera, detections=nobody, truth=None),)), tmp_path / "empty.mcap"
     )
     told = run("smooth", tmp_path / "empty.mcap", *QUICK)
     assert told.code == 0, told.err
@@ -84,7 +84,7 @@ def test_wearers_who_share_no_time_are_refused(run: Callable, filmed: Path, tmp_
     first = scene.wearers[0]
     late = {name: replace(stream, time=stream.time + 60.0) for name, stream in first.imus.items()}
     second = replace(first, imus=late, subject=replace(first.subject, name="bob"), truth=None)
-    write_recording(Scene("apart", (first, second), scene.camera), tmp_path / "apart.mcap")
+    write_recording(Scene("apart", (first, second), (scene.camera,)), tmp_path / "apart.mcap")
     told = run("smooth", tmp_path / "apart.mcap", *QUICK)
     assert told.code == 2
     assert told.err.count("\n") == 1

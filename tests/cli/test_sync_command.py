@@ -55,7 +55,7 @@ def test_what_cannot_be_known_is_not_written(run, files, filmed: Path, tmp_path:
     scene = read_scene(filmed)
     still = np.repeat(scene.camera.detections.pixels[:1], len(scene.camera.detections), axis=0)
     frozen = replace(scene.camera, detections=replace(scene.camera.detections, pixels=still))
-    write_recording(replace(scene, camera=frozen, truth=None), tmp_path / "still.mcap")
+    write_recording(replace(scene, cameras=(frozen,)), tmp_path / "still.mcap")
     told = run("sync", tmp_path / "still.mcap")
     assert told.code == 2
     assert "undetermined" in told.err

@@ -89,7 +89,7 @@ def test_names_of_files_do_not_steer_the_terminal(words: str, run, files, tmp_pa
         placement=placement,
         truth=None,
     )
-    recording = vip.write(replace(scene, wearers=(wearer,), truth=None), tmp_path / "walk.mcap")
+    recording = vip.write(replace(scene, wearers=(wearer,)), tmp_path / "walk.mcap")
     named = {"RECORDING": recording, "PICTURE": tmp_path / "graph.svg"}
     outcome = run(*(named.get(word, word) for word in words.split()))
     told = outcome.out + outcome.err

@@ -52,7 +52,7 @@ def test_honesty_is_judged_by_the_sensor_that_is_surest(scene: Scene) -> None:
     result = evaluate_scene(anchored, scene)
     assert result["nees_heading"] == pytest.approx((0.1 / 0.05) ** 2)  # of all the others
     assert not any("nees_heading" in wearer.metrics for wearer in result.wearers.values())  # against the scene's alone
-    known = replace(scene, camera=replace(scene.camera, known_path=scene.truth.camera))
+    known = replace(scene, cameras=(replace(scene.camera, known_path=scene.camera.truth.path),))
     result = evaluate_scene(estimate_of(known, Injected(yaw=0.1)), known)
     assert result["nees_heading"] == pytest.approx((0.1 / 0.05) ** 2)  # a world that was given has no gauge
     assert result["heading_error"] == pytest.approx(0.0, abs=1e-5)
@@ -91,13 +91,13 @@ def test_wearers_apart_show_in_the_scene_not_in_their_poses(scene: Scene) -> Non
 def test_camera_covariance_is_judged_in_the_gauge_of_the_prior(scene: Scene) -> None:
     estimate = estimate_of(scene, replace(TURNED, camera_m=0.03))
     covariance = np.tile(np.diag([0.01, 0.01, 0.01, 0.03, 0.03, 0.03]) ** 2, (len(estimate.camera.path), 1, 1))
-    result = evaluate_scene(replace(estimate, camera=replace(estimate.camera, covariance=covariance)), scene)
+    result = evaluate_scene(replace(estimate, cameras=(replace(estimate.camera, covariance=covariance),)), scene)
     assert result["nees_camera"] == pytest.approx(1 / 6)
 
 
 def test_without_a_camera_every_wearer_has_a_gauge_of_its_own(scene: Scene) -> None:
     estimate = estimate_of(scene, replace(TURNED, apart_m=0.5))
-    result = evaluate_scene(replace(estimate, camera=None, wearer_of_detection=np.zeros(0, int)), scene)
+    result = evaluate_scene(replace(estimate, cameras=(), wearer_of_detection=np.zeros(0, int)), scene)
     assert result["scene_position_error"] == pytest.approx(0.0, abs=1e-5)
     assert "camera_translation" not in result.metrics
     assert "association_recall" not in result.metrics

@@ -40,7 +40,7 @@ def seen_between(scene: Scene, first: float, last: float) -> Scene:
         seen.keypoints, seen.time[frames], (np.cumsum(frames) - 1)[seen.frame[keep]], seen.pixels[keep],
         seen.confidence[keep],
     )  # fmt: skip
-    return replace(scene, camera=replace(scene.camera, detections=cut), truth=None)
+    return replace(scene, cameras=(replace(scene.camera, detections=cut, truth=None),))
 
 
 @pytest.fixture(scope="module", params=["fixed", "hand-held"])
@@ -64,13 +64,13 @@ def test_eight_keypoints_tell_the_offset() -> None:
     joints = ("shoulder", "hip", "knee", "ankle")
     given = np.array([name.split("_")[-1] in joints for name in detections.keypoints.keypoints])
     few = replace(detections, confidence=given * detections.confidence).shifted(OFFSET - 0.1)
-    found = find_clock_offset(replace(scene, camera=replace(scene.camera, detections=few)), 0.5)
+    found = find_clock_offset(replace(scene, cameras=(replace(scene.camera, detections=few),)), 0.5)
     assert found.determined
     assert found.seconds == pytest.approx(0.1, abs=0.04)
 
 
 def test_the_result_follows_the_video_clock(scene: Scene) -> None:
-    moved = replace(scene, camera=replace(scene.camera, detections=scene.camera.detections.shifted(0.777)))
+    moved = replace(scene, cameras=(replace(scene.camera, detections=scene.camera.detections.shifted(0.777)),))
     difference = find_clock_offset(scene, 3.0).seconds - find_clock_offset(moved, 3.0).seconds
     assert difference == pytest.approx(0.777, abs=0.002)
 
@@ -112,10 +112,10 @@ def standing(time: np.ndarray, rate: float = 30.0) -> tuple[np.ndarray, np.ndarr
 
 def test_nothing_to_compare(scene: Scene) -> None:
     with pytest.raises(RecordingError, match="no camera"):
-        find_clock_offset(replace(scene, camera=None))
+        find_clock_offset(replace(scene, cameras=()))
     empty = scene.camera.detections.select(np.zeros(0, int))
     with pytest.raises(RecordingError, match="nobody is visible"):
-        find_clock_offset(replace(scene, camera=replace(scene.camera, detections=empty)))
+        find_clock_offset(replace(scene, cameras=(replace(scene.camera, detections=empty, truth=None),)))
     with pytest.raises(InputError, match="max_offset"):
         find_clock_offset(scene, 0.0)
 
@@ -156,7 +156,7 @@ def test_a_drift_is_told_and_becomes_the_clocks() -> None:
     scene = simulate_scene([Performer("a", motion, preset("sip6", motion.skeleton))], settings)
     seen = scene.camera.detections
     drifted = replace(scene.camera, detections=replace(seen, time=(seen.time - 0.5) / 1.001))
-    found = find_clock_offset(replace(scene, camera=drifted, truth=None), 1.5)
+    found = find_clock_offset(replace(scene, cameras=(drifted,)), 1.5)
     assert found.determined
     assert "drifts by +6" in found.sentence  # 64 ms
     video = np.array([0.0, 32.0, 64.0])

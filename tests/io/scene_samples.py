@@ -11,7 +11,7 @@ from vip_factors.estimate import CameraEstimate, DetectorEstimate, Estimate
 from vip_factors.findings import bare
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.scene import Camera, CameraMount, Scene, SceneTruth, Video
+from vip_factors.sensors.scene import Camera, CameraMount, CameraTruth, Scene, Video
 
 MODEL = CameraModel(640, 480, (500.0, 501.0), (320.0, 240.0))
 
@@ -37,8 +37,8 @@ def filmed_walk(F: int = 20) -> Scene:
     found = detections(rng, F, keypoint_set("coco17"))
     found = replace(found, time=np.arange(F) / 10)
     wearer = rng.integers(-1, 1, len(found))
-    truth = SceneTruth(camera_path(rng, 1), wearer, found.pixels)
-    return Scene("filmed", (walk(),), Camera("phone", MODEL, found, moving=False), truth)
+    truth = CameraTruth(camera_path(rng, 1), wearer, found.pixels)
+    return Scene("filmed", (walk(),), (Camera("phone", MODEL, found, moving=False, truth=truth),))
 
 
 @st.composite
@@ -66,37 +66,24 @@ def cameras(draw: st.DrawFn) -> Camera:
 
 @st.composite
 def scenes(draw: st.DrawFn) -> Scene:
-    rng = np.random.default_rng(draw(seeds))
     people = draw(st.lists(recordings(), min_size=1, max_size=3, unique_by=lambda one: one.subject.name))
     start_ns = draw(st.sampled_from([0, 1_700_000_000_000_000_000]))
     wearers = tuple(replace(one, start_ns=start_ns) for one in people)
-    camera = draw(st.none() | cameras())
-    truth = None
-    if camera is not None and draw(st.booleans()):
-        N = len(camera.detections)
-        truth = SceneTruth(
-            camera_path(rng, draw(st.integers(1, 3))),
-            rng.integers(-1, len(wearers), N),
-            draw(st.sampled_from([None, rng.normal(size=camera.detections.pixels.shape)])),
-            draw(st.sampled_from([None, calibration(rng, ["imu"])["imu"]])),
-            VideoClock(rng.normal(), 1e-3 * rng.normal()),
-        )
-    further = draw(st.lists(further_cameras(), max_size=2)) if camera is not None else []
-    further = [replace(one, name=f"{number}/{one.name}") for number, one in enumerate(further)]
-    if truth is not None:
-        truth = replace(truth, further=tuple(_seen_by(one, rng, len(wearers)) for one in further))
-    return Scene(draw(names), wearers, camera, truth, tuple(further))
+    films = [
+        replace(one, name=f"{number}/{one.name}", truth=draw(st.sampled_from([None, _truth(draw, one, len(wearers))])))
+        for number, one in enumerate(draw(st.lists(cameras(), max_size=3)))
+    ]
+    return Scene(draw(names), wearers, tuple(films))
 
 
-@st.composite
-def further_cameras(draw: st.DrawFn) -> Camera:
-    path = camera_path(np.random.default_rng(draw(seeds)), 1)
-    return replace(draw(cameras()), moving=False, known_path=path)
-
-
-def _seen_by(camera: Camera, rng: np.random.Generator, wearers: int) -> SceneTruth:
-    return SceneTruth(
-        camera_path(rng, 1), rng.integers(-1, wearers, len(camera.detections)), None, None, VideoClock(rng.normal())
+def _truth(draw: st.DrawFn, camera: Camera, wearers: int) -> CameraTruth:
+    rng, N = np.random.default_rng(draw(seeds)), len(camera.detections)
+    return CameraTruth(
+        camera_path(rng, draw(st.integers(1, 3))),
+        rng.integers(-1, wearers, N),
+        draw(st.sampled_from([None, rng.normal(size=camera.detections.pixels.shape)])),
+        draw(st.sampled_from([None, calibration(rng, ["imu"])["imu"]])),
+        VideoClock(rng.normal(), 1e-3 * rng.normal()),
     )
 
 
@@ -123,7 +110,7 @@ def scene_estimates(draw: st.DrawFn) -> Estimate:
         draw(names),
         draw(names),
         wearers,
-        draw(st.sampled_from([None, camera])),
+        draw(st.sampled_from([(), (camera,), (camera, replace(camera, name="another"))])),
         rng.integers(-1, W, draw(st.integers(0, 5))),
         wearers[0].reports,
         tuple(map(bare, draw(st.lists(names, max_size=2)))),

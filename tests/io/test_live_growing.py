@@ -58,12 +58,10 @@ def standing(scene: Scene) -> Scene:
     """Its camera at a known pose."""
     assert scene.camera is not None
     known = camera_path(np.random.default_rng(0), 1)
-    return replace(scene, camera=replace(scene.camera, known_path=replace(known, time=np.array([0.25]))))
+    return replace(scene, cameras=(replace(scene.camera, known_path=replace(known, time=np.array([0.25]))),))
 
 
-@pytest.mark.parametrize(
-    "make", [short_walk, lambda: standing(short_walk()), lambda: replace(filmed_walk(), truth=None)]
-)
+@pytest.mark.parametrize("make", [short_walk, lambda: standing(short_walk()), filmed_walk])
 def test_a_growing_scene_arrives(make: Callable[[], Scene], tmp_path: Path) -> None:
     scene = make()
     scene = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
@@ -100,7 +98,7 @@ def test_several_wearers_and_a_plain_recording_arrive(tmp_path: Path) -> None:
 def test_further_cameras_arrive(tmp_path: Path) -> None:
     scene = standing(short_walk())
     sides = [replace(scene.camera, name=name) for name in ("side/left", "imu")]
-    scene = replace(scene, further_cameras=tuple(sides))
+    scene = replace(scene, cameras=(scene.camera, *sides))
     write_recording(scene, tmp_path / "three.mcap")
     setup, samples, sentences = followed(tmp_path / "three.mcap")
     assert_followed(scene, setup, samples)

@@ -159,8 +159,8 @@ def test_a_clock_that_jumps_by_a_day_leaves_a_gap(tmp_path: Path) -> None:
 
 def test_a_camera_known_to_stand_still_has_one_pose(tmp_path: Path) -> None:
     scene = live_scene(1.0)
-    first = scene.truth.camera
+    first = scene.camera.truth.path
     known = CameraPath(first.time[:1], first.R_world_camera[:1], first.p_world_camera[:1])
-    scene = replace(scene, camera=replace(scene.camera, moving=False, known_path=known))
+    scene = replace(scene, cameras=(replace(scene.camera, moving=False, known_path=known),))
     write(scene, tmp_path / "e.mcap", list(answers(scene)))
     assert len(read_estimate(tmp_path / "e.mcap").camera.path) == 1

@@ -154,7 +154,7 @@ def sample(T: int = 30, wearers: int = 2) -> Estimate:
         WearerEstimate("walk", "VIP", replace(motion(rng, T), rate=30.0, start=0.0), {}) for _ in range(wearers)
     )
     path = replace(camera_path(rng, T), time=np.arange(T) / 30)
-    return Estimate("walk", "VIP", people, CameraEstimate("phone", MODEL, path, residual_px=np.ones((T, wearers))))
+    return Estimate("walk", "VIP", people, (CameraEstimate("phone", MODEL, path, residual_px=np.ones((T, wearers))),))
 
 
 def test_an_estimate_of_nobody_is_refused(tmp_path: Path) -> None:

@@ -143,10 +143,10 @@ def three_cameras() -> Scene:
     """Of which two are further ones."""
     scene = filmed_walk(5)
     assert scene.camera is not None
-    assert scene.truth is not None
-    path = scene.truth.camera
+    assert scene.camera.truth is not None
+    path = scene.camera.truth.path
     further = tuple(replace(scene.camera, name=name, known_path=path) for name in ("left", "a/info"))
-    return replace(scene, further_cameras=further, truth=replace(scene.truth, further=(scene.truth, scene.truth)))
+    return replace(scene, cameras=(scene.camera, *further))
 
 
 def test_topics_of_wearers_cannot_be_confused() -> None:
@@ -159,7 +159,7 @@ def test_a_video_beside_the_file_moves_with_it(tmp_path: Path) -> None:
     assert scene.camera is not None
     for video, where in ((tmp_path / "a" / "v.mp4", tmp_path / "b" / "v.mp4"), (Path("/v.mp4"), Path("/v.mp4"))):
         (tmp_path / "a").mkdir(exist_ok=True)
-        write_recording(replace(scene, camera=replace(scene.camera, video=Video(video))), tmp_path / "a" / "s.mcap")
+        write_recording(replace(scene, cameras=(replace(scene.camera, video=Video(video)),)), tmp_path / "a" / "s.mcap")
         (tmp_path / "a").rename(tmp_path / "b")
         read = read_scene(tmp_path / "b" / "s.mcap").camera
         assert read is not None

@@ -138,7 +138,7 @@ def test_they_are_kept_in_the_recording(tmp_path: Path) -> None:
     colours = np.random.default_rng(0).random((len(camera.detections), COLOURS))
     colours[::2] = np.nan
     detections = replace(camera.detections, torso_colour=colours)
-    write_recording(replace(scene, camera=replace(camera, detections=detections)), tmp_path / "coloured.mcap")
+    write_recording(replace(scene, cameras=(replace(camera, detections=detections),)), tmp_path / "coloured.mcap")
     read = read_scene(tmp_path / "coloured.mcap").camera.detections.torso_colour
     np.testing.assert_allclose(read, colours, rtol=1e-6)
     write_recording(scene, tmp_path / "plain.mcap")

@@ -77,7 +77,7 @@ def predictions(
 ) -> Predictions:
     """The truth, ``wrong`` times as wrong as predictions are; the first wearer is not found while ``hidden``."""
     random = np.random.default_rng([seed, 0xA550C])
-    detections, truth = scene.camera.detections, scene.truth
+    detections, truth = scene.camera.detections, scene.camera.truth
     time, F = detections.time, len(detections.time)
     step = 1 / detections.rate
     frames, owners = [], []
@@ -105,7 +105,7 @@ def predictions(
         sigma = ROOT_M + GROWS_M_S * unseen
         bodies.append(forward_kinematics(motion.skeleton, local_rotations(bent), p + sigma[:, None] * noise(1.0, 3)))
         root_m.append(sigma)
-    camera = truth.camera.at(time)
+    camera = truth.path.at(time)
     R_camera = camera.R_world_camera @ exp(noise(np.deg2rad(CAMERA_DEG), 3))
     return Predictions(frames, owners, bodies, R_camera, camera.p_world_camera, np.array(root_m))
 

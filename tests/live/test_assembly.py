@@ -37,7 +37,7 @@ def simulated(imu_rate: float, packet_loss: float, jitter: float = 0.0) -> tuple
     assert camera.mount is not None
     mount = replace(camera.mount, imu=jittered(camera.mount.imu))
     wearer = replace(wearer, imus={name: jittered(one) for name, one in wearer.imus.items()})
-    scene = replace(scene, wearers=(wearer,), camera=replace(camera, mount=mount))
+    scene = replace(scene, wearers=(wearer,), cameras=(replace(camera, mount=mount),))
     return scene, [*wearer.imus.values(), mount.imu]
 
 

@@ -157,7 +157,7 @@ def two_cameras() -> Scene:
 @pytest.mark.slow
 def test_two_cameras_tell_more_than_one() -> None:
     two = track(two_cameras())
-    one = track(replace(two_cameras(), further_cameras=(), truth=None))
+    one = track(replace(two_cameras(), cameras=two_cameras().cameras[:1]))
     assert placed_cm(two) < 0.9 * placed_cm(one)
     assert placed_cm(two) < 5
 
@@ -207,7 +207,7 @@ def test_a_stretch_without_the_wearer_does_not_lose_their_estimator() -> None:
 def test_two_cameras_of_unknown_pose_are_followed(moving: bool) -> None:
     scene = two_cameras()
     first, second = (replace(camera, known_path=None, moving=False) for camera in scene.cameras)
-    tracked = track(replace(scene, camera=replace(first, moving=moving), further_cameras=(second,), truth=None))
+    tracked = track(replace(scene, cameras=(replace(first, moving=moving), second)))
     assert tracked.answers[-1].camera is not None
-    alone = track(replace(scene, camera=replace(first, moving=moving), further_cameras=(), truth=None))
+    alone = track(replace(scene, cameras=(replace(first, moving=moving),)))
     assert tracked.error_mm("smoothed") < 1.1 * alone.error_mm("smoothed")

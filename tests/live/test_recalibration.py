@@ -75,7 +75,7 @@ def test_the_world_stays_as_it_was(anew: Tracked) -> None:
 
 
 def test_without_a_camera_tracking_goes_on_with_it_too() -> None:
-    alone = track(replace(filmed_gestures("fixed", 3.6), camera=None, truth=None), settings=OFTEN)
+    alone = track(replace(filmed_gestures("fixed", 3.6), cameras=()), settings=OFTEN)
     assert not alone.answers[-1].preliminary
 
 

@@ -52,7 +52,7 @@ def test_answers_are_near_the_truth() -> None:
 
 
 def test_the_wearer_is_seen_by_the_camera() -> None:
-    one, truth = tracked(), filmed().truth
+    one, truth = tracked(), filmed().camera.truth
     assert truth is not None
     seen = [answer.wearers[0].detection for answer in one.answers if answer.time > 1.5]
     assert np.mean([person is not None for person in seen]) > 0.9
@@ -129,7 +129,7 @@ def test_imus_alone_are_tracked() -> None:
 
 def test_two_wearers_are_told_apart() -> None:
     both = track(filmed_gestures("fixed", 3.0, ("anna", "ben")))
-    truth = both.scene.truth
+    truth = both.scene.camera.truth
     assert truth is not None
     assert [one.name for one in both.answers[-1].wearers] == ["anna", "ben"]
     for wearer in (0, 1):
@@ -209,7 +209,7 @@ def test_the_world_may_be_turned() -> None:
     assert scene.camera.known_path is not None
     path = scene.camera.known_path
     turned_path = CameraPath(path.time, R @ path.R_world_camera, path.p_world_camera @ R.T)
-    turned = replace(scene, camera=replace(scene.camera, known_path=turned_path))
+    turned = replace(scene, cameras=(replace(scene.camera, known_path=turned_path),))
 
     def turn(sample: LiveSample) -> LiveSample:
         if isinstance(sample, VideoFrame) or sample.R_inertial_sensor is None:

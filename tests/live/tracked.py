@@ -80,8 +80,8 @@ def placed_camera() -> Scene:
     """The same with the camera's pose known."""
     scene = filmed()
     assert scene.camera is not None
-    assert scene.truth is not None
-    return replace(scene, camera=replace(scene.camera, known_path=scene.truth.camera, moving=False))
+    assert scene.camera.truth is not None
+    return replace(scene, cameras=(replace(scene.camera, known_path=scene.camera.truth.path, moving=False),))
 
 
 @cache

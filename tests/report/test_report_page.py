@@ -92,7 +92,7 @@ def test_every_section_is_there_with_everything_known(estimate: Estimate, scene:
 def test_every_section_is_there_of_an_estimate_alone(estimate: Estimate) -> None:
     assert Page(page_of(estimate)).ids >= ALWAYS
     bare = replace(
-        estimate, camera=None, wearers=tuple(replace(one, covariance=None, residuals={}) for one in estimate.wearers)
+        estimate, cameras=(), wearers=tuple(replace(one, covariance=None, residuals={}) for one in estimate.wearers)
     )
     for few in (bare, replace(bare, wearers=bare.wearers[:1])):
         text = page_of(few)
@@ -103,7 +103,7 @@ def test_every_section_is_there_of_an_estimate_alone(estimate: Estimate) -> None
 
 
 def test_one_wearer_with_recording(estimate: Estimate, scene: Scene) -> None:
-    alone = replace(estimate, wearers=estimate.wearers[:1], camera=None, wearer_of_detection=np.zeros(0, int))
+    alone = replace(estimate, wearers=estimate.wearers[:1], cameras=(), wearer_of_detection=np.zeros(0, int))
     text = page_of(alone, Scene("one", scene.wearers[:1]))
     assert Page(text).ids >= ALWAYS
     assert "Knee flexion" in text
@@ -132,7 +132,7 @@ def test_names_are_escaped_everywhere(estimate: Estimate, scene: Scene, evil: st
         for number, recording in enumerate(scene.wearers)
     )
     camera = replace(scene.camera, name=evil, video=Video(Path("/nowhere") / evil.replace("/", "")))
-    named = replace(scene, name=evil, wearers=wearers, camera=camera)
+    named = replace(scene, name=evil, wearers=wearers, cameras=(camera,))
     wearer_estimates = tuple(
         replace(
             wearer,
@@ -148,7 +148,7 @@ def test_names_are_escaped_everywhere(estimate: Estimate, scene: Scene, evil: st
         name=evil,
         method=evil,
         wearers=wearer_estimates,
-        camera=replace(estimate.camera, name=evil),
+        cameras=(replace(estimate.camera, name=evil),),
         findings=(Finding("hardly seen", evil, words={"seen": "never seen", "so": "unknown"}), bare(evil)),
         association=(evil,),
         settings={evil: evil},
@@ -192,7 +192,7 @@ def test_what_does_not_belong_together_is_refused(estimate: Estimate, scene: Sce
         report_data(replace(estimate, wearers=estimate.wearers[:1]), scene)
     with pytest.raises(InputError, match="no wearer"):
         report_data(replace(estimate, wearers=()))
-    blind = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers), truth=None)
+    blind = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
     with pytest.raises(InputError, match="no truth"):
         report_data(estimate, scene, blind)
     assert report_data(estimate, blind, scene).has_truth

@@ -12,9 +12,8 @@ from vip_factors.sensors.scene import Scene
 
 def two_cameras() -> Scene:
     scene = scene_sample(0.5, moving=False)
-    second = replace(scene.camera, name="left", known_path=scene.truth.camera, mount=None)
-    truth = replace(scene.truth, further=(replace(scene.truth, camera_calibration=None),))
-    return replace(scene, further_cameras=(second,), truth=truth)
+    second = replace(scene.camera, name="left", known_path=scene.camera.truth.path, mount=None)
+    return replace(scene, cameras=(scene.camera, second))
 
 
 def test_all_cameras_are_listed_and_streamed() -> None:
@@ -22,23 +21,21 @@ def test_all_cameras_are_listed_and_streamed() -> None:
     assert [camera.name for camera in scene.cameras] == ["phone", "left"]
     setup = stream_head(scene)
     assert [camera.name for camera in setup.cameras] == ["phone", "left"]
-    assert setup.cameras[1].known_path is scene.truth.camera
+    assert setup.cameras[1].known_path is scene.camera.truth.path
     frames = [one for one in live_samples(scene) if isinstance(one, VideoFrame)]
     assert sorted({one.camera for one in frames}) == ["left", "phone"]
     assert len(frames) == 2 * len(scene.camera.detections.time)
 
 
 def changed(**changes: object) -> dict:
-    scene = two_cameras()
-    return {"further_cameras": (replace(scene.further_cameras[0], **changes),)}
+    first, second = two_cameras().cameras
+    return {"cameras": (first, replace(second, **changes))}
 
 
 @pytest.mark.parametrize(
     ("wrong", "complaint"),
     [
         (changed(name="phone"), "unique name"),
-        ({"camera": None, "truth": None}, "no first one"),
-        ({"truth": scene_sample(0.5, moving=False).truth}, "truth"),
     ],
 )
 def test_what_no_further_camera_can_be_is_refused(wrong: dict, complaint: str) -> None:
@@ -46,9 +43,15 @@ def test_what_no_further_camera_can_be_is_refused(wrong: dict, complaint: str) -
         replace(two_cameras(), **wrong)
 
 
+def test_a_truth_belongs_to_its_detections() -> None:
+    camera = scene_sample(0.5).camera
+    with pytest.raises(RecordingError, match="camera 'phone': its truth does not belong to its detections"):
+        replace(camera, detections=camera.detections.select(camera.truth.wearer == 0))
+
+
 def test_a_stream_takes_one_camera_that_moves() -> None:
     scene = two_cameras()
-    both = replace(scene.camera, moving=True), replace(scene.further_cameras[0], moving=True)
-    stream_head(replace(scene, camera=both[0]))
+    both = tuple(replace(camera, moving=True) for camera in scene.cameras)
+    stream_head(replace(scene, cameras=both[:1]))
     with pytest.raises(RecordingError, match="cameras phone, left move: expected at most one moving camera"):
-        stream_head(replace(scene, camera=both[0], further_cameras=both[1:]))
+        stream_head(replace(scene, cameras=both))

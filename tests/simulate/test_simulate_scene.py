@@ -39,18 +39,18 @@ def plain(camera: CameraKind = "hand-held", **changes) -> SceneSettings:
 
 def in_image(scene: Scene, motion: Motion) -> np.ndarray:
     """Pixels ``(F, K, 2)`` of a motion's keypoints by its own splines and the true camera."""
-    camera, truth = scene.camera, scene.truth
+    camera, truth = scene.camera, scene.camera.truth
     time = camera.detections.time + truth.clock.offset
     state = dense_motion(motion, SimulateSettings().lowpass_hz).state(time)
     marks = camera.detections.keypoints.on_body(motion.skeleton)
     world = np.stack([state.point(mark.bone, mark.p_bone_point) for mark in marks], axis=1)
-    return camera.model.project(truth.camera.at(time).to_camera(world))
+    return camera.model.project(truth.path.at(time).to_camera(world))
 
 
 @pytest.mark.parametrize(("camera", "keypoints"), list(zip(CAMERAS, ("openpose18", "body25", "coco17"), strict=True)))
 def test_noise_free_detections_are_the_projection_of_the_truth(people, camera: CameraKind, keypoints: str) -> None:
     scene = simulate_scene(people, plain(camera, keypoints=keypoints, distortion=(-0.1, 0.02, 0.0, 0.0)), seed=3)
-    detections, truth = scene.camera.detections, scene.truth
+    detections, truth = scene.camera.detections, scene.camera.truth
     for number in (0, 1):
         mine = np.flatnonzero(truth.wearer == number)
         assert len(mine) == len(np.unique(detections.frame[mine])) > 0.9 * len(detections.time)
@@ -67,9 +67,9 @@ def test_same_seed_same_scene(people, camera: CameraKind) -> None:
     some = [people[0], people[-1]]
     one, two, other = (simulate_scene(some, SceneSettings(camera=camera), seed=seed) for seed in (4, 4, 5))
     assert np.array_equal(one.camera.detections.pixels, two.camera.detections.pixels, equal_nan=True)
-    assert np.array_equal(one.truth.wearer, two.truth.wearer)
-    assert np.array_equal(one.truth.camera.p_world_camera, two.truth.camera.p_world_camera)
-    assert not np.array_equal(one.truth.camera.p_world_camera, other.truth.camera.p_world_camera)
+    assert np.array_equal(one.camera.truth.wearer, two.camera.truth.wearer)
+    assert np.array_equal(one.camera.truth.path.p_world_camera, two.camera.truth.path.p_world_camera)
+    assert not np.array_equal(one.camera.truth.path.p_world_camera, other.camera.truth.path.p_world_camera)
     if one.camera.mount is not None:
         assert np.array_equal(one.camera.mount.imu.specific_force, two.camera.mount.imu.specific_force)
 
@@ -78,7 +78,7 @@ def test_the_videos_clock_is_off_by_what_the_truth_says(people) -> None:
     right, late = (simulate_scene(people, plain("walking", time_offset_s=offset), seed=3) for offset in (0.0, 0.35))
     assert late.camera.detections.time + 0.35 == pytest.approx(right.camera.detections.time)
     assert np.array_equal(right.camera.detections.pixels, late.camera.detections.pixels, equal_nan=True)
-    assert (late.camera.clock.offset, late.truth.clock.offset) == (0.0, 0.35)
+    assert (late.camera.clock.offset, late.camera.truth.clock.offset) == (0.0, 0.35)
 
 
 @pytest.mark.parametrize("camera", ["hand-held", "walking"])
@@ -86,10 +86,10 @@ def test_the_cameras_imu_feels_what_the_camera_does(people, camera: CameraKind) 
     settings = plain(camera, video_rate=1000.0, camera_mounting_error_deg=8.0)
     settings = replace(settings, imu=SimulateSettings.noise_free(imu_rate=1000.0, heading_offset_deg=90.0))
     scene = simulate_scene(people[:1], settings, seed=3)
-    mount, truth, path = scene.camera.mount, scene.truth, scene.truth.camera
+    mount, truth, path = scene.camera.mount, scene.camera.truth, scene.camera.truth.path
     assert mount.imu.name == CAMERA_IMU
     assert mount.imu.time == pytest.approx(path.time, abs=1e-9)
-    R_camera_imu, heading = truth.camera_calibration.R_bone_sensor, truth.camera_calibration.heading
+    R_camera_imu, heading = truth.calibration.R_bone_sensor, truth.calibration.heading
     assert 0 < np.rad2deg(angle_between(R_camera_imu, mount.R_camera_imu)) < 40
     R_world_imu = path.R_world_camera @ R_camera_imu
     assert rotation_z(heading) @ mount.imu.R_inertial_sensor == pytest.approx(R_world_imu, abs=1e-9)
@@ -106,7 +106,7 @@ def test_the_cameras_imu_feels_what_the_camera_does(people, camera: CameraKind) 
 
 def test_a_tripod_stands_still_and_has_no_imu_unless_asked_for(people) -> None:
     scene = simulate_scene(people, plain("fixed"), seed=3)
-    assert (len(scene.truth.camera), scene.camera.moving, scene.camera.mount) == (1, False, None)
+    assert (len(scene.camera.truth.path), scene.camera.moving, scene.camera.mount) == (1, False, None)
     mount = simulate_scene(people, plain("fixed", camera_imu=True), seed=3).camera.mount
     assert np.linalg.norm(mount.imu.specific_force, axis=1) == pytest.approx(9.81)
 
@@ -115,18 +115,18 @@ def test_a_tripod_stands_still_and_has_no_imu_unless_asked_for(people) -> None:
 def test_people_have_a_plausible_size_and_are_mostly_in_view(people, camera: CameraKind) -> None:
     for seed in range(2):
         scene = simulate_scene(people, plain(camera), seed=seed)
-        mine = scene.truth.wearer >= 0
+        mine = scene.camera.truth.wearer >= 0
         pixels = scene.camera.detections.pixels[mine]
         height = np.nanmax(pixels[..., 1], axis=1) - np.nanmin(pixels[..., 1], axis=1)
         assert 200 < np.median(height) < 900
         assert np.mean(scene.camera.detections.seen[mine]) > 0.8
-        up = -scene.truth.camera.R_world_camera[:, 2, 1]
+        up = -scene.camera.truth.path.R_world_camera[:, 2, 1]
         assert np.all(up > np.cos(np.deg2rad(30)))  # held upright
 
 
 def test_realistic_scene_has_the_detectors_troubles(people) -> None:
     scene = simulate_scene(people, SceneSettings(), seed=6)
-    detections, truth = scene.camera.detections, scene.truth
+    detections, truth = scene.camera.detections, scene.camera.truth
     for number in (0, 1):
         frames = detections.frame[truth.wearer == number]
         assert 0.6 * len(detections.time) < len(frames)
@@ -157,12 +157,12 @@ def test_further_cameras_stand_around_and_see_for_themselves(people) -> None:
     np.testing.assert_array_equal(scene.camera.detections.pixels, alone.camera.detections.pixels)
     assert alone.camera.known_path is None
     middle = np.mean([one.motion.p_world_pelvis.mean(axis=0) for one in people[:2]], axis=0)
-    truths = (scene.truth, *scene.truth.further)
-    places = np.array([truth.camera.p_world_camera[0] for truth in truths]) - middle
+    truths = [camera.truth for camera in scene.cameras]
+    places = np.array([truth.path.p_world_camera[0] for truth in truths]) - middle
     angles = np.unwrap(np.arctan2(places[:, 1], places[:, 0]))
     np.testing.assert_allclose(np.diff(angles), np.pi / 2, atol=0.35)
     for camera, truth in zip(scene.cameras, truths, strict=True):
-        assert np.linalg.norm(camera.known_path.p_world_camera - truth.camera.p_world_camera) < 0.03
+        assert np.linalg.norm(camera.known_path.p_world_camera - truth.path.p_world_camera) < 0.03
         assert {0, 1} <= set(truth.wearer)
     one, other = (camera.detections for camera in scene.cameras[1:3])
     assert one.pixels.shape != other.pixels.shape or not np.array_equal(one.pixels, other.pixels)
@@ -172,9 +172,9 @@ def test_further_cameras_are_calibrated_before_a_moving_one(people) -> None:
     scene = simulate_scene(people, plain("hand-held", cameras=2), seed=3)
     assert scene.camera.moving
     assert scene.camera.known_path is None
-    second, truth = scene.further_cameras[0], scene.truth.further[0]
+    second, truth = scene.cameras[1], scene.cameras[1].truth
     assert not second.moving
     assert second.mount is None
-    np.testing.assert_allclose(second.known_path.R_world_camera, truth.camera.R_world_camera, atol=1e-12)
+    np.testing.assert_allclose(second.known_path.R_world_camera, truth.path.R_world_camera, atol=1e-12)
     with pytest.raises(InputError, match="only that of a fixed one"):
         plain("hand-held", known_camera_pose=True)

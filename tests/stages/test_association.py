@@ -70,7 +70,7 @@ def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest
     assert any(np.array_equal(one.state.R_parent_child, bent(anna, 70.0).state.R_parent_child) for one in calls)
     np.testing.assert_array_equal(wearers[0].state.R_parent_child, anna.state.R_parent_child)
     assert stage.share_seen(associated, 0) > 0.75  # Bob hides her at times
-    truth = scene().truth
+    truth = scene().camera.truth
     assert truth is not None
     given = associated[0].association.wearer == 0
     assert np.mean(truth.wearer[given] == 0) > 0.99

@@ -87,9 +87,9 @@ def scene() -> Scene:
 
 def camera_error(with_odometry: Scene) -> float:
     """Median error in metres of the motion of the camera between frames half a second apart."""
-    found, truth = smooth(with_odometry, QUICK).cameras[0].path, scene().truth
+    found, truth = smooth(with_odometry, QUICK).cameras[0].path, scene().camera.truth
     assert truth is not None
-    true = truth.camera.at(found.time)
+    true = truth.path.at(found.time)
     span = int(np.searchsorted(found.time, found.time[0] + 0.5))
     shifts = [
         np.einsum("tji,tj->ti", one.R_world_camera[:-span], one.p_world_camera[span:] - one.p_world_camera[:-span])
@@ -99,15 +99,17 @@ def camera_error(with_odometry: Scene) -> float:
 
 
 def test_odometry_holds_the_path_of_a_carried_camera() -> None:
-    camera, truth = camera_of(scene()), scene().truth
+    camera, truth = camera_of(scene()), scene().camera.truth
     assert truth is not None
-    measured = moved(drifting(truth.camera, seed=3), exp(np.array([0.3, -0.8, 2.0])), np.array([5.0, 0, 1]))
+    measured = moved(drifting(truth.path, seed=3), exp(np.array([0.3, -0.8, 2.0])), np.array([5.0, 0, 1]))
     late = replace(measured, time=measured.time - camera.clock.offset)
     plain = camera_error(scene())
-    metric = camera_error(replace(scene(), camera=replace(camera, odometry=late)))
+    metric = camera_error(replace(scene(), cameras=(replace(camera, odometry=late),)))
     assert metric < 0.3 * plain
     opengl = replace(late, R_world_camera=late.R_world_camera @ OPENGL)
-    assert camera_error(replace(scene(), camera=replace(camera, odometry=opengl))) == pytest.approx(metric, rel=0.01)
+    assert camera_error(replace(scene(), cameras=(replace(camera, odometry=opengl),))) == pytest.approx(
+        metric, rel=0.01
+    )
     monocular = replace(camera, odometry=replace(late, p_world_camera=0.2 * late.p_world_camera))
     monocular = replace(monocular, scale_free_odometry=True)
-    assert camera_error(replace(scene(), camera=monocular)) < 0.5 * plain
+    assert camera_error(replace(scene(), cameras=(monocular,))) < 0.5 * plain

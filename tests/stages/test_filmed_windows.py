@@ -68,9 +68,9 @@ def test_windows_are_as_the_whole() -> None:
     assert_nothing_leaps(estimate)
     ratio = one.covariance.joint_sigma / other.covariance.joint_sigma
     assert 0.7 < np.median(ratio) < 1.1
-    assert scene.truth is not None
-    assert estimate.wearer_of_detection.shape == scene.truth.wearer.shape
-    assert np.mean(estimate.wearer_of_detection == scene.truth.wearer) > 0.9
+    assert scene.camera.truth is not None
+    assert estimate.wearer_of_detection.shape == scene.camera.truth.wearer.shape
+    assert np.mean(estimate.wearer_of_detection == scene.camera.truth.wearer) > 0.9
     assert estimate.camera is not None
     assert len(estimate.camera.path) == 1
     assert estimate.camera.residual_px.shape == (len(one.motion), 1)
@@ -108,10 +108,10 @@ def test_a_carried_camera_that_loses_everybody_from_file_to_file(
     assert_nothing_leaps(estimate)
     for one in estimate.wearers:
         assert all(np.all(np.diff(own.heading_time) > 0) for own in one.calibration.values())
-    assert scene.truth is not None
+    assert scene.camera.truth is not None
     surely = estimate.wearer_of_detection >= 0
     assert surely.mean() > 0.5
-    assert np.mean(scene.truth.wearer[surely] == estimate.wearer_of_detection[surely]) > 0.9
+    assert np.mean(scene.camera.truth.wearer[surely] == estimate.wearer_of_detection[surely]) > 0.9
     assert any("from 2 to" in sentence or "from 3 to" in sentence for sentence in sentences(estimate.findings))
 
 
@@ -124,13 +124,13 @@ def sent(function: Callable[[Any], Any], tasks: Iterable[Any]) -> Iterator[Any]:
 
 def at_10_hz(scene: Scene) -> Scene:
     """The scene with every third frame of its video, to save time."""
-    camera, truth = camera_of(scene), scene.truth
+    camera, truth = camera_of(scene), scene.camera.truth
     assert truth is not None
     kept = camera.detections.frame % 3 == 0
     own = camera.detections.select(kept)
     detections = replace(own, time=own.time[::3], frame=own.frame // 3)
     truth = replace(truth, wearer=truth.wearer[kept], pixels=None)
-    return replace(scene, camera=replace(camera, detections=detections), truth=truth)
+    return replace(scene, cameras=(replace(camera, detections=detections, truth=truth),))
 
 
 def watched(chunks: Iterator[Estimate]) -> Iterator[Estimate]:

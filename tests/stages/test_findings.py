@@ -100,9 +100,9 @@ def test_nobody_is_ever_visible() -> None:
 
 def test_everybody_visible_wears_no_imus() -> None:
     two = filmed_gestures(people=("anna", "bob"), backwards=True)
-    assert two.truth is not None
-    strangers = camera_of(two).detections.select(two.truth.wearer == 1)
-    scene = Scene("strangers", two.wearers[:1], replace(camera_of(two), detections=strangers))
+    assert two.camera.truth is not None
+    strangers = camera_of(two).detections.select(two.camera.truth.wearer == 1)
+    scene = Scene("strangers", two.wearers[:1], (replace(camera_of(two), detections=strangers, truth=None),))
     estimate = smooth(scene, HASTY)
     sentence(estimate, "'anna'", "none moves as the sensors", "not in the picture")
     assert_imus_alone(estimate)
@@ -119,7 +119,7 @@ def test_a_camera_that_jumps(imu: bool) -> None:
     scene, other = good("hand-held"), good("hand-held", 80.0)
     scene = with_detections(scene, lambda found: spliced(found, camera_of(other).detections))
     if not imu:
-        scene = replace(scene, camera=replace(camera_of(scene), mount=None))
+        scene = replace(scene, cameras=(replace(camera_of(scene), mount=None),))
     told = sentence(smooth(scene, HASTY), "leaps", "a cut in the video", "Cut the recording")
     assert 1.8 < float(told.split(" at ")[1].split()[0]) < 2.2
 
@@ -131,14 +131,14 @@ def test_a_change_of_zoom(camera: CameraKind) -> None:
 
 
 def test_clocks_that_are_apart() -> None:
-    scene = replace(good(), camera=replace(camera_of(good()), clock=VideoClock(0.3)))
+    scene = replace(good(), cameras=(replace(camera_of(good()), clock=VideoClock(0.3)),))
     estimate = smooth(scene, QUICK)
     sentence(estimate, "the video's clock is -", "off what the scene says", "vip-factors sync")
     assert camera_found(estimate).clock.offset == pytest.approx(0.0, abs=0.1)
 
 
 def test_a_scene_that_was_not_filmed_while_the_sensors_ran() -> None:
-    scene = replace(good(), camera=replace(camera_of(good()), clock=VideoClock(60.0)))
+    scene = replace(good(), cameras=(replace(camera_of(good()), clock=VideoClock(60.0)),))
     estimate = smooth(scene, HASTY)
     sentence(estimate, "does not overlap with the sensors in time", "time offset")
     assert_imus_alone(estimate)
@@ -160,7 +160,7 @@ def true_motion() -> Motion:
 
 def right_and_exchanged() -> tuple[np.ndarray, np.ndarray]:
     """Whose the detections are, and the same with Bob taken for Anna from an instant on."""
-    truth, detections = scene().truth, camera_of(scene()).detections
+    truth, detections = scene().camera.truth, camera_of(scene()).detections
     assert truth is not None
     late = detections.time[detections.frame] > EXCHANGED_S
     return truth.wearer, np.where(late & (truth.wearer >= 0), 1 - truth.wearer, truth.wearer)

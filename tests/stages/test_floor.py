@@ -34,7 +34,7 @@ def soles(motion: Motion) -> np.ndarray:
 def before_tripod(seconds: float) -> Scene:
     """A scene filmed by a camera that stands, nobody knows where."""
     scene = filmed_gestures("fixed", seconds=seconds)
-    return replace(scene, camera=replace(camera_of(scene), known_path=None))
+    return replace(scene, cameras=(replace(camera_of(scene), known_path=None),))
 
 
 def test_soles_stand_at_nought_before_a_camera_whose_pose_is_not_known() -> None:
@@ -60,10 +60,10 @@ def test_the_floor_is_left_where_it_is_if_wanted() -> None:
 def filmed_from_a_known_pose(metres: float) -> Scene:
     """A scene whose camera's pose is known, told in a world whose zero is so far under the floor."""
     scene = filmed_gestures("fixed", seconds=2.0)
-    assert scene.truth is not None
-    path = scene.truth.camera
+    assert scene.camera.truth is not None
+    path = scene.camera.truth.path
     path = replace(path, p_world_camera=path.p_world_camera + np.array([0.0, 0.0, metres]))
-    return replace(scene, camera=replace(camera_of(scene), known_path=path))
+    return replace(scene, cameras=(replace(camera_of(scene), known_path=path),))
 
 
 def test_a_declared_floor_is_where_zero_is() -> None:
@@ -189,9 +189,9 @@ def test_a_standing_camera_that_was_found_tilted_stands_upright(monkeypatch: pyt
     monkeypatch.setattr(scene_solution, "fuse_in_rounds", found_tilted)
     estimate = smooth(scene, HASTY)
     assert "level floor" in [one.stage for one in estimate.reports]
-    assert scene.truth is not None
+    assert scene.camera.truth is not None
     assert estimate.camera is not None
-    cameras = scene.truth.camera, found[0].cameras[0].poses, estimate.camera.path
+    cameras = scene.camera.truth.path, found[0].cameras[0].poses, estimate.camera.path
     true, before, after = (one.R_world_camera[0, 2] for one in cameras)  # where up is in the camera
     assert np.rad2deg(np.arccos(true @ before)) > 1.5
     assert np.rad2deg(np.arccos(true @ after)) < 0.8

@@ -9,6 +9,7 @@ import pytest
 from filmed_gestures import QUICK, camera_of
 
 from vip_factors.estimate import Estimate
+from vip_factors.evaluate.evaluation import evaluate_scene
 from vip_factors.findings import sentences
 from vip_factors.geometry.rotations import angle_between
 from vip_factors.io.mcap_estimate import read_estimate, write_estimate
@@ -40,7 +41,7 @@ def global_mm(scene: Scene, estimate: Estimate) -> float:
 
 def seeing_nobody(camera: Camera) -> Camera:
     found = camera.detections
-    return replace(camera, detections=found.select(np.zeros(len(found), bool)))
+    return replace(camera, detections=found.select(np.zeros(len(found), bool)), truth=None)
 
 
 def test_more_known_cameras_tell_more() -> None:
@@ -56,7 +57,7 @@ def test_a_moving_camera_is_found_in_the_world_of_a_known_one() -> None:
     scene = filmed("hand-held", cameras=3)
     estimate = smooth(scene, QUICK)
     assert global_mm(scene, estimate) < 60
-    path, truth = estimate.camera.path, scene.truth.camera.at(estimate.camera.path.time)
+    path, truth = estimate.camera.path, scene.camera.truth.path.at(estimate.camera.path.time)
     assert np.median(np.linalg.norm(path.p_world_camera - truth.p_world_camera, axis=1)) < 0.15
     assert np.median(angle_between(path.R_world_camera, truth.R_world_camera)) < np.deg2rad(3.0)
 
@@ -66,15 +67,19 @@ def test_a_standing_camera_of_unknown_pose_is_found_too() -> None:
     estimate = smooth(scene, QUICK)
     assert camera_of(scene).known_path is None
     assert global_mm(scene, estimate) < 80
-    off = estimate.camera.path.p_world_camera[0] - scene.truth.camera.p_world_camera[0]
+    off = estimate.camera.path.p_world_camera[0] - scene.camera.truth.path.p_world_camera[0]
     assert np.linalg.norm(off) < 0.25
 
 
 def test_a_first_camera_that_shows_nobody_is_left_out() -> None:
     scene = filmed("hand-held", cameras=2)
-    blind = replace(scene, camera=seeing_nobody(camera_of(scene)), truth=None)
+    blind = replace(scene, cameras=(seeing_nobody(camera_of(scene)), *scene.cameras[1:]))
     estimate = smooth(blind, QUICK)
-    assert estimate.camera is None
+    assert [camera.name for camera in estimate.cameras] == ["camera_2"]
+    assert np.all(estimate.wearer_of_detection == -1)
+    assert {"time_offset_error, camera_2", "camera_translation, camera_2"} <= set(
+        evaluate_scene(estimate, blind).metrics
+    )
     assert any("'camera' is left out" in one for one in sentences(estimate.findings))
     assert global_mm(scene, estimate) < 80
 
@@ -82,9 +87,9 @@ def test_a_first_camera_that_shows_nobody_is_left_out() -> None:
 @pytest.mark.slow
 def test_known_cameras_that_show_nobody_do_no_harm() -> None:
     scene = filmed("hand-held", cameras=2)
-    blind = replace(scene, further_cameras=tuple(map(seeing_nobody, scene.further_cameras)), truth=None)
+    blind = replace(scene, cameras=(camera_of(scene), *map(seeing_nobody, scene.cameras[1:])))
     estimate = smooth(blind, QUICK)
-    plain = smooth(replace(scene, further_cameras=(), truth=None), QUICK)
+    plain = smooth(replace(scene, cameras=scene.cameras[:1]), QUICK)
     np.testing.assert_array_equal(estimate.wearers[0].motion.p_world_pelvis, plain.wearers[0].motion.p_world_pelvis)
     assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
 
@@ -98,7 +103,7 @@ def nobody_calibrated(camera: str = "fixed") -> Scene:
         for one, error in zip(scene.cameras, (-0.15, 0.15), strict=True)
     )
     late = second.clock.offset + 0.02  # of which half a video frame is found with the motion
-    return replace(scene, camera=first, further_cameras=(replace(second, clock=VideoClock(late)),), truth=None)
+    return replace(scene, cameras=(first, replace(second, clock=VideoClock(late))))
 
 
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
@@ -108,7 +113,7 @@ def test_cameras_that_nobody_calibrated_are_found_together(camera: str) -> None:
     assert [one.name for one in estimate.cameras] == [one.name for one in scene.cameras]
     first, second = estimate.cameras
     apart = second.path.p_world_camera[0] - first.path.at(second.path.time).p_world_camera[0]
-    truths = [one.camera for one in (scene.truth, *scene.truth.further)]
+    truths = [camera.truth.path for camera in scene.cameras]
     true_apart = truths[1].p_world_camera[0] - truths[0].at(second.path.time).p_world_camera[0]
     assert np.linalg.norm(apart) == pytest.approx(np.linalg.norm(true_apart), rel=0.1)  # depth and zoom hang together
     for found, true in zip(estimate.cameras, scene.cameras, strict=True):
@@ -120,7 +125,7 @@ def test_cameras_that_nobody_calibrated_are_found_together(camera: str) -> None:
 
 def test_cameras_that_have_no_wearer_in_common_are_not_put_into_one_world() -> None:
     scene = nobody_calibrated()
-    blind = replace(scene, further_cameras=tuple(map(seeing_nobody, scene.further_cameras)))
+    blind = replace(scene, cameras=(camera_of(scene), *map(seeing_nobody, scene.cameras[1:])))
     estimate = smooth(blind, QUICK)
     assert [one.name for one in estimate.cameras] == ["camera"]
     assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
@@ -149,13 +154,13 @@ def test_windows_have_all_cameras() -> None:
 
 def test_a_camera_that_was_moved_does_not_take_the_others_along() -> None:
     scene = nobody_calibrated()
-    (second,), first = scene.further_cameras, scene.camera
+    first, second = scene.cameras
     detections = second.detections
     pixels = detections.pixels + np.where(detections.frame[:, None, None] > 60, [300.0, 100.0], 0.0)
     moved = replace(second, detections=replace(detections, pixels=pixels))
     estimate, alone = (
-        smooth(replace(scene, further_cameras=(moved,)), QUICK),
-        smooth(replace(scene, camera=first, further_cameras=()), QUICK),
+        smooth(replace(scene, cameras=(first, moved)), QUICK),
+        smooth(replace(scene, cameras=(first,)), QUICK),
     )
     assert [one.name for one in estimate.cameras] == ["camera"]
     assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))

@@ -37,7 +37,7 @@ def before_two_known_cameras() -> Scene:
 def of_stature(scene: Scene, stature_m: float) -> Scene:
     (wearer,) = scene.wearers
     subject = replace(wearer.subject, stature_m=stature_m, skeleton=None)
-    return replace(scene, wearers=(replace(wearer, subject=subject),), truth=None)
+    return replace(scene, wearers=(replace(wearer, subject=subject),))
 
 
 @pytest.mark.parametrize(("stature_m", "told"), [(1.60, "larger than one of 1.60 m"), (1.75, None)])

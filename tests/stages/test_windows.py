@@ -278,7 +278,7 @@ def test_a_whole_number_of_frames_goes_to_each_video_frame(filmed_scene: Scene, 
 @pytest.mark.parametrize("offset", [0.0, 0.0123, -0.4])
 def test_coarse_frames_meet_video_frames(filmed_scene: Scene, offset: float) -> None:
     assert filmed_scene.camera is not None
-    shifted = replace(filmed_scene, camera=replace(filmed_scene.camera, clock=VideoClock(offset)))
+    shifted = replace(filmed_scene, cameras=(replace(filmed_scene.camera, clock=VideoClock(offset)),))
     coarse = scene_plan(SceneInMemory(shifted), Settings()).all_coarse_time
     video = filmed_scene.camera.detections.time + offset
     nearest = np.abs(coarse[:, None] - video).min(axis=1)

@@ -97,17 +97,17 @@ def _draw_scene(clips: Sequence[Motion], seed: int, making: SceneMaking, random:
 def labelled(scene: Scene, seed: int, second_pass: bool, making: SceneMaking | None = None) -> LabelledScene:
     """What the association would be given of a simulated scene: an inertial tracker's motions, or fused ones."""
     making, random = making or SceneMaking(), np.random.default_rng([seed, second_pass, 0x7AC])
-    if scene.truth is None or scene.camera is None or any(one.truth is None for one in scene.wearers):
+    if scene.camera is None or scene.camera.truth is None or any(one.truth is None for one in scene.wearers):
         raise InputError(f"scene '{scene.name}' lacks a camera or its truth: expected a simulated one")
     true = [one.truth.motion for one in scene.wearers if one.truth is not None]
-    detections, owner = scene.camera.detections.timed(scene.truth.clock), scene.truth.wearer
+    detections, owner = scene.camera.detections.timed(scene.camera.truth.clock), scene.camera.truth.wearer
     left = _after_exits(scene, detections, true, random, making)
     detections, owner = detections.select(left), owner[left]
     if not second_pass:
         motions = [inertially_tracked(motion, random, making) for motion in true]
         return LabelledScene(detections, scene.camera.model, motions, owner)
     motions = [_fused(motion, random, making) for motion in true]
-    camera = _estimated(scene.truth.camera.at(detections.time), random, making)
+    camera = _estimated(scene.camera.truth.path.at(detections.time), random, making)
     return LabelledScene(detections, scene.camera.model, motions, owner, camera)
 
 
@@ -126,10 +126,10 @@ def _after_exits(
 
 def _shows(scene: Scene, detections: Detections, motion: Motion) -> np.ndarray:
     """Which detections ``(N,)`` show somebody, if only a part: some keypoints are where that person's are."""
-    assert scene.truth is not None
     assert scene.camera is not None
+    assert scene.camera.truth is not None
     points = wearer_points(motion, detections.keypoints, detections.time)
-    path = scene.truth.camera.at(detections.time)
+    path = scene.camera.truth.path.at(detections.time)
     p_camera = path.to_camera(points.p_world_keypoint)[detections.frame]
     depth = path.to_camera(points.p_world_pelvis[:, None])[detections.frame, 0, 2]
     near = NEAR_M * scene.camera.model.focal[0] / np.maximum(depth, 0.3)

@@ -222,8 +222,8 @@ def _video(change: Callable[[Detections, Scene, Scene], Detections]) -> Callable
     def put(scene: Scene, other: Scene) -> Faulty | None:
         if scene.camera is None or other.camera is None:
             return None
-        camera = replace(scene.camera, detections=change(scene.camera.detections, scene, other))
-        return replace(scene, camera=camera, truth=None), ()
+        camera = replace(scene.camera, detections=change(scene.camera.detections, scene, other), truth=None)
+        return replace(scene, cameras=(camera,)), ()
 
     return put
 
@@ -273,7 +273,7 @@ def _zoom(scene: Scene, _: Scene) -> Faulty | None:
         return None
     fx, fy = scene.camera.model.focal
     model = replace(scene.camera.model, focal=(1.3 * fx, 1.3 * fy))
-    return replace(scene, camera=replace(scene.camera, model=model), truth=None), ()
+    return replace(scene, cameras=(replace(scene.camera, model=model, truth=None),)), ()
 
 
 UNLIKE_POSE = ("placement contradicted", "not settled")

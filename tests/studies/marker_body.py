@@ -18,7 +18,7 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Camera, Scene, SceneTruth
+from vip_factors.sensors.scene import Camera, CameraTruth, Scene
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
 from vip_factors.simulate.scene import camera_motion, camera_mount
@@ -184,8 +184,8 @@ def filmed(recording: Recording, body: MarkerBody, camera: CameraName, seed: int
     )
     mount, calibration = camera_mount(path, settings, seed) if settings.has_camera_imu else (None, None)
     moving = camera == "carried"
-    truth = SceneTruth(lens if moving else _standing(lens), owner, pixels, calibration)
-    return Scene(recording.name, (recording,), Camera(camera, settings.model, found, moving, mount), truth)
+    truth = CameraTruth(lens if moving else _standing(lens), owner, pixels, calibration)
+    return Scene(recording.name, (recording,), (Camera(camera, settings.model, found, moving, mount, truth=truth),))
 
 
 def _standing(path: CameraPath) -> CameraPath:

@@ -107,10 +107,11 @@ def recording_trials(name: str, scene: Scene, with_live: bool) -> Iterator[Recor
 
 def who_is_who(scene: Scene, given: np.ndarray, wearer: int) -> tuple[float, float]:
     """Precision and recall of one wearer's detections in percent; NaN without truth, or where there is none."""
-    if scene.truth is None or len(given) != len(scene.truth.wearer):
+    truth = None if scene.camera is None else scene.camera.truth
+    if truth is None or len(given) != len(truth.wearer):
         return np.nan, np.nan
-    right = np.sum((given == wearer) & (scene.truth.wearer == wearer))
-    counts = [np.sum(one == wearer) for one in (given, scene.truth.wearer)]
+    right = np.sum((given == wearer) & (truth.wearer == wearer))
+    counts = [np.sum(one == wearer) for one in (given, truth.wearer)]
     precision, recall = (float(100 * right / count) if count else np.nan for count in counts)
     return precision, recall
 

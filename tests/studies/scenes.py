@@ -206,4 +206,4 @@ def mean_angle(angles: Array) -> float:
 
 def without_camera(scene: Scene) -> Scene:
     """The IMUs alone."""
-    return replace(scene, camera=None, truth=None)
+    return replace(scene, cameras=())

@@ -102,7 +102,7 @@ def test_a_filmed_body_is_where_the_detector_found_it(monkeypatch: pytest.Monkey
     for name, settings in list(FILMING.items()):
         monkeypatch.setitem(FILMING, name, replace(settings, detector=DetectorSettings.noise_free()))
         scene = filmed(recording, body, name, seed=3)
-        camera, truth = scene.camera, scene.truth
+        camera, truth = scene.camera, scene.camera.truth
         assert camera is not None
         assert truth is not None
         assert camera.moving == (name == "carried")
@@ -111,7 +111,7 @@ def test_a_filmed_body_is_where_the_detector_found_it(monkeypatch: pytest.Monkey
         assert np.all(truth.wearer == 0)
         ankle = camera.detections.keypoints.keypoints.index("left_ankle")
         frames = np.searchsorted(body.time, camera.detections.time[camera.detections.frame] - 1e-9)
-        path = truth.camera.at(body.time[frames])
+        path = truth.path.at(body.time[frames])
         there = camera.model.project(path.to_camera(body.centres["left_ankle"][frames][:, None]))[:, 0]
         inside = camera.model.inside(there)
         assert inside.sum() > 10

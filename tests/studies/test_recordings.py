@@ -41,12 +41,12 @@ def test_no_recording_is_one_sentence(capsys: pytest.CaptureFixture[str]) -> Non
 
 def test_who_is_who_is_measured_where_the_recording_says_whom_it_shows() -> None:
     scene = filmed_gestures("fixed", 2.5)
-    assert scene.truth is not None
-    given = scene.truth.wearer.copy()
+    assert scene.camera.truth is not None
+    given = scene.camera.truth.wearer.copy()
     theirs = np.flatnonzero(given == 0)
     assert who_is_who(scene, given, 0) == (100.0, 100.0)
     given[theirs[: len(theirs) // 2]] = -1
     precision, recall = who_is_who(scene, given, 0)
     assert precision == 100.0
     assert recall == pytest.approx(50.0, abs=1)
-    assert np.isnan(who_is_who(replace(scene, truth=None), given, 0)).all()
+    assert np.isnan(who_is_who(replace(scene, cameras=(replace(scene.camera, truth=None),)), given, 0)).all()

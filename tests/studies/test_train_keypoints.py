@@ -24,10 +24,10 @@ SETTINGS = Settings(frame_rate=15.0, covariance=False)
 def seen_with_habit(seconds: float, noise_px: float = 0.5) -> Scene:
     """Two wearers before a standing camera, each keypoint beside its place by the detector's habit."""
     scene = scene_sample(seconds, moving=False)
-    found, path = scene.camera.detections, scene.truth.camera
+    found, path = scene.camera.detections, scene.camera.truth.path
     pixels, names = found.pixels.copy(), found.keypoints.keypoints
     for number, wearer in enumerate(scene.wearers):
-        rows, motion = np.flatnonzero(scene.truth.wearer == number), wearer.truth.motion
+        rows, motion = np.flatnonzero(scene.camera.truth.wearer == number), wearer.truth.motion
         frames = np.rint(found.time[found.frame[rows]] * motion.rate).astype(int)
         for column, (name, place) in enumerate(zip(names, found.keypoints.on_body(motion.skeleton), strict=True)):
             index, sign = offset_of(name)
@@ -39,15 +39,15 @@ def seen_with_habit(seconds: float, noise_px: float = 0.5) -> Scene:
                 pixels[rows, column] = MODEL.project(p)[:, 0]
     pixels += noise_px * np.random.default_rng(0).standard_normal(pixels.shape)
     some = found.frame % 3 == 0  # what is left tells as much, in a third of the time
-    detections, truth = replace(found, pixels=pixels).select(some), replace(scene.truth, pixels=None)
+    detections, truth = replace(found, pixels=pixels).select(some), replace(scene.camera.truth, pixels=None)
     truth = replace(truth, wearer=truth.wearer[some])
-    return replace(scene, camera=replace(scene.camera, detections=detections), truth=truth)
+    return replace(scene, cameras=(replace(scene.camera, detections=detections, truth=truth),))
 
 
 def without_truth_of_cameras(scene: Scene) -> Scene:
     """And without the others, who do the same as the first wearer: only their places tell them apart."""
-    found = scene.camera.detections.select(scene.truth.wearer == 0)
-    return replace(scene, wearers=scene.wearers[:1], camera=replace(scene.camera, detections=found), truth=None)
+    found = scene.camera.detections.select(scene.camera.truth.wearer == 0)
+    return replace(scene, wearers=scene.wearers[:1], cameras=(replace(scene.camera, detections=found, truth=None),))
 
 
 @pytest.mark.parametrize("known", [True, False])
@@ -64,18 +64,19 @@ def test_a_habit_is_found(known: bool) -> None:
 
 def test_cameras_and_truth_have_to_be_in_one_world() -> None:
     scene = seen_with_habit(2.5)
-    truth = replace(scene.truth, camera=replace(scene.truth.camera, p_world_camera=np.array([[9.0, 9.0, 1.5]])))
+    path = replace(scene.camera.truth.path, p_world_camera=np.array([[9.0, 9.0, 1.5]]))
+    elsewhere = replace(scene.camera, truth=replace(scene.camera.truth, path=path))
     with pytest.raises(InputError, match="in the same world"):
-        offsets_in_recording(replace(scene, truth=truth), SETTINGS, lambda done: None)
+        offsets_in_recording(replace(scene, cameras=(elsewhere,)), SETTINGS, lambda done: None)
 
 
 def test_what_teaches_nothing_is_refused() -> None:
     scene = seen_with_habit(2.0)
-    untold = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers), truth=None)
+    untold = replace(scene, wearers=tuple(replace(one, truth=None) for one in scene.wearers))
     with pytest.raises(InputError, match="nobody's true motion is known"):
         offsets_in_recording(untold, SETTINGS, lambda done: None)
     with pytest.raises(InputError, match="has no camera"):
-        offsets_in_recording(replace(scene, camera=None, truth=None), SETTINGS, lambda done: None)
+        offsets_in_recording(replace(scene, cameras=()), SETTINGS, lambda done: None)
 
 
 def test_from_recordings_to_the_next_estimate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

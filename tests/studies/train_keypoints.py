@@ -165,7 +165,7 @@ def offsets_in_recording(scene: Scene, settings: Settings, on_progress: Callable
     cameras = _believed(scene)
     found = []
     for number, one in enumerate(true):
-        alone = Scene(scene.name, (one,), cameras[0], None, cameras[1:])
+        alone = Scene(scene.name, (one,), cameras)
 
         def on_wearer_progress(done: float, number: int = number) -> None:
             on_progress((number + done) / len(true))
@@ -183,12 +183,9 @@ def offsets_in_recording(scene: Scene, settings: Settings, on_progress: Callable
 
 def _believed(scene: Scene) -> tuple[Camera, ...]:
     """The cameras, at the truth's poses where it has them."""
-    if scene.truth is None:
-        return scene.cameras
-    truths = (scene.truth, *scene.truth.further)
     return tuple(
-        replace(camera, known_path=truth.camera, clock=truth.clock)
-        for camera, truth in zip(scene.cameras, truths, strict=True)
+        camera if (truth := camera.truth) is None else replace(camera, known_path=truth.path, clock=truth.clock)
+        for camera in scene.cameras
     )
 
 

@@ -124,19 +124,19 @@ def scene_for(variant: Variant, scene: Scene, settings: Settings, seed: int, fou
     scene = replace(scene, wearers=(_started(wearer, variant, settings, seed, found),))
     if not variant.camera:
         return without_camera(scene)
-    if scene.camera is None or scene.truth is None or scene.truth.pixels is None:
+    if scene.camera is None or scene.camera.truth is None or scene.camera.truth.pixels is None:
         raise InputError(f"scene '{scene.name}' has no true camera: expected a simulated one")
     if variant.true_pixels:  # the wearers' own detections alone, each keypoint where it is, with confidence one
-        detections, mine = scene.camera.detections, scene.truth.wearer >= 0
-        pixels = scene.truth.pixels[mine]
+        detections, mine = scene.camera.detections, scene.camera.truth.wearer >= 0
+        pixels = scene.camera.truth.pixels[mine]
         sure = np.all(np.isfinite(pixels), axis=2).astype(float)
         detections = replace(detections, frame=detections.frame[mine], pixels=pixels, confidence=sure)
-        truth = replace(scene.truth, wearer=scene.truth.wearer[mine], pixels=pixels)
-        scene = replace(scene, camera=replace(scene.camera, detections=detections), truth=truth)
+        truth = replace(scene.camera.truth, wearer=scene.camera.truth.wearer[mine], pixels=pixels)
+        scene = replace(scene, cameras=(replace(scene.camera, detections=detections, truth=truth),))
     if variant.true_camera:
         assert scene.camera is not None
-        assert scene.truth is not None
-        scene = replace(scene, camera=replace(scene.camera, known_path=scene.truth.camera))
+        assert scene.camera.truth is not None
+        scene = replace(scene, cameras=(replace(scene.camera, known_path=scene.camera.truth.path),))
     return scene
 
 

@@ -26,7 +26,7 @@ def drawn(sample: Scene) -> DrawnScene:
 
 
 def filmed(sample: Scene, video: Video) -> DrawnScene:
-    scene = replace(sample, camera=replace(sample.camera, video=video))
+    scene = replace(sample, cameras=(replace(sample.camera, video=video),))
     return drawn_scene(scene, estimate_of(scene))
 
 

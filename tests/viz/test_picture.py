@@ -51,7 +51,7 @@ def test_frames_are_found_in_files_and_rubbish_is_left_out(tmp_path: Path) -> No
 
 def test_what_cannot_be_drawn_is_said(sample: Scene, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no camera"):
-        filmstrip(drawn_scene(replace(sample, camera=None, truth=None), None), tmp_path / "a.png")
+        filmstrip(drawn_scene(replace(sample, cameras=()), None), tmp_path / "a.png")
     (tmp_path / "b.png").write_text("precious")
     with pytest.raises(InputError, match="exists"):
         filmstrip(drawn_scene(sample, None), tmp_path / "b.png")
@@ -61,7 +61,7 @@ def test_what_cannot_be_drawn_is_said(sample: Scene, tmp_path: Path) -> None:
 def test_a_camera_without_frames_is_refused(sample: Scene, tmp_path: Path) -> None:
     seen = sample.camera.detections
     none = Detections(seen.keypoints, np.zeros(0), np.zeros(0, int), seen.pixels[:0], seen.confidence[:0])
-    blind = replace(sample, camera=replace(sample.camera, detections=none), truth=None)
+    blind = replace(sample, cameras=(replace(sample.camera, detections=none, truth=None),))
     with pytest.raises(InputError, match="no video frames to draw"):
         filmstrip(drawn_scene(blind, None), tmp_path / "a.png")
 
@@ -82,7 +82,7 @@ def share_like(image: np.ndarray, colour: tuple[int, int, int], tolerance: int =
 
 
 def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> None:
-    filmstrip(drawn_wearer(scene.recording, scene.estimate, scene.truth), tmp_path / "a.png")
+    filmstrip(drawn_wearer(scene.recording, scene.estimate, scene.camera.truth), tmp_path / "a.png")
     image = cv2.imread(str(tmp_path / "a.png"))
     assert image.shape[1] == 1600
     strip = image[150:560].astype(int)  # light and shadow keep the hue
@@ -95,4 +95,4 @@ def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> N
 
 def test_a_truth_alone_and_a_short_motion_can_be_drawn(scene, tmp_path: Path) -> None:
     filmstrip(drawn_wearer(scene.recording, None), tmp_path / "a.png")
-    filmstrip(drawn_wearer(None, None, scene.truth.frames(slice(0, 1))), tmp_path / "b.png")
+    filmstrip(drawn_wearer(None, None, scene.camera.truth.frames(slice(0, 1))), tmp_path / "b.png")

@@ -49,9 +49,8 @@ def test_camera_people_labels_and_curves_are_there(sample: Scene, found: Estimat
 
 def test_further_cameras_have_frusta_and_images(sample: Scene, found: Estimate, tmp_path: Path) -> None:
     standing = scene_sample(0.5, moving=False)
-    second = replace(standing.camera, name="left", known_path=standing.truth.camera, mount=None)
-    truth = replace(sample.truth, further=(standing.truth,))
-    there = entities(replace(sample, further_cameras=(second,), truth=truth), found, tmp_path / "a.rrd")
+    second = replace(standing.camera, name="left", known_path=standing.camera.truth.path, mount=None)
+    there = entities(replace(sample, cameras=(sample.camera, second)), found, tmp_path / "a.rrd")
     for entity in ("", "/image", "/image/body/ann/limbs"):
         assert f"/world/cameras/left{entity}" in there, entity
     assert any(re.fullmatch(r"/world/cameras/left/image/detected/nobody.*/points", one) for one in there)
@@ -65,18 +64,22 @@ def test_every_part_may_be_missing(sample: Scene, found: Estimate, tmp_path: Pat
     true = entities(sample, None, rrd)
     assert "/world/ann/truth/pelvis" in true
     assert "/world/camera/image/detected/ann/points" in true  # the true labels colour them
-    blind = replace(sample, camera=None, truth=None)
-    inertial = entities(blind, replace(found, camera=None, wearer_of_detection=np.zeros(0, int)), rrd)
+    blind = replace(sample, cameras=())
+    inertial = entities(blind, replace(found, cameras=(), wearer_of_detection=np.zeros(0, int)), rrd)
     assert "/world/ann/estimate/pelvis" in inertial
     assert "/world/camera" not in inertial
-    nameless = replace(sample, truth=None, wearers=tuple(replace(one, truth=None) for one in sample.wearers))
+    nameless = replace(
+        sample,
+        cameras=(replace(sample.camera, truth=None),),
+        wearers=tuple(replace(one, truth=None) for one in sample.wearers),
+    )
     unknown = entities(nameless, None, rrd)
     assert not any(entity.startswith("/world/ann/") for entity in unknown)
     assert any("nobody" in entity for entity in unknown)
 
 
 def test_nothing_to_show_is_said(sample: Scene, found: Estimate, tmp_path: Path) -> None:
-    empty = replace(sample, camera=None, truth=None, wearers=(replace(sample.wearers[0], truth=None),))
+    empty = replace(sample, cameras=(), wearers=(replace(sample.wearers[0], truth=None),))
     with pytest.raises(InputError, match="nothing to show"):
         show(drawn_scene(empty, None), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="nothing to show"):
@@ -90,11 +93,11 @@ def test_pictures_come_from_images_or_a_video_file(sample: Scene, tmp_path: Path
     grey = np.full((72, 128, 3), 120, np.uint8)
     blob = cv2.imencode(".jpg", grey)[1].tobytes()
     embedded = replace(sample.camera, video=Video(None, {0: blob, 3: blob, 999: blob}))
-    show(drawn_scene(replace(sample, camera=embedded), None), tmp_path / "images.rrd")
+    show(drawn_scene(replace(sample, cameras=(embedded,)), None), tmp_path / "images.rrd")
     filed = replace(sample.camera, video=Video(write_video(tmp_path / "v.avi", [grey] * 5)))
-    show(drawn_scene(replace(sample, camera=filed), None), tmp_path / "file.rrd")
+    show(drawn_scene(replace(sample, cameras=(filed,)), None), tmp_path / "file.rrd")
     gone = replace(sample.camera, video=Video(tmp_path / "gone.mp4"))
-    show(drawn_scene(replace(sample, camera=gone), None), tmp_path / "gone.rrd")
+    show(drawn_scene(replace(sample, cameras=(gone,)), None), tmp_path / "gone.rrd")
     pictures = {}
     for name in ("gone.rrd", "images.rrd", "file.rrd"):
         pictures[name] = printed(tmp_path / name, "-vv").count("EncodedImage:blob")
@@ -106,14 +109,14 @@ def test_a_camera_without_frames_is_nothing_to_show(sample: Scene, tmp_path: Pat
     seen = sample.camera.detections
     none = Detections(seen.keypoints, np.zeros(0), np.zeros(0, int), seen.pixels[:0], seen.confidence[:0])
     wearers = tuple(replace(one, truth=None) for one in sample.wearers)
-    blind = replace(sample, wearers=wearers, camera=replace(sample.camera, detections=none), truth=None)
+    blind = replace(sample, wearers=wearers, cameras=(replace(sample.camera, detections=none, truth=None),))
     with pytest.raises(InputError, match="nothing to show"):
         show(drawn_scene(blind, None), tmp_path / "a.rrd")
 
 
 def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> None:
     rrd = tmp_path / "scene.rrd"
-    show(drawn_wearer(scene.recording, scene.estimate, scene.truth), rrd)
+    show(drawn_wearer(scene.recording, scene.estimate, scene.camera.truth), rrd)
     chunks = printed(rrd)
     for entity in (
         "/world/ann/estimate/left_knee",
@@ -146,7 +149,7 @@ def test_an_existing_file_is_kept(scene, tmp_path: Path) -> None:
 
 
 def test_a_failure_leaves_nothing_behind(scene, tmp_path: Path) -> None:
-    elsewhere = replace(scene.truth, start=1000.0)
+    elsewhere = replace(scene.camera.truth, start=1000.0)
     with pytest.raises(InputError, match="share no frame"):
         show(drawn_wearer(None, scene.estimate, elsewhere), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="nothing to show"):

@@ -50,7 +50,7 @@ def main(options: SyncOptions) -> None:
         raise InputError(f"{options.scene} has no camera: there is no clock to compare with the sensors'")
     seconds = options.seconds
     for number, camera in enumerate(scene.cameras):
-        clock, label = VideoClock(seconds or 0.0), f"camera '{camera.name}': " if scene.further_cameras else ""
+        clock, label = VideoClock(seconds or 0.0), f"camera '{camera.name}': " if len(scene.cameras) > 1 else ""
         if seconds is None or options.picture is not None:
             with waiting("comparing video and sensors"):
                 found = find_clock_offset(scene, options.max_offset, number)

@@ -256,7 +256,7 @@ def reprojection_table(estimate: Estimate, names: Sequence[str]) -> Table:
         residuals = np.zeros((0, 0)) if camera.residual_px is None else camera.residual_px
         for name, values in zip(names, residuals.T, strict=False):
             half, p95 = (Quantity(finite_quantile(values, share), decimals=1) for share in (0.5, 0.95))
-            label = f"{name}, {camera.name}" if estimate.further_cameras else name
+            label = f"{name}, {camera.name}" if len(estimate.cameras) > 1 else name
             rows.append((label, str(int(np.isfinite(values).sum())), half, p95))
     return Table(("seen by the camera", "frames", "median, px", "95 % below, px"), rows)
 

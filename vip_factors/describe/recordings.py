@@ -13,7 +13,7 @@ from vip_factors.sensors.camera import CameraModel, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream, gaps_of, rate_of
 from vip_factors.sensors.recording import Recording
-from vip_factors.sensors.scene import Camera, Scene, SceneTruth, Video
+from vip_factors.sensors.scene import Camera, CameraTruth, Scene, Video
 from vip_factors.tables import MM, Quantity, Row, Table, bone_words, count, facts, joint_words
 
 STREAMS = {"R_inertial_sensor": "orientation", "specific_force": "acceleration", "angular_rate": "turning rate"}
@@ -171,10 +171,10 @@ def path_text(p_world_camera: Array) -> str:
     return f"{length:.2f} m in {len(p_world_camera)} poses"
 
 
-def _scene_truth_facts(truth: SceneTruth, names: Sequence[str]) -> Table:
+def _camera_truth_facts(truth: CameraTruth, names: Sequence[str]) -> Table:
     counts = [f"{np.sum(truth.wearer == index)} of {name}" for index, name in enumerate(names)]
-    rows = [("path", path_text(truth.camera.p_world_camera))]
-    references = {"heading and mounting of its sensor": truth.camera_calibration, "true pixels": truth.pixels}
+    rows = [("path", path_text(truth.path.p_world_camera))]
+    references = {"heading and mounting of its sensor": truth.calibration, "true pixels": truth.pixels}
     rows += [("also", name) for name, value in references.items() if value is not None]
     rows.append(("detections", f"{', '.join(counts)}, {np.sum(truth.wearer < 0)} of others or nobody"))
     return facts("truth of the camera", *rows)
@@ -193,11 +193,10 @@ def scene_tables(scene: Scene) -> Iterator[Table]:
     """Yield all tables of a scene: cameras, then wearers."""
     rows = [(count(len(scene.wearers), "wearer"), ", ".join(scene.names))]
     yield facts(f"scene '{scene.name}'", *rows, *([] if scene.cameras else [("camera", "none")]))
-    truths = (None,) * len(scene.cameras) if scene.truth is None else (scene.truth, *scene.truth.further)
-    for camera, truth in zip(scene.cameras, truths, strict=True):
+    for camera in scene.cameras:
         yield camera_facts(camera)
-        if truth is not None:
-            yield _scene_truth_facts(truth, scene.names)
+        if camera.truth is not None:
+            yield _camera_truth_facts(camera.truth, scene.names)
     for wearer in scene.wearers:
         yield from recording_tables(wearer)
 

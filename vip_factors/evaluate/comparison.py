@@ -7,7 +7,7 @@ import numpy as np
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate
+from vip_factors.estimate import CameraEstimate, Estimate, camera_pairs
 from vip_factors.evaluate.calibration import common_instants
 from vip_factors.evaluate.metrics import (
     EVERYTHING,
@@ -23,7 +23,7 @@ from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import MotionPair, PathPair, scene_gauge
 from vip_factors.sensors.recording import Truth
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import CameraTruth, Scene
 
 
 @dataclass(frozen=True)
@@ -66,6 +66,24 @@ def compare_motion(motion: Motion, truth: Truth) -> Comparison:
 
 
 @dataclass(frozen=True)
+class CameraComparison:
+    """A camera's estimate beside its truth.
+
+    Attributes:
+        is_first: whether it is the scene's first camera.
+        estimate, truth: of all frames.
+        pair: the estimated and the true path at common instants.
+        instants: which of the estimated path those are.
+    """
+
+    is_first: bool
+    estimate: CameraEstimate
+    truth: CameraTruth
+    pair: PathPair
+    instants: np.ndarray
+
+
+@dataclass(frozen=True)
 class SceneComparison:
     """A scene's estimate beside its truth.
 
@@ -74,15 +92,13 @@ class SceneComparison:
         gauges: by index, what takes the estimate into the true world: one yaw and one shift of all before a camera,
             of each wearer without.
         is_tied: whether a camera ties the wearers to each other.
-        camera: its estimated and its true path at common instants; None if one is not known.
-        instants: which of the estimated path those are.
+        cameras: those whose truth is known, in the scene's order.
     """
 
     wearers: Mapping[int, Comparison]
     gauges: Mapping[int, Alignment]
     is_tied: bool
-    camera: PathPair | None
-    instants: np.ndarray
+    cameras: tuple[CameraComparison, ...]
 
     @property
     def gauge(self) -> Alignment | None:
@@ -106,16 +122,19 @@ def compare_scene(estimate: Estimate, scene: Scene) -> SceneComparison:
         for index, (wearer, recording) in enumerate(zip(estimate.wearers, scene.wearers, strict=True))
         if recording.truth is not None and len(recording.truth.motion)
     }
-    camera, instants = None, np.zeros(0, int)
-    if estimate.camera is not None and scene.truth is not None:
-        estimated, true, instants = common_instants(estimate.camera.path, scene.truth.camera)
-        camera = estimated, true
+    cameras = list[CameraComparison]()
+    for camera, estimated in camera_pairs(scene, estimate):
+        if camera.truth is not None:
+            *pair, instants = common_instants(estimated.path, camera.truth.path)
+            is_first = camera is scene.cameras[0]
+            cameras.append(CameraComparison(is_first, estimated, camera.truth, (pair[0], pair[1]), instants))
     pairs = [comparison.pair for comparison in wearers.values()]
-    if estimate.camera is None or not pairs:
+    if not estimate.cameras or not pairs:
         gauges = {index: scene_gauge([comparison.pair]) for index, comparison in wearers.items()}
     else:
-        gauges = dict.fromkeys(wearers, scene_gauge(pairs, camera))
-    return SceneComparison(wearers, gauges, estimate.camera is not None, camera, instants)
+        first = cameras[0].pair if cameras and cameras[0].is_first else None
+        gauges = dict.fromkeys(wearers, scene_gauge(pairs, first))
+    return SceneComparison(wearers, gauges, bool(estimate.cameras), tuple(cameras))
 
 
 def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:

@@ -19,7 +19,6 @@ from vip_factors.evaluate.calibration import (
     calibration_error,
     camera_error,
     camera_metrics,
-    common_instants,
     consistency_metrics,
     error_metrics,
     joint_nees,
@@ -30,7 +29,7 @@ from vip_factors.evaluate.calibration import (
     share_sensors,
     surest_heading,
 )
-from vip_factors.evaluate.comparison import Comparison, SceneComparison, compare_motion, compare_scene
+from vip_factors.evaluate.comparison import CameraComparison, Comparison, SceneComparison, compare_motion, compare_scene
 from vip_factors.evaluate.metrics import CM, POSITION_JOINTS, Compared, Metric, position_error
 from vip_factors.geometry.poses import Alignment
 from vip_factors.sensors.camera import anchored_gauge, move_motion, yaw
@@ -328,9 +327,8 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     gauge = comparison.gauge
     turn = yaw(gauge) if gauge is not None else None
     table |= error_metrics([error for error, _ in _calibration_pairs(estimate, scene, turn).values()])
-    if comparison.camera is not None and gauge is not None:
-        table |= camera_metrics(camera_error(comparison.camera, gauge))
-    table |= _camera_imu(estimate, scene, turn) | _further_cameras(estimate, scene, gauge)
+    for camera in comparison.cameras:
+        table |= _named(_camera(camera, gauge), camera)
     table |= _honesty(estimate, scene, comparison)
     table |= _association(estimate, scene)
     return Evaluation(estimate.name, estimate.method, table, estimate.verdict.severity, wearers=wearers)
@@ -359,52 +357,41 @@ def _calibration_pairs(estimate: Estimate, scene: Scene, gauge: float | None) ->
     }
 
 
-def _camera_imu(estimate: Estimate, scene: Scene, gauge: float | None) -> dict[str, Metric]:
-    """Heading and mounting of the IMU on the camera, and the clock offset, where estimated and known."""
-    if estimate.camera is None or scene.truth is None:
-        return {}
-    table: dict[str, Metric] = {}
-    calibration, truth = estimate.camera.calibration, scene.truth.camera_calibration
-    if calibration is not None and truth is not None:
-        error = calibration_error({"camera": calibration}, {"camera": truth}, gauge)
+def _camera(camera: CameraComparison, gauge: Alignment | None) -> dict[str, Metric]:
+    """Path, clock, and heading and mounting of the IMU of a camera, where estimated and known."""
+    estimate, truth = camera.estimate, camera.truth
+    table = {} if gauge is None else camera_metrics(camera_error(camera.pair, gauge))
+    if estimate.calibration is not None and truth.calibration is not None:
+        turn = None if gauge is None else yaw(gauge)
+        error = calibration_error({"camera": estimate.calibration}, {"camera": truth.calibration}, turn)
         table["camera_heading_error"] = Metric(float(np.rad2deg(error.heading_magnitude[0])), "deg")
         table["camera_mounting_error"] = Metric(float(np.rad2deg(error.mounting_magnitude[0])), "deg")
-    late = estimate.camera.clock.offset - scene.truth.clock.offset
-    return table | {"time_offset_error": Metric(1e3 * late, "ms")}
+    return table | {"time_offset_error": Metric(1e3 * (estimate.clock.offset - truth.clock.offset), "ms")}
 
 
-def _further_cameras(estimate: Estimate, scene: Scene, gauge: Alignment | None) -> dict[str, Metric]:
-    """Path and clock of each camera beside the first one, where estimated and known, with its name."""
-    table, truths = dict[str, Metric](), () if scene.truth is None or gauge is None else scene.truth.further
-    estimated = {camera.name: camera for camera in estimate.further_cameras}
-    for camera, truth in zip(scene.further_cameras, truths, strict=False):
-        own = estimated.get(camera.name)
-        if own is not None and gauge is not None:
-            path, true_path, _ = common_instants(own.path, truth.camera)
-            own_table = camera_metrics(camera_error((path, true_path), gauge))
-            own_table["time_offset_error"] = Metric(1e3 * (own.clock.offset - truth.clock.offset), "ms")
-            table |= {f"{name}, {camera.name}": metric for name, metric in own_table.items()}
-    return table
+def _named(table: Mapping[str, Metric], camera: CameraComparison) -> dict[str, Metric]:
+    """Metrics of a camera, with its name where they are not of the first one."""
+    return {name if camera.is_first else f"{name}, {camera.estimate.name}": one for name, one in table.items()}
 
 
 def _honesty(estimate: Estimate, scene: Scene, comparison: SceneComparison) -> dict[str, Metric]:
-    """NEES of headings, mountings and camera, in the gauge of the graph's prior (see :func:`anchored_gauge`).
+    """NEES of headings, mountings and cameras, in the gauge of the graph's prior (see :func:`anchored_gauge`).
 
-    Where the camera's path was given, and with it the world, there is no gauge. Empty where the anchor is not known.
+    Where a camera's path was given, and with it the world, there is no gauge. Empty where the anchor is not known.
     """
-    is_world_known = scene.camera is not None and scene.camera.known_path is not None
+    is_world_known = any(camera.known_path is not None for camera in scene.cameras)
     pairs = _calibration_pairs(estimate, scene, 0.0)
     anchor = None if is_world_known else surest_heading(pairs)
-    if estimate.camera is None or (anchor is None and not is_world_known):
+    if not estimate.cameras or (anchor is None and not is_world_known):
         return {}
     table = sensor_consistency(pairs, anchor)
-    if comparison.camera is not None and estimate.camera.covariance is not None:
-        gauge = Alignment(np.eye(3), np.zeros(3), np.ones(()))
-        if anchor is not None:
-            pair = comparison.wearers[anchor[0]].pair
-            gauge = anchored_gauge(pair, pairs[anchor[0]][0].heading[anchor[1]])
-        tangent = camera_error(comparison.camera, gauge)
-        table |= consistency_metrics("camera", nees(tangent, estimate.camera.covariance[comparison.instants]))
+    gauge = Alignment(np.eye(3), np.zeros(3), np.ones(()))
+    if anchor is not None:
+        gauge = anchored_gauge(comparison.wearers[anchor[0]].pair, pairs[anchor[0]][0].heading[anchor[1]])
+    for camera in comparison.cameras:
+        if camera.estimate.covariance is not None:
+            of_path = nees(camera_error(camera.pair, gauge), camera.estimate.covariance[camera.instants])
+            table |= _named(consistency_metrics("camera", of_path), camera)
     return table
 
 
@@ -414,7 +401,7 @@ def _association(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
     Raises:
         InputError: if the estimate labels other detections than the scene's.
     """
-    labels, truth = estimate.wearer_of_detection, scene.truth
+    labels, truth = estimate.wearer_of_detection, None if scene.camera is None else scene.camera.truth
     if truth is None or not len(labels):
         return {}
     if len(labels) != len(truth.wearer):

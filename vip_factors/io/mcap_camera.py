@@ -21,7 +21,7 @@ from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.imu_stream import ImuStream
-from vip_factors.sensors.scene import Camera, CameraMount, SceneTruth, Video
+from vip_factors.sensors.scene import Camera, CameraMount, CameraTruth, Video
 
 if TYPE_CHECKING:
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
@@ -93,15 +93,13 @@ class DetectionTruth:
     pixels: Array | None
 
 
-def detection_messages(
-    writer: MessageWriter, topic: str, camera: Camera, truth: SceneTruth | None, start_ns: int
-) -> Iterator[TimedMessage]:
+def detection_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: int) -> Iterator[TimedMessage]:
     """One message a video frame, serialised, in the order of time."""
     times_ns = nanoseconds(camera.timed_detections.time, start_ns)
-    return writer.stamped(topic, Detections2D, times_ns, _frames(camera.detections, truth))
+    return writer.stamped(topic, Detections2D, times_ns, _frames(camera.detections, camera.truth))
 
 
-def _frames(detections: Detections, truth: SceneTruth | None) -> Iterator[Detections2D]:
+def _frames(detections: Detections, truth: CameraTruth | None) -> Iterator[Detections2D]:
     flat, colours = (len(detections), 2 * len(detections.keypoints)), detections.torso_colour
     pixels = detections.pixels.reshape(flat)
     true_pixels = None if truth is None or truth.pixels is None else truth.pixels.reshape(flat)
@@ -202,7 +200,7 @@ def with_clock(message: Any, read: dict[str, Any]) -> dict[str, Any]:
 
 HEAD = Codec(CameraInfo, Camera, {"mount": "mounting", "video": "images"}, more=clock_fields, mend=with_clock)
 """Everything but intrinsics, detections, samples and images."""
-TRUTH = Codec(CameraInfo, SceneTruth, more=clock_fields, mend=with_clock)
+TRUTH = Codec(CameraInfo, CameraTruth, more=clock_fields, mend=with_clock)
 
 
 def camera_info_message(camera: Camera, **attributes: Any) -> CameraInfo:
@@ -285,13 +283,13 @@ class CameraTopics:
 
 
 def camera_messages(
-    writer: MessageWriter, topics: CameraTopics, camera: Camera, truth: SceneTruth | None, start_ns: int, path: Path
+    writer: MessageWriter, topics: CameraTopics, camera: Camera, start_ns: int, path: Path
 ) -> list[Iterable[TimedMessage]]:
     """Write what comes once; returned is what comes in time."""
     writer.write(topics("info"), _recorded_info(camera, path), start_ns)
     writer.write(topics("calibration"), intrinsics_message(camera.model, camera.name, start_ns), start_ns)
     streams: list[Iterable[TimedMessage]] = [
-        detection_messages(writer, topics("detections"), camera, truth, start_ns),
+        detection_messages(writer, topics("detections"), camera, start_ns),
         image_messages(writer, topics("image"), camera, start_ns),
     ]
     if camera.known_path is not None:
@@ -300,18 +298,19 @@ def camera_messages(
         streams.append(path_messages(writer, topics("odometry"), camera.odometry, start_ns))
     if camera.mount is not None:
         streams.append(sample_messages(writer, topics("imu"), camera.mount.imu, start_ns))
+    truth = camera.truth
     if truth is not None:
-        head = TRUTH.encode(truth, known_poses=len(truth.camera), has_true_pixels=truth.pixels is not None)
+        head = TRUTH.encode(truth, known_poses=len(truth.path), has_true_pixels=truth.pixels is not None)
         writer.write(topics.truth("info"), head, start_ns)
-        if truth.camera_calibration is not None:
-            calibration = CALIBRATION.encode({camera.name: truth.camera_calibration})
+        if truth.calibration is not None:
+            calibration = CALIBRATION.encode({camera.name: truth.calibration})
             writer.write(topics.truth("calibration"), calibration, start_ns)
-        streams.append(path_messages(writer, topics.truth("pose"), truth.camera, start_ns))
+        streams.append(path_messages(writer, topics.truth("pose"), truth.path, start_ns))
     return streams
 
 
-def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int) -> tuple[Camera | None, DetectionTruth | None]:
-    """The camera of a file and who is known to be who; None, and a warning, if too little of it is left."""
+def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int, has_truth: bool = True) -> Camera | None:
+    """The camera of a file; None, and a warning, if too little of it is left."""
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
     from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
@@ -323,22 +322,22 @@ def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int) -> tuple[Ca
         expected = topic_of("info"), topic_of("calibration")
         present = expected[0] if info is not None else expected[1] if intrinsics is not None else "neither"
         warn(path, f"the camera is left out: expected topics {' and '.join(expected)}, found {present}")
-        return None, None
+        return None
     frames = topics.all(topic_of("detections"), Detections2D)
     if len(frames) < info.frames:
         warn(path, f"camera '{info.name}': {len(frames)} of {info.frames} video frames are left")
     detections, wearers = detections_of(info, frames)
     images = topics.all(topic_of("image"), CompressedImage)
-    camera = Camera(
+    return Camera(
         model=intrinsics_of(intrinsics),
         detections=detections,
         mount=_mount_left(topics, topic_of, info, start_ns),
         known_path=path_of(topics.all(topic_of("pose"), PoseInFrame), start_ns),
         odometry=path_of(topics.all(topic_of("odometry"), PoseInFrame), start_ns),
         video=video_of(info.video, images, path) if info.HasField("video") else None,
+        truth=_truth_of(topics, topic_of, start_ns, wearers) if has_truth and wearers is not None else None,
         **HEAD.values(info),
     )
-    return camera, wearers
 
 
 def _mount_left(topics: Topics, topic_of: CameraTopics, info: CameraInfo, start_ns: int) -> CameraMount | None:
@@ -351,14 +350,12 @@ def _mount_left(topics: Topics, topic_of: CameraTopics, info: CameraInfo, start_
     return mount_of(info.mount, streams[info.mount.imu])
 
 
-def camera_truth_of(
-    topics: Topics, topic_of: CameraTopics, start_ns: int, wearers: DetectionTruth | None
-) -> SceneTruth | None:
+def _truth_of(topics: Topics, topic_of: CameraTopics, start_ns: int, wearers: DetectionTruth) -> CameraTruth | None:
     """What a file knows of a camera and of who is who before it; None if it does not, or too little is left."""
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
     info = topics.last(topic_of.truth("info"), CameraInfo)
-    if info is None or wearers is None:
+    if info is None:
         return None
     poses = path_of(topics.all(topic_of.truth("pose"), PoseInFrame), start_ns)
     if poses is None:
@@ -368,4 +365,4 @@ def camera_truth_of(
         warn(topics.path, f"{len(poses)} of {info.known_poses} true poses of the camera are left")
     calibration = topics.object(topic_of.truth("calibration"), CALIBRATION) or {}
     pixels = wearers.pixels if info.has_true_pixels else None
-    return SceneTruth(poses, wearers.wearer, pixels, next(iter(calibration.values()), None), **TRUTH.values(info))
+    return CameraTruth(poses, wearers.wearer, pixels, next(iter(calibration.values()), None), **TRUTH.values(info))

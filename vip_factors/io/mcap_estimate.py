@@ -101,10 +101,10 @@ CAMERA_HEAD = Codec(CameraEstimateInfo, CameraEstimate, more=clock_fields, mend=
 """What a camera's estimate is; how many poses and residuals there are is given."""
 
 
-def _further_cameras(contents: McapContents) -> list[str]:
-    """What the topics of further cameras begin with, in the order of their names."""
+def _cameras(contents: McapContents) -> list[str]:
+    """What the topics of each camera begin with: of the first one, then of the others in the order of their names."""
     infos = (topic for topic in contents.topics if topic.startswith(FURTHER_CAMERA) and topic.endswith(INFO))
-    return sorted(topic.removesuffix(INFO) for topic in infos)
+    return [CAMERA, *sorted(topic.removesuffix(INFO) for topic in infos)]
 
 
 def _is_of_frames(topic: str) -> bool:
@@ -135,8 +135,7 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
             return Estimate.of_one(_wearer_of(contents))
         return Estimate(
             wearers=tuple(_wearer_of(contents, prefix) for prefix in info.wearer_topics),
-            camera=_camera(contents, CAMERA),
-            further_cameras=tuple(filter(None, (_camera(contents, prefix) for prefix in _further_cameras(contents)))),
+            cameras=tuple(filter(None, (_camera(contents, prefix) for prefix in _cameras(contents)))),
             reports=topics.objects(SCENE_REPORT, codec.REPORT),
             **SCENE_HEAD.values(info),
         )

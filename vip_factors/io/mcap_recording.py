@@ -2,14 +2,13 @@
 
 import os
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from vip_factors.atomic import atomic_open
 from vip_factors.body.skeleton import JOINT_NAMES
 from vip_factors.errors import FileFormatError
 from vip_factors.io.codec import CALIBRATION, MOTION, Codec
-from vip_factors.io.mcap_camera import CameraTopics, camera_messages, camera_of, camera_truth_of
+from vip_factors.io.mcap_camera import CameraTopics, camera_messages, camera_of
 from vip_factors.io.mcap_frames import motion_of, pose_messages, read_streams, sample_messages
 from vip_factors.io.mcap_messages import (
     PACKAGE,
@@ -29,7 +28,7 @@ from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.recording_info_pb2 import RecordingInfo, SceneInfo
 from vip_factors.sensors.calibration import Placement
 from vip_factors.sensors.recording import Recording, Subject, Truth
-from vip_factors.sensors.scene import Camera, Scene, SceneTruth
+from vip_factors.sensors.scene import Camera, Scene
 
 INFO, IMU = "/recording/info", "/imu/"
 TRUTH_POSE, TRUTH_CALIBRATION = "/truth/pose", "/truth/calibration"
@@ -155,15 +154,13 @@ def write_recording(content: Recording | Scene, path: str | os.PathLike[str], ov
 
 def _scene_messages(writer: MessageWriter, scene: Scene, path: Path) -> list[Iterable[TimedMessage]]:
     start_ns, prefixes = scene.wearers[0].start_ns, wearer_topics(scene.names)
-    info = SceneInfo(name=scene.name, wearer_topics=prefixes, has_camera=scene.camera is not None)
-    topics = [FIRST_CAMERA, *(CameraTopics.of(camera.name) for camera in scene.further_cameras)]
+    info = SceneInfo(name=scene.name, wearer_topics=prefixes, has_camera=bool(scene.cameras))
+    topics = [CameraTopics.of(camera.name) if number else FIRST_CAMERA for number, camera in enumerate(scene.cameras)]
     info.further_camera_topics.extend(camera.prefix for camera in topics[1:])
     writer.write(SCENE_INFO, info, start_ns)
     streams: list[Iterable[TimedMessage]] = []
-    truths = (scene.truth, *scene.truth.further) if scene.truth is not None else [None] * len(topics)
-    # Without a camera there is none.
-    for camera_topics, camera, truth in zip(topics, scene.cameras, truths, strict=False):
-        streams += camera_messages(writer, camera_topics, camera, truth, start_ns, path)
+    for camera_topics, camera in zip(topics, scene.cameras, strict=True):
+        streams += camera_messages(writer, camera_topics, camera, start_ns, path)
     for prefix, recording in zip(prefixes, scene.wearers, strict=True):
         streams += recording_messages(writer, recording, prefix)
     return streams
@@ -192,10 +189,9 @@ def read_scene(path: str | os.PathLike[str] | McapContents) -> Scene:
         wearers = tuple(recording_of(contents, prefix) for prefix in wearer_prefixes(contents, info))
         if not wearers:
             raise FileFormatError(f"expected a scene; found topics {', '.join(contents.topics)}, no wearer among them")
-        camera, truth, further = _cameras(topics, info, wearers[0].start_ns)
-        if info is not None and len(info.wearer_topics) > len(wearers):
-            truth = None  # it counts the wearers
-        return Scene(wearers[0].name if info is None else info.name, wearers, camera, truth, further)
+        has_truth = info is None or len(info.wearer_topics) <= len(wearers)  # a camera's counts the wearers
+        cameras = _cameras(topics, info, wearers[0].start_ns, has_truth)
+        return Scene(wearers[0].name if info is None else info.name, wearers, cameras)
 
 
 def is_read(channel: McapChannel) -> bool:
@@ -215,23 +211,10 @@ def wearer_prefixes(contents: McapContents, info: SceneInfo | None) -> list[str]
     return [prefix for prefix in prefixes if not prefix or prefix in remaining]
 
 
-def _cameras(
-    topics: Topics, info: SceneInfo | None, start_ns: int
-) -> tuple[Camera | None, SceneTruth | None, tuple[Camera, ...]]:
-    """The first camera, what is known, and further cameras."""
+def _cameras(topics: Topics, info: SceneInfo | None, start_ns: int, has_truth: bool) -> tuple[Camera, ...]:
     has_camera = any(topic.startswith(f"{FIRST_CAMERA.prefix}/") for topic in topics.contents.topics)
     if not has_camera and not (info is not None and info.has_camera):
-        return None, None, ()
-    camera, wearers = camera_of(topics, FIRST_CAMERA, start_ns)
-    truth = camera_truth_of(topics, FIRST_CAMERA, start_ns, wearers)
-    further, truths = [], []
-    for prefix in info.further_camera_topics if info is not None and camera is not None else ():
-        camera_topics = CameraTopics(prefix)
-        further_camera, wearers = camera_of(topics, camera_topics, start_ns)
-        if further_camera is not None:
-            further.append(further_camera)
-            truths.append(camera_truth_of(topics, camera_topics, start_ns, wearers) if truth is not None else None)
-    complete = tuple(truth_of_camera for truth_of_camera in truths if truth_of_camera is not None)
-    if truth is not None:
-        truth = replace(truth, further=complete) if len(complete) == len(further) else None
-    return camera, truth, tuple(further)
+        return ()
+    topics_of = [FIRST_CAMERA, *map(CameraTopics, () if info is None else info.further_camera_topics)]
+    cameras = (camera_of(topics, topic_of, start_ns, has_truth) for topic_of in topics_of)
+    return tuple(camera for camera in cameras if camera is not None)

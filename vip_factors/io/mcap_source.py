@@ -203,11 +203,11 @@ def _by_time(path: str | os.PathLike[str], summary: Summary | None) -> UnfilmedS
     topics = [FIRST_CAMERA, *(CameraTopics(prefix) for prefix in (() if info is None else info.further_camera_topics))]
     with warnings.catch_warnings(), naming(of_file.path):
         warnings.simplefilter("ignore")  # of video frames there are two; whoever reads all of it says what is lost
-        cameras = [camera_of(of_file, camera_topics, heads[0].start_ns)[0] for camera_topics in topics]
+        cameras = [camera_of(of_file, camera_topics, heads[0].start_ns, has_truth=False) for camera_topics in topics]
     complete = tuple(camera for camera in cameras if camera is not None)
     if len(complete) < len(topics):
         return None
-    return SceneFile(Scene(name, heads, complete[0], None, complete[1:]), wearers, file, tuple(topics))
+    return SceneFile(Scene(name, heads, complete), wearers, file, tuple(topics))
 
 
 def _is_logged_in_time(contents: McapContents, start_ns: int) -> bool:

@@ -89,11 +89,12 @@ def join_wearers(scenes: Sequence[Scene], name: str | None = None) -> Scene:
             else:
                 wearers.append(_on_clock(wearer, first.start_ns))
     cameras = filmed[0].cameras if filmed else ()
-    truth = scenes[0].truth if filmed and filmed[0] is scenes[0] else None  # it counts the wearers of its own scene
+    if filmed and filmed[0] is not scenes[0]:  # truths count the wearers of their own scene
+        cameras = tuple(replace(camera, truth=None) for camera in cameras)
     start_ns = filmed[0].wearers[0].start_ns if filmed else 0
     if start_ns and first.start_ns and start_ns != first.start_ns:
         cameras = tuple(_camera_later(camera, (start_ns - first.start_ns) / 1e9) for camera in cameras)
-    return Scene(name or scenes[0].name, tuple(wearers), next(iter(cameras), None), truth, tuple(cameras[1:]))
+    return Scene(name or scenes[0].name, tuple(wearers), cameras)
 
 
 def _on_clock(wearer: Recording, start_ns: int) -> Recording:
@@ -131,7 +132,7 @@ def add_cameras(scene: Scene, cameras: Sequence[CameraOptions]) -> Scene:
     for options in cameras:
         scene, mount = _with_mount(scene, options)
         added.append(replace(_camera(scene, options), mount=mount))
-    scene = replace(scene, camera=added[0], further_cameras=tuple(added[1:]), truth=None)
+    scene = replace(scene, cameras=tuple(added))
     return embed_video(scene) if cameras[0].embed_video else scene
 
 

@@ -205,7 +205,7 @@ def embed_video(scene: Scene) -> Scene:
             f"{source}: the video ends near frame {last}, but the detections have {frames} frames: it is shorter than "
             "its detections; give the video that they were made from"
         )
-    return replace(scene, camera=replace(camera, video=Video(source, images)))
+    return replace(scene, cameras=(replace(camera, video=Video(source, images)), *scene.cameras[1:]))
 
 
 def with_video(scene: Scene | None, path: Path) -> Scene:
@@ -219,7 +219,7 @@ def with_video(scene: Scene | None, path: Path) -> Scene:
     if scene is None or scene.camera is None:
         raise InputError(f"{path}: no camera is known that took it: expected a filmed recording beside it")
     check_video(facts, scene.camera)
-    return replace(scene, camera=replace(scene.camera, video=Video(path)))
+    return replace(scene, cameras=(replace(scene.camera, video=Video(path)), *scene.cameras[1:]))
 
 
 def check_video(facts: VideoFacts, camera: Camera) -> None:

@@ -132,12 +132,10 @@ class MeasuredStretch:
             # The declared pose was held at the start of the stream, not whenever tracking starts again.
             pose = wearer.initial_pose if self.first == 0 else "none"
             wearers.append(replace(wearer, imus=imus, initial_pose=pose))
-        cameras = [
+        cameras = tuple(
             self._camera(one, [frame for frame in video if frame.camera == one.name]) for one in self.head.cameras
-        ]
-        return replace(
-            self.head, wearers=tuple(wearers), camera=next(iter(cameras), None), further_cameras=tuple(cameras[1:])
         )
+        return replace(self.head, wearers=tuple(wearers), cameras=cameras)
 
     def _camera(self, camera: Camera, video: Sequence[VideoFrame]) -> Camera:
         detections = detections_of(sorted(video, key=lambda frame: frame.time), camera.keypoints)

@@ -116,8 +116,10 @@ def report_data(estimate: Estimate, scene: Scene | None = None, truth: Scene | N
         replace(wearer, truth=true_wearer.truth)
         for wearer, true_wearer in zip(scene.wearers, truth.wearers, strict=True)
     )
-    same = [len(camera.detections) for camera in scene.cameras] == [len(camera.detections) for camera in truth.cameras]
-    return ReportData(estimate, replace(scene, wearers=wearers, truth=truth.truth if same else None))
+    cameras = scene.cameras
+    if [len(camera.detections) for camera in cameras] == [len(camera.detections) for camera in truth.cameras]:
+        cameras = tuple(replace(own, truth=other.truth) for own, other in zip(cameras, truth.cameras, strict=True))
+    return ReportData(estimate, replace(scene, wearers=wearers, cameras=cameras))
 
 
 def motion_data(data: ReportData) -> dict[str, object]:

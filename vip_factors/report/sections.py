@@ -224,18 +224,20 @@ def fit_charts(data: ReportData) -> list[Chart]:
 
 
 def _reprojection_charts(data: ReportData) -> list[Chart]:
-    camera = data.estimate.camera
-    if camera is None or camera.residual_px is None:
-        return []
-    times = (camera.path.time, data.wearers[0].estimate.motion.time)
-    time = next((time for time in times if len(time) == len(camera.residual_px)), None)
-    if time is None:
-        return []
-    curves = [
-        Curve(wearer.name, time, values, wearer_mark(wearer.index, len(data.wearers)))
-        for wearer, values in zip(data.wearers, _joined(camera.residual_px).T, strict=True)
-    ]
-    return time_charts("Video, px: root mean square over the points", curves, from_zero=True)
+    charts = list[Chart]()
+    for camera in data.estimate.cameras:
+        times = (camera.path.time, data.wearers[0].estimate.motion.time)
+        residuals = camera.residual_px
+        time = None if residuals is None else next((time for time in times if len(time) == len(residuals)), None)
+        if residuals is None or time is None:
+            continue
+        curves = [
+            Curve(wearer.name, time, values, wearer_mark(wearer.index, len(data.wearers)))
+            for wearer, values in zip(data.wearers, _joined(residuals).T, strict=True)
+        ]
+        name = f", {camera.name}" if len(data.estimate.cameras) > 1 else ""
+        charts += time_charts(f"Video{name}, px: root mean square over the points", curves, from_zero=True)
+    return charts
 
 
 def _joined(values: Array) -> Array:

@@ -104,8 +104,7 @@ def stream_head(scene: Scene) -> Scene:
         if not (wearer.placed or (wearer.placement.sites and not wearer.imus)):  # a head without samples is fine
             raise nothing_placed(wearer.name, wearer.imus)
     wearers = tuple(replace(wearer, name=scene.name, imus={}, truth=None, notes="") for wearer in scene.wearers)
-    cameras = [_camera_head(camera) for camera in scene.cameras]
-    return checked_head(Scene(scene.name, wearers, cameras[0] if cameras else None, None, tuple(cameras[1:])))
+    return checked_head(Scene(scene.name, wearers, tuple(map(_camera_head, scene.cameras))))
 
 
 def checked_head(head: Scene) -> Scene:

@@ -1,6 +1,6 @@
 """Scene: one or more wearers of sensors and the cameras that filmed them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -52,6 +52,25 @@ class Video:
 
 
 @dataclass(frozen=True, repr=False)
+class CameraTruth(Summarised):
+    """Reference of a camera, in the world of the scene's other truths.
+
+    Attributes:
+        path: true poses.
+        wearer: ``(N,)`` index of the wearer behind each detection, −1 for bystanders and false detections.
+        pixels: ``(N, K, 2)`` true keypoints in the (distorted) image; NaN out of view or unknown.
+        calibration: heading and mounting of the camera's IMU.
+        clock: map from the video's clock to the IMUs'.
+    """
+
+    path: CameraPath
+    wearer: np.ndarray
+    pixels: Array | None = None
+    calibration: SensorCalibration | None = None
+    clock: VideoClock = field(default_factory=VideoClock)
+
+
+@dataclass(frozen=True, repr=False)
 class Camera(Summarised):
     """One camera and the 2D detections in its frames.
 
@@ -68,6 +87,10 @@ class Camera(Summarised):
         focal_sigma: standard deviation of the logarithm of the focal length; 0 for a calibrated lens.
         odometry: path from visual odometry (ARKit, ARCore, SLAM), in its own world and on the video's clock, if any.
         scale_free_odometry: True if the scale of that path is unknown, as for monocular SLAM.
+        truth: reference, if known.
+
+    Raises:
+        RecordingError: for a truth of other detections.
     """
 
     name: str
@@ -82,6 +105,11 @@ class Camera(Summarised):
     focal_sigma: float = 0.0
     odometry: CameraPath | None = None
     scale_free_odometry: bool = False
+    truth: CameraTruth | None = None
+
+    def __post_init__(self) -> None:
+        if self.truth is not None and len(self.truth.wearer) != len(self.detections):
+            raise RecordingError(f"camera '{self.name}': its truth does not belong to its detections")
 
     def summary(self) -> list[str]:
         """Describe image, motion and detections."""
@@ -111,36 +139,13 @@ class Camera(Summarised):
 
 
 @dataclass(frozen=True, repr=False)
-class SceneTruth(Summarised):
-    """Reference of a scene besides the wearers' motions, in the same world.
-
-    Attributes:
-        camera: true path.
-        wearer: ``(N,)`` index of the wearer behind each detection, −1 for bystanders and false detections.
-        pixels: ``(N, K, 2)`` true keypoints in the (distorted) image; NaN out of view or unknown.
-        camera_calibration: heading and mounting of the camera's IMU.
-        clock: map from the video's clock to the IMUs'.
-        further: truths of the further cameras, in the scene's order.
-    """
-
-    camera: CameraPath
-    wearer: np.ndarray
-    pixels: Array | None = None
-    camera_calibration: SensorCalibration | None = None
-    clock: VideoClock = field(default_factory=VideoClock)
-    further: tuple["SceneTruth", ...] = ()
-
-
-@dataclass(frozen=True, repr=False)
 class Scene(Summarised):
     """Everything measured in one session.
 
     Attributes:
         name: of the scene.
         wearers: recordings on one clock; subject names are unique.
-        camera: first camera, or None.
-        truth: reference, if known.
-        further_cameras: other cameras, of any kind. The scene's world is that of cameras with known poses.
+        cameras: of any kind. The scene's world is that of cameras with known poses.
 
     Raises:
         RecordingError: for inconsistent wearers, cameras or truth.
@@ -148,9 +153,7 @@ class Scene(Summarised):
 
     name: str
     wearers: tuple[Recording, ...]
-    camera: Camera | None = None
-    truth: SceneTruth | None = None
-    further_cameras: tuple[Camera, ...] = ()
+    cameras: tuple[Camera, ...] = ()
 
     def summary(self) -> list[str]:
         """Describe wearers and cameras."""
@@ -164,14 +167,9 @@ class Scene(Summarised):
         return [wearer.subject.name for wearer in self.wearers]
 
     @property
-    def cameras(self) -> tuple[Camera, ...]:
-        """All cameras."""
-        return (*((self.camera,) if self.camera is not None else ()), *self.further_cameras)
-
-    def with_cameras(self, cameras: Sequence[Camera]) -> "Scene":
-        """Replace the cameras; the truth remains if their number is the same."""
-        truth = self.truth if len(cameras) == len(self.cameras) else None
-        return replace(self, camera=next(iter(cameras), None), further_cameras=tuple(cameras[1:]), truth=truth)
+    def camera(self) -> Camera | None:
+        """The first camera, the only one of most scenes; None without any."""
+        return self.cameras[0] if self.cameras else None
 
     @property
     def start_ns(self) -> int:
@@ -184,18 +182,6 @@ class Scene(Summarised):
         if len(set(self.names)) < len(self.names):
             raise RecordingError(
                 f"scene '{self.name}': subjects {', '.join(self.names)}: give each wearer a unique name"
-            )
-        self._check_further_cameras()
-        if self.truth is None:
-            return
-        truths = (self.truth, *self.truth.further)
-        if [len(truth.wearer) for truth in truths] != [len(camera.detections) for camera in self.cameras]:
-            raise RecordingError(f"scene '{self.name}': its truth does not belong to its detections")
-
-    def _check_further_cameras(self) -> None:
-        if self.further_cameras and self.camera is None:
-            raise RecordingError(
-                f"scene '{self.name}' has further cameras but no first one: set 'camera' to one of them"
             )
         names = [camera.name for camera in self.cameras]
         if len(set(names)) < len(names):

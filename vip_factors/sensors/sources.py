@@ -216,7 +216,7 @@ class SceneInMemory:
         return int(np.count_nonzero((time >= start) & (time < end)))
 
     def _scene(self, wearers: tuple[Recording, ...], cameras: tuple[Camera, ...]) -> Scene:
-        return Scene(self.scene.name, wearers, cameras[0] if cameras else None, None, cameras[1:])
+        return Scene(self.scene.name, wearers, cameras)
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ def shared_interval(source: SceneSource) -> tuple[float, float]:
 def without_frames(camera: Camera) -> Camera:
     """Remove a camera's detections, video and IMU."""
     none = camera.detections.select(np.zeros(len(camera.detections), bool))
-    return replace(camera, detections=replace(none, time=np.zeros(0)), mount=None, video=None)
+    return replace(camera, detections=replace(none, time=np.zeros(0)), mount=None, video=None, truth=None)
 
 
 def camera_between(camera: Camera, start: float, end: float) -> Camera:
@@ -262,7 +262,6 @@ def camera_between(camera: Camera, start: float, end: float) -> Camera:
     detections, time = camera.detections, camera.timed_detections.time
     first_frame, end_frame = np.searchsorted(time, start, "left"), np.searchsorted(time, end, "right")
     within = detections.select((detections.frame >= first_frame) & (detections.frame < end_frame))
-    within = replace(
-        within, time=detections.time[first_frame:end_frame], frame=within.frame - first_frame
-    )  # numbered from 0
-    return replace(camera, detections=within, mount=mount, video=None)
+    frame_numbers = within.frame - first_frame
+    within = replace(within, time=detections.time[first_frame:end_frame], frame=frame_numbers)
+    return replace(camera, detections=within, mount=mount, video=None, truth=None)

@@ -23,7 +23,7 @@ from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, exp, transpose
 from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite
 from vip_factors.sensors.camera import CameraPath, VideoClock
-from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, Scene, SceneTruth
+from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, CameraTruth, Scene
 from vip_factors.simulate.dense import DenseMotion, dense_motion
 from vip_factors.simulate.detector import detect
 from vip_factors.simulate.detector_view import Person
@@ -72,7 +72,7 @@ def simulate_scene(
     """What sensors, camera and detector would have recorded of people's motions.
 
     Cameras look from all around, the first one from where the settings say. The video lasts as long as all wearers
-    move; bystanders come and go with their motions. In the truth, ``SceneTruth.wearer`` gives a detection to the
+    move; bystanders come and go with their motions. In the truth, ``CameraTruth.wearer`` gives a detection to the
     person who has most of its keypoints, at least seven major joints (thesis 4.4.3), and is −1 for bystanders and for
     nobody.
 
@@ -109,24 +109,22 @@ def simulate_scene(
         people.append(Person(motion.skeleton, motion.state(np.clip(time, motion.start, motion.end)), present))
     wearer = np.array([worn.index(number) if number in worn else -1 for number in (*range(len(performers)), -1)])
 
-    films, azimuth = [], None
+    cameras, azimuth = list[Camera](), None
     # Further cameras stand on tripods, without sensors, at known poses.
     fixed = replace(settings, camera="fixed", camera_imu=False, known_camera_pose=True)
     for number, one in enumerate([settings, *[fixed] * (settings.cameras - 1)]):
         one = one if azimuth is None else replace(one, azimuth_deg=azimuth + 360.0 * number / settings.cameras)
         body, around = _camera_body(dense, worn, one, seed)
         azimuth = around if azimuth is None else azimuth
-        films.append(_film(body, people, wearer, time, one, seed, number))
-    (camera, truth), *further = films
-    truth = replace(truth, further=tuple(known for _, known in further))
-    return Scene(name, tuple(recordings), camera, truth, tuple(camera for camera, _ in further))
+        cameras.append(_film(body, people, wearer, time, one, seed, number))
+    return Scene(name, tuple(recordings), tuple(cameras))
 
 
 def _film(
     body: DenseMotion, people: Sequence[Person], wearer: np.ndarray, time: Array, settings: SceneSettings, seed: int,
     number: int,
-) -> tuple[Camera, SceneTruth]:  # fmt: skip
-    """What one camera's detector finds; ``wearer`` is the index of the wearer by person, −1 for others and nobody."""
+) -> Camera:  # fmt: skip
+    """A camera and what its detector finds; ``wearer`` is the wearer's index by person, −1 for others and nobody."""
     camera_seed_step = 104_729  # between the seeds of cameras; the first has the scene's
     state, own_seed = body.bone(0, time), seed + camera_seed_step * number
     path = CameraPath(time, state.R_world_bone, state.position)
@@ -139,8 +137,8 @@ def _film(
     known = _known_pose(path, settings, own_seed) if settings.has_known_pose else None
     name = "camera" if number == 0 else f"camera_{number + 1}"
     detections = detections.shifted(-settings.time_offset_s)
-    camera = Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known)
-    return camera, SceneTruth(path, wearer[owner], pixels, calibration, VideoClock(settings.time_offset_s))
+    truth = CameraTruth(path, wearer[owner], pixels, calibration, VideoClock(settings.time_offset_s))
+    return Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known, truth=truth)
 
 
 def _known_pose(path: CameraPath, settings: SceneSettings, seed: int) -> CameraPath:

@@ -394,8 +394,8 @@ class KnownScene:
             coarse = coarser(frames[-1], plan.factor)
             model = replace(wearer.model, frames=coarse, initial_pose=declared_pose(recording, coarse, settings))
             trackers.append(begin.track(model, wearer.state, settings, solver))
-        first, *others = (self._calibrated(camera, start) for camera in given.cameras if camera.name in self.cameras)
-        scene = replace(given, wearers=tuple(recordings), camera=first, further_cameras=tuple(others))
+        cameras = (self._calibrated(camera, start) for camera in given.cameras if camera.name in self.cameras)
+        scene = replace(given, wearers=tuple(recordings), cameras=tuple(cameras))
         associated = associate_cameras(scene, trackers, settings, solver.progress_of("association"))
         solution = solve_from(start.placed(associated, trackers, settings), scene, settings, solver)
         return FilmedWindow(

@@ -61,7 +61,7 @@ def film_findings(scene: Scene, told: Sequence[Finding]) -> tuple[Finding, ...]:
         return ()
     camera = replace(scene.camera, detections=scene.camera.timed_detections)
     try:
-        finding = film_finding(replace(scene, camera=camera, truth=None))
+        finding = film_finding(replace(scene, cameras=(camera,)))
     except RecordingError:
         return ()
     return () if finding is None else (in_picture_of(camera, scene, finding),)

@@ -154,8 +154,7 @@ def with_declared_floor(scene: Scene, floor: str | float) -> Scene:
             return camera
         return replace(camera, known_path=replace(path, p_world_camera=path.p_world_camera - np.array([0, 0, floor])))
 
-    first, *others = map(lifted, scene.cameras)
-    return replace(scene, camera=first, further_cameras=tuple(others))
+    return replace(scene, cameras=tuple(map(lifted, scene.cameras)))
 
 
 def levelled(models: Sequence[WearerProblem], state: SceneState) -> SceneState | None:

@@ -87,9 +87,9 @@ def filmed_estimate(
         )
         for number, each in enumerate(associated)
     )
-    camera, others, given = None, cameras, np.full(len(scene.cameras[0].detections), -1)
-    if associated[0].camera is scene.camera:  # else it shows nobody
-        camera, others, given = cameras[0], cameras[1:], associated[0].association.wearer
+    given = np.full(len(scene.cameras[0].detections), -1)
+    if associated[0].camera is scene.cameras[0]:  # else it shows nobody
+        given = associated[0].association.wearer
     findings = [
         *who_is_who(scene, associated),
         *_undetermined(shared, "all headings, mountings and the camera"),
@@ -108,9 +108,8 @@ def filmed_estimate(
     ]
     findings = [*calibration.about_sensors, *solution.about_floor, *dict.fromkeys(findings), *solution.about_starts()]
     return Estimate(
-        scene.name, "VIP", wearers, camera, given, tuple(solver.reports), (*film_findings(scene, findings), *findings),
+        scene.name, "VIP", wearers, cameras, given, tuple(solver.reports), (*film_findings(scene, findings), *findings),
         flatten(settings), detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
-        others,
     )  # fmt: skip
 
 

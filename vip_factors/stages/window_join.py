@@ -209,7 +209,7 @@ def join(
     wearers = [replace(one, motion=replace(one.motion, rate=plan.rate, start=plan.start)) for one in none]
     frames, moving = (plan.frames,) * len(wearers), [camera.name for camera in source.head.cameras if camera.moving]
     head = replace(calibrated, name=source.head.name)
-    head = head.with_cameras([camera.start for camera in head.cameras], wearers)
+    head = replace(head, cameras=tuple(camera.start for camera in head.cameras), wearers=tuple(wearers))
     poses = tuple(plan.frames if camera.name in moving else 1 for camera in head.cameras)
     if plan.all_calibrate or not source.head.cameras:
         return EstimateChunks(head, frames, chunks_of(windows, head, plan, on_progress), poses)
@@ -262,8 +262,9 @@ def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate, summa
         wearers.append(
             replace(whole, motion=motion, covariance=one.covariance, residuals=one.residuals, reports=one.reports)
         )
-    head = head.with_cameras(window.cameras, wearers)
-    return replace(head, wearer_of_detection=labels, reports=window.reports)
+    return replace(
+        head, cameras=window.cameras, wearers=tuple(wearers), wearer_of_detection=labels, reports=window.reports
+    )
 
 
 def _between(one: SolvedWindow, other: SolvedWindow) -> SolvedWindow:

@@ -8,11 +8,11 @@ import numpy as np
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import InputError
-from vip_factors.estimate import Estimate, WearerEstimate
+from vip_factors.estimate import Estimate, WearerEstimate, camera_pairs
 from vip_factors.evaluate.comparison import Comparison, compare_motion, compare_scene
 from vip_factors.geometry.poses import Alignment, align_yaw
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock, move_motion, move_path
+from vip_factors.sensors.camera import CameraModel, CameraPath, move_motion, move_path
 from vip_factors.sensors.detections import Detections, keypoints_in_image, reprojection_error
 from vip_factors.sensors.recording import Recording, Truth
 from vip_factors.sensors.scene import Scene, Video
@@ -96,7 +96,7 @@ class DrawnScene:
     """Everything in one world, on the recording's clock.
 
     Attributes:
-        cameras: the first one as estimated; nobody knows who is who in the detections of the others.
+        cameras: the estimate knows who is who in the detections of the first one alone.
         estimate: None if there is none, or of one wearer alone.
         apart: whether the wearers were moved apart, because their places beside each other are unknown.
     """
@@ -201,11 +201,6 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
         if gauge is not None and wearer.motion is not None:
             wearer = replace(wearer, motion=move_motion(wearer.motion, gauge))
         wearers.append(wearer)
-    camera = _first_camera(scene, estimate)
-    if camera is not None and camera.path is not None and comparison is not None and comparison.gauge is not None:
-        camera = replace(camera, path=move_path(camera.path, comparison.gauge))
-    if camera is not None and camera.path is None:
-        camera = replace(camera, path=camera.true_path, true_path=None)
     motions = [wearer.motion for wearer in wearers if wearer.motion is not None]
     is_placed = any(wearer.motion is not None and wearer.truth is not None for wearer in wearers)
     apart = len(motions) > 1 and not is_placed and (estimate is None or not estimate.cameras)
@@ -220,50 +215,35 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
             for wearer in wearers
         ]
     name = estimate.name if estimate is not None else scene.name if scene is not None else ""
-    gauge = comparison.gauge if comparison is not None else None
-    cameras = (*([camera] if camera is not None else []), *_further_cameras(scene, estimate, gauge))
+    cameras = _cameras(scene, estimate, comparison.gauge if comparison is not None else None)
     return DrawnScene(name, tuple(wearers), cameras, estimate, apart)
 
 
-def _first_camera(scene: Scene | None, estimate: Estimate | None) -> DrawnCamera | None:
-    """As estimated, in the estimate's world, beside the true path; the model and the clock are the estimate's too."""
-    camera, estimated = scene.camera if scene is not None else None, estimate.camera if estimate is not None else None
-    known = camera if estimated is None else estimated
-    if known is None:
-        return None
-    true_path = camera.known_path if camera is not None else None
-    if scene is not None and scene.truth is not None:
-        true_path = scene.truth.camera
-    path = estimated.path if estimated is not None else None
-    if scene is None or camera is None:
-        return DrawnCamera(known.name, known.model, path, true_path)
-    clock = known.clock if known is not None else VideoClock()
-    labels = np.full(len(camera.detections), NOBODY)
-    if estimate is not None and len(estimate.wearer_of_detection) == len(labels):
-        labels = estimate.wearer_of_detection
-    elif estimate is None and scene.truth is not None:
-        labels = scene.truth.wearer
-    detections = camera.detections.timed(clock)
-    return DrawnCamera(camera.name, known.model, path, true_path, detections, labels, camera.video)
+def _cameras(scene: Scene | None, estimate: Estimate | None, gauge: Alignment | None) -> tuple[DrawnCamera, ...]:
+    """As estimated, in the true world if there is one, beside the true paths; models and clocks are the estimate's too.
 
-
-def _further_cameras(scene: Scene | None, estimate: Estimate | None, gauge: Alignment | None) -> list[DrawnCamera]:
-    """As estimated, brought into the true world if there is one; else where they really are or are said to be."""
-    estimated = {} if estimate is None else {camera.name: camera for camera in estimate.further_cameras}
+    What was not estimated is drawn where it really is or is said to be.
+    """
     if scene is None:
-        return [DrawnCamera(name, camera.model, camera.path) for name, camera in estimated.items()]
-    known = [camera.known_path for camera in scene.further_cameras]
-    paths = known if scene.truth is None else [truth.camera for truth in scene.truth.further]
+        return tuple(DrawnCamera(one.name, one.model, one.path) for one in (estimate.cameras if estimate else ()))
+    pairs = () if estimate is None else camera_pairs(scene, estimate)
     drawn = list[DrawnCamera]()
-    for camera, true_path in zip(scene.further_cameras, paths, strict=True):
-        own, path, model, clock = estimated.get(camera.name), true_path, camera.model, camera.clock
-        if own is not None:
-            path, model, clock = own.path if gauge is None else move_path(own.path, gauge), own.model, own.clock
-        if path is not None:
-            unlabelled = np.full(len(camera.detections), NOBODY)
-            detections = camera.detections.timed(clock)
-            drawn.append(DrawnCamera(camera.name, model, path, detections=detections, labels=unlabelled))
-    return drawn
+    for number, camera in enumerate(scene.cameras):
+        camera_estimate = next((other for one, other in pairs if one is camera), None)
+        path = None if camera_estimate is None else camera_estimate.path
+        path = path if path is None or gauge is None else move_path(path, gauge)
+        true_path = camera.known_path if camera.truth is None else camera.truth.path
+        labels = np.full(len(camera.detections), NOBODY)
+        if estimate is None and camera.truth is not None:
+            labels = camera.truth.wearer
+        elif estimate is not None and number == 0 and len(estimate.wearer_of_detection) == len(labels):
+            labels = estimate.wearer_of_detection
+        if path is None:
+            path, true_path = true_path, None
+        lens = camera_estimate or camera
+        detections = camera.detections.timed(lens.clock)
+        drawn.append(DrawnCamera(camera.name, lens.model, path, true_path, detections, labels, camera.video))
+    return tuple(drawn)
 
 
 def _wearer(

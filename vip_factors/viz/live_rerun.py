@@ -129,7 +129,7 @@ class LiveView:
         if setup.camera is not None:
             log_pinhole(stream, IMAGE, setup.camera.model)
             log_image_style(stream, IMAGE, setup.camera.model, setup.camera.keypoints, setup.names)
-        for camera in setup.further_cameras:
+        for camera in setup.cameras[1:]:
             if camera.known_path is not None:
                 entity = f"{WORLD}/cameras/{rr.escape_entity_path_part(camera.name)}"
                 log_camera(stream, entity, camera.known_path, camera.model)

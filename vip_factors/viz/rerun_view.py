@@ -164,13 +164,14 @@ def _log_camera(
     if there is one.
     """
     is_first = camera is drawn.camera
-    entity = _below("camera") if is_first else _below("cameras", camera.name)
+    where = "camera" if is_first else f"cameras/{rr.escape_entity_path_part(camera.name)}"
+    entity = f"{WORLD}/{where}"
     if camera.path is None:
-        entity = "/camera"  # outside the world: its place is unknown
+        entity = f"/{where}"  # outside the world: its place is unknown
         log_pinhole(stream, f"{entity}/image", camera.model)
     paths = (
         (entity, camera.path, FRUSTUM_COLOUR, FRUSTUM_COLOUR),
-        (_below("true_camera"), camera.true_path, TRUE_FRUSTUM_COLOUR, GHOST_COLOUR),
+        (f"{WORLD}/true_{where}", camera.true_path, TRUE_FRUSTUM_COLOUR, GHOST_COLOUR),
     )
     for where, path, frustum, trail in paths:
         if path is not None:

@@ -260,7 +260,7 @@ def test_a_lens_of_two_focal_lengths_and_a_camera_that_turns_round(tmp_path: Pat
     time = np.arange(90) / 30
     path = CameraPath(time, rotation_x(3.0 * time), np.zeros((90, 3)))
     lens = CameraModel(1280, 720, (1000.0, 800.0), (640.0, 360.0))
-    estimate = replace(filmed()[1], camera=replace(filmed()[1].camera, model=lens, path=path))
+    estimate = replace(filmed()[1], cameras=(replace(filmed()[1].camera, model=lens, path=path),))
     glb = Glb(export(estimate, tmp_path / "turning.glb")[0])
     perspective = glb.json["cameras"][0]["perspective"]
     assert np.tan(perspective["yfov"] / 2) == pytest.approx(360 / 800)

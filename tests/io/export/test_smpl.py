@@ -138,7 +138,7 @@ def test_pictures_outside_the_estimate_are_not_valid(recording: Path, tmp_path: 
     short = replace(
         estimate,
         wearers=tuple(replace(one, motion=one.motion.frames(slice(4, 20))) for one in estimate.wearers),
-        camera=replace(estimate.camera, path=part),
+        cameras=(replace(estimate.camera, path=part),),
     )
     (path,) = export(short, tmp_path / "a.pkl", ExportSettings(recording=recording))
     content = content_of(path)

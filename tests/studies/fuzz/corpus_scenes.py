@@ -238,7 +238,8 @@ def _further_files() -> Files:
 def _filmed_files() -> Files:
     """A film, a scene with images of its video inside, one long enough for clocks, and what can be solved."""
     scene, filmed = _simulated(SECONDS), _simulated(FILMED_SECONDS)
-    assert scene.camera is not None
+    camera = scene.camera
+    assert camera is not None
     images = {0: jpeg_bytes(_moving_square(0)), 3: png_bytes(_moving_square(3))}
     wearer = filmed.wearers[0]
     few = replace(wearer, imus={name: wearer.imus[name] for name in list(wearer.imus)[:3]})
@@ -248,8 +249,8 @@ def _filmed_files() -> Files:
             with film_file(folder / "film.mp4", 10.0, overwrite=False) as add:  # H.264
                 for frame in range(2 * FRAMES):
                     add(_moving_square(frame))
-        shown = replace(scene.camera, video=Video(None, images))  # type: ignore[type-var]
-        write_recording(replace(scene, camera=shown), folder / "images.mcap")
+        shown = replace(camera, video=Video(None, images))
+        write_recording(replace(scene, cameras=(shown,)), folder / "images.mcap")
         write_recording(replace(filmed, wearers=(few,)), folder / "filmed.mcap")
         write_recording(scene, folder / "whole_scene.mcap")
         write_recording(scene.wearers[0], folder / "whole_plain.mcap")

@@ -107,7 +107,7 @@ R_CAMERA_GLTF = np.diag([1.0, -1.0, -1.0])  # glTF's cameras have y up and look 
 
 
 def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings, unit: LengthUnit = LengthUnit.METRES) -> None:
-    """Write all wearers and the camera into one file, with one animation.
+    """Write all wearers and cameras into one file, with one animation.
 
     Rest pose and axes of the bones are those of the program that their names come from (:func:`rest_pose`). A camera
     has its vertical field of view and aspect; a principal point off the image's middle and distortion have no place in
@@ -117,8 +117,8 @@ def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings, unit: L
     for wearer in estimate.wearers:
         moving = replace(wearer, motion=planted(wearer.motion)) if settings.plant_feet else wearer
         file.add_wearer(moving, settings.bone_names)
-    if estimate.camera is not None:
-        file.add_camera(estimate.camera)
+    for camera in estimate.cameras:
+        file.add_camera(camera)
     path.write_bytes(file.to_bytes())
 
 

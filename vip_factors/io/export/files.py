@@ -148,14 +148,15 @@ def _chosen(estimate: Estimate, wearer: str | None) -> Estimate:
 
 
 def _one_wearer(estimate: Estimate, number: int) -> Estimate:
-    """One wearer of a scene, with what the camera saw of that one."""
-    camera = estimate.camera
-    if camera is not None and camera.residual_px is not None:
-        camera = replace(camera, residual_px=camera.residual_px[:, [number]])
+    """One wearer of a scene, with what the cameras saw of that one."""
+    cameras = (
+        camera if camera.residual_px is None else replace(camera, residual_px=camera.residual_px[:, [number]])
+        for camera in estimate.cameras
+    )
     return replace(
         estimate,
         wearers=(estimate.wearers[number],),
-        camera=camera,
+        cameras=tuple(cameras),
         wearer_of_detection=np.where(estimate.wearer_of_detection == number, 0, -1),
     )
 
@@ -174,8 +175,8 @@ def resampled(estimate: Estimate, rate: float | None) -> Estimate:
     if abs(motion.rate - rate) <= 1e-9 * rate:  # rates come from differences of times
         return estimate
     wearers = tuple(_wearer(wearer, rate) for wearer in estimate.wearers)
-    camera = None if estimate.camera is None else _camera(estimate.camera, motion.time, wearers[0].motion.time)
-    return replace(estimate, wearers=wearers, camera=camera)
+    cameras = tuple(_camera(camera, motion.time, wearers[0].motion.time) for camera in estimate.cameras)
+    return replace(estimate, wearers=wearers, cameras=cameras)
 
 
 def frame_times(time: Array, rate: float) -> Array:

@@ -12,13 +12,13 @@ import numpy as np
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.errors import InputError
-from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
+from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate, camera_pairs
 from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.io.export.files import R_YUP_WORLD, frame_times, poses_at
 from vip_factors.io.motions import BODY_JOINTS, P_MODEL_PELVIS
 from vip_factors.io.settings import ExportSettings
 from vip_factors.sensors.detections import Detections
-from vip_factors.sensors.scene import Scene
+from vip_factors.sensors.scene import Camera, Scene
 
 POSE_WIDTH = 156  # of SMPL-H: 22 joints of the body and 30 of the hands, three numbers each
 
@@ -66,12 +66,15 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
     """
     scene = None if settings.recording is None else _scene(settings.recording, estimate)
     frame_time = estimate.wearers[0].motion.time
-    if scene is not None and scene.camera is not None and estimate.camera is not None:
-        time = scene.camera.detections.timed(estimate.camera.clock).time
+    # The camera whose detections the estimate assigns to wearers.
+    pairs = () if scene is None else camera_pairs(scene, estimate)
+    filmed = next((pair for pair in pairs if scene is not None and pair[0] is scene.camera), None)
+    if filmed is not None:
+        time = filmed[0].detections.timed(filmed[1].clock).time
     else:
         time = frame_times(frame_time, settings.frame_rate or VIDEO_RATE)
     people = [_person(wearer, time) for wearer in estimate.wearers]
-    poses2d = [_poses2d(number, estimate, scene, len(time)) for number in range(len(people))]
+    poses2d = [_poses2d(number, estimate, filmed, len(time)) for number in range(len(people))]
     frames_60hz = np.rint((time - frame_time[0]) * IMU_RATE).astype(int)
     sexes = {} if scene is None else {wearer.subject.name: wearer.subject.sex for wearer in scene.wearers}
     # Where a wearer can be looked for in a picture: seen there, if the recording is known to tell.
@@ -84,7 +87,7 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
         **{key: [person[key] for person in people] for key in people[0]},
         "poses2d": poses2d,
         "img_frame_ids": frames_60hz.clip(0, len(people[0]["poses_60Hz"]) - 1),
-        **_camera(estimate.camera, time),
+        **_camera(estimate.camera if filmed is None else filmed[1], time),
         "campose_valid": valid,
     }
     pickled = pickle.dumps(content, protocol=2)  # the newest that Python 2 reads
@@ -132,14 +135,14 @@ def _camera(camera: CameraEstimate | None, time: Array) -> dict[str, Array]:
     return {"cam_poses": cam_poses, "cam_intrinsics": camera.model.K}
 
 
-def _poses2d(number: int, estimate: Estimate, scene: Scene | None, frames: int) -> Array:
+def _poses2d(number: int, estimate: Estimate, filmed: tuple[Camera, CameraEstimate] | None, frames: int) -> Array:
     """``(N, 3, 18)`` pixels x, y and confidence of a wearer's keypoints, undistorted; zero where there are none."""
     poses = np.zeros((frames, 3, len(COCO18)))
-    if scene is None or scene.camera is None or estimate.camera is None:
+    if filmed is None:
         return poses
-    mine = scene.camera.detections.select(np.flatnonzero(estimate.wearer_of_detection == number))
+    mine = filmed[0].detections.select(np.flatnonzero(estimate.wearer_of_detection == number))
     confidence, pixels = _coco18(mine)
-    model = estimate.camera.model
+    model = filmed[1].model
     straight = model.normalise(pixels) * np.array(model.focal) + np.array(model.centre)
     is_visible = (confidence > 0) & np.isfinite(straight).all(axis=-1)
     rows = np.concatenate([straight, confidence[..., None]], axis=-1)

@@ -123,8 +123,7 @@ def setup_of(header: LiveHeader) -> Scene:
         InputError: for what no wearer or camera can be, and for a name that two of them share.
     """
     wearers = tuple(_wearer(header.name, wearer, time_ns_of(header.start)) for wearer in header.wearers)
-    cameras = [_camera(camera) for camera in header.cameras]
-    return checked_head(Scene(header.name, wearers, next(iter(cameras), None), None, tuple(cameras[1:])))
+    return checked_head(Scene(header.name, wearers, tuple(map(_camera, header.cameras))))
 
 
 def _wearer(name: str, message: WearerMessage, start_ns: int) -> Recording:

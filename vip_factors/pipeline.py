@@ -26,7 +26,7 @@ from vip_factors.settings import Settings, flatten
 from vip_factors.stages.calibrate import calibrate
 from vip_factors.stages.fusion import fusion_problem
 from vip_factors.stages.fusion_start import FusionStart
-from vip_factors.stages.inertial import FoundStart, inertial_trackers
+from vip_factors.stages.inertial import WearerStart, inertial_trackers
 from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.pauses import with_pauses
 from vip_factors.stages.reporting import calibrated_estimate, with_model_errors
@@ -35,7 +35,7 @@ from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solve_windows import solve_at_once, solve_windows
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import join
-from vip_factors.stages.windows import MapFn, coarse_times, plan_windows, scene_plan
+from vip_factors.stages.windows import MapFn, coarse_times, plan_windows, plan_scene
 from vip_factors.terms.registry import unfilmed_problem
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]
@@ -98,7 +98,7 @@ def smooth_chunks(
 
 
 def _smooth_all(
-    source: SceneSource, findings: tuple[Finding, ...], starts: Sequence[FoundStart | None], settings: Settings,
+    source: SceneSource, findings: tuple[Finding, ...], starts: Sequence[WearerStart | None], settings: Settings,
     on_progress: ProgressCallback, extra: UserTerms | None, map_fn: MapFn,
 ) -> EstimateChunks:  # fmt: skip
     """All wearers before the cameras, or each by itself where these show nobody; with ``findings`` before others."""
@@ -126,14 +126,14 @@ def _smooth_all(
 
 def _smooth_scene(
     source: SceneSource,
-    starts: Sequence[FoundStart | None],
+    starts: Sequence[WearerStart | None],
     settings: Settings,
     on_progress: ProgressCallback,
     extra: UserTerms | None,
     map_fn: MapFn,
 ) -> EstimateChunks | tuple[Finding, ...]:
     """Wearers before cameras, or one whom no camera sees; findings, if the cameras show nobody whom they know."""
-    plan = plan_windows(source, settings, whole=extra is not None)
+    plan = plan_windows(source, settings, single_window=extra is not None)
     calibration = calibrate(source, plan, settings, on_progress, extra, starts)
     if isinstance(calibration, tuple):
         return calibration
@@ -197,7 +197,7 @@ def factor_graph(
     """
     scene = as_scene(source)
     solver = Solver(settings.solve, progress or silent, name=settings.solver)
-    plan = scene_plan(SceneInMemory(scene), settings, whole=True)
+    plan = plan_scene(SceneInMemory(scene), settings, single_window=True)
     trackers = inertial_trackers(scene, plan.all_coarse_time, settings, solver)
     if scene.camera is not None and settings.fusion.use_camera:
         start = start_before_cameras(scene, trackers, settings, solver, is_calibrated=True)

@@ -14,7 +14,7 @@ from vip_factors.factor_settings import SoleSettings
 from vip_factors.geometry.rotations import exp
 from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import BodyPoint, WearerProblem, sole_shift
-from vip_factors.stages.inertial_model import placed_on_floor
+from vip_factors.stages.inertial_model import place_on_floor
 
 UPRIGHT = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # the body's y axis is the world's z
 SHOE = 0.032  # m
@@ -75,8 +75,8 @@ def test_a_sole_is_never_negative() -> None:
 
 def test_a_wearer_is_placed_on_soles() -> None:
     model, state = standing(SHOE)
-    shod = placed_on_floor(model, replace(state, sole=np.log(SHOE / model.settings.sole.thickness)))
-    barefoot = placed_on_floor(replace(model, settings=replace(model.settings, sole=SoleSettings(0.0))), state)
+    shod = place_on_floor(model, replace(state, sole=np.log(SHOE / model.settings.sole.thickness)))
+    barefoot = place_on_floor(replace(model, settings=replace(model.settings, sole=SoleSettings(0.0))), state)
     raised = (shod.p_world_pelvis - barefoot.p_world_pelvis)[:, 2]
     np.testing.assert_allclose(raised[[0, 3, 4]], SHOE)
     assert np.all((raised > 0.9 * SHOE) & (raised < 1.1 * SHOE))

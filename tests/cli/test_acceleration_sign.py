@@ -13,7 +13,7 @@ from vip_factors.findings import Severity
 from vip_factors.geometry.quaternions import quaternion_from_matrix
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.settings import Settings
-from vip_factors.stages.acceleration_sign import is_sign_opposite, mirrored
+from vip_factors.stages.acceleration_sign import is_sign_opposite, mirror_stream
 
 QUICK = vip.Settings(frame_rate=20.0, covariance=False)
 LEGS = ("pelvis", "left_thigh", "right_thigh", "left_shank", "right_shank", "left_foot", "right_foot")
@@ -41,7 +41,7 @@ def as_given(stream: ImuStream) -> ImuStream:
 
 @pytest.mark.parametrize("pose", ["n-pose", "none"])
 @pytest.mark.parametrize("placement", ["mvn17", "totalcapture13", "tnt10", "sip6"])
-@pytest.mark.parametrize(("change", "opposite"), [(as_given, False), (strapped_upside_down, False), (mirrored, True)])
+@pytest.mark.parametrize(("change", "opposite"), [(as_given, False), (strapped_upside_down, False), (mirror_stream, True)])
 def test_the_sign_is_told_by_bodies(
     change: Callable[[ImuStream], ImuStream], opposite: bool, placement: str, pose: str
 ) -> None:

@@ -17,7 +17,7 @@ from vip_factors.stages import association as stage
 from vip_factors.stages.inertial import InertialSolution, inertial_trackers
 from vip_factors.stages.reporting import association_cues
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.windows import scene_plan
+from vip_factors.stages.windows import plan_scene
 
 SOLVER = Solver(QUICK.solve, lambda stage, fraction: None)
 
@@ -28,7 +28,7 @@ def scene() -> Scene:
 
 
 def track(scene: Scene) -> tuple[InertialSolution, ...]:
-    time = scene_plan(SceneInMemory(scene), QUICK).all_coarse_time
+    time = plan_scene(SceneInMemory(scene), QUICK).all_coarse_time
     return inertial_trackers(scene, time, QUICK, SOLVER)
 
 
@@ -45,7 +45,7 @@ def bent(one: InertialSolution, degrees: float) -> InertialSolution:
     return replace(one, state=replace(one.state, R_parent_child=R))
 
 
-def calibrating(to: InertialSolution, calls: list[InertialSolution]) -> Callable[..., InertialSolution]:
+def calibration_stretches(to: InertialSolution, calls: list[InertialSolution]) -> Callable[..., InertialSolution]:
     def calibrated(one: InertialSolution, *_: object) -> InertialSolution:
         calls.append(one)
         return to
@@ -56,20 +56,20 @@ def calibrating(to: InertialSolution, calls: list[InertialSolution]) -> Callable
 def test_who_is_found_is_left_as_tracked(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = filmed_gestures(seconds=2.0, azimuth_deg=20.0)
     before, calls = track(alone), list[InertialSolution]()
-    monkeypatch.setattr(stage, "calibrated", calibrating(before[0], calls))
+    monkeypatch.setattr(stage, "calibrated", calibration_stretches(before[0], calls))
     wearers, associated = stage.first_association(alone, before, QUICK, SOLVER)
     assert not calls
     assert wearers == before
-    assert stage.share_seen(associated, 0) > 0.9
+    assert stage.visible_share(associated, 0) > 0.9
 
 
 def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     (anna, bob), calls = tracked(), list[InertialSolution]()
-    monkeypatch.setattr(stage, "calibrated", calibrating(anna, calls))
+    monkeypatch.setattr(stage, "calibrated", calibration_stretches(anna, calls))
     wearers, associated = stage.first_association(scene(), (bent(anna, 70.0), bob), QUICK, SOLVER)
     assert any(np.array_equal(one.state.R_parent_child, bent(anna, 70.0).state.R_parent_child) for one in calls)
     np.testing.assert_array_equal(wearers[0].state.R_parent_child, anna.state.R_parent_child)
-    assert stage.share_seen(associated, 0) > 0.75  # Bob hides her at times
+    assert stage.visible_share(associated, 0) > 0.75  # Bob hides her at times
     truth = scene().camera.truth
     assert truth is not None
     given = associated[0].association.wearer == 0
@@ -78,12 +78,12 @@ def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest
 
 def test_a_calibration_that_looks_less_alike_is_not_begun_with(monkeypatch: pytest.MonkeyPatch) -> None:
     anna, bob = tracked()
-    monkeypatch.setattr(stage, "calibrated", calibrating(bent(anna, 12.0), []))
+    monkeypatch.setattr(stage, "calibrated", calibration_stretches(bent(anna, 12.0), []))
     hidden = without_detections(scene(), 0.0, 1.0, wearer=0)
     wearers, associated = stage.first_association(hidden, (anna, bob), QUICK, SOLVER)
     assert wearers[0] is anna
-    (look,) = [stage._look(each, 0, anna) for each in associated]
-    np.testing.assert_array_equal(associated[0].seen[0].R_camera_world, look.R_camera_world)
+    (look,) = [stage._hypothesis_cameras(each, 0, anna) for each in associated]
+    np.testing.assert_array_equal(associated[0].sightings[0].R_camera_world, look.R_camera_world)
 
 
 def association(wearer: list[int], by_place: list[bool], by_clothes: bool) -> Association:

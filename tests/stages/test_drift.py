@@ -11,7 +11,7 @@ from vip_factors.findings import sentences
 from vip_factors.sensors.camera import CameraModel, CameraPath, VideoClock
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera
-from vip_factors.stages.drift import clock_findings, middle_of
+from vip_factors.stages.drift import clock_findings, middle_time
 
 LENS = CameraModel(640, 480, (500.0, 500.0), (320.0, 240.0))
 
@@ -54,4 +54,4 @@ def test_an_offset_of_some_video_frames_is_told() -> None:
 
 
 def test_the_middle_is_on_the_sensors_clock() -> None:
-    assert middle_of(replace(camera(300.0), clock=VideoClock(2.0))) == pytest.approx(152.0)
+    assert middle_time(replace(camera(300.0), clock=VideoClock(2.0))) == pytest.approx(152.0)

@@ -14,7 +14,7 @@ from vip_factors.stages.fusion import FusionSolution, _reconsidered, _rival_find
 from vip_factors.stages.fusion_start import FusionStart, start_fusion
 from vip_factors.stages.inertial import inertial_trackers
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.windows import scene_plan
+from vip_factors.stages.windows import plan_scene
 
 SOLVER = Solver(HASTY.solve, lambda stage, fraction: None)
 THIGH = "left_thigh"
@@ -25,7 +25,7 @@ Fused = tuple[FusionStart, tuple[AssociatedCamera, ...], FusionSolution]
 @pytest.fixture(scope="module")
 def fused() -> Fused:
     scene = filmed_gestures(seconds=3.0, azimuth_deg=20.0)
-    time = scene_plan(SceneInMemory(scene), HASTY, whole=True).all_coarse_time
+    time = plan_scene(SceneInMemory(scene), HASTY, single_window=True).all_coarse_time
     inertial = inertial_trackers(scene, time, HASTY, SOLVER)
     associated = usable_cameras(associate_cameras(scene, inertial, HASTY, lambda fraction: None))
     initial = start_fusion(associated, inertial, HASTY)

@@ -41,7 +41,7 @@ from vip_factors.stages.calibrate import Calibration, calibrate
 from vip_factors.stages.reporting import calibrated_estimate
 from vip_factors.stages.solve_windows import solve_windows
 from vip_factors.stages.window_join import SolvedWindow, chunks_of, moved
-from vip_factors.stages.windows import WindowPlan, scene_plan
+from vip_factors.stages.windows import WindowPlan, plan_scene
 
 QUICK = Settings(
     frame_rate=10.0,
@@ -186,7 +186,7 @@ def test_the_plan_covers_every_frame() -> None:
         assert all(one.stop - after.start >= 6 * 60 for one, after in itertools.pairwise(windows))
         assert max(one.stop - one.start for one in windows) <= 40 * 60 + 4
         assert plan.time(windows[-1])[-1] <= 2.5 + seconds + 1e-9
-        stretches = plan.calibrating()
+        stretches = plan.calibration_stretches()
         assert sum(one.stop - one.start for one in stretches) <= 8 * 25 * 15
         assert stretches[-1].stop == -(-plan.frames // 4)
 
@@ -271,7 +271,7 @@ def filmed_scene() -> Scene:
 
 @pytest.mark.parametrize(("wanted", "given"), [(60.0, 60.0), (50.0, 60.0), (15.0, 15.0), (20.0, 15.0)])
 def test_a_whole_number_of_frames_goes_to_each_video_frame(filmed_scene: Scene, wanted: float, given: float) -> None:
-    plan = scene_plan(SceneInMemory(filmed_scene), replace(Settings(), frame_rate=wanted, calibration_rate=wanted))
+    plan = plan_scene(SceneInMemory(filmed_scene), replace(Settings(), frame_rate=wanted, calibration_rate=wanted))
     assert plan.rate == pytest.approx(given)
 
 
@@ -279,7 +279,7 @@ def test_a_whole_number_of_frames_goes_to_each_video_frame(filmed_scene: Scene, 
 def test_coarse_frames_meet_video_frames(filmed_scene: Scene, offset: float) -> None:
     assert filmed_scene.camera is not None
     shifted = replace(filmed_scene, cameras=(replace(filmed_scene.camera, clock=VideoClock(offset)),))
-    coarse = scene_plan(SceneInMemory(shifted), Settings()).all_coarse_time
+    coarse = plan_scene(SceneInMemory(shifted), Settings()).all_coarse_time
     video = filmed_scene.camera.detections.time + offset
     nearest = np.abs(coarse[:, None] - video).min(axis=1)
     inside = (coarse >= video[0]) & (coarse <= video[-1])
@@ -289,7 +289,7 @@ def test_coarse_frames_meet_video_frames(filmed_scene: Scene, offset: float) -> 
 @pytest.mark.parametrize(
     "frames_of",
     [
-        lambda scene: scene_plan(SceneInMemory(scene), Settings()),
+        lambda scene: plan_scene(SceneInMemory(scene), Settings()),
         lambda scene: WindowPlan.of("walk", scene.wearers[0].interval, Settings()),
     ],
 )
@@ -308,4 +308,4 @@ def test_wearers_without_common_time_are_refused(filmed_scene: Scene) -> None:
     late = {name: replace(stream, time=stream.time + 60.0) for name, stream in wearer.imus.items()}
     other = replace(wearer, imus=late, subject=replace(wearer.subject, name="bob"))
     with pytest.raises(RecordingError, match="all wearers together"):
-        scene_plan(SceneInMemory(replace(filmed_scene, wearers=(wearer, other))), Settings())
+        plan_scene(SceneInMemory(replace(filmed_scene, wearers=(wearer, other))), Settings())

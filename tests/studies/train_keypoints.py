@@ -36,7 +36,7 @@ from vip_factors.stages.fusion_start import start_fusion
 from vip_factors.stages.inertial import InertialSolution, at_frames
 from vip_factors.stages.inertial_model import inertial_model
 from vip_factors.stages.solver import Solver
-from vip_factors.stages.windows import scene_plan
+from vip_factors.stages.windows import plan_scene
 
 # m. Thrice the usual: of a camera whose place is not known it holds what all keypoints have in common.
 WIDE = KeypointOffsetSettings(sigma=0.03, elbow_wrist_sigma=0.03, hip_sigma=0.06)
@@ -233,7 +233,7 @@ def _offsets_before(scene: Scene, settings: Settings, on_progress: Callable[[flo
 
 def _frames_with_truth(scene: Scene, recording: Recording, settings: Settings) -> Array:
     assert recording.truth is not None
-    frames, known = scene_plan(SceneInMemory(scene), settings, whole=True).all_coarse_time, recording.truth.motion.time
+    frames, known = plan_scene(SceneInMemory(scene), settings, single_window=True).all_coarse_time, recording.truth.motion.time
     frames = frames[(frames >= known[0]) & (frames <= known[-1])]
     if len(frames) < LEAST_FRAMES:
         raise InputError(

@@ -229,8 +229,8 @@ def start_tracking(
 
 def unsettled_starts(coarse: SceneSolution) -> Iterator[Finding]:
     """About set-ups, starts and floors that the data does not settle."""
-    yield from coarse.about_floor
-    yield from coarse.about_starts()
+    yield from coarse.floor_findings
+    yield from coarse.start_findings()
     is_filmed = bool(coarse.scene.cameras)
     for recording, wearer in zip(coarse.scene.wearers, coarse.wearers, strict=True):
         bones = {JOINT_NAMES[sensor.bone] for sensor in wearer.model.sensors}

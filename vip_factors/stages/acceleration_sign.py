@@ -1,8 +1,8 @@
-"""Accelerometers of the opposite sign: at rest they measure gravity, −9.81 m/s² upwards, instead of specific force.
+"""Detection of accelerometers with the opposite sign, which measure gravity at rest instead of specific force.
 
-The estimated vertical is upside down then, and all motion mirrored. Accelerations agree with rotations in the mirror as
-well. Bodies do not: the left leg is left of the right one, and knees bend one way. How likely the start of headings and
-mountings is therefore decides, as given against in the mirror.
+The estimated vertical is then upside down and the motion mirrored. Accelerations still agree with rotations, but the
+body does not fit: left and right are exchanged and knees bend backwards. The likelihood of the best start (headings and
+mountings) for the given and for the mirrored recording therefore decides.
 """
 
 from dataclasses import replace
@@ -22,8 +22,8 @@ RATE = 15.0  # Hz
 R_TURNED_OVER = np.diag([1.0, -1.0, -1.0])
 
 
-def mirrored(stream: ImuStream) -> ImuStream:
-    """The stream with specific force of the opposite sign, and the inertial frame turned over until it is upright."""
+def mirror_stream(stream: ImuStream) -> ImuStream:
+    """Negate the specific force and turn the inertial frame over, so that it is upright again."""
     force, R = stream.specific_force, stream.R_inertial_sensor
     return replace(
         stream,
@@ -33,39 +33,40 @@ def mirrored(stream: ImuStream) -> ImuStream:
 
 
 def is_sign_opposite(recording: Recording, settings: CommonSettings) -> bool:
-    """Whether accelerations of the opposite sign explain a wearer's sensors much better.
+    """Return True if accelerations of the opposite sign explain a wearer's sensors much better.
 
-    It is looked into where most sensors on trunk, thighs and shanks are upside down against their sites.
+    Only checked if most sensors on trunk, thighs and shanks are upside down relative to their sites.
     """
-    # Nats: sound recordings have 1 at most, with all straps upside down 5; 20 to 60 where the sign is wrong
-    sure = 8.0
+    least_gain = 8.0  # nats: correct recordings gain 1 at most, 5 with all straps upside down; a wrong sign 20 to 60
     names, streams = recording.placed, [recording.imus[name] for name in recording.placed]
-    if len(names) < 2 or any(one.R_inertial_sensor is None or one.specific_force is None for one in streams):
+    if len(names) < 2 or any(stream.R_inertial_sensor is None or stream.specific_force is None for stream in streams):
         return False
-    time = np.arange(max(one.time[0] for one in streams), min(one.time[-1] for one in streams), 1 / RATE)
+    time = np.arange(max(stream.time[0] for stream in streams), min(stream.time[-1] for stream in streams), 1 / RATE)
     if len(time) < 2:
         return False
     frames = frames_of(recording.imus, names, time)
     if not frames.orientation_valid.any(axis=0).all() or not _are_upside_down(recording, frames):
         return False
-    turned = replace(recording, imus={name: mirrored(one) for name, one in recording.imus.items()})
-    other_frames = frames_of(turned.imus, names, time)
-    _, given = find_start(recording, frames, settings, lambda _: None)
-    _, other = find_start(turned, other_frames, settings, lambda _: None)
-    return given is not None and other is not None and given.best.cost - other.best.cost > sure
+    mirrored_recording = replace(
+        recording, imus={name: mirror_stream(stream) for name, stream in recording.imus.items()}
+    )
+    other_frames = frames_of(mirrored_recording.imus, names, time)
+    _, start = find_start(recording, frames, settings, lambda _: None)
+    _, mirrored_start = find_start(mirrored_recording, other_frames, settings, lambda _: None)
+    return start is not None and mirrored_start is not None and start.best.cost - mirrored_start.best.cost > least_gain
 
 
 def _are_upside_down(recording: Recording, frames: ImuFrames) -> bool:
-    most, far = 0.7, -0.5  # of the sensors; cosine of the bone's long axis, as placed, to the vertical
-    along = [
+    least_share, largest_cosine = 0.7, -0.5  # of the sensors; of the bone's placed long axis to the vertical
+    cosines = [
         _along_vertical(recording.placement.site(name).R_bone_sensor, frames, s)
         for s, name in enumerate(frames.sensors)
         if recording.placement.site(name).bone_index in UPRIGHT
     ]
-    return bool(along) and float(np.mean(np.array(along) < far)) >= most
+    return bool(cosines) and float(np.mean(np.array(cosines) < largest_cosine)) >= least_share
 
 
 def _along_vertical(R_bone_sensor: Array, frames: ImuFrames, s: int) -> float:
-    """Mean cosine of a bone's long axis to the vertical, were the sensor mounted so."""
+    """Mean cosine of a bone's long axis to the vertical for a given mounting."""
     vertical = frames.R_inertial_sensor[frames.orientation_valid[:, s], s, 2]
     return float(np.mean(vertical @ R_bone_sensor[1]))

@@ -1,4 +1,4 @@
-"""The association stage: who is who in what each camera filmed, and which cameras can be used."""
+"""The association stage: which detection is which wearer in each camera, and which cameras can be used."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,41 +16,44 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.settings import CommonSettings
 from vip_factors.stages.decode import motion_of
-from vip_factors.stages.inertial import InertialSolution, calibrated
+from vip_factors.stages.inertial import InertialSolution, calibrate_inertial
 from vip_factors.stages.solver import Solver
 
 
 @dataclass(frozen=True)
 class AssociatedCamera:
-    """One camera's part of a scene.
+    """A camera with its detections assigned to wearers.
 
     Attributes:
-        camera: which.
-        detections: of it, with times on the recording's clock.
-        association: who is who in them.
-        seen: the hypothesis cameras of each wearer in the wearer's own world, of the first association.
+        camera: the camera of the scene.
+        detections: its detections, with times on the recording's clock.
+        association: the wearer of each detection.
+        sightings: hypothesis cameras of each wearer in the wearer's own world, from the first association.
     """
 
     camera: Camera
     detections: Detections
     association: Association
-    seen: tuple[Sightings, ...]
+    sightings: tuple[Sightings, ...]
 
     @property
-    def shows_somebody(self) -> bool:
-        """Whether any wearer was found in it."""
-        return any(len(one) for one in self.seen)
+    def shows_wearer(self) -> bool:
+        """True if the camera shows any wearer."""
+        return any(len(sightings) for sightings in self.sightings)
 
 
 def associate_cameras(
-    scene: Scene, wearers: Sequence[InertialSolution], settings: CommonSettings, on_progress: Callable[[float], None],
-    before: Sequence[AssociatedCamera] = (),
-) -> tuple[AssociatedCamera, ...]:  # fmt: skip
-    """The first association, of each camera by itself: nobody's place in the world is known yet.
+    scene: Scene,
+    wearers: Sequence[InertialSolution],
+    settings: CommonSettings,
+    on_progress: Callable[[float], None],
+    previous: Sequence[AssociatedCamera] = (),
+) -> tuple[AssociatedCamera, ...]:
+    """Associate each camera by itself, before positions in a common world are known.
 
-    ``before`` is that of the same scene with other motions, if there was one.
+    ``previous`` is an earlier association of the same scene with other motions, if any.
     """
-    associated, motions = [], [motion_of(one.model, one.state) for one in wearers]
+    associated, motions = [], [motion_of(wearer.model, wearer.state) for wearer in wearers]
     for number, camera in enumerate(scene.cameras):
         detections = camera.timed_detections
         association = associate(
@@ -60,21 +63,21 @@ def associate_cameras(
             settings.association,
             gravity_camera=gravity_in_camera(camera, detections.time),
             progress=_share_of_progress(on_progress, number, len(scene.cameras)),
-            before=before[number].association if before else None,
+            before=previous[number].association if previous else None,
         )
-        seen = tuple(_sightings(association, number, detections, one) for number, one in enumerate(wearers))
-        associated.append(AssociatedCamera(camera, detections, association, seen))
+        sightings = tuple(_sightings(association, number, detections, wearer) for number, wearer in enumerate(wearers))
+        associated.append(AssociatedCamera(camera, detections, association, sightings))
     return tuple(associated)
 
 
 @dataclass(frozen=True)
 class CameraPlacement:
-    """Where a camera was in the world of the wearers, as estimated.
+    """Estimated pose, lens and clock of a camera in the world of the wearers.
 
     Attributes:
-        path: of the camera.
+        path: poses of the camera.
         lens: its intrinsics.
-        clock: from the time that its video was supposed to have to the estimated one.
+        clock: correction from the nominal to the estimated time of its video.
     """
 
     path: CameraPath
@@ -83,72 +86,88 @@ class CameraPlacement:
 
 
 def associate_cameras_again(
-    associated: Sequence[AssociatedCamera], placements: Sequence[CameraPlacement], motions: Sequence[Motion],
-    settings: CommonSettings, on_progress: Callable[[float], None],
-) -> tuple[AssociatedCamera, ...]:  # fmt: skip
-    """The association of motions in one world, in which each camera has its placement."""
-    again = []
-    for number, (each, placed) in enumerate(zip(associated, placements, strict=True)):
-        detections = each.detections.timed(placed.clock)
-        association = associate(
-            detections, placed.lens, motions, settings.association, placed.path,
-            gravity_in_camera(each.camera, detections.time), _share_of_progress(on_progress, number, len(associated)),
-            each.association,
-        )  # fmt: skip
-        # Bodies have given way to keypoints in a wrong order by now: it is the first association that tells.
-        order = [one for one in each.association.findings if one.kind == "keypoint order"]
-        findings = tuple(dict.fromkeys((*order, *association.findings)))
-        again.append(replace(each, association=replace(association, findings=findings)))
-    return tuple(again)
-
-
-def add_left_over_detections(
-    associated: Sequence[AssociatedCamera], placements: Sequence[CameraPlacement], motions: Sequence[Motion],
+    associated: Sequence[AssociatedCamera],
+    placements: Sequence[CameraPlacement],
+    motions: Sequence[Motion],
     settings: CommonSettings,
-) -> tuple[AssociatedCamera, ...]:  # fmt: skip
-    """Detections that are nobody's added to whom they show by now, in the world of :func:`associate_cameras_again`."""
-    again = []
-    for each, placed in zip(associated, placements, strict=True):
-        detections = each.detections.timed(placed.clock)
-        association = add_by_position(
-            each.association, detections, placed.lens, motions, placed.path, settings.association
+    on_progress: Callable[[float], None],
+) -> tuple[AssociatedCamera, ...]:
+    """Associate all cameras with motions in one world, given the placement of each camera."""
+    updated = []
+    for number, (associated_camera, placement) in enumerate(zip(associated, placements, strict=True)):
+        detections = associated_camera.detections.timed(placement.clock)
+        association = associate(
+            detections,
+            placement.lens,
+            motions,
+            settings.association,
+            placement.path,
+            gravity_in_camera(associated_camera.camera, detections.time),
+            _share_of_progress(on_progress, number, len(associated)),
+            associated_camera.association,
         )
-        again.append(replace(each, association=association))
-    return tuple(again)
+        # Bodies have adapted to a wrong order of keypoints by now; only the first association reveals it.
+        order = [finding for finding in associated_camera.association.findings if finding.kind == "keypoint order"]
+        findings = tuple(dict.fromkeys((*order, *association.findings)))
+        updated.append(replace(associated_camera, association=replace(association, findings=findings)))
+    return tuple(updated)
+
+
+def add_unassigned_detections(
+    associated: Sequence[AssociatedCamera],
+    placements: Sequence[CameraPlacement],
+    motions: Sequence[Motion],
+    settings: CommonSettings,
+) -> tuple[AssociatedCamera, ...]:
+    """Assign detections without a wearer by position, in the world of :func:`associate_cameras_again`."""
+    updated = []
+    for associated_camera, placement in zip(associated, placements, strict=True):
+        detections = associated_camera.detections.timed(placement.clock)
+        association = add_by_position(
+            associated_camera.association, detections, placement.lens, motions, placement.path, settings.association
+        )
+        updated.append(replace(associated_camera, association=association))
+    return tuple(updated)
 
 
 def usable_cameras(associated: Sequence[AssociatedCamera]) -> tuple[AssociatedCamera, ...]:
-    """The cameras that have wearers in common, most of the sightings; none if no camera shows a wearer.
+    """Return the cameras that common wearers connect, with the most sightings; empty if no camera shows a wearer.
 
-    Cameras of known pose have a world in common, and all of them count if one shows somebody.
+    Cameras of known pose share a world: all of them are used if one of them shows a wearer.
     """
     worlds = list[list[AssociatedCamera]]()
-    for each in associated:
-        if each.shows_somebody:
-            connected = [world for world in worlds if any(_have_in_common(each, other) for other in world)]
-            worlds = [world for world in worlds if not any(world is other for other in connected)]
-            worlds.append([each, *(other for world in connected for other in world)])
+    for camera in associated:
+        if camera.shows_wearer:
+            connected = [world for world in worlds if any(_are_connected(camera, member) for member in world)]
+            worlds = [world for world in worlds if not any(world is component for component in connected)]
+            worlds.append([camera, *(member for world in connected for member in world)])
     if not worlds:
         return ()
-    largest = max(worlds, key=lambda world: sum(len(seen) for each in world for seen in each.seen))
-    is_known = any(each.camera.known_path is not None for each in largest)
+    largest = max(worlds, key=_sighting_count)
+    is_posed = any(camera.camera.known_path is not None for camera in largest)
     return tuple(
-        each for each in associated
-        if any(each is other for other in largest) or (is_known and each.camera.known_path is not None)
-    )  # fmt: skip
+        camera
+        for camera in associated
+        if any(camera is member for member in largest) or (is_posed and camera.camera.known_path is not None)
+    )
 
 
-def _have_in_common(camera: AssociatedCamera, other: AssociatedCamera) -> bool:
-    """Whether two cameras are known to be in one world, or show the same wearer."""
-    if camera.camera.known_path is not None and other.camera.known_path is not None:
+def _sighting_count(cameras: Sequence[AssociatedCamera]) -> int:
+    return sum(len(sightings) for camera in cameras for sightings in camera.sightings)
+
+
+def _are_connected(camera_a: AssociatedCamera, camera_b: AssociatedCamera) -> bool:
+    """Return True if both cameras have known poses, or both show the same wearer."""
+    if camera_a.camera.known_path is not None and camera_b.camera.known_path is not None:
         return True
-    return any(len(seen) and len(others) for seen, others in zip(camera.seen, other.seen, strict=True))
+    pairs = zip(camera_a.sightings, camera_b.sightings, strict=True)
+    return any(len(sightings_a) and len(sightings_b) for sightings_a, sightings_b in pairs)
 
 
 def gravity_in_camera(camera: Camera, time: Array) -> Array | None:
-    """Which way is down in the camera's frame at the video's instants ``(F, 3)``, by its IMU.
+    """Direction of gravity in the camera's frame at the video's instants ``(F, 3)``, measured by its IMU.
 
-    None without one, or if nobody told how it sits.
+    None without an IMU or without its declared mounting.
     """
     mount = camera.mount
     if mount is None or not mount.is_declared or mount.imu.R_inertial_sensor is None:
@@ -158,13 +177,13 @@ def gravity_in_camera(camera: Camera, time: Array) -> Array | None:
 
 
 def _sightings(association: Association, wearer: int, detections: Detections, inertial: InertialSolution) -> Sightings:
-    """The hypothesis cameras of one wearer."""
-    rows, own = np.flatnonzero(association.wearer == wearer), inertial.model.frames.time
+    """Hypothesis cameras of a wearer, relative to the wearer's pelvis."""
+    rows, frame_times = np.flatnonzero(association.wearer == wearer), inertial.model.frames.time
     time = detections.time[detections.frame[rows]]
-    inside = (time >= own[0]) & (time <= own[-1])
+    inside = (time >= frame_times[0]) & (time <= frame_times[-1])
     rows, time = rows[inside], time[inside]
     R, p = association.R_camera_world[rows], association.p_camera_world[rows]
-    root = interpolate_points(own, inertial.state.p_world_pelvis, time)
+    root = interpolate_points(frame_times, inertial.state.p_world_pelvis, time)
     return Sightings(time, R, np.einsum("nij,nj->ni", R, root) + p)
 
 
@@ -175,63 +194,60 @@ def _share_of_progress(on_progress: Callable[[float], None], number: int, count:
 def first_association(
     scene: Scene, wearers: Sequence[InertialSolution], settings: CommonSettings, solver: Solver
 ) -> tuple[tuple[InertialSolution, ...], tuple[AssociatedCamera, ...]]:
-    """Who is who before each camera, and from where the fusion starts.
+    """Associate each camera by itself and choose the motions from which the fusion starts.
 
-    Wearers who are hardly seen are calibrated by the sparse inertial poser, and looked for again. Such a wearer starts
-    as the one or the other has it, whichever looks more like whom the cameras saw.
-
-    Args:
-        scene: with cameras.
-        wearers: as inertially tracked.
-        settings: of all rooms.
-        solver: of the scene.
+    Wearers that are rarely recognised are calibrated by the sparse inertial poser and associated again. The motion that
+    fits the detections better, before or after, is kept.
     """
-    # Of the video frames that show anybody. A tracker whose start is poor finds its wearer in none of them or in three
-    # quarters, and one in twelve of those may be a stranger; calibrated motions find theirs in nine of ten.
-    often_seen = 0.9
+    # Share of the video frames with detections: calibrated motions reach 0.9; motions from a poor start at most 0.75.
+    least_share = 0.9
     on_progress = solver.progress_of("association")
-    first = associate_cameras(scene, wearers, settings, on_progress)
-    poor = [number for number in range(len(wearers)) if share_seen(first, number) < often_seen]
-    if not poor or not settings.acceleration:
-        return tuple(wearers), first
-    better = [_calibrated(one, settings, solver) if number in poor else one for number, one in enumerate(wearers)]
-    again = associate_cameras(scene, better, settings, on_progress, first)
-    for number in poor:
-        again, better[number] = _starting(again, number, better[number], wearers[number])
-    return tuple(better), again
+    associated = associate_cameras(scene, wearers, settings, on_progress)
+    rare = [number for number in range(len(wearers)) if visible_share(associated, number) < least_share]
+    if not rare or not settings.acceleration:
+        return tuple(wearers), associated
+    solutions = list(wearers)
+    for number in rare:
+        solutions[number] = _calibrate_tracker(wearers[number], settings, solver)
+    associated = associate_cameras(scene, solutions, settings, on_progress, associated)
+    for number in rare:
+        associated, solutions[number] = _better_start(associated, number, solutions[number], wearers[number])
+    return tuple(solutions), associated
 
 
-def share_seen(associated: Sequence[AssociatedCamera], wearer: int) -> float:
-    """In which share of the video frames that show anybody a wearer was found."""
-    shown = sum(len(np.unique(each.detections.frame)) for each in associated)
-    found = sum(int(np.sum(each.association.wearer == wearer)) for each in associated)
-    return found / max(shown, 1)
+def visible_share(associated: Sequence[AssociatedCamera], wearer: int) -> float:
+    """Share of the video frames with detections in which a wearer is recognised."""
+    frame_count = sum(len(np.unique(camera.detections.frame)) for camera in associated)
+    sighting_count = sum(int(np.sum(camera.association.wearer == wearer)) for camera in associated)
+    return sighting_count / max(frame_count, 1)
 
 
-def _calibrated(inertial: InertialSolution, settings: CommonSettings, solver: Solver) -> InertialSolution:
+def _calibrate_tracker(inertial: InertialSolution, settings: CommonSettings, solver: Solver) -> InertialSolution:
     """Calibrated, but for the mean pose: that is the fusion's to find."""
-    found = calibrated(inertial, settings, solver)
-    return replace(found, state=replace(found.state, pose_mean=inertial.state.pose_mean))
+    solution = calibrate_inertial(inertial, settings, solver)
+    return replace(solution, state=replace(solution.state, pose_mean=inertial.state.pose_mean))
 
 
-def _starting(
-    associated: Sequence[AssociatedCamera], number: int, calibrated_one: InertialSolution, before: InertialSolution
+def _better_start(
+    associated: Sequence[AssociatedCamera], number: int, recalibrated: InertialSolution, previous: InertialSolution
 ) -> tuple[tuple[AssociatedCamera, ...], InertialSolution]:
-    """A wearer as calibrated or as before, with what the cameras then saw of him."""
-    looks = [[_look(each, number, one) for each in associated] for one in (calibrated_one, before)]
-    as_found, as_before = (np.concatenate([look.cost for look in each]) for each in looks)
-    if not len(as_before) or np.median(as_found) <= np.median(as_before):
-        return tuple(associated), calibrated_one
-    changed = []
-    for each, look in zip(associated, looks[1], strict=True):
-        seen = list(each.seen)
-        seen[number] = Sightings(each.detections.time[look.frame], look.R_camera_world, look.p_camera_pelvis)
-        changed.append(replace(each, seen=tuple(seen)))
-    return tuple(changed), before
+    """Choose between two solutions of a wearer by how well they fit the detections, and update the sightings."""
+    recalibrated_fits = [_hypothesis_cameras(camera, number, recalibrated) for camera in associated]
+    previous_fits = [_hypothesis_cameras(camera, number, previous) for camera in associated]
+    recalibrated_cost = np.concatenate([fit.cost for fit in recalibrated_fits])
+    previous_cost = np.concatenate([fit.cost for fit in previous_fits])
+    if not len(previous_cost) or np.median(recalibrated_cost) <= np.median(previous_cost):
+        return tuple(associated), recalibrated
+    updated = []
+    for camera, fit in zip(associated, previous_fits, strict=True):
+        sightings = list(camera.sightings)
+        sightings[number] = Sightings(camera.detections.time[fit.frame], fit.R_camera_world, fit.p_camera_pelvis)
+        updated.append(replace(camera, sightings=tuple(sightings)))
+    return tuple(updated), previous
 
 
-def _look(each: AssociatedCamera, number: int, inertial: InertialSolution) -> Hypotheses:
-    """The hypothesis cameras of a motion for the detections that were given to a wearer."""
-    own = each.detections.select(each.association.wearer == number)
-    points = wearer_points(motion_of(inertial.model, inertial.state), own.keypoints, own.time)
-    return hypotheses(own, each.camera.model.normalise(own.pixels), [points])
+def _hypothesis_cameras(camera: AssociatedCamera, number: int, inertial: InertialSolution) -> Hypotheses:
+    """Hypothesis cameras of a motion for the detections assigned to a wearer."""
+    detections = camera.detections.select(camera.association.wearer == number)
+    points = wearer_points(motion_of(inertial.model, inertial.state), detections.keypoints, detections.time)
+    return hypotheses(detections, camera.camera.model.normalise(detections.pixels), [points])

@@ -1,4 +1,4 @@
-"""From the solved state to an estimate."""
+"""Conversion of a solved state to an estimate."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -25,10 +25,13 @@ from vip_factors.terms.reprojection import reprojection_residual
 
 
 def decode(
-    method: str, model: WearerProblem, state: WearerState, covariance: PoseCovariance | None,
+    method: str,
+    model: WearerProblem,
+    state: WearerState,
+    covariance: PoseCovariance | None,
     settings: Mapping[str, str] | None = None,
-) -> WearerEstimate:  # fmt: skip
-    """The estimate that a state stands for."""
+) -> WearerEstimate:
+    """Convert a state to a wearer's estimate."""
     motion, sensors = motion_of(model, state), model.frames.sensors
     calibration = {sensor: _calibration(model, state, s) for s, sensor in enumerate(sensors)}
     return WearerEstimate(
@@ -43,56 +46,63 @@ def _calibration(model: WearerProblem, state: WearerState, sensor: int) -> Senso
         return SensorCalibration(heading, R_bone_sensor, bone=bone)
     path, steps = state.heading_path[:, sensor], model.restart_steps
     path = heading + path - path[0]
-    # Over a pause it goes from what it was until then to what it is from then on
+    # Interpolates linearly over a pause
     time = np.insert(model.heading_times, np.repeat(steps + 1, 2), model.restarts.ravel())
     path = np.insert(path, np.repeat(steps + 1, 2), np.stack([path[steps], path[steps + 1]], axis=1).ravel())
     return SensorCalibration(heading, R_bone_sensor, heading_time=time, heading_path=path, bone=bone)
 
 
 def motion_of(model: WearerProblem, state: WearerState) -> Motion:
-    """The motion that a state stands for."""
+    """Convert a state to a motion."""
     rate, start = 1 / model.frames.step, float(model.frames.time[0])
     return Motion(model.skeleton, state.R_parent_child, state.p_world_pelvis, rate, start, model.name)
 
 
 def residuals(model: WearerProblem, state: WearerState) -> dict[str, Array]:
-    """Norms ``(T, S)`` of the misfit of every sensor in every frame, by kind; NaN where it measured nothing."""
-    at, frames, settings = WearerEvaluation(0, model, state), model.frames, model.settings
+    """Norm of the residual of every sensor in every frame ``(T, S)``, by kind; NaN where nothing is measured."""
+    evaluation, frames, settings = WearerEvaluation(0, model, state), model.frames, model.settings
     kinds = dict[str, Array]()
-    for one in orientation.equations(at, slice(0, len(frames))):
-        misfit = np.rad2deg(settings.orientation.sigma * one.norm)
+    for terms in orientation.equations(evaluation, slice(0, len(frames))):
+        misfit = np.rad2deg(settings.orientation.sigma * terms.norm)
         kinds["orientation_deg"] = np.where(frames.orientation_valid, misfit, np.nan)
-    for each in acceleration.equations(at, slice(0, max(len(frames) - 2, 0))):
+    for acceleration_terms in acceleration.equations(evaluation, slice(0, max(len(frames) - 2, 0))):
         misfit = np.full(frames.acceleration_valid.shape, np.nan)
-        misfit[1:-1] = settings.acceleration.sigma * each.norm
+        misfit[1:-1] = settings.acceleration.sigma * acceleration_terms.norm
         kinds["acceleration_m_s2"] = np.where(frames.acceleration_valid, misfit, np.nan)
     return kinds
 
 
 def pose_covariance(covariance: Array) -> PoseCovariance:
-    """The covariance of joints and root, of ``(T, 75, 75)`` of a wearer's frames."""
+    """Split the covariance of a wearer's frames ``(T, 75, 75)`` into joints and root."""
     joints = np.stack([covariance[:, c : c + 3, c : c + 3] for c in range(0, ROOT, 3)], axis=1)
     return PoseCovariance(joints, covariance[:, ROOT:FRAME, ROOT:FRAME])
 
 
 @dataclass(frozen=True)
 class SceneCovariance:
-    """How sure poses are: of each wearer, and ``(T, 6, 6)`` of each camera's pose (None if that is kept); and what all
-    frames share."""
+    """Marginal covariance of a scene: poses of wearers, poses of cameras ``(T, 6, 6)``, and shared variables.
+
+    A camera whose pose is fixed has None.
+    """
 
     wearers: tuple[PoseCovariance, ...]
     cameras: tuple[Array | None, ...]
     shared: "SharedCovariance"
 
     def at(self, frames: np.ndarray) -> "SceneCovariance":
-        """The covariance at some frames, by index ``(n,)``; a camera that stands still has one for all."""
-        wearers = tuple(PoseCovariance(one.joints[frames], one.root[frames]) for one in self.wearers)
-        cameras = tuple(one[frames] if one is not None and len(one) > 1 else one for one in self.cameras)
+        """Select frames by index ``(n,)``; a static camera has one covariance for all frames."""
+        wearers = tuple(
+            PoseCovariance(covariance.joints[frames], covariance.root[frames]) for covariance in self.wearers
+        )
+        cameras = tuple(
+            covariance[frames] if covariance is not None and len(covariance) > 1 else covariance
+            for covariance in self.cameras
+        )
         return SceneCovariance(wearers, cameras, self.shared)
 
 
 def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> SceneCovariance | None:
-    """The covariance of all poses at a solution; None if a variable is not determined."""
+    """Compute the covariance of all poses at a solution; None if a variable is not determined."""
     objective, wearers = SceneObjective(model), list[PoseCovariance]()
     layout, progress = objective.layout, solver.progress_of("standard deviations")
     try:
@@ -112,14 +122,14 @@ def scene_covariance(model: SceneProblem, state: SceneState, solver: Solver) -> 
 
 @dataclass(frozen=True)
 class SharedCovariance:
-    """How sure what all frames share is: ``covariance`` ``(s, s)``; None if the data do not determine it."""
+    """Covariance ``(s, s)`` of the variables that all frames share; None if the data do not determine them."""
 
     layout: Layout
     covariance: Array | None
 
     @classmethod
     def at(cls, model: SceneProblem, state: SceneState) -> "SharedCovariance":
-        """The marginals at a solution; that costs as much as an iteration."""
+        """Compute the marginals at a solution; costs as much as one iteration."""
         objective = SceneObjective(model)
         if not objective.layout.static_width:
             return cls(objective.layout, np.zeros((0, 0)))
@@ -129,12 +139,12 @@ class SharedCovariance:
             return cls(objective.layout, None)
 
     def of(self, owner: OwnerId, block: str) -> Array | None:
-        """Of a static block ``(c, c)``; None where it is no variable, or not determined."""
+        """Covariance ``(c, c)`` of a static block; None if it is no variable or not determined."""
         columns = self.layout.columns(owner, block)
         return None if self.covariance is None or not len(columns) else self.covariance[np.ix_(columns, columns)]
 
     def sigmas(self, owner: OwnerId, block: str) -> Array | None:
-        """Standard deviations of a static block ``(c,)``; None as :meth:`of`."""
+        """Standard deviations ``(c,)`` of a static block; None as in :meth:`of`."""
         covariance = self.of(owner, block)
         return None if covariance is None else np.sqrt(np.diag(covariance))
 
@@ -142,16 +152,20 @@ class SharedCovariance:
 def decode_wearers(
     model: SceneProblem, state: SceneState, covariance: SceneCovariance | None
 ) -> tuple[WearerEstimate, ...]:
-    """The estimate of each wearer before cameras."""
+    """Convert the state of a scene to an estimate of each wearer."""
     poses = covariance.wearers if covariance is not None else [None] * len(model.wearers)
-    return tuple(decode("VIP", *one) for one in zip(model.wearers, state.wearers, poses, strict=True))
+    return tuple(decode("VIP", *arguments) for arguments in zip(model.wearers, state.wearers, poses, strict=True))
 
 
 def decode_camera(
-    name: str, number: int, model: SceneProblem, state: SceneState, covariance: SceneCovariance | None,
+    name: str,
+    number: int,
+    model: SceneProblem,
+    state: SceneState,
+    covariance: SceneCovariance | None,
     clock: VideoClock,
-) -> CameraEstimate:  # fmt: skip
-    """The estimate of the camera of a number; ``clock`` is what its video's was said to be."""
+) -> CameraEstimate:
+    """Convert a state to the estimate of one camera; ``clock`` is the nominal clock of its video."""
     problem, camera, time = model.cameras[number], state.cameras[number], model.wearers[0].frames.time
     poses, calibration = camera.poses, None
     if problem.imu is not None:
@@ -168,14 +182,16 @@ def decode_camera(
 
 
 def reprojection_rms(model: SceneProblem, state: SceneState, camera: int) -> Array:
-    """Root mean square reprojection error of a camera in pixels, ``(T, wearers)``; NaN where a wearer was not seen."""
+    """Root mean square reprojection error of a camera in pixels, ``(T, wearers)``; NaN where not visible."""
     viewpoint, columns = model.viewpoints(state)[camera], []
     poses, offsets = viewpoint.state.at_frames(slice(0, model.frames)), state.detector.keypoint_offsets
-    for number, (wearer, own, view) in enumerate(zip(model.wearers, state.wearers, viewpoint.views, strict=True)):
-        body = WearerEvaluation(number, wearer, own)
-        at = ViewEvaluation(body, camera_owner(camera), viewpoint.problem, viewpoint.state, view, offsets)
-        points = at.points_on(view.body_points).on(at.wearer.body)
-        residual, _ = reprojection_residual(points, poses, at.lens, view.pixels)
+    for number, (wearer, wearer_state, view) in enumerate(
+        zip(model.wearers, state.wearers, viewpoint.views, strict=True)
+    ):
+        body = WearerEvaluation(number, wearer, wearer_state)
+        evaluation = ViewEvaluation(body, camera_owner(camera), viewpoint.problem, viewpoint.state, view, offsets)
+        points = evaluation.points_on(view.body_points).on(evaluation.wearer.body)
+        residual, _ = reprojection_residual(points, poses, evaluation.lens, view.pixels)
         squares = np.where(view.seen, np.sum(residual**2, axis=2), 0.0)
         count = view.seen.sum(axis=1)
         columns.append(np.where(count > 0, np.sqrt(squares.sum(axis=1) / np.maximum(count, 1)), np.nan))
@@ -183,22 +199,22 @@ def reprojection_rms(model: SceneProblem, state: SceneState, camera: int) -> Arr
 
 
 def with_sigmas(estimate: WearerEstimate, number: int, shared: SharedCovariance) -> WearerEstimate:
-    """The estimate of the wearer of a number with standard deviations of its calibration, where those are variables."""
+    """Add the standard deviations of the calibration to a wearer's estimate."""
     owner = OwnerId(Owner.WEARER, number)
     headings, mountings = shared.sigmas(owner, "headings"), shared.sigmas(owner, "R_bone_sensor")
     calibration = {
         sensor: replace(
-            one,
-            heading_sigma=one.heading_sigma if headings is None else float(headings[s]),
-            mounting_sigma=one.mounting_sigma if mountings is None else mountings[3 * s : 3 * s + 3],
+            sensor_calibration,
+            heading_sigma=sensor_calibration.heading_sigma if headings is None else float(headings[s]),
+            mounting_sigma=sensor_calibration.mounting_sigma if mountings is None else mountings[3 * s : 3 * s + 3],
         )
-        for s, (sensor, one) in enumerate(estimate.calibration.items())
+        for s, (sensor, sensor_calibration) in enumerate(estimate.calibration.items())
     }
     return replace(estimate, calibration=calibration)
 
 
 def camera_with_sigmas(estimate: CameraEstimate, number: int, shared: SharedCovariance) -> CameraEstimate:
-    """The estimate of the camera of a number with standard deviations of its clock, lens and IMU's calibration."""
+    """Add the standard deviations of clock, lens and IMU calibration to a camera's estimate."""
     owner, blocks = camera_owner(number), ("clock", "clock_drift", "zoom", "heading", "R_camera_imu")
     clock, drift, zoom, heading, mounting = (shared.sigmas(owner, block) for block in blocks)
     if zoom is not None:

@@ -1,4 +1,4 @@
-"""What drifts or slips: headings, mountings, and the video's clock against the sensors'."""
+"""Drift and slip: headings, mountings, and the video's clock relative to the sensors'."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -17,20 +17,19 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera
 
 
-def with_found_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
-    """The model that expects of each heading to drift as it was found to: a few minutes tell a calm sensor from a bad.
+def with_estimated_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
+    """Return the model with each heading's random walk scaled to its estimated drift.
 
-    Of a random walk the mean square of its steps by their minutes is the variance per minute; the usual one is added
-    for a minute's worth, so that few steps do not make it nought. Steps of some time are looked at: the smoother shares
-    a drift out among shorter ones.
+    The variance per minute is the mean square of the steps divided by their minutes, regularised by one minute of the usual
+    drift. Steps of some time are evaluated, because the smoother distributes a drift over shorter ones.
     """
-    usual_minutes = 1.0  # the usual drift counts as much as this long a look at the sensor's own
+    usual_minutes = 1.0  # weight of the usual drift, as minutes of data
     least_s = 40.0
     if not model.headings_drift:
         return model
     minutes, squares = 0.0, np.zeros(len(state.headings))
     pieces = np.split(np.arange(len(model.heading_times)), model.restart_steps + 1)
-    for time, path in ((model.heading_times[one], state.heading_path[one]) for one in pieces):
+    for time, path in ((model.heading_times[piece], state.heading_path[piece]) for piece in pieces):
         ends = np.linspace(time[0], time[-1], max(round(float(time[-1] - time[0]) / least_s), 1) + 1)
         at_ends = np.array([np.interp(ends, time, column) for column in path.T])
         minutes += float(time[-1] - time[0]) / 60
@@ -40,41 +39,43 @@ def with_found_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
     return replace(model, heading_drift_deg=drift)
 
 
-def middle_of(camera: Camera) -> float:
-    """The sensors' time in the middle of a video; 0 of none."""
+def middle_time(camera: Camera) -> float:
+    """Sensor time in the middle of a video; 0 for an empty one."""
     time = camera.timed_detections.time
     return float(time[0] + time[-1]) / 2 if len(time) else 0.0
 
 
-def found_clock(state: CameraState, middle: float, supposed: VideoClock | None = None) -> VideoClock:
-    """The clock that was found of a video, beyond the one it was ``supposed`` to have or together with it."""
+def estimated_clock(state: CameraState, middle: float, supposed: VideoClock | None = None) -> VideoClock:
+    """Estimated clock of a video: its correction alone, or applied to the ``supposed`` clock."""
     return (supposed or VideoClock()).corrected(state.clock, state.clock_drift, middle)
 
 
 def clock_findings(
     camera: Camera, clock: CameraEstimate, video: tuple[float, float] | None = None
 ) -> Iterator[Finding]:
-    """Of a video whose clock is off the sensors', or drifts from them, further than the scene said.
+    """Report a video whose clock has an offset or drift relative to the sensors beyond those given in the scene.
 
     Args:
-        camera: as the scene has it.
-        clock: as it was estimated.
-        video: its seconds from and until, if the camera does not have all of its frames.
+        camera: camera of the scene.
+        clock: its estimate.
+        video: first and last second of the video, if the camera does not have all of its frames.
     """
-    sure = 3.0  # standard deviations from which on a deviation is reported
-    off_s = 0.030  # a video frame at 30 Hz
-    told_s = 0.010  # over a recording: hands that swing at 2 m/s are 2 cm elsewhere
+    significance = 3.0  # standard deviations
+    largest_offset_s = 0.030  # a video frame at 30 Hz
+    largest_drift_s = 0.010  # over a recording: 2 cm for hands that swing at 2 m/s
     time = camera.detections.time if video is None else np.array(video)
     if not len(time) or clock.clock_sigma is None:
         return
     middle, deviations, numbers = float(time[0] + time[-1]) / 2, list[str](), dict[str, float]()
     off = clock.clock.late(middle) - camera.clock.late(middle)
-    if abs(off) > max(off_s, sure * clock.clock_sigma[0]):
+    if abs(off) > max(largest_offset_s, significance * clock.clock_sigma[0]):
         numbers |= {"off_ms": 1e3 * off, "sigma_ms": 1e3 * clock.clock_sigma[0]}
-        deviations.append(f"is {numbers['off_ms']:+.0f} ± {numbers['sigma_ms']:.0f} ms off what the scene says")
+        deviations.append(
+            f"is {numbers['off_ms']:+.0f} ± {numbers['sigma_ms']:.0f} ms off the clock given in the scene"
+        )
     drift = clock.clock.drift - camera.clock.drift
     seconds = drift * float(time[-1] - time[0])
-    if abs(seconds) > told_s and abs(drift) > sure * clock.clock_sigma[1]:
+    if abs(seconds) > largest_drift_s and abs(drift) > significance * clock.clock_sigma[1]:
         numbers |= {"drifted_ms": 1e3 * seconds, "ppm": 1e6 * drift, "sigma_ppm": 1e6 * clock.clock_sigma[1]}
         deviations.append(
             f"drifts from the sensors' by {numbers['drifted_ms']:+.0f} ms from its start to its end "
@@ -87,8 +88,8 @@ def clock_findings(
 def drift_findings(
     wearer: str, calibration: Calibration, restarts: Sequence[tuple[float, float]] = ()
 ) -> Iterator[Finding]:
-    """The headings that drifted far, but for what they did over pauses from and until some seconds."""
-    drifted_deg = 10.0  # over a recording: more than mountings and tissue leave open
+    """Report headings that drifted far, excluding changes over pauses (first and last second of each)."""
+    drifted_deg = 10.0  # over a recording: more than mountings and soft tissue explain
     pauses = [start for start, _ in restarts]
     steps = {
         name: np.diff(sensor.heading_path)[~np.isin(sensor.heading_time[:-1], pauses)]
@@ -104,17 +105,14 @@ def drift_findings(
 def slip_findings(
     wearer: str, recording: Recording, frames: ImuFrames, R_world_bone: Array, calibration: Calibration
 ) -> Iterator[Finding]:
-    """The sensor that from some instant on sits otherwise on its bone, or has another heading, if there is one.
+    """Report the sensor whose mounting or heading changes most at some instant, if it changes enough.
 
-    The body gives way to such a sensor, and its neighbours' bones do: the one that turns furthest is told. A slip is
-    the same in the sensor's axes, a heading in the world's, about the vertical. ``R_world_bone`` is ``(T, 24, 3, 3)``
-    at the frames.
+    The body adapts to such a sensor and so do the neighbouring bones, so only the largest change is reported. A slip is
+    constant in the sensor's axes, a heading jump is a rotation about the vertical in the world's. ``R_world_bone`` is
+    ``(T, 24, 3, 3)`` at the frames.
     """
-    least_frames, upright = 60, 0.9  # cosine to the vertical of a turn that is the heading's
-    # Degrees by which a sensor's mean turn against its bone differs before and after an instant: up to 5.4 in 13
-    # foreign scenes and 9 walks, but for one that was solved wrongly (61); seven slips and heading jumps of 50° left
-    # 6.4 to 14.
-    slipped_deg = 6.0
+    least_frames, upright = 60, 0.9  # cosine of a heading jump's axis to the vertical
+    slipped_deg = 6.0  # correct recordings have up to 5.4; the body absorbs most of a slip: 50° leave 6.4 to 14
     turns = list[tuple[float, str, float, str]]()
     for column, (name, sensor) in enumerate(calibration.items()):
         valid = frames.orientation_valid[:, column]
@@ -135,10 +133,10 @@ def slip_findings(
 
 
 def _largest_step(vectors: Array) -> tuple[int, Array]:
-    """The frame from which on the mean of vectors ``(T, 3)`` is most surely another one, and by what ``(3,)``."""
-    count, edge = len(vectors), round(0.15 * len(vectors))  # frames left before and after
+    """First frame after the most significant step in the mean of vectors ``(T, 3)``, and the step ``(3,)``."""
+    count, edge = len(vectors), round(0.15 * len(vectors))  # least frames before and after
     split = np.arange(edge, count - edge)
-    before = np.cumsum(vectors, axis=0)[split - 1]
-    steps = (vectors.sum(axis=0) - before) / (count - split)[:, None] - before / split[:, None]
-    best = int(np.argmax(np.linalg.norm(steps, axis=1) * np.sqrt(split * (count - split))))
-    return int(split[best]), steps[best]
+    sums = np.cumsum(vectors, axis=0)[split - 1]
+    steps = (vectors.sum(axis=0) - sums) / (count - split)[:, None] - sums / split[:, None]
+    largest = int(np.argmax(np.linalg.norm(steps, axis=1) * np.sqrt(split * (count - split))))
+    return int(split[largest]), steps[largest]

@@ -23,7 +23,7 @@ from vip_factors.settings import Settings
 from vip_factors.stages.association import AssociatedCamera, CameraPlacement, associate_cameras, usable_cameras
 from vip_factors.stages.calibrate import Calibration
 from vip_factors.stages.decode import SceneCovariance, decode_camera, decode_wearers
-from vip_factors.stages.drift import found_clock
+from vip_factors.stages.drift import estimated_clock
 from vip_factors.stages.findings import quality_checks, who_is_who
 from vip_factors.stages.floor import with_declared_floor
 from vip_factors.stages.fusion import FusionSolution, with_body_of
@@ -131,7 +131,7 @@ class WindowStart:
         start = start_fusion(used, trackers, settings)
         wearers = []
         for number, (wearer, tracker, begin) in enumerate(zip(start.wearers, trackers, self.wearers, strict=True)):
-            seen = np.concatenate([one.seen[number].time for one in used])
+            seen = np.concatenate([one.sightings[number].time for one in used])
             model = replace(wearer.model, prior_headings=tracker.model.prior_headings)
             wearer = replace(wearer, model=model)
             if begin.p_world_pelvis is not None and not np.any(seen <= begin.known_until):
@@ -197,7 +197,7 @@ class FilmedWindow:
     start: WindowStart
     settings: Settings
     solver: Solver
-    about_sensors: tuple[Finding, ...]
+    sensor_findings: tuple[Finding, ...]
 
     def start_at(self, frame: int) -> WindowStart:
         """How a window begins at one of this one's frames."""
@@ -240,7 +240,7 @@ class FilmedWindow:
             seen,
             any(each.shows_somebody and each.camera.known_path is not None for each in associated),
             tuple(self.solver.reports),
-            (*self.about_sensors, *self._findings(fine, wearers)),
+            (*self.sensor_findings, *self._findings(fine, wearers)),
         )
 
     def _cameras(self, fine: FusionSolution, covariance: SceneCovariance | None) -> Iterator[CameraEstimate]:
@@ -369,7 +369,7 @@ class KnownScene:
         for each, viewpoint, placed in zip(
             solution.associated, model.viewpoints(state), solution.fused.placements, strict=True
         ):
-            clock = found_clock(viewpoint.state, viewpoint.problem.clock_middle, each.camera.clock)
+            clock = estimated_clock(viewpoint.state, viewpoint.problem.clock_middle, each.camera.clock)
             camera_starts[each.camera.name] = CameraStart(clock, placed.path)
         offsets = KeypointOffsets(state.detector.keypoint_offsets, model.cameras[0].prior_offsets.sigma)
         start = WindowStart(tuple(starts), camera_starts)
@@ -385,8 +385,8 @@ class KnownScene:
         for recording, corrections, wearer, begin in zip(
             given.wearers, self.corrections, self.wearers, start.wearers, strict=True
         ):
-            recording, about_sensors = corrected_elsewhere(recording, corrections, settings)
-            findings += about_sensors
+            recording, sensor_findings = corrected_elsewhere(recording, corrections, settings)
+            findings += sensor_findings
             if span.start:
                 recording = replace(recording, initial_pose="none")
             recordings.append(recording)

@@ -165,7 +165,7 @@ def confirmed_leaps(each: AssociatedCamera, number: int, solved: Motion) -> Arra
         number: of the wearer.
         solved: the wearer's motion.
     """
-    times = leaps(each.seen[number])
+    times = leaps(each.sightings[number])
     if not len(times):
         return times
     again = leaps(_sightings(each, number, solved))

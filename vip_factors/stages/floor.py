@@ -23,7 +23,7 @@ from vip_factors.problem.state import CameraPoses, CameraState, SceneState, Wear
 from vip_factors.problem.wearer import BodyPoint, WearerProblem
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.stages.inertial_model import placed_on_floor
+from vip_factors.stages.inertial_model import place_on_floor
 from vip_factors.terms.acceleration import GRAVITY
 from vip_factors.terms.ground_contact import (
     acceleration_confidence,
@@ -264,7 +264,7 @@ def standing_confidence(
     Without a known path, of a camera say, contact shows in the pose alone. A foot without a sensor counts as at rest
     only while it is the lower one.
     """
-    grounded = state if path_known else placed_on_floor(model, state)
+    grounded = state if path_known else place_on_floor(model, state)
     body = forward_kinematics(model.skeleton, state.R_parent_child, grounded.p_world_pelvis)
     if settings.contact_from is ContactFrom.ACCELERATION:
         free = free_accelerations(

@@ -21,11 +21,11 @@ from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import (
     AssociatedCamera,
     CameraPlacement,
-    add_left_over_detections,
+    add_unassigned_detections,
     associate_cameras_again,
 )
 from vip_factors.stages.decode import motion_of
-from vip_factors.stages.drift import found_clock, with_found_drift
+from vip_factors.stages.drift import estimated_clock, with_estimated_drift
 from vip_factors.stages.floor import levelled, seen_standing
 from vip_factors.stages.fusion_start import FusionStart, camera_problem
 from vip_factors.stages.inertial import InertialSolution, at_frames
@@ -95,7 +95,7 @@ class FusionSolution:
         for camera in self.model.viewpoints(self.state):
             poses = camera.state.poses
             path = CameraPath(time[: len(poses)], poses.R_world_camera, poses.p_world_camera)
-            clock = found_clock(camera.state, camera.problem.clock_middle)
+            clock = estimated_clock(camera.state, camera.problem.clock_middle)
             placements.append(CameraPlacement(path, camera.lens, clock))
         return tuple(placements)
 
@@ -180,7 +180,7 @@ def fusion_problem(
             free_sole=calibration.estimate_sole,
         )
         if before is not None:
-            model = with_found_drift(with_body_of(model, before.model.wearers[number]), state)
+            model = with_estimated_drift(with_body_of(model, before.model.wearers[number]), state)
         wearers.append(with_contacts(model, state, path_known=known))
     scene = _scene_model(tuple(wearers), initial.cameras, start, associated, spreads, path_known=known)
     return FusionSolution(replace(scene, extra=extra, free_keypoints=calibration.estimate_keypoints), start, spreads)
@@ -285,7 +285,7 @@ def _views(
 ) -> tuple[KeypointView, ...]:  # fmt: skip
     lens, settings, views = camera.lens, camera.problem.settings, list[KeypointView]()
     keypoints, clock = each.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
-    detections = each.detections.timed(found_clock(camera.state, camera.problem.clock_middle))
+    detections = each.detections.timed(estimated_clock(camera.state, camera.problem.clock_middle))
     for number, (wearer, state) in enumerate(zip(wearers, states, strict=True)):
         body = wearer.skeleton
         view = keypoint_view(
@@ -320,7 +320,7 @@ def fuse_in_rounds(
         if not solution.is_consistent():
             solution = fuse(initial, solution, associated, settings, solver)
     solution = _reconsidered(initial, solution, associated, settings, solver)
-    return solution, add_left_over_detections(associated, solution.placements, solution.motions, settings)
+    return solution, add_unassigned_detections(associated, solution.placements, solution.motions, settings)
 
 
 def _reconsidered(

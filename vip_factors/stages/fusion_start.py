@@ -32,7 +32,7 @@ from vip_factors.sensors.odometry import Odometry
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import CommonSettings
 from vip_factors.stages.association import AssociatedCamera
-from vip_factors.stages.drift import middle_of
+from vip_factors.stages.drift import middle_time
 from vip_factors.stages.inertial import InertialSolution
 from vip_factors.stages.inertial_model import with_foot_contact
 
@@ -74,7 +74,7 @@ def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> Cam
         camera.moving,
         not known,
         free_clock=settings.fusion.estimate_clock,
-        clock_middle=middle_of(camera),
+        clock_middle=middle_time(camera),
         focal_sigma=camera.focal_sigma if settings.calibration.estimate_lens and not known else 0.0,
         settings=settings.camera,
         learned_offsets=prior_offsets(camera, settings.camera.keypoint_offset),
@@ -154,13 +154,13 @@ class _World:
         time: Array,
     ) -> "_World":  # fmt: skip
         """With nobody in it."""
-        return cls(list(associated), wearers, problems, [list(each.seen) for each in associated], time)
+        return cls(list(associated), wearers, problems, [list(each.sightings) for each in associated], time)
 
     def place_by_known_cameras(self) -> None:
         """Put in the wearers whom cameras of known pose saw."""
         known = [each for each in self.associated if each.camera.known_path is not None]
         for number in range(len(self.wearers)):
-            if any(len(each.seen[number]) for each in known):
+            if any(len(each.sightings[number]) for each in known):
                 look = _sightings_of_known(known, number)
                 self._settle(number, look, is_gauge=False)
 
@@ -233,9 +233,9 @@ def _with_found_mounting(camera: Camera, problem: CameraProblem, seen: Sightings
 def _sightings_of_known(cameras: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:
     """What the cameras of known pose saw of a wearer."""
     looks = [
-        (each.camera.known_path, each.seen[wearer])
+        (each.camera.known_path, each.sightings[wearer])
         for each in cameras
-        if each.camera.known_path is not None and len(each.seen[wearer])
+        if each.camera.known_path is not None and len(each.sightings[wearer])
     ]
     return looks[0] if len(looks) == 1 else together(looks)
 

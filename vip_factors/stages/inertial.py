@@ -1,4 +1,4 @@
-"""The stages that need nothing but IMUs: the first headings and mountings, the inertial tracker, the calibration."""
+"""Stages without cameras: the start of headings and mountings, the inertial tracker, and the calibration."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -22,12 +22,12 @@ from vip_factors.sensors.recording import Recording, nothing_placed
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import CommonSettings
 from vip_factors.stages.calibration_start import search_start
-from vip_factors.stages.drift import with_found_drift
+from vip_factors.stages.drift import with_estimated_drift
 from vip_factors.stages.inertial_model import (
     frame_by_frame,
     gauge_sensor,
     inertial_model,
-    placed_on_floor,
+    place_on_floor,
     with_contacts,
     with_heading_times,
     with_inflated_contact_sigma,
@@ -35,14 +35,13 @@ from vip_factors.stages.inertial_model import (
 from vip_factors.stages.pauses import frames_between_pauses, headings_after_pauses
 from vip_factors.stages.solver import Solver
 
-# Beyond its range in most frames: then limits and the declared pose contradict each other, and thousands of frames are
-# not to overrule what was declared.
+# Beyond a joint's range in most frames, limits contradict the declared pose; the declared pose then takes precedence.
 CONTRADICTION = np.deg2rad(60.0)
 
 
 @dataclass(frozen=True)
 class InertialSolution:
-    """A wearer's problem and where it stands; and how its start was found, where one was looked for."""
+    """A wearer's problem, its state, and the result of the search of its start, if any."""
 
     model: WearerProblem
     state: WearerState
@@ -50,21 +49,21 @@ class InertialSolution:
 
 
 @dataclass(frozen=True)
-class FoundStart:
-    """Headings and mountings to begin with, as they were found.
+class WearerStart:
+    """Initial headings and mountings of a wearer.
 
     Attributes:
-        time: ``(T,)`` seconds of the frames that they were found on.
-        calibration: these.
-        starts: how they were found.
+        time: ``(T,)`` seconds of the frames used.
+        calibration: headings and mountings.
+        starts: result of the search.
     """
 
     time: Array
     calibration: InitialCalibration
     starts: Starts
 
-    def is_on(self, time: Array) -> bool:
-        """Whether it was found on frames at ``time`` ``(T,)``."""
+    def matches_frames(self, time: Array) -> bool:
+        """Return True if the start was computed on frames at ``time`` ``(T,)``."""
         return len(time) == len(self.time) and bool(np.allclose(time, self.time, rtol=0.0, atol=1e-6))
 
 
@@ -75,9 +74,9 @@ def inertial_tracker(
     solver: Solver,
     known_calibration: InitialCalibration | None = None,
 ) -> InertialSolution:
-    """Orientations and priors alone, every frame by itself (IT; thesis eq. 4.10); then the root, on standing feet.
+    """Solve orientations and priors frame by frame (IT; thesis eq. 4.10), then place the root by standing feet.
 
-    A ``known_calibration``, of earlier frames, spares the guess from straps and the declared pose.
+    A ``known_calibration`` from earlier frames replaces the search of the start.
     """
     calibration, starts = (
         (known_calibration, None)
@@ -92,15 +91,15 @@ def inertial_tracker(
     by_frame = headings[np.searchsorted(middles, frames.time)] if len(restarts) else headings[0]
     start = start_state(model, calibration.R_bone_sensor, path, by_frame)
     state = solver.solve_wearer(frame_by_frame(model), start, "inertial tracker")
-    if model.initial_pose is not None:  # so far beyond its limits a joint says that its zero is elsewhere, once
+    if model.initial_pose is not None:  # violated limits mean another zero of the joint
         model = replace(model, limits=model.limits.reaching(joint_vector(state.R_parent_child), CONTRADICTION))
-    return InertialSolution(model, placed_on_floor(model, state), starts)
+    return InertialSolution(model, place_on_floor(model, state), starts)
 
 
 def inertial_trackers(
-    scene: Scene, time: Array, settings: CommonSettings, solver: Solver, found: Sequence[FoundStart | None] = ()
+    scene: Scene, time: Array, settings: CommonSettings, solver: Solver, known_starts: Sequence[WearerStart | None] = ()
 ) -> tuple[InertialSolution, ...]:
-    """Each wearer of a scene at the instants ``time`` ``(T,)``, alone; from starts that were ``found`` on these.
+    """Track each wearer by itself at ``time`` ``(T,)``; ``known_starts`` on the same frames replace the search.
 
     Raises:
         RecordingError: for a wearer without samples of placed sensors.
@@ -109,9 +108,9 @@ def inertial_trackers(
         if not wearer.placed:
             raise nothing_placed(wearer.name, wearer.imus)
     trackers = []
-    for wearer, start in zip_longest(scene.wearers, found):
+    for wearer, start in zip_longest(scene.wearers, known_starts):
         frames = resample_streams([wearer.imus[name] for name in wearer.placed], time)
-        if start is not None and start.is_on(time):
+        if start is not None and start.matches_frames(time):
             tracker = inertial_tracker(wearer, frames, settings, solver, start.calibration)
             trackers.append(replace(tracker, starts=start.starts))
         else:
@@ -119,19 +118,19 @@ def inertial_trackers(
     return tuple(trackers)
 
 
-def calibrated(
+def calibrate_inertial(
     inertial: InertialSolution, settings: CommonSettings, solver: Solver, extra: ExtraTerms | None = None
 ) -> InertialSolution:
-    """The sparse inertial poser on the tracker's frames, with headings, mountings and the mean pose free."""
+    """Run the sparse inertial poser on the tracker's frames, with free headings, mountings and mean pose."""
     free, state = with_inflated_contact_sigma(inertial.model), inertial.state
     for _ in range(settings.calibration.passes):
         state = solver.solve_wearer(with_contacts(free, state), state, "calibration", extra)
-        free = with_found_drift(free, state)
-    return replace(inertial, model=with_found_drift(inertial.model, state), state=state)
+        free = with_estimated_drift(free, state)
+    return replace(inertial, model=with_estimated_drift(inertial.model, state), state=state)
 
 
 def first_calibration(recording: Recording, frames: ImuFrames, settings: CommonSettings) -> InitialCalibration:
-    """Headings and mountings from straps, the declared pose and the motion; or the true ones, if settings say so."""
+    """Compute headings and mountings from straps, declared pose and motion; or return the true ones, by setting."""
     if settings.calibration.from_truth:
         if recording.truth is None or recording.truth.calibration is None:
             raise InputError(f"recording '{recording.name}' has no true calibration: leave calibration.from_truth off")
@@ -143,10 +142,13 @@ def first_calibration(recording: Recording, frames: ImuFrames, settings: CommonS
 
 
 def find_start(
-    recording: Recording, frames: ImuFrames, settings: CommonSettings, on_progress: Callable[[float], None],
+    recording: Recording,
+    frames: ImuFrames,
+    settings: CommonSettings,
+    on_progress: Callable[[float], None],
     stretch: ImuFrames | None = None,
-) -> tuple[InitialCalibration, Starts | None]:  # fmt: skip
-    """Headings and mountings to begin with; and how they were found, where they were looked for, in which stretch."""
+) -> tuple[InitialCalibration, Starts | None]:
+    """Compute the initial headings and mountings; also return the result of the search, in a ``stretch`` if given."""
     frames = frames_between_pauses(recording, frames)
     usual = first_calibration(recording, frames, settings)
     if settings.calibration.from_truth or not settings.calibration.start.search:
@@ -159,36 +161,41 @@ def find_start(
 def start_state(
     model: WearerProblem, R_bone_sensor: Array, heading_path: Array, headings_by_frame: Array
 ) -> WearerState:
-    """Where the inertial tracker starts: priors' means, of headings ``(K, S)``; see :func:`_first_poses`."""
+    """Initial state of the inertial tracker, with prior means and headings ``(K, S)``; see :func:`_first_poses`."""
     R = _first_poses(model, R_bone_sensor, headings_by_frame)
     return WearerState(
-        R, np.zeros((len(R), 3)), heading_path[0], R_bone_sensor, model.prior.mean, heading_path[1:],
+        R,
+        np.zeros((len(R), 3)),
+        heading_path[0],
+        R_bone_sensor,
+        model.prior.mean,
+        heading_path[1:],
         hinges=model.hinge_prior.mean,
-    )  # fmt: skip
+    )
 
 
 def _first_poses(model: WearerProblem, R_bone_sensor: Array, headings: Array) -> Array:
-    """Joint rotations ``(T, 24, 3, 3)`` that headings, ``(S,)`` or ``(T, S)`` of each frame, and mountings ask for."""
+    """Joint rotations ``(T, 24, 3, 3)`` from mountings and headings, ``(S,)`` or ``(T, S)`` per frame."""
     return first_poses(model.frames, [sensor.bone for sensor in model.sensors], headings, R_bone_sensor, model.prior)
 
 
 def track_window(model: WearerProblem, shared: WearerState, headings: Array, solver: Solver) -> WearerState:
-    """The inertial tracker's solution on a window's frames, on standing feet; what all frames share is kept.
+    """Run the inertial tracker on the frames of a window, with fixed shared variables, and place the root.
 
     Args:
-        model: of the window.
-        shared: what all frames share.
-        headings: ``(S,)`` radians, to begin with.
-        solver: of the window.
+        model: problem of the window.
+        shared: state of the shared variables.
+        headings: ``(S,)`` radians, initial values.
+        solver: solver of the window.
     """
     R = _first_poses(model, shared.R_bone_sensor, headings)
     state = replace(shared, R_parent_child=R, p_world_pelvis=np.zeros((len(R), 3)))
     state = solver.solve_wearer(frame_by_frame(model), state, "inertial tracker")
-    return placed_on_floor(model, state)
+    return place_on_floor(model, state)
 
 
-def at_frames(state: WearerState, time: Array, wanted: Array) -> WearerState:
-    """The state's motion, of frames at ``time`` ``(T,)``, at other instants ``(N,)``; the ends are kept beyond it."""
-    R = interpolate_smoothly(time, state.R_parent_child, wanted)  # a kink would be an acceleration
+def at_frames(state: WearerState, time: Array, new_time: Array) -> WearerState:
+    """Interpolate a state from frames at ``time`` ``(T,)`` to ``new_time`` ``(N,)``; constant beyond the ends."""
+    R = interpolate_smoothly(time, state.R_parent_child, new_time)  # a kink would be an acceleration
     path = make_interp_spline(time, state.p_world_pelvis, k=min(3, len(time) - 1))
-    return replace(state, R_parent_child=R, p_world_pelvis=path(np.clip(wanted, time[0], time[-1])))
+    return replace(state, R_parent_child=R, p_world_pelvis=path(np.clip(new_time, time[0], time[-1])))

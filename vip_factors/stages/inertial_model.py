@@ -1,4 +1,4 @@
-"""One wearer's least-squares problem from a recording, and the forms that it takes from stage to stage."""
+"""The least-squares problem of one wearer, and its variants for each stage."""
 
 from dataclasses import fields, replace
 from typing import Any
@@ -17,16 +17,16 @@ from vip_factors.sensors.frames import ImuFrames
 from vip_factors.sensors.recording import Recording, Subject
 from vip_factors.settings import CalibrationSettings, CommonSettings
 
-# rad, of mountings that were read off a declared pose: what the pose says of them, it says by itself, and not twice.
+# rad, for mountings computed from a declared pose: wide, because the pose has a factor of its own.
 DECLARED_MOUNTING_SIGMA = np.pi / 3
-HEADING_STEP_S = 10.0  # that a heading is constant for where it drifts: with shorter steps it follows tissue, too
-FEW_SENSORS = 6  # with so few, acceleration is all that some limbs have, and the papers' IT is called SOP
+HEADING_STEP_S = 10.0  # interval of a drifting heading; shorter ones follow soft tissue
+FEW_SENSORS = 6  # up to this number acceleration alone determines some limbs, and IT is called SOP in the literature
 
 
 def inertial_model(
     recording: Recording, frames: ImuFrames, calibration: InitialCalibration, settings: CommonSettings
 ) -> WearerProblem:
-    """The whole problem, everything free that the settings free."""
+    """Build the problem of a wearer, with all variables free that the settings free."""
     sites = [recording.placement.site(name) for name in frames.sensors]
     declared = recording.initial_pose != "none"
     factors = settings.factors
@@ -58,16 +58,16 @@ def inertial_model(
 
 
 def declared_pose(recording: Recording, frames: ImuFrames, settings: CommonSettings) -> InitialPose | None:
-    """The pose that the wearer declared to hold in the first frames, if any."""
+    """Pose that the wearer is declared to hold in the first frames, if any."""
     if recording.initial_pose == "none":
         return None
     declared = settings.factors.initial_pose
-    held = max(1, round(declared.seconds / frames.step))
-    return InitialPose(held_pose(recording.initial_pose, declared.nominal), min(held, len(frames)))
+    frame_count = max(1, round(declared.seconds / frames.step))
+    return InitialPose(held_pose(recording.initial_pose, declared.nominal), min(frame_count, len(frames)))
 
 
 def _variation(subject: Subject, scale: float) -> BodyVariation | None:
-    """What is open about a body; a table's spread is widened, one that was found before is taken as it is."""
+    """Prior of body lengths; widened if it comes from a table, unchanged if it comes from an earlier estimate."""
     variation = subject.variation()
     if variation is None or subject.length_prior is not None:
         return variation
@@ -75,26 +75,26 @@ def _variation(subject: Subject, scale: float) -> BodyVariation | None:
 
 
 def gauge_sensor(bones: list[int]) -> int:
-    """The sensor whose heading defines the world's: the pelvis's, or the first."""
+    """Index of the sensor whose heading defines the world: the pelvis's, or the first."""
     return bones.index(0) if 0 in bones else 0
 
 
 def frame_by_frame(model: WearerProblem) -> WearerProblem:
-    """The model of the inertial tracker: every frame by itself, the calibration kept."""
+    """Return the model of the inertial tracker: independent frames, fixed calibration."""
     return replace(with_fixed_calibration(model), use_acceleration=False)
 
 
 def with_fixed_calibration(model: WearerProblem) -> WearerProblem:
-    """The model with what all frames share kept as it is."""
-    free = [one.name for one in fields(model) if one.name.startswith("free_") and one.name != "free_body"]
+    """Return the model with all shared variables fixed."""
+    free = [field.name for field in fields(model) if field.name.startswith("free_") and field.name != "free_body"]
     fixed: dict[str, Any] = dict.fromkeys(free, False)
     return replace(model, **fixed)
 
 
 def with_heading_times(model: WearerProblem, calibration: CalibrationSettings) -> WearerProblem:
-    """The model whose headings step every ten seconds of its frames; as it is, if they are to be constant.
+    """Return the model with headings that step every ten seconds, or the model itself if headings are constant.
 
-    They step at every restart and between stretches.
+    Headings also step at every restart and between stretches.
     """
     least, frames = calibration.heading_drift_from_s, model.frames
     seconds, restarts = float(frames.time[-1] - frames.time[0]), len(model.restarts)
@@ -105,42 +105,42 @@ def with_heading_times(model: WearerProblem, calibration: CalibrationSettings) -
     step_s = seconds if least is None else min(HEADING_STEP_S, seconds / 4)
     every, times = max(1, round(step_s / frames.step)), list[float]()
     for stretch in np.split(np.arange(len(frames)), begins[1:]):
-        parts = np.array_split(stretch, max(1, round(len(stretch) / every)))
-        times += [float(frames.time[part[[0, -1]]].mean()) for part in parts]
+        steps = np.array_split(stretch, max(1, round(len(stretch) / every)))
+        times += [float(frames.time[step[[0, -1]]].mean()) for step in steps]
     return replace(model, heading_times=np.array(times)) if len(times) > 1 else model
 
 
 def with_inflated_contact_sigma(model: WearerProblem) -> WearerProblem:
-    """The model for finding mountings: contacts are believed less."""
-    inflation = 2.0  # a shod foot is off in the same way at every step, and mountings would bend to make up for it
+    """Return the model with a larger contact sigma, for the estimation of mountings."""
+    inflation = 2.0  # a shoe biases every step alike, and mountings would absorb the bias
     contact = model.settings.foot_contact
     return with_foot_contact(model, replace(contact, sigma=inflation * contact.sigma))
 
 
 def with_foot_contact(model: WearerProblem, settings: FootContactSettings) -> WearerProblem:
-    """The model with foot contacts of other settings."""
+    """Return the model with other foot contact settings."""
     return replace(model, settings=replace(model.settings, foot_contact=settings))
 
 
 def on_frames_with_fixed_calibration(model: WearerProblem, frames: ImuFrames) -> WearerProblem:
-    """The model over other frames, with headings, mountings and mean pose kept as they are."""
+    """Return the model on other frames, with all shared variables fixed."""
     return replace(with_fixed_calibration(model), frames=frames, initial_pose=None)
 
 
-def placed_on_floor(model: WearerProblem, state: WearerState) -> WearerState:
-    """The state with a root path on which whichever foot stands lowest stands still."""
+def place_on_floor(model: WearerProblem, state: WearerState) -> WearerState:
+    """Return the state with a root path on which the lowest foot stands still."""
     body = forward_kinematics(model.skeleton, state.R_parent_child, np.zeros_like(state.p_world_pelvis))
     points = contact_points(model.skeleton, model.settings.sole.of(state.sole))
     return replace(state, p_world_pelvis=standing_path(body, points))
 
 
 def with_contacts(model: WearerProblem, state: WearerState, path_known: bool = False) -> WearerProblem:
-    """The model with the foot contacts that a first motion shows.
+    """Return the model with the foot contacts detected in a motion.
 
-    Without a known path, of a camera say, contact shows in the pose alone: one that has drifted would hide it.
+    Without a known path (such as a camera's) contacts are detected from the pose alone, for drift would hide them.
     """
     points = contact_points(model.skeleton) if model.settings.foot_contact.use else ()
-    grounded = state if path_known else placed_on_floor(model, state)
+    grounded = state if path_known else place_on_floor(model, state)
     body = forward_kinematics(model.skeleton, state.R_parent_child, grounded.p_world_pelvis)
     confidence = contact_confidence(body, points, model.frames.step) if points else np.zeros((len(model.frames), 0))
     return replace(
@@ -152,7 +152,7 @@ def with_contacts(model: WearerProblem, state: WearerState, path_known: bool = F
 
 
 def method_of(model: WearerProblem, settings: CommonSettings) -> str:
-    """What papers call a tracker of these sensors and settings."""
+    """Name of the method in the literature for these sensors and settings."""
     if settings.acceleration:
         return "SIP"
     return "SOP" if len(model.sensors) <= FEW_SENSORS else "IT"

@@ -106,7 +106,12 @@ def filmed_estimate(
             for finding in clock_findings(each.camera, one)
         ),
     ]
-    findings = [*calibration.about_sensors, *solution.about_floor, *dict.fromkeys(findings), *solution.about_starts()]
+    findings = [
+        *calibration.sensor_findings,
+        *solution.floor_findings,
+        *dict.fromkeys(findings),
+        *solution.start_findings(),
+    ]
     return Estimate(
         scene.name, "VIP", wearers, cameras, given, tuple(solver.reports), (*film_findings(scene, findings), *findings),
         flatten(settings), detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
@@ -123,9 +128,9 @@ def unfilmed_estimate(calibration: Calibration, settings: Settings, fine: Wearer
     bones = forward_kinematics(model.skeleton, state.R_parent_child, state.p_world_pelvis).R_world_bone
     name, mountings = recording.subject.name, model.prior_R_bone_sensor
     findings = (
-        *calibration.about_sensors,
+        *calibration.sensor_findings,
         *slip_findings(name, recording, model.frames, bones, fine.calibration),
-        *solution.about_starts(),
+        *solution.start_findings(),
         *posture_findings(name, recording, fine.motion, fine.calibration, mountings),
         *drift_findings(name, fine.calibration, model.restarts.tolist()),
         *jump_findings(name, fine.calibration, model.restarts),

@@ -1,4 +1,4 @@
-"""Coarse frames of a scene, solved with all that frames share: who is who, where cameras are, then all at once."""
+"""Solution of a scene on coarse frames: association, initial cameras, then all variables at once."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,15 +28,15 @@ from vip_factors.terms.registry import unfilmed_problem
 
 @dataclass(frozen=True)
 class SceneSolution:
-    """A scene, solved on every n-th frame.
+    """Solution of a scene on its coarse frames.
 
     Attributes:
-        scene: what was solved, its sensors put right.
-        wearers: where each began: in front of cameras in one world, else by itself.
-        fused: all together.
-        start: where the fusion with the cameras started; None where no camera shows a wearer.
-        associated: the cameras that are of use: who is who in each of their video frames.
-        about_floor: what is odd about it.
+        scene: the scene with corrected sensors.
+        wearers: initial solution of each wearer, in one world in front of cameras, otherwise in its own.
+        fused: solution of all wearers and cameras together.
+        start: start of the fusion; None if no camera shows a wearer.
+        associated: usable cameras with the wearer of each detection.
+        floor_findings: findings about the floor.
     """
 
     scene: Scene
@@ -44,41 +44,43 @@ class SceneSolution:
     fused: FusionSolution
     start: FusionStart | None = None
     associated: tuple[AssociatedCamera, ...] = ()
-    about_floor: tuple[Finding, ...] = ()
+    floor_findings: tuple[Finding, ...] = ()
 
     @classmethod
     def unfilmed(cls, scene: Scene, wearers: Sequence[InertialSolution]) -> "SceneSolution":
-        """Of wearers as they were solved without a camera."""
+        """Combine the solutions of wearers without cameras."""
         model = unfilmed_problem([wearer.model for wearer in wearers])
         state = SceneState.unfilmed([wearer.state for wearer in wearers])
         return cls(scene, tuple(wearers), FusionSolution(model, state, ()))
 
     @property
     def shown(self) -> int:
-        """How many wearers were found in a video."""
-        return sum(any(len(each.seen[n]) for each in self.associated) for n in range(len(self.wearers)))
+        """Number of wearers visible in a video."""
+        return sum(any(len(camera.sightings[n]) for camera in self.associated) for n in range(len(self.wearers)))
 
     @property
     def is_world_known(self) -> bool:
-        """Whether the pose of a camera was given: the floor is at z = 0 then."""
-        return any(each.camera.known_path is not None for each in self.associated)
+        """True if the pose of a camera is given; the floor is then at z = 0."""
+        return any(camera.camera.known_path is not None for camera in self.associated)
 
     def with_rivals_solved(self, settings: CommonSettings, solver: Solver) -> "SceneSolution":
-        """The same, but for starts whose rivals end in the same motion: those are settled."""
+        """Drop rival starts that lead to the same motion."""
         model, state = self.fused.model, self.fused.state
         return replace(
             self,
             wearers=tuple(
-                replace(one, starts=with_rivals_solved(one.starts, model, state, number, recording, settings, solver))
-                for number, (recording, one) in enumerate(zip(self.scene.wearers, self.wearers, strict=True))
+                replace(
+                    wearer, starts=with_rivals_solved(wearer.starts, model, state, number, recording, settings, solver)
+                )
+                for number, (recording, wearer) in enumerate(zip(self.scene.wearers, self.wearers, strict=True))
             ),
         )
 
     def on_floor(self, settings: CommonSettings) -> "SceneSolution":
-        """The same with its floor at z = 0."""
+        """Move the solution so that its floor is at z = 0."""
         fused = self.fused
         state, findings = on_floor(fused.model.wearers, fused.state, settings.floor, self.is_world_known)
-        return replace(self, fused=replace(fused, state=state), about_floor=findings)
+        return replace(self, fused=replace(fused, state=state), floor_findings=findings)
 
     def frames_at(self, time: Array) -> tuple[ImuFrames, ...]:
         """Frames of each wearer's sensors at the instants ``time`` ``(T,)``."""
@@ -88,7 +90,7 @@ class SceneSolution:
         )
 
     def problem_on(self, frames: Sequence[ImuFrames], settings: CommonSettings) -> FusionSolution:
-        """The problem on other ``frames`` of each wearer, with all that they share kept, and where to start."""
+        """Build the problem on other ``frames`` of each wearer with fixed shared variables, and its initial state."""
         if self.start is not None:
             return fusion_problem_on_frames(self.start, self.fused, self.associated, frames, settings)
         models, states = [], []
@@ -98,7 +100,7 @@ class SceneSolution:
         return FusionSolution(unfilmed_problem(models), SceneState.unfilmed(states), ())
 
     def at_full_rate(self, frames: Sequence[ImuFrames], settings: CommonSettings, solver: Solver) -> FusionSolution:
-        """A filmed scene solved on other ``frames`` of each wearer, with all that they share kept.
+        """Solve a filmed scene on other ``frames`` of each wearer, with fixed shared variables.
 
         Raises:
             SolveError: if the problem is not determined.
@@ -106,24 +108,27 @@ class SceneSolution:
         assert self.start is not None
         return fuse_finely(self.start, self.fused, self.associated, frames, settings, solver)
 
-    def about_starts(self) -> Iterator[Finding]:
-        """Sensors that cannot tell a motion, and starts that the data does not settle."""
+    def start_findings(self) -> Iterator[Finding]:
+        """Report sensors with too few samples and starts that the data do not determine."""
         for recording, wearer in zip(self.scene.wearers, self.wearers, strict=True):
             yield from sampling_findings(recording, wearer.model.frames)
             yield from start_findings(recording.subject.name, wearer.model.frames.sensors, wearer.starts)
 
 
 def start_before_cameras(
-    scene: Scene, trackers: Sequence[InertialSolution], settings: CommonSettings, solver: Solver,
+    scene: Scene,
+    trackers: Sequence[InertialSolution],
+    settings: CommonSettings,
+    solver: Solver,
     is_calibrated: bool = False,
-) -> FusionStart | tuple[Finding, ...]:  # fmt: skip
-    """Who is who, and all wearers and cameras in one world; findings, if the cameras show nobody whom they know.
+) -> FusionStart | tuple[Finding, ...]:
+    """Associate the cameras and compute initial wearers and cameras in one world; findings if no wearer is recognised.
 
     Args:
-        scene: with cameras.
-        trackers: each wearer by the sensors alone.
+        scene: scene with cameras.
+        trackers: inertial solution of each wearer.
         settings, solver: of the scene.
-        is_calibrated: whether the trackers' calibration is as good as the sparse inertial poser would make it.
+        is_calibrated: whether the trackers' calibration is as good as that of the sparse inertial poser.
     """
     if is_calibrated:
         associated = associate_cameras(scene, trackers, settings, solver.progress_of("association"))
@@ -134,17 +139,17 @@ def start_before_cameras(
 
 
 def _misfit(fused: FusionSolution) -> int | None:
-    """Number of the camera whose detections fit the wearers worst, if they hardly do and those of another camera do."""
+    """Index of a camera that fits the wearers badly while another one fits; None if there is none."""
     spreads = [
-        float(np.mean([spread for spread, view in zip(own, views, strict=True) if view.seen.any()] or [0.0]))
-        for own, views in zip(fused.measured_spreads(), fused.model.views, strict=True)
+        float(np.mean([spread for spread, view in zip(camera_spreads, views, strict=True) if view.seen.any()] or [0.0]))
+        for camera_spreads, views in zip(fused.measured_spreads(), fused.model.views, strict=True)
     ]
-    worst = int(np.argmax(spreads)) if len(spreads) > 1 else 0
-    return worst if len(spreads) > 1 and spreads[worst] > IMPLAUSIBLE_SCATTER > min(spreads) else None
+    worst_camera = int(np.argmax(spreads)) if len(spreads) > 1 else 0
+    return worst_camera if len(spreads) > 1 and spreads[worst_camera] > IMPLAUSIBLE_SCATTER > min(spreads) else None
 
 
 def solve_from(start: FusionStart, scene: Scene, settings: CommonSettings, solver: Solver) -> SceneSolution:
-    """Wearers and cameras solved together from where they start, without cameras that do not fit the others.
+    """Solve wearers and cameras together from a start, and leave out a camera that contradicts the others.
 
     Raises:
         SolveError: if the problem is not determined.

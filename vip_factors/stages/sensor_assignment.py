@@ -43,14 +43,14 @@ from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource, SceneSource
 from vip_factors.settings import Settings
 from vip_factors.stages.calibration_start import brisk_stretch
-from vip_factors.stages.inertial import FoundStart, find_start, inertial_tracker
+from vip_factors.stages.inertial import WearerStart, find_start, inertial_tracker
 from vip_factors.stages.pauses import interval_between_pauses
 from vip_factors.stages.solver import Solver
 
 
 def with_sensors_assigned(
     source: SceneSource, settings: Settings, times: Sequence[Array] = ()
-) -> tuple[SceneSource, tuple[Finding, ...], tuple[FoundStart | None, ...]]:
+) -> tuple[SceneSource, tuple[Finding, ...], tuple[WearerStart | None, ...]]:
     """The source with its sensors in each other's places where that is wanted.
 
     Args:
@@ -63,7 +63,7 @@ def with_sensors_assigned(
     """
     if not settings.assignment.check:
         return source, (), ()
-    starts = list[FoundStart | None]()
+    starts = list[WearerStart | None]()
     placements, findings, exchanges = list[Placement](), list[Finding](), 0
     for one, time in zip_longest(source.wearers, times):
         start, end = interval_between_pauses(one.head, one.interval)
@@ -259,7 +259,7 @@ class _Sides:
 
 def against_declared(
     recording: Recording, camera: Camera | None, settings: Settings, time: Array | None = None
-) -> tuple[Finding | None, Exchange | None, FoundStart | None]:
+) -> tuple[Finding | None, Exchange | None, WearerStart | None]:
     """Another pose that the recording starts from; and limbs whose left and right sensors are in each other's places.
 
     Nothing is looked at where a sensor has no orientation.
@@ -283,7 +283,7 @@ def against_declared(
     calibration, starts = find_start(recording, frames, settings, lambda done: None, looked[1])
     if starts is None:
         return None, None, None
-    begun, as_declared = FoundStart(time, calibration, starts), starts.best
+    begun, as_declared = WearerStart(time, calibration, starts), starts.best
     least = LEAST_NATS
     likeliest = [_likeliest(recording, limbs, own, looked, as_declared, settings) for limbs, own in pairs.items()]
     together = sum(one.gain for one in likeliest)

@@ -23,7 +23,7 @@ Corrections = Mapping[str, "SensorCorrection"]
 """Of one wearer's sensors, by name; those that are not named are right."""
 
 
-def checked_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[Finding, ...]]:
+def check_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[Finding, ...]]:
     """The scene with all wearers' sensors put right, by what each wearer's were, and what was found."""
     found = [sensor_corrections(one, between_pauses(one), settings) for one in scene.wearers]
     wearers = tuple(_corrected(one, right) for one, (right, _) in zip(scene.wearers, found, strict=True))

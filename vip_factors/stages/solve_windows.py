@@ -61,7 +61,7 @@ def solve_windows(
     if not calibration.is_filmed:
         recording = CorrectedSamples(source.wearers[0], calibration.corrections[0])
         yield from _unfilmed_windows(recording, calibration, plan, settings, map_fn)
-    elif plan.all_calibrate:
+    elif plan.uses_all_frames:
         yield from _windows_of_solution(calibration.solution, plan, settings, own, map_fn)
     else:
         is_carried = all(camera.moving and camera.known_path is None for camera in source.head.cameras)
@@ -122,12 +122,12 @@ def _solve_unfilmed(
     if span.start and not frames.orientation_valid.any():
         return None
     solver = replace(solver, reports=[])
-    if not plan.all_calibrate:
+    if not plan.uses_all_frames:
         solution = _tracked_afresh(solution, coarser(frames, plan.factor), span.start == 0, settings, solver)
     if settings.acceleration:
         start = solution.problem_on((frames,), settings)
         (model,), (state,) = start.model.wearers, start.state.wearers
-        if span.start and not plan.all_calibrate:
+        if span.start and not plan.uses_all_frames:
             gauge = replace(model.settings.gauge_prior, position_sigma=LATER_START_SIGMA)
             model = replace(model, settings=replace(model.settings, gauge_prior=gauge))
         state = solver.solve_wearer(model, state, "sparse inertial poser", solver.extra)

@@ -1,4 +1,4 @@
-"""The solves of one recording, and what they report."""
+"""The solver of a recording and its reports."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,11 +19,11 @@ class Solver:
     """Runs the optimiser and keeps its reports.
 
     Attributes:
-        settings: of the optimiser.
-        on_progress: called with the name of the stage and the fraction of it done.
+        settings: settings of the optimiser.
+        on_progress: called with the name of the stage and the fraction done.
         reports: one per solve, in order.
-        name: which optimiser.
-        extra: terms of a user's own.
+        name: name of the optimiser.
+        extra: terms of the user.
     """
 
     settings: SolveSettings
@@ -33,7 +33,7 @@ class Solver:
     extra: ExtraTerms | None = None
 
     def solve(self, objective: SceneObjective, start: SceneState, stage: str) -> SceneState:
-        """The state of least cost near ``start``, whose report is kept."""
+        """Minimise the objective from ``start`` and keep the report."""
         optimise = optimise_with_gtsam if self.name is SolverName.GTSAM else levenberg_marquardt
         state, report = optimise(objective, start, self.settings, stage, lambda done: self.on_progress(stage, done))
         self.reports.append(report)
@@ -42,10 +42,10 @@ class Solver:
     def solve_wearer(
         self, model: WearerProblem, start: WearerState, stage: str, extra: ExtraTerms | None = None
     ) -> WearerState:
-        """The same of one wearer whom no camera sees."""
+        """Solve one wearer without cameras."""
         objective = SceneObjective(unfilmed_problem([model], extra))
         return self.solve(objective, SceneState.unfilmed([start]), stage).wearers[0]
 
     def progress_of(self, stage: str) -> Callable[[float], None]:
-        """Progress of a stage that is no solve."""
+        """Return a progress callback for a stage that is no solve."""
         return lambda done: self.on_progress(stage, done)

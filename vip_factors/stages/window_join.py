@@ -211,7 +211,7 @@ def join(
     head = replace(calibrated, name=source.head.name)
     head = replace(head, cameras=tuple(camera.start for camera in head.cameras), wearers=tuple(wearers))
     poses = tuple(plan.frames if camera.name in moving else 1 for camera in head.cameras)
-    if plan.all_calibrate or not source.head.cameras:
+    if plan.uses_all_frames or not source.head.cameras:
         return EstimateChunks(head, frames, chunks_of(windows, head, plan, on_progress), poses)
     summary = SceneSummary.of(source, plan, calibrated)
     head = replace(head, wearer_of_detection=np.zeros(0, int))

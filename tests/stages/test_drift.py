@@ -50,7 +50,7 @@ def test_nothing_is_said_of_a_clock_that_was_kept() -> None:
 def test_an_offset_of_some_video_frames_is_told() -> None:
     off = replace(found(1e-4, 1e-5), clock=VideoClock(0.08, 1e-4))
     (told,) = sentences(clock_findings(camera(300.0), off))
-    assert "+80 ± 1 ms off what the scene says" in told
+    assert "+80 ± 1 ms off the clock given in the scene" in told
 
 
 def test_the_middle_is_on_the_sensors_clock() -> None:

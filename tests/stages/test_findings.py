@@ -133,7 +133,7 @@ def test_a_change_of_zoom(camera: CameraKind) -> None:
 def test_clocks_that_are_apart() -> None:
     scene = replace(good(), cameras=(replace(camera_of(good()), clock=VideoClock(0.3)),))
     estimate = smooth(scene, QUICK)
-    sentence(estimate, "the video's clock is -", "off what the scene says", "vip-factors sync")
+    sentence(estimate, "the video's clock is -", "off the clock given in the scene", "vip-factors sync")
     assert camera_found(estimate).clock.offset == pytest.approx(0.0, abs=0.1)
 
 

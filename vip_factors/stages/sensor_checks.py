@@ -15,7 +15,7 @@ from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Scene
 from vip_factors.sensors.sources import LEAST_SAMPLES, RecordingSource
 from vip_factors.settings import SensorClockSettings, Settings
-from vip_factors.stages.acceleration_sign import is_sign_opposite, mirrored
+from vip_factors.stages.acceleration_sign import is_sign_opposite, mirror_stream
 from vip_factors.stages.pauses import between_pauses
 from vip_factors.stages.sensor_assignment import placed_links
 
@@ -86,7 +86,7 @@ class SensorCorrection:
             stream = replace(stream, specific_force=stream.specific_force * signs)
         if self.scale != 1.0 and stream.specific_force is not None:
             stream = replace(stream, specific_force=stream.specific_force / self.scale)
-        stream = mirrored(stream) if self.is_mirrored else stream
+        stream = mirror_stream(stream) if self.is_mirrored else stream
         return replace(stream, time=stream.time - self.late) if self.late else stream
 
 

@@ -35,7 +35,7 @@ from vip_factors.stages.sensor_assignment import with_sensors_assigned
 from vip_factors.stages.solve_windows import solve_at_once, solve_windows
 from vip_factors.stages.solver import Solver
 from vip_factors.stages.window_join import join
-from vip_factors.stages.windows import MapFn, coarse_times, plan_windows, plan_scene
+from vip_factors.stages.windows import MapFn, coarse_times, plan_scene, plan_windows
 from vip_factors.terms.registry import unfilmed_problem
 
 __all__ = ["factor_graph", "smooth", "smooth_chunks"]

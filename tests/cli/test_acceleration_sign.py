@@ -41,7 +41,9 @@ def as_given(stream: ImuStream) -> ImuStream:
 
 @pytest.mark.parametrize("pose", ["n-pose", "none"])
 @pytest.mark.parametrize("placement", ["mvn17", "totalcapture13", "tnt10", "sip6"])
-@pytest.mark.parametrize(("change", "opposite"), [(as_given, False), (strapped_upside_down, False), (mirror_stream, True)])
+@pytest.mark.parametrize(
+    ("change", "opposite"), [(as_given, False), (strapped_upside_down, False), (mirror_stream, True)]
+)
 def test_the_sign_is_told_by_bodies(
     change: Callable[[ImuStream], ImuStream], opposite: bool, placement: str, pose: str
 ) -> None:

@@ -233,7 +233,8 @@ def _offsets_before(scene: Scene, settings: Settings, on_progress: Callable[[flo
 
 def _frames_with_truth(scene: Scene, recording: Recording, settings: Settings) -> Array:
     assert recording.truth is not None
-    frames, known = plan_scene(SceneInMemory(scene), settings, single_window=True).all_coarse_time, recording.truth.motion.time
+    plan, known = plan_scene(SceneInMemory(scene), settings, single_window=True), recording.truth.motion.time
+    frames = plan.all_coarse_time
     frames = frames[(frames >= known[0]) & (frames <= known[-1])]
     if len(frames) < LEAST_FRAMES:
         raise InputError(

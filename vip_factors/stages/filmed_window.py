@@ -238,7 +238,7 @@ class FilmedWindow:
             tuple(map(Headings.of, coarse.wearers)),
             first.timed_detections.time[first.detections.frame],
             seen,
-            any(each.shows_somebody and each.camera.known_path is not None for each in associated),
+            any(each.shows_wearer and each.camera.known_path is not None for each in associated),
             tuple(self.solver.reports),
             (*self.sensor_findings, *self._findings(fine, wearers)),
         )

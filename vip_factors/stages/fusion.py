@@ -312,7 +312,7 @@ def fuse_in_rounds(
     on_progress, associated = solver.progress_of("association"), initial.associated
     solution = fuse(initial, None, associated, settings, solver)
     # Whom no camera shows is not to be found by a guess
-    rounds = settings.fusion.rounds if any(each.shows_somebody for each in associated) else 1
+    rounds = settings.fusion.rounds if any(each.shows_wearer for each in associated) else 1
     for _ in range(rounds - 1):
         associated = associate_cameras_again(associated, solution.placements, solution.motions, settings, on_progress)
         solution = fuse(initial, solution, associated, settings, solver)

@@ -20,7 +20,7 @@ from vip_factors.sensors.scene import Camera
 def with_estimated_drift(model: WearerProblem, state: WearerState) -> WearerProblem:
     """Return the model with each heading's random walk scaled to its estimated drift.
 
-    The variance per minute is the sum of squared steps over their minutes, regularised by one minute of the usual drift.
+    The variance per minute is the sum of squared steps over their minutes, regularised by one minute of usual drift.
     Steps span some time, because the smoother distributes a drift over shorter ones.
     """
     usual_minutes = 1.0  # weight of the usual drift, as minutes of data

@@ -132,7 +132,7 @@ def heading_errors(scene: vip.Scene) -> list[tuple[Array, Array]]:
     What all sensors of a wearer share in an instant is taken off: the whole scene may be turned. The first instant is
     0 s, with the headings as they came.
     """
-    answers = list(vip.Stream(scene, real_time=False).answers(vip.live_samples(scene)))
+    answers = list(vip.Stream(scene, real_time=False).estimates(vip.live_samples(scene)))
     errors = []
     for number, wearer in enumerate(scene.wearers):
         truth = {name: calibration.heading for name, calibration in wearer.truth.calibration.items()}

@@ -149,7 +149,7 @@ def test_everything_public_shows_itself_in_a_few_lines(recording: vip.Scene, est
     """Whatever a user meets by way of attributes, down to the arrays; collections by what they hold."""
     (worn,) = recording.wearers
     stream = vip.Stream(recording, vip.LiveSettings(frame_rate=20.0), real_time=False)
-    answer = list(stream.answers(vip.live_samples(recording)))[-1]
+    answer = list(stream.estimates(vip.live_samples(recording)))[-1]
     filmed = vip.simulate(seconds=0.6, placement="sip6", camera="hand-held", seed=1, initial_pose="none")
     graph = vip.factor_graph(recording, QUICK)
     pending = [

@@ -162,7 +162,7 @@ def test_a_backlog_is_late_but_keeps_its_times() -> None:
     [
         ({"time": float("nan")}, "a time stamp is not finite"),
         ({"time": 1e300}, "a time stamp of 1e+300 s"),
-        ({"R_inertial_sensor": None}, "they carry no orientation, nor angular rate"),
+        ({"R_inertial_sensor": None}, "they carry neither an orientation nor the angular rate"),
         ({"R_inertial_sensor": np.full((3, 3), np.nan)}, "an orientation is not a (3, 3) matrix of finite numbers"),
         ({"R_inertial_sensor": np.eye(4)}, "an orientation is not a (3, 3) matrix of finite numbers"),
         ({"R_inertial_sensor": np.diag([1.0, 1.0, -1.0])}, "an orientation is not a rotation matrix"),

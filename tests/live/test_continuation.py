@@ -9,7 +9,7 @@ import pytest
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live import prediction
-from vip_factors.live.prediction import corrections
+from vip_factors.live.prediction import correction_findings
 from vip_factors.live.problem import FrameState
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.simulate.gestures import gestures
@@ -46,8 +46,8 @@ def test_bones_that_were_wrong_are_told_of_the_last_frame_before() -> None:
         return SimpleNamespace(numbers=numbers, problem=SimpleNamespace(wearers=[wearer]), state=state)
 
     before = smoother(range(10, 20), 0, 0.0, 19)
-    (told,) = corrections(12.0, before, smoother(range(11, 21), 19, 50.0, 19))
+    (told,) = correction_findings(12.0, before, smoother(range(11, 21), 19, 50.0, 19))
     assert "sensor19" in str(told)
     assert "12 s" in str(told)
-    assert not corrections(12.0, before, smoother(range(11, 21), 19, 50.0, 20))
-    assert not corrections(12.0, before, smoother(range(11, 21), 0, 50.0, 19))
+    assert not correction_findings(12.0, before, smoother(range(11, 21), 19, 50.0, 20))
+    assert not correction_findings(12.0, before, smoother(range(11, 21), 0, 50.0, 19))

@@ -161,7 +161,7 @@ def test_a_body_that_fits_fits_anywhere(move):
     sigma = np.eye(3)[None, None] * 0.1**2
     there = fitter.fit(points + np.array(move), people, sigma)
     assert there.shape[0, 0, 0] < 0.01  # what the prior of the depth pulls
-    assert there.fitting[0, 0, 0] == pytest.approx(there.seen[0, 0, 0], rel=1e-3)
+    assert there.fitting[0, 0, 0] == pytest.approx(there.visible[0, 0, 0], rel=1e-3)
     expected = np.hypot(move[0], move[1]) ** 2 / 0.1**2
     assert there.position[0, 0, 0] <= expected + move[2] ** 2 / 0.1**2 + 1e-3
     assert there.position[0, 0, 0] >= 0.2 * expected - 0.1  # of the two further uncertainties the slack is as large

@@ -10,7 +10,7 @@ from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.body.skeleton import contact_points, joint_index
 from vip_factors.geometry.rotations import angle_between, rotation_x
 from vip_factors.live.measurement import LiveFrame
-from vip_factors.live.prediction import predicted
+from vip_factors.live.prediction import predict_frame
 from vip_factors.live.problem import FrameState, LagProblem
 from vip_factors.problem.state import SceneState
 from vip_factors.sensors.calibration import preset
@@ -81,7 +81,7 @@ def root_error(at: int, push: bool) -> float:
     if not push:
         new = replace(new, acceleration_valid_before=np.zeros_like(new.acceleration_valid_before))
     before = [(one, truth_at(one.time)) for one in (older, last)]
-    found = predicted(problem, before, new, shared)
+    found = predict_frame(problem, before, new, shared)
     return float(np.linalg.norm(found.p_world_pelvis - truth_at(new.time).p_world_pelvis))
 
 
@@ -95,7 +95,7 @@ def test_bones_turn_as_measured_and_as_they_went() -> None:
     problem, shared = problem_of()
     last, new = frames_at(range(40, 42))
     state = truth_at(last.time)
-    found = predicted(problem, [(last, state)], new, shared)  # as if all had rested before
+    found = predict_frame(problem, [(last, state)], new, shared)  # as if all had rested before
     R = [bones_of(problem, one) for one in (state, found, truth_at(new.time))]
     moved, missing, whole = angle_between(R[0], R[1]), angle_between(R[1], R[2]), angle_between(R[0], R[2])
     assert moved == pytest.approx(whole / 2, abs=2e-4)
@@ -110,7 +110,7 @@ def test_without_a_camera_the_lowest_foot_is_on_the_floor_of_now() -> None:
     for side in ("left", "right"):  # both knees bend: soles come nearer to the pelvis
         R[0, joint_index(f"{side}_knee")] = R[0, joint_index(f"{side}_knee")] @ rotation_x(0.3)
     before = replace(state, R_parent_child=R)
-    found = predicted(problem, [(older, before), (last, state)], new, shared)
+    found = predict_frame(problem, [(older, before), (last, state)], new, shared)
     body = forward_kinematics(skeleton, found.R_parent_child[0][None], found.p_world_pelvis)
     sole = problem.wearers[0].settings.sole.of(shared.wearers[0].sole)
     heights = [body.point(bone, p)[0, 2] for bone, p in contact_points(skeleton, sole)]

@@ -92,7 +92,7 @@ def test_after_a_pause_it_begins_with_what_is_known(asked: list[Any]) -> None:
     one.restart(KNOWN)
     feed(one, 4 * RATE, 3 * RATE)
     assert [len(stretch.frames) / RATE for stretch, _ in asked] == [2.5, 2.5]
-    assert asked[-1][0].first == 4 * RATE
+    assert asked[-1][0].first_number == 4 * RATE
     assert [earlier for _, earlier in asked] == [None, KNOWN]
 
 

@@ -73,7 +73,7 @@ def test_raw_samples_track_as_well(recording: vip.Scene, expected: list[LiveEsti
 def test_a_loss_is_told_with_the_next_answer(recording: vip.Scene) -> None:
     samples = list(vip.live_samples(recording))
     half = len(samples) // 2
-    answers = list(vip.Stream(recording, SLOW).answers([*samples[:half], LiveLoss("3 were lost"), *samples[half:]]))
+    answers = list(vip.Stream(recording, SLOW).estimates([*samples[:half], LiveLoss("3 were lost"), *samples[half:]]))
     assert [str(finding) for one in answers for finding in one.findings].count("3 were lost") == 1
 
 

@@ -1,4 +1,4 @@
-"""Near-online estimation: samples come in one by one, and every frame gets its answer while the stream goes on.
+"""Near-online estimation: every frame of a stream gets an estimate as its samples arrive.
 
-:class:`~vip_factors.live.tracker.FixedLagTracker` is the way in.
+The entry point is :class:`~vip_factors.live.tracker.FixedLagTracker`.
 """

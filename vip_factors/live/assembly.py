@@ -1,4 +1,4 @@
-"""From samples in whatever order to evenly spaced frames, as soon as each can be known."""
+"""From samples in any order to evenly spaced frames, as soon as each is complete."""
 
 import math
 from bisect import insort
@@ -17,34 +17,34 @@ from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame
 from vip_factors.sensors.scene import Camera
 from vip_factors.settings import AssemblySettings
 
-MOST_REMEMBERED = 64  # handed out before: a link that sends again does so within moments
-REPEAT_S = 10.0  # at most so often the same finding about the same sensor is told
-OFTEN = 10  # leaps of clocks after which they are told no more often either
-GATHER_S = 0.3  # of the stream, in which all clocks that leap together are found to have leapt
+MOST_GIVEN_OUT = 64  # video frames given out before, to detect repeated ones
+REPEAT_S = 10.0  # between equal findings about the same sensor
+MOST_JUMPS = 10  # clock jumps after which these are reported no more often either
+GATHER_S = 0.3  # of the stream, in which clocks that jump together are reported together
 
 
 class VideoQueue:
-    """Video frames in the order of time."""
+    """Queue of video frames in the order of time."""
 
     def __init__(self) -> None:
         self._waiting: list[tuple[float, str, int, VideoFrame]] = []
-        self._handed_out: deque[tuple[str, float]] = deque(maxlen=MOST_REMEMBERED)
+        self._given_out: deque[tuple[str, float]] = deque(maxlen=MOST_GIVEN_OUT)
         self._newest: dict[str, float] = {}  # s, by camera
         self._arrived = 0
 
     @property
     def first_time(self) -> float:
-        """Seconds of the earliest frame that waits; infinite if none does."""
+        """Seconds of the earliest waiting frame; infinite without one."""
         return self._waiting[0][0] if self._waiting else math.inf
 
     def add(self, time: float, frame: VideoFrame) -> bool:
-        """A frame at ``time`` on the stream's clock; False if it is there already. The oldest makes room."""
+        """Add a frame at ``time`` on the stream's clock; False if it is there already."""
         same_time = 1e-6  # s
-        most_waiting = 1024  # half a minute of one camera at 30 Hz: no sensor is so far behind the video
+        most_waiting = 1024  # half a minute of one camera at 30 Hz
         newest = self._newest.get(frame.camera, -math.inf)
-        if time <= newest + same_time:  # else nobody needs to look: mostly they come in order
-            waiting = [(camera, moment) for moment, camera, _, _ in self._waiting[-MOST_REMEMBERED:]]
-            for camera, moment in (*waiting, *self._handed_out):
+        if time <= newest + same_time:  # otherwise it is new: frames mostly come in order
+            waiting = [(camera, moment) for moment, camera, _, _ in self._waiting[-MOST_GIVEN_OUT:]]
+            for camera, moment in (*waiting, *self._given_out):
                 if camera == frame.camera and abs(moment - time) <= same_time:
                     return False
         self._newest[frame.camera] = max(newest, time)
@@ -54,27 +54,27 @@ class VideoQueue:
         insort(self._waiting, (time, frame.camera, self._arrived, frame))
         return True
 
-    def take(self, before: float) -> list[tuple[float, VideoFrame]]:
-        """Those earlier than ``before``, in the order of time."""
-        count = sum(entry[0] < before for entry in self._waiting)
-        taken, self._waiting = self._waiting[:count], self._waiting[count:]
-        self._handed_out.extend((camera, time) for time, camera, _, _ in taken)
-        return [(time, frame) for time, _, _, frame in taken]
+    def take(self, end: float) -> list[tuple[float, VideoFrame]]:
+        """Take the frames earlier than ``end``, in the order of time."""
+        count = sum(entry[0] < end for entry in self._waiting)
+        due, self._waiting = self._waiting[:count], self._waiting[count:]
+        self._given_out.extend((camera, time) for time, camera, _, _ in due)
+        return [(time, frame) for time, _, _, frame in due]
 
 
-ROUNDING = 1e-7  # s: a sample so little before a frame is at the frame
+ROUNDING = 1e-7  # s: a sample so little before a frame counts as at the frame
 
 
 class FrameAssembler:
     """Puts the samples of a stream onto frames at ``start + k / rate``.
 
-    Frames begin at the first sample of any sensor, in step with the video if there is one by then. A frame is made as
-    soon as every sensor that still sends has reached it, or when the others are :attr:`AssemblySettings.patience` past
-    it; the measurements equal :func:`vip_factors.sensors.frames.resample_streams` of the same streams. What cannot be
-    used is left out, counted in :attr:`counts`, and told of in a sentence; nothing a source sends raises.
+    Frames begin at the first sample of any sensor, in step with the video if there is any by then. A frame is made as
+    soon as every active sensor has reached it, or when the others are :attr:`AssemblySettings.patience` past it. The
+    measurements equal :func:`vip_factors.sensors.frames.resample_streams` of the same streams. Samples that cannot be
+    used are left out, counted in :attr:`counts` and reported in findings; no sample raises an error.
 
     Attributes:
-        counts: by kind, how many samples were not used: ``duplicate``, ``late``, ``unusable``, ``clock``, ``unknown``.
+        counts: by kind, number of unused samples: ``duplicate``, ``late``, ``unusable``, ``clock``, ``unknown``.
     """
 
     def __init__(
@@ -85,17 +85,18 @@ class FrameAssembler:
         cameras: Sequence[Camera] = (),
         lag_frames: int = 15,
     ) -> None:
-        """Nothing has arrived yet.
+        """Create an assembler without samples.
 
         Args:
-            columns: carrier and name of each sensor, in the order of the measurements' first axis.
+            columns: carrier and name of each sensor, in the order of the first axis of measurements.
             rate: frames per second.
-            settings: how long to wait for what.
-            cameras: whose video frames may come.
-            lag_frames: video of more frames ago is of no use any more; the default is a quarter of a second at 60 Hz.
+            settings: waiting times.
+            cameras: the cameras of the stream.
+            lag_frames: number of frames after which video comes too late; the default is a quarter of a second at 60
+                Hz.
 
         Raises:
-            InputError: without columns, if one is there twice, or for a rate or lag that cannot be.
+            InputError: without columns, if one is repeated, or if rate or lag are not positive.
         """
         if not columns or len(set(columns)) < len(columns):
             raise InputError(f"frames of the sensors {list(columns)}: expected at least one, none of them twice")
@@ -106,7 +107,7 @@ class FrameAssembler:
         self._rate, self._lag_frames = rate, lag_frames
         self._columns = {(carrier, sensor): number for number, (carrier, sensor) in enumerate(columns)}
         self._labels = [f"sensor '{sensor}' of '{carrier}'" for carrier, sensor in columns]
-        self._cameras = {one.name: (len(columns) + number, one) for number, one in enumerate(cameras)}
+        self._cameras = {camera.name: (len(columns) + number, camera) for number, camera in enumerate(cameras)}
         self._log = FindingLog(REPEAT_S)
         self._clocks = StreamClocks(len(columns), len(cameras), self._settings)
         self._presence = SensorPresence(self._labels, self._settings, self._log)
@@ -114,19 +115,19 @@ class FrameAssembler:
         self._attitudes = [AttitudeFilter() for _ in columns]
         self._videos = VideoQueue()
         self._unknown: set[str] = set()
-        self._first_sample = math.inf  # s; of the stream's, where the grid begins
+        self._first_sample = math.inf  # s, at which the grid begins
         self._start: float | None = None  # s, of grid point 0
-        self._point = 0  # of the grid: the next frame's
+        self._point = 0  # grid point of the next frame
         self._left_out = 0  # grid points without a frame so far
         self._first_point = 0  # since the last restart
         self._restart = False
         self._lost_at = -math.inf  # s, when samples were dropped last
 
     def push(self, sample: LiveSample) -> list[LiveFrame]:
-        """Take one sample; the frames that can be made with it, in order.
+        """Take one sample; returns the frames that it completes, in order.
 
         Raises:
-            InputError: for something that is no sample at all.
+            InputError: for an object that is no sample.
         """
         if isinstance(sample, ImuSample):
             return self._push_imu(sample)
@@ -136,12 +137,12 @@ class FrameAssembler:
         raise InputError(f"a {type(sample).__name__} in the stream: expected an ImuSample or a VideoFrame")
 
     def note_loss(self) -> None:
-        """Samples were sent, but dropped on their way here: no sensor is to blame for a gap that begins soon."""
+        """Note that samples were dropped on their way; no sensor is to blame for a gap that begins soon."""
         self._lost_at = self._clocks.present
         self._presence.note_loss(self._lost_at)
 
     def flush(self) -> list[LiveFrame]:
-        """The end of the stream: the frames up to its newest sample, without waiting for anybody."""
+        """End the stream: the frames up to its newest sample, without waiting."""
         present = self._clocks.present
         if math.isfinite(present) and self._start is None:
             self._begin()
@@ -150,7 +151,7 @@ class FrameAssembler:
         return frames
 
     def take_findings(self) -> tuple[Finding, ...]:
-        """What has happened since the last time."""
+        """Findings since the last call."""
         return self._log.take(self._clocks.present)
 
     def _push_imu(self, sample: ImuSample) -> list[LiveFrame]:
@@ -164,7 +165,7 @@ class FrameAssembler:
             return []
         time, values = checked
         past = self._clocks.present
-        admitted = self._clocks.admit(column, time, self._presence.awaited)
+        admitted = self._clocks.admit(column, time, self._presence.is_awaited)
         self._remark_on_clock(column, self._labels[column], admitted)
         if admitted.time is None:
             return []
@@ -188,7 +189,7 @@ class FrameAssembler:
         if isinstance(checked, str):
             self._refuse("unusable", source, label, "video frame", checked)
             return
-        admitted = self._clocks.admit(source, checked.time, self._presence.awaited)
+        admitted = self._clocks.admit(source, checked.time, self._presence.is_awaited)
         self._remark_on_clock(source, label, admitted)
         if admitted.time is None:
             return
@@ -197,39 +198,41 @@ class FrameAssembler:
 
     @property
     def _too_late(self) -> float:
-        """Samples up to this time (s) are of no use: the window of the next frame's acceleration begins here."""
+        """Time (s) up to which samples come too late: the beginning of the next frame's acceleration window."""
         return -math.inf if self._start is None else self._time(self._point - 2) - ROUNDING
 
     def _time(self, point: int) -> float:
         assert self._start is not None
         return self._start + point / self._rate
 
-    def _after_silence(self, past: float, now: float) -> list[LiveFrame]:
-        """What a silence of all sensors between two times of the stream's present means."""
-        if now > past - self._settings.jump:
-            self._first_sample = min(self._first_sample, now)
-        if not math.isfinite(past) or now - past <= self._settings.patience:
+    def _after_silence(self, past: float, present: float) -> list[LiveFrame]:
+        """React to a silence of all sensors between two times of the stream."""
+        if present > past - self._settings.jump:
+            self._first_sample = min(self._first_sample, present)
+        if not math.isfinite(past) or present - past <= self._settings.patience:
             return []
-        self._presence.resume(now)
-        if now - past >= self._settings.dead_after:
-            what = f"were silent for {now - past:.1f} s from {past:.2f} s on"
+        self._presence.resume(present)
+        if present - past >= self._settings.dead_after:
+            what = f"were silent for {present - past:.1f} s from {past:.2f} s on"
             is_lost = past - self._lost_at <= REPEAT_S
             if is_lost:
                 what += ", as the tracker did not keep up and their samples were dropped"
-            then = "tracking starts again" if now - past > self._settings.longest_pause else "going on"
-            numbers, words = {"seconds": now - past, "begin": past}, {"what": what, "then": then}
+            consequence = "tracking starts again" if present - past > self._settings.longest_pause else "going on"
+            numbers, words = {"seconds": present - past, "begin": past}, {"what": what, "then": consequence}
             finding = Finding("silent", subject="all sensors", numbers=numbers, words=words)
             if is_lost:
-                self._log.tally("lost", now, lambda _: finding)  # as long as it does not keep up, now and then
+                self._log.tally(
+                    "lost", present, lambda _: finding
+                )  # repeated at intervals while the tracker does not keep up
             else:
                 self._log.add(finding)
-        if now - past <= self._settings.longest_pause:
+        if present - past <= self._settings.longest_pause:
             return []
         if self._start is None:
-            self._first_sample = now
+            self._first_sample = present
             return []
         frames = self._frames_until(past)
-        point = math.ceil((now - self._start) * self._rate - 1e-6)
+        point = math.ceil((present - self._start) * self._rate - 1e-6)
         self._left_out += point - self._point
         self._point = self._first_point = point
         self._restart = True
@@ -255,7 +258,7 @@ class FrameAssembler:
         return frames
 
     def _begin(self) -> None:
-        """Lay the grid: from the first sample on, and a frame where the first video frame is."""
+        """Set the grid: from the first sample on, in step with the first video frame."""
         start, video = self._first_sample, self._videos.first_time
         if math.isfinite(video):
             start = video + math.ceil((start - video) * self._rate - 1e-6) / self._rate
@@ -269,22 +272,22 @@ class FrameAssembler:
         frame = LiveFrame(point - self._left_out, time, *measured, self._take_videos(point), self._restart)
         self._restart = False
         self._point += 1
-        self._buffer.needed_from = time - step  # where the next frame's window begins
+        self._buffer.needed_from = time - step  # start of the next frame's window
         return frame
 
     def _take_videos(self, point: int) -> tuple[VideoFrame, ...]:
         assert self._start is not None
-        taken = []
+        frames = []
         for time, video in self._videos.take(self._time(point) + 0.5 / self._rate):
             nearest = min(round((time - self._start) * self._rate), point)
             if nearest >= max(self._first_point, point - self._lag_frames):
-                taken.append(replace(video, frame=nearest - self._left_out))
+                frames.append(replace(video, frame=nearest - self._left_out))
             elif self._first_point > nearest:
-                self.counts["early"] += 1  # of before the first frame: nobody has lost anything
+                self.counts["early"] += 1  # from before the first frame: no loss
             else:
                 source, _ = self._cameras[video.camera]
                 self._refuse("late", source, f"camera '{video.camera}'", "video frame")
-        return tuple(taken)
+        return tuple(frames)
 
     def _refuse(self, kind: str, source: int, label: str, noun: str, reason: str = "") -> None:
         self.counts[kind] += 1
@@ -297,16 +300,16 @@ class FrameAssembler:
         self._log.tally((kind, source), self._clocks.present, finding)
 
     def _refuse_unknown(self, label: str) -> None:
-        most_names = 100  # of sensors and cameras that nobody declared: so many are told of
+        most_names = 100  # of undeclared sensors and cameras that are reported
         self.counts["unknown"] += 1
         if label in self._unknown or len(self._unknown) > most_names:
             return
         self._unknown.add(label)
-        what = "not in the stream's set-up, ignored; check the name"
+        what = "not declared in the stream's set-up, ignored; check the name"
         if len(self._unknown) > most_names:
             label, what = (
                 f"more than {most_names} names",
-                "nobody declared them, and the rest is ignored without a word",
+                "are not declared in the stream's set-up; further ones are not reported",
             )
         self._log.add(Finding("samples unusable", subject=label, words={"what": what}))
 
@@ -314,17 +317,17 @@ class FrameAssembler:
         if admitted.time is None:
             self.counts["clock"] += 1
         if admitted.finding is not None:
-            key = ("clock", admitted.time is None)  # of all sources: clocks seldom leap alone
+            key = ("clock", admitted.time is None)  # for all sources: clocks seldom jump alone
             finding = partial(_with_others, replace(admitted.finding, subject=label))
-            self._log.tally(key, self._clocks.present, finding, GATHER_S, OFTEN)
+            self._log.tally(key, self._clocks.present, finding, GATHER_S, MOST_JUMPS)
 
 
 def _with_others(finding: Finding, count: int) -> Finding:
-    others = f"; so did {count - 1} more" if count > 1 else ""
-    return replace(finding, words={**finding.words, "others": others})
+    addition = f"; so did {count - 1} more" if count > 1 else ""
+    return replace(finding, words={**finding.words, "others": addition})
 
 
 def _short(name: object) -> str:
-    """A name that nobody declared, short enough to be kept."""
-    longest_name = 80  # characters of such a name that are kept
+    """Shorten a name that is not declared."""
+    longest_name = 80  # characters
     return str(name)[:longest_name]

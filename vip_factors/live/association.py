@@ -1,4 +1,4 @@
-"""Which person in a video frame is which wearer, as frames arrive; decided again while they are within the lag."""
+"""Association of persons in video frames with wearers, as frames arrive; revised while frames are within the lag."""
 
 import math
 from collections.abc import Sequence
@@ -20,36 +20,36 @@ from vip_factors.live.association_evidence import (
     PersonTracks,
     image_gap,
     people_of,
-    together,
+    stack_people,
 )
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.live import VideoFrame
 
 
 def best_paths(gain: Array, jump: Array, blink: float) -> np.ndarray:
-    """The person ``(F, W)`` who is each wearer, −1 for nobody.
+    """Assign a person ``(F, W)`` to each wearer; −1 for nobody.
 
-    Every wearer's best path is found on its own (Viterbi). Where two want the same person, they choose in turn, in the
-    order that costs least.
+    The best path of each wearer is found independently (Viterbi). Where two wearers claim the same person, they choose
+    in turn, in the order of least cost.
 
     Args:
-        gain: ``(F, W, N)`` of taking a person over taking nobody; very negative where that is not allowed.
-        jump: ``(F − 1, N, N)`` lost with a step from one person to one of the next frame.
-        blink: lost with a step from a person to nobody or back.
+        gain: ``(F, W, N)`` of choosing a person over nobody; very negative where that is not allowed.
+        jump: ``(F − 1, N, N)`` cost of a step from one person to one of the next frame.
+        blink: cost of a step from a person to nobody or back.
     """
-    most_orders = 6  # of wearers to be tried where two want the same person: all of three
+    most_orders = 6  # of wearers to be tried: all orders of three
     F, W, N = gain.shape
     cost = np.concatenate([-gain, np.zeros((F, W, 1))], axis=2)
     step = _steps(jump, blink)
     path, _ = _viterbi(cost, step)
     if not _conflicts(path, N):
         return np.where(path < N, path, -1)
-    best, least = path, np.inf
+    best_path, least = path, np.inf
     for order in islice(permutations(range(W)), most_orders):
         tried, total = _in_turn(cost, step, order)
         if total < least:
-            best, least = tried, total
-    return np.where(best < N, best, -1)
+            best_path, least = tried, total
+    return np.where(best_path < N, best_path, -1)
 
 
 def _steps(jump: Array, blink: float) -> Array:
@@ -62,13 +62,13 @@ def _steps(jump: Array, blink: float) -> Array:
 
 
 def _viterbi(cost: Array, step: Array) -> tuple[np.ndarray, Array]:
-    """Cheapest paths ``(F, W)`` through states of cost ``(F, W, S)``, and what each costs ``(W,)``."""
+    """Cheapest paths ``(F, W)`` through states of cost ``(F, W, S)``, and their costs ``(W,)``."""
     F, W, _ = cost.shape
     total, back = cost[0], []
     for f in range(1, F):
-        way = total[:, :, None] + step[f - 1]
-        back.append(way.argmin(axis=1))
-        total = way.min(axis=1) + cost[f]
+        total_by_step = total[:, :, None] + step[f - 1]
+        back.append(total_by_step.argmin(axis=1))
+        total = total_by_step.min(axis=1) + cost[f]
     path, rows = np.empty((F, W), int), np.arange(W)
     path[-1] = total.argmin(axis=1)
     for f in range(F - 1, 0, -1):
@@ -87,10 +87,10 @@ def _in_turn(cost: Array, step: Array, order: tuple[int, ...]) -> tuple[np.ndarr
     path = np.empty(cost.shape[:2], int)
     frames = np.arange(len(cost))
     for w in order:
-        one, price = _viterbi(free[:, w : w + 1], step)
-        path[:, w], total = one[:, 0], total + float(price[0])
-        taken = path[:, w] < cost.shape[2] - 1
-        free[frames[taken], :, path[taken, w]] = impossible
+        best_path, price = _viterbi(free[:, w : w + 1], step)
+        path[:, w], total = best_path[:, 0], total + float(price[0])
+        is_taken = path[:, w] < cost.shape[2] - 1
+        free[frames[is_taken], :, path[is_taken, w]] = impossible
     return path, total
 
 
@@ -100,38 +100,38 @@ NEVER = 1e6
 
 @dataclass(frozen=True)
 class Belief:
-    """What is believed of ``F`` frames.
+    """Predicted or estimated state of ``F`` frames.
 
     Attributes:
-        first: number of the first.
-        bodies: of each of ``W`` wearers.
+        first_number: number of the first frame.
+        bodies: bodies of the ``W`` wearers.
         R_world_camera, p_world_camera: ``(F, 3, 3)`` and ``(F, 3)``.
-        root_covariance: ``(F, W, 3, 3)`` m² of where each wearer is before the camera, world axes; the camera's turn
-            is not part of it.
+        root_covariance: ``(F, W, 3, 3)`` m² of each wearer's position relative to the camera, world axes; without the
+            uncertainty of the camera's rotation.
     """
 
-    first: int
+    first_number: int
     bodies: Sequence[BodyState]
     R_world_camera: Array
     p_world_camera: Array
     root_covariance: Array
 
     def at(self, numbers: Sequence[int]) -> "Belief":
-        """Of some of the frames, in order."""
-        at = numbers[0] - self.first
-        rows = np.array(numbers) - self.first if len(numbers) > 1 else slice(at, at + 1)
-        bodies = [BodyState(one.R_world_bone[rows], one.p_world_joint[rows]) for one in self.bodies]
+        """The belief about some of the frames, in order."""
+        index = numbers[0] - self.first_number
+        rows = np.array(numbers) - self.first_number if len(numbers) > 1 else slice(index, index + 1)
+        bodies = [BodyState(body.R_world_bone[rows], body.p_world_joint[rows]) for body in self.bodies]
         R, p = self.R_world_camera[rows], self.p_world_camera[rows]
         return Belief(numbers[0], bodies, R, p, self.root_covariance[rows])
 
 
 @dataclass(frozen=True)
 class _Odds:
-    """What some frames say on their own, in log-odds ``(..., W, N)``.
+    """Log-odds ``(..., W, N)`` of single frames.
 
     Attributes:
         appearance, position: for each wearer and person.
-        usable: whether enough of the person fits, and is near enough to where it should be, to be used.
+        usable: whether enough of the person fits, close enough to the predicted position.
     """
 
     appearance: Array
@@ -147,75 +147,77 @@ class _Odds:
 
 
 @dataclass
-class _Wearer:
-    """What is remembered of one wearer."""
+class _WearerTrack:
+    """State of one wearer."""
 
-    track: int = NOBODY  # number of the track that it was last
-    seen: float | None = None  # when that was
-    wide_m: float = 0.0  # uncertainty after a drop
-    looks: float = 0.0  # mean log-odds of the appearance of whom it was given, since it was last lost
+    track: int = NOBODY  # number of the wearer's last track
+    seen_at: float | None = None  # s, time of that
+    wide_m: float = 0.0  # uncertainty after a loss
+    looks: float = 0.0  # mean log-odds of the appearance since the wearer was last lost
 
 
 class OnlineAssociation:
-    """Who is who in one camera's video, frame by frame.
+    """Associates persons in one camera's video, frame by frame.
 
     Args:
-        keypoints: of the detector.
-        model: of the camera.
-        skeletons: of the ``W`` wearers.
+        keypoints: keypoint set of the detector.
+        model: model of the camera.
+        skeletons: skeletons of the ``W`` wearers.
     """
 
-    # Evidence is in log-odds that a person is the wearer. The first five numbers are logistic regressions on 24 000
-    # pairs of simulated scenes with poses 10° off, cameras 2° off and roots known to 5 cm, rounded.
-    SHAPE_WEIGHT = 4.5  # lost with each e-fold of the shape's mean squared error in sigmas: 0.4 if right, 2.5 if wrong
-    MISFIT_WEIGHT = 0.75  # lost with each major joint that is detected and does not fit
-    BIAS = 1.0  # where both are zero: a person taken at random is mostly a wrong one
-    NEAR = 1.5  # won by standing exactly where the wearer is predicted
-    POSITION_WEIGHT = 3.5  # lost with each e-fold of 1 + a quarter of the position's squared Mahalanobis distance
-    LEAST_SHAPE = 0.1  # added to the shape's error: a better fit is luck
-    MOST_APPEARANCE = 5.0  # limit of one frame's appearance, either way: detectors err for many frames in a row
-    MOST_DISTANCE = 6.0  # limit of what a position costs: after a mistake the prediction is wrong and shape must win
-    CAMERA_SIGMA = np.deg2rad(2.0)  # of the predicted camera's rotation: hands shake, orientation filters lag
-    DEPTH_SHARE = 0.15  # error of a depth, as a share of it, that wrongly predicted limbs make
+    # Evidence is in log-odds that a person is the wearer. The first five numbers are rounded logistic regressions on 24
+    # 000 pairs of simulated scenes with poses 10° off, cameras 2° off and roots known to 5 cm, rounded.
+    SHAPE_WEIGHT = 4.5  # for each e-fold of the shape's mean squared error in sigmas: 0.4 if right, 2.5 if wrong
+    MISFIT_WEIGHT = 0.75  # for each major joint that is detected and does not fit
+    BIAS = 1.0  # prior: a random person is mostly a wrong one
+    NEAR = 1.5  # gain at the predicted position
+    POSITION_WEIGHT = 3.5  # for each e-fold of 1 + a quarter of the position's squared Mahalanobis distance
+    LEAST_SHAPE = 0.1  # added to the shape's error, below which a better fit is chance
+    MOST_APPEARANCE = 5.0  # limit of one frame's appearance; detectors err for many frames in a row
+    MOST_DISTANCE = 6.0  # limit of a position's cost; after a mistake the prediction is wrong and shape must prevail
+    CAMERA_SIGMA = np.deg2rad(2.0)  # of the predicted camera rotation: hands shake, orientation filters lag
+    DEPTH_SHARE = 0.15  # error of a depth due to wrongly predicted limbs, as a share of it
     SIDE_M = 0.1  # the same across the view
-    KNOWN_M = 0.25  # uncertainty across the view up to which the regressions hold; beyond it a position counts less
-    MEMORY_S = 1.0  # over which a track's evidence is averaged: a step and its swing
-    MEMORY_WEIGHT = 2.0  # of that evidence against one frame's: a second holds a few independent looks, not thirty
-    STAY = 2.0  # for the person who continues, in the image, whom the wearer was before
-    GATE = 14.0  # squared Mahalanobis distance, three numbers, beyond which nobody is taken: one in 300
+    KNOWN_M = 0.25  # uncertainty across the view for which the regressions hold; beyond it a position counts less
+    MEMORY_S = 1.0  # time constant of a track's mean evidence: a step and its swing
+    MEMORY_WEIGHT = 2.0  # of that evidence against one frame's: a second holds a few independent observations
+    STAY = 2.0  # gain of the person who continues the wearer's track in the image
+    GATE = 14.0  # squared Mahalanobis distance (three degrees of freedom) beyond which no person is chosen: one in 300
     ENOUGH_JOINTS = 6.0  # major joints that must fit: half of them
-    PATIENCE_S = 0.5  # a wearer who is unseen for longer is lost: the prediction has drifted
+    PATIENCE_S = 0.5  # unseen time after which a wearer is lost: the prediction has drifted
     DRIFT_M_S = 0.5  # growth of a lost wearer's position uncertainty: a slow walk
     MOST_LOST_M = 4.0  # its limit: the size of a room
-    RECOVER = 0.3  # mean appearance over MEMORY_S that a track needs to become a lost wearer; it starts at zero
-    RECOVER_MARGIN = 0.5  # by which that must exceed any other free track's
-    DROP = -0.5  # mean appearance of the wearer's track below which the wearer is lost
+    RECOVER = 0.3  # mean appearance over MEMORY_S with which a track becomes a lost wearer; it starts at zero
+    RECOVER_MARGIN = 0.5  # by which that must exceed all other free tracks
+    DROP = -0.5  # mean appearance below which a wearer is lost
     DROPPED_M = 1.5  # uncertainty of the position after that: the prediction followed the wrong person
-    SWITCH = 6.0  # lost, within the lag, with a step from one track to another
-    BLINK = 0.5  # lost, within the lag, with a step to nobody or back: detectors blink, but not every other frame
+    SWITCH = 6.0  # cost, within the lag, of a step from one track to another
+    BLINK = 0.5  # cost, within the lag, of a step to nobody or back
 
     def __init__(self, keypoints: KeypointSet, model: CameraModel, skeletons: Sequence[Skeleton]) -> None:
         self.model = model
         self._fitter = BodyFitter(keypoints, skeletons, self.DEPTH_SHARE, self.SIDE_M)
-        self._wearers = [_Wearer() for _ in skeletons]
+        self._wearers = [_WearerTrack() for _ in skeletons]
         self._tracks = PersonTracks(len(skeletons), len(keypoints), self.MEMORY_S)
         self._time = -np.inf
-        self._frames: dict[float, tuple[People, np.ndarray]] = {}  # recent ones, and their persons' tracks
+        self._frames: dict[float, tuple[People, np.ndarray]] = {}  # recent frames, and the tracks of their persons
 
         self._gaps: dict[tuple[float, float], Array] = {}  # between persons of two successive frames
 
     @property
     def recovering(self) -> np.ndarray:
-        """``(W,)`` whether a wearer has been lost, and is looked for, as of the newest frame."""
+        """``(W,)`` whether each wearer is lost as of the newest frame."""
         patience = self.PATIENCE_S
-        return np.array([one.seen is not None and self._time - one.seen > patience for one in self._wearers])
+        return np.array(
+            [wearer.seen_at is not None and self._time - wearer.seen_at > patience for wearer in self._wearers]
+        )
 
     def choose(self, frame: VideoFrame, belief: Belief) -> np.ndarray:
-        """Index ``(W,)`` of the person who is each wearer in the newest video frame, −1 for nobody.
+        """Choose the person who is each wearer in the newest video frame: index ``(W,)``, −1 for nobody.
 
         Args:
-            frame: later than all before; one that comes late is decided without being remembered.
-            belief: what is predicted of that one frame.
+            frame: later than all before; a late one is associated without being remembered.
+            belief: the predicted state of that frame.
         """
         people = people_of(frame.pixels, frame.confidence, self.model)
         late = frame.time <= self._time
@@ -230,39 +232,39 @@ class OnlineAssociation:
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
         self._tracks.accumulate(row, odds.appearance, elapsed)
         number = self._tracks.number[row]
-        self._keep(frame.time, people, number)
+        self._remember_frame(frame.time, people, number)
         memory = self._tracks.evidence[..., row]
-        own = np.array([one.track for one in self._wearers])[:, None] == number
-        chosen = _assign(self._gain(odds, memory, number, self.STAY * own))
-        self._take(frame.time, chosen, number)
-        self._doubt(odds.appearance, chosen, elapsed)
+        is_own_track = np.array([wearer.track for wearer in self._wearers])[:, None] == number
+        chosen = _assign(self._gain(odds, memory, number, self.STAY * is_own_track))
+        self._set_tracks(frame.time, chosen, number)
+        self._drop_doubtful(odds.appearance, chosen, elapsed)
         return chosen
 
     def revise(self, frames: Sequence[VideoFrame], belief: Belief) -> list[np.ndarray]:
-        """Decide again, jointly, about the video frames that are still within the lag.
+        """Associate the video frames that are still within the lag again, jointly.
 
         Args:
-            frames: one at least, in order of time, that were given to :meth:`choose`.
-            belief: what is believed of them now.
+            frames: at least one, in order of time, that were given to :meth:`choose`.
+            belief: their current estimates.
 
         Returns:
             Index ``(W,)`` of the person who is each wearer, for each frame; −1 for nobody.
         """
-        known = [self._frames.get(one.time) or self._unknown(one) for one in frames]
-        people = together([one for one, _ in known])
+        persons = [self._frames.get(frame.time) or self._unknown(frame) for frame in frames]
+        people = stack_people([people_of_frame for people_of_frame, _ in persons])
         odds = self._odds(belief, people)
-        number = np.full(people.there.shape, NOBODY)
-        for row, (_, numbers) in zip(number, known, strict=True):
+        number = np.full(people.is_person.shape, NOBODY)
+        for row, (_, numbers) in zip(number, persons, strict=True):
             row[: len(numbers)] = numbers
         memory = self._tracks.evidence_of(number).swapaxes(0, 1)
-        gain = np.where(people.there[:, None], self._gain(odds, memory, number), -NEVER)
-        paths = best_paths(gain, self._jump([one.time for one in frames], people, number), self.BLINK)
+        gain = np.where(people.is_person[:, None], self._gain(odds, memory, number), -NEVER)
+        paths = best_paths(gain, self._jump([frame.time for frame in frames], people, number), self.BLINK)
         if frames[-1].time == self._time:
-            self._take(frames[-1].time, paths[-1], number[-1])
+            self._set_tracks(frames[-1].time, paths[-1], number[-1])
         return list(paths)
 
     def remember(self, frame: VideoFrame, chosen: np.ndarray) -> None:
-        """Take over who is who in a frame that was decided elsewhere, as at the start; −1 for nobody."""
+        """Take over the association of a frame from elsewhere, as at the start; −1 for nobody."""
         if frame.time <= self._time:
             return
         self._time = frame.time
@@ -270,22 +272,22 @@ class OnlineAssociation:
         self._fitter.count_keypoints(people)
         row = self._tracks.link(frame.time, people.rays[0], people.weight[0])
         number = self._tracks.number[row]
-        self._keep(frame.time, people, number)
+        self._remember_frame(frame.time, people, number)
         self._begin(frame.time)
-        self._take(frame.time, chosen, number)
+        self._set_tracks(frame.time, chosen, number)
 
     def _unknown(self, frame: VideoFrame) -> tuple[People, np.ndarray]:
         return people_of(frame.pixels, frame.confidence, self.model), np.zeros(0, int)
 
     def _begin(self, time: float) -> None:
-        for one in self._wearers:
-            one.seen = time if one.seen is None else one.seen
+        for wearer in self._wearers:
+            wearer.seen_at = time if wearer.seen_at is None else wearer.seen_at
 
-    def _keep(self, time: float, people: People, number: np.ndarray) -> None:
-        """Keep a frame, which is later than all before, and how far its persons are from those of the last one."""
-        before = next(reversed(self._frames), -np.inf)
-        if time - before <= LONGEST_GAP_S:
-            self._gaps[before, time] = self._tracks.gap(self._frames[before][1])
+    def _remember_frame(self, time: float, people: People, number: np.ndarray) -> None:
+        """Remember a frame, later than all before, and the distances of its persons from those of the last one."""
+        previous_time = next(reversed(self._frames), -np.inf)
+        if time - previous_time <= LONGEST_GAP_S:
+            self._gaps[previous_time, time] = self._tracks.gap(self._frames[previous_time][1])
         self._frames[time] = people, number
         while (old := next(iter(self._frames))) < time - self.MEMORY_S:
             del self._frames[old]
@@ -293,10 +295,10 @@ class OnlineAssociation:
             del self._gaps[pair]
 
     def _lost_m(self) -> Array:
-        """By how much positions are more uncertain than the caller says, ``(W,)``."""
-        unseen = [0.0 if one.seen is None else self._time - one.seen for one in self._wearers]
-        drift = [self.DRIFT_M_S * max(one - self.PATIENCE_S, 0.0) for one in unseen]
-        wide = [math.hypot(one.wide_m, far) for one, far in zip(self._wearers, drift, strict=True)]
+        """Uncertainty of positions in addition to the belief's, ``(W,)``, metres."""
+        unseen = [0.0 if wearer.seen_at is None else self._time - wearer.seen_at for wearer in self._wearers]
+        drift = [self.DRIFT_M_S * max(seconds - self.PATIENCE_S, 0.0) for seconds in unseen]
+        wide = [math.hypot(wearer.wide_m, far) for wearer, far in zip(self._wearers, drift, strict=True)]
         return np.minimum(wide, self.MOST_LOST_M)
 
     def _odds(self, belief: Belief, people: People) -> _Odds:
@@ -311,8 +313,8 @@ class OnlineAssociation:
         appearance = (
             self.BIAS
             - self.SHAPE_WEIGHT * np.log(fit.shape + self.LEAST_SHAPE)
-            - self.MISFIT_WEIGHT * (fit.seen - fit.fitting)
-        ) * np.minimum(fit.seen / self.ENOUGH_JOINTS, 1.0)
+            - self.MISFIT_WEIGHT * (fit.visible - fit.fitting)
+        ) * np.minimum(fit.visible / self.ENOUGH_JOINTS, 1.0)
         across = np.sqrt((variances[..., 0] + variances[..., 1]) / 2)[..., None]
         vague = np.log(np.maximum(across / self.KNOWN_M, 1.0))
         position = np.maximum(
@@ -322,10 +324,10 @@ class OnlineAssociation:
         return _Odds(np.clip(appearance, -self.MOST_APPEARANCE, self.MOST_APPEARANCE), position, usable)
 
     def _gain(self, odds: _Odds, memory: Array, number: np.ndarray, bonus: Array | float = 0.0) -> Array:
-        """Log-odds of taking a person for a wearer ``(..., W, N)``, all in all; very negative where not allowed.
+        """Log-odds ``(..., W, N)`` of choosing a person for a wearer; very negative where not allowed.
 
-        Of a person's past only the appearance counts: positions stay wrong for as long as a second, so that a second
-        of them says no more than one frame.
+        From the track only the appearance counts: position errors persist for up to a second, so that a second of them
+        contains no more information than one frame.
         """
         lost = self.recovering
         score = odds.both + self.MEMORY_WEIGHT * memory + bonus
@@ -335,49 +337,49 @@ class OnlineAssociation:
         return np.where(allowed, score, -NEVER)
 
     def _recovered(self, appearance: Array, number: np.ndarray) -> np.ndarray:
-        """Who never was out of sight, or has long looked like a lost wearer, more than anybody else who is free."""
-        taken = [one.track for one, lost in zip(self._wearers, self.recovering, strict=True) if not lost]
-        rival = np.where(np.isin(number, taken)[..., None, :], -self.MOST_APPEARANCE, appearance)
+        """Whether a track continues a wearer, or has long looked like a lost wearer, more than any other free track."""
+        other_tracks = [wearer.track for wearer, lost in zip(self._wearers, self.recovering, strict=True) if not lost]
+        rival = np.where(np.isin(number, other_tracks)[..., None, :], -self.MOST_APPEARANCE, appearance)
         ordered = np.sort(rival, axis=-1)
         second = ordered[..., -2:-1] if ordered.shape[-1] > 1 else -self.MOST_APPEARANCE
-        stayed = number[..., None, :] == np.array([one.track for one in self._wearers])[:, None]
+        stayed = number[..., None, :] == np.array([wearer.track for wearer in self._wearers])[:, None]
         plain = (rival > self.RECOVER) & (rival >= ordered[..., -1:]) & (rival > second + self.RECOVER_MARGIN)
         return plain | stayed & (number[..., None, :] != NOBODY)
 
-    def _doubt(self, appearance: Array, chosen: np.ndarray, elapsed: float) -> None:
-        """Wearers who were given somebody who for long has not looked like them are lost."""
+    def _drop_doubtful(self, appearance: Array, chosen: np.ndarray, elapsed: float) -> None:
+        """Mark wearers as lost whose person has long not looked like them."""
         share = 1 - np.exp(-elapsed / self.MEMORY_S)
-        for w, one in enumerate(self._wearers):
-            if chosen[w] < 0 or one.seen is None:
+        for w, wearer in enumerate(self._wearers):
+            if chosen[w] < 0 or wearer.seen_at is None:
                 continue
-            one.looks += share * (appearance[w, chosen[w]] - one.looks)
-            if one.looks < self.DROP:
-                one.track, one.wide_m, one.looks = NOBODY, self.DROPPED_M, 0.0
-                one.seen = self._time - self.PATIENCE_S - STILL_THE_SAME_S
+            wearer.looks += share * (appearance[w, chosen[w]] - wearer.looks)
+            if wearer.looks < self.DROP:
+                wearer.track, wearer.wide_m, wearer.looks = NOBODY, self.DROPPED_M, 0.0
+                wearer.seen_at = self._time - self.PATIENCE_S - STILL_THE_SAME_S
 
     def _jump(self, time: Sequence[float], people: People, number: np.ndarray) -> Array:
-        """What steps from person to person cost, by how far apart they are in the image, ``(F − 1, N, N)``."""
+        """Cost of steps from person to person by their distance in the image, ``(F − 1, N, N)``."""
         N = number.shape[1]
         gap = np.full((len(time) - 1, N, N), np.inf)
-        for f, (before, now) in enumerate(pairwise(time)):
-            if (before, now) not in self._gaps:
+        for f, (previous_time, new_time) in enumerate(pairwise(time)):
+            if (previous_time, new_time) not in self._gaps:
                 rays, weight = people.rays, people.weight
-                self._gaps[before, now] = image_gap(rays[f], rays[f + 1], weight[f], weight[f + 1])
-            known = self._gaps[before, now][:N, :N]  # may be padded otherwise
-            gap[f, : known.shape[0], : known.shape[1]] = known
+                self._gaps[previous_time, new_time] = image_gap(rays[f], rays[f + 1], weight[f], weight[f + 1])
+            known_gap = self._gaps[previous_time, new_time][:N, :N]  # may be padded differently
+            gap[f, : known_gap.shape[0], : known_gap.shape[1]] = known_gap
         same = (number[:-1, :, None] == number[1:, None]) & (number[:-1, :, None] >= 0)
         return np.where(same, -self.STAY, self.SWITCH * np.minimum((gap / FURTHEST) ** 2, 1.0))
 
-    def _take(self, time: float, chosen: np.ndarray, number: np.ndarray) -> None:
-        for one, n in zip(self._wearers, chosen, strict=True):
+    def _set_tracks(self, time: float, chosen: np.ndarray, number: np.ndarray) -> None:
+        for wearer, n in zip(self._wearers, chosen, strict=True):
             if n >= 0:
-                if one.seen is None or time - one.seen > self.PATIENCE_S:
-                    one.looks = 0.0
-                one.track, one.seen, one.wide_m = int(number[n]), time, 0.0
+                if wearer.seen_at is None or time - wearer.seen_at > self.PATIENCE_S:
+                    wearer.looks = 0.0
+                wearer.track, wearer.seen_at, wearer.wide_m = int(number[n]), time, 0.0
 
 
 def _assign(gain: Array) -> np.ndarray:
-    """The person ``(W,)`` of each wearer, −1 for nobody: with the most gain ``(W, N)`` altogether; nobody gains 0."""
+    """The person ``(W,)`` of each wearer with the most gain ``(W, N)`` in total, −1 for nobody, who gains 0."""
     W, N = gain.shape
     chosen = np.full(W, NOBODY)
     for w, n in zip(*linear_sum_assignment(np.concatenate([-gain, np.zeros((W, W))], axis=1)), strict=True):

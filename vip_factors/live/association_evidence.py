@@ -1,9 +1,9 @@
-"""What speaks for each person in a video frame being each wearer: the fit of the body, and the person's past.
+"""Evidence for each person in a video frame to be each wearer: fit of the body, and the track of the person.
 
-The body is moved to where its keypoints are seen. In normalised coordinates a keypoint at ``(u, v)`` and a body point
-at ``p + t`` agree where ``p_x + t_x`` is ``u (p_z + t_z)``, and likewise for y: linear in the translation ``t``. So all
-wearers and persons of all frames are solved at once, and the errors come out in metres at the person's depth, as those
-of the batch association do. Persons are followed in the image alone, and what speaks for each is averaged over time.
+The body is moved to its keypoints. In normalised coordinates a keypoint at ``(u, v)`` and a body point at ``p + t``
+agree where ``p_x + t_x`` is ``u (p_z + t_z)``, and likewise for y: linear in the translation ``t``. All wearers and
+persons of all frames are solved at once, and errors are in metres at the person's depth, as in the batch association.
+Persons are tracked in the image only, and the evidence for each is averaged over time.
 """
 
 from collections.abc import Sequence
@@ -21,43 +21,43 @@ from vip_factors.body.skeleton import Skeleton
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.camera import CameraModel
 
-NEAREST_M = 0.5  # depth at least: nobody is whole in the image nearer
-FREE_M = 100.0  # sideways the shape may lie anywhere: that is for the position to say
+NEAREST_M = 0.5  # least depth
+FREE_M = 100.0  # prior sigma across the view, which leaves it free
 LEAST_WEIGHT = 1e-6
-TURNS = 3  # of the robust fit: the first is not robust
+TURNS = 3  # of the robust fit; the first is not robust
 FULL_CONFIDENCE = 0.3  # above the least, from which a keypoint counts fully
 
 
 @dataclass(frozen=True)
 class People:
-    """Persons of ``F`` video frames, padded to ``N`` a frame.
+    """Persons of ``F`` video frames, padded to ``N`` in each.
 
     Attributes:
         rays: ``(F, N, K, 2)`` undistorted coordinates at depth one; 0 where the weight is.
-        weight: ``(F, N, K)`` confidence; 0 for what is not there or no more than guessed.
-        there: ``(F, N)`` whether there is such a person.
+        weight: ``(F, N, K)`` confidence; 0 for keypoints that are missing or uncertain.
+        is_person: ``(F, N)`` whether there is such a person.
     """
 
     rays: Array
     weight: Array
-    there: np.ndarray
+    is_person: np.ndarray
 
 
 @dataclass(frozen=True)
 class Fit:
-    """All ``(F, W, N)`` pairs of wearers and persons.
+    """Fit of all ``(F, W, N)`` pairs of wearers and persons.
 
     Attributes:
-        shape: robust mean of the keypoints' squared errors in sigmas, the body moved to where it fits.
-        fitting: how many major joints are near where they should be.
-        seen: how many are seen; both count keypoints of little confidence in part, and each for several where the
-            detector gives few.
+        shape: robust mean of the squared keypoint errors in sigmas, after the body is moved to the person.
+        fitting: number of major joints that fit.
+        visible: number of major joints that are visible. Both weight keypoints by confidence, and count each for
+            several where the detector gives few.
         position: squared Mahalanobis distance of that move.
     """
 
     shape: Array
     fitting: Array
-    seen: Array
+    visible: Array
     position: Array
 
 
@@ -68,55 +68,55 @@ def people_of(pixels: Array, confidence: Array, model: CameraModel) -> People:
     return People(rays[None], np.minimum(weight, 1.0)[None], np.ones((1, len(pixels)), bool))
 
 
-def together(frames: Sequence[People]) -> People:
-    """Several single frames as one, padded to the most crowded."""
-    N, K = max(one.there.shape[1] for one in frames), frames[0].rays.shape[2]
+def stack_people(frames: Sequence[People]) -> People:
+    """Several single frames as one, padded to the largest number of persons."""
+    N, K = max(frame.is_person.shape[1] for frame in frames), frames[0].rays.shape[2]
     people = People(np.zeros((len(frames), N, K, 2)), np.zeros((len(frames), N, K)), np.zeros((len(frames), N), bool))
-    for f, one in enumerate(frames):
-        n = one.there.shape[1]
-        people.rays[f, :n], people.weight[f, :n], people.there[f, :n] = one.rays[0], one.weight[0], True
+    for f, frame in enumerate(frames):
+        n = frame.is_person.shape[1]
+        people.rays[f, :n], people.weight[f, :n], people.is_person[f, :n] = frame.rays[0], frame.weight[0], True
     return people
 
 
 class BodyFitter:
-    """The keypoints of some wearers, and what is constant about them.
+    """Fits the keypoints of wearers to persons.
 
     Args:
-        keypoints: of the detector.
-        skeletons: of the ``W`` wearers.
-        depth_share: standard deviation of a depth, as a share of it, besides what the caller says: limbs that are
-            predicted wrongly look shorter or longer than they are.
-        side_m: the like across the view, metres.
+        keypoints: keypoint set of the detector.
+        skeletons: skeletons of the ``W`` wearers.
+        depth_share: standard deviation of the depth that wrongly predicted limbs cause, as a share of it; added to the
+            covariance of the caller.
+        side_m: the same across the view, metres.
     """
 
     def __init__(
         self, keypoints: KeypointSet, skeletons: Sequence[Skeleton], depth_share: float, side_m: float
     ) -> None:
-        places = [keypoints.on_body(skeleton) for skeleton in skeletons]
-        self.known = np.array([[place is not None for place in one] for one in places])
-        self.bone = np.array([[0 if place is None else place.bone for place in one] for one in places])
-        offsets = [[np.zeros(3) if place is None else place.p_bone_point for place in one] for one in places]
+        points = [keypoints.on_body(skeleton) for skeleton in skeletons]
+        self.has_keypoint = np.array([[point is not None for point in row] for row in points])
+        self.bone = np.array([[0 if point is None else point.bone for point in row] for row in points])
+        offsets = [[np.zeros(3) if point is None else point.p_bone_point for point in row] for row in points]
         self.offset = np.array(offsets, dtype=float)
         self.precision = 1 / keypoint_sigma(keypoints) ** 2
         self.major = major_joints(keypoints.keypoints)
-        self._share = self.known / np.maximum(self.known.sum(axis=-1, keepdims=True), 1)
-        self.sightings, self._each = np.zeros(len(self.major)), 1.0  # how often each keypoint was; what one counts for
+        self._share = self.has_keypoint / np.maximum(self.has_keypoint.sum(axis=-1, keepdims=True), 1)
+        self.sightings, self._joint_weight = np.zeros(len(self.major)), 1.0  # observations of each major joint
         self.depth_share, self.side_m = depth_share, side_m
 
     def count_keypoints(self, people: People) -> None:
-        """Take in which keypoints the detector gives, of one more video frame."""
+        """Count the keypoints of one more video frame."""
         self.sightings += np.count_nonzero(people.weight, axis=(0, 1))
-        self._each = counts_for(self.major, self.sightings)
+        self._joint_weight = counts_for(self.major, self.sightings)
 
     def points(self, bodies: Sequence[BodyState], R_world_camera: Array, p_world_camera: Array) -> Array:
         """Keypoints ``(F, W, K, 3)`` in the camera's axes, metres.
 
         Args:
-            bodies: of the wearers, in ``F`` frames.
+            bodies: bodies of the wearers in ``F`` frames.
             R_world_camera, p_world_camera: ``(F, 3, 3)`` and ``(F, 3)``.
         """
-        own = zip(bodies, self.bone, self.offset, strict=True)
-        p_world = np.stack([body.points(bone, offset) for body, bone, offset in own], axis=1)
+        placed = zip(bodies, self.bone, self.offset, strict=True)
+        p_world = np.stack([body.points(bone, offset) for body, bone, offset in placed], axis=1)
         return np.asarray((p_world - p_world_camera[:, None, None]) @ R_world_camera[:, None])
 
     def middle(self, points: Array) -> Array:
@@ -124,15 +124,15 @@ class BodyFitter:
         return np.asarray((self._share[:, None] @ points)[..., 0, :])
 
     def fit(self, points: Array, people: People, covariance: Array) -> Fit:
-        """Compare everybody with everybody.
+        """Compare all wearers with all persons.
 
         Args:
             points: ``(F, W, K, 3)`` predicted keypoints in the camera's axes.
-            people: of the ``F`` frames.
-            covariance: ``(F, W, 3, 3)`` m², camera axes, of where the wearer is before the camera.
+            people: persons of the ``F`` frames.
+            covariance: ``(F, W, 3, 3)`` m², camera axes, of the wearer's position relative to the camera.
         """
-        each = self._each
-        w = people.weight[:, None] * self.known[:, None]  # (F, W, N, K)
+        joint_weight = self._joint_weight
+        w = people.weight[:, None] * self.has_keypoint[:, None]  # (F, W, N, K)
         place = self.middle(points)
         local = (points - place[..., None, :])[:, :, None]  # (F, W, 1, K, 3)
         place[..., 2] = np.maximum(place[..., 2], NEAREST_M)
@@ -146,36 +146,34 @@ class BodyFitter:
         around = (covariance + self._slack(depth))[:, :, None] + doubt
         position = np.sum(moved * np.linalg.solve(around, moved[..., None])[..., 0], axis=-1)
         shape = shape / np.maximum(w.sum(axis=-1), LEAST_WEIGHT)
-        return Fit(shape, each * fits, each * sure.sum(axis=-1), position)
+        return Fit(shape, joint_weight * fits, joint_weight * sure.sum(axis=-1), position)
 
     def _slack(self, depth: Array) -> Array:
-        """Covariance ``(F, W, 3, 3)`` of a place found with limbs predicted wrongly."""
+        """Covariance ``(F, W, 3, 3)`` of a fitted position due to wrongly predicted limbs."""
         slack = np.zeros((*depth.shape[:2], 3, 3))
         slack[..., 0, 0] = slack[..., 1, 1] = self.side_m**2
         slack[..., 2, 2] = (self.depth_share * depth[..., 0] / 2) ** 2
         return slack
 
     def _moved(self, local: Array, rays: Array, w: Array, depth: Array, prior: Array) -> tuple[Array, Array, Array]:
-        """Bodies moved to where they fit each person, robustly.
+        """Move the bodies to each person by a robust fit.
 
         Returns:
-            Places ``(F, W, N, 3)`` of their middles, the covariances of these, and what is left of each keypoint's
-            error, squared, in m² ``(F, W, N, K)``.
+            Positions ``(F, W, N, 3)`` of their middles, the covariances of these, and squared residuals of the
+            keypoints in m² ``(F, W, N, K)``.
         """
         x, z = local[..., :2], local[..., 2:]
         target = rays * z - x  # t_xy − u t_z = u z − x
         rays = np.broadcast_to(rays, target.shape)
-        terms = np.concatenate(
-            [rays, target, np.einsum("...i,...i->...", rays, rays)[..., None],
-             np.einsum("...i,...i->...", rays, target)[..., None]], axis=-1,
-        )  # fmt: skip
-        each = w * self.precision
+        squares = [np.einsum("...i,...i->...", rays, factor)[..., None] for factor in (rays, target)]
+        terms = np.concatenate([rays, target, *squares], axis=-1)
+        precision = w * self.precision
         t, square = np.empty((*w.shape[:-1], 3)), np.zeros(0)
         for turn in range(TURNS):
             if turn:
-                each = w * self.precision / (1 + square * (self.precision / CAUCHY**2))
-            sums = (each[..., None, :] @ terms)[..., 0, :]
-            total = each.sum(axis=-1) + 1 / FREE_M**2
+                precision = w * self.precision / (1 + square * (self.precision / CAUCHY**2))
+            sums = (precision[..., None, :] @ terms)[..., 0, :]
+            total = precision.sum(axis=-1) + 1 / FREE_M**2
             mean_ray, mean_target = sums[..., :2] / total[..., None], sums[..., 2:4] / total[..., None]
             along = sums[..., 4] + prior - np.einsum("...i,...i->...", mean_ray, sums[..., :2])
             pull = np.einsum("...i,...i->...", mean_ray, sums[..., 2:4]) - sums[..., 5]
@@ -183,8 +181,8 @@ class BodyFitter:
             t[..., :2] = mean_target + mean_ray * t[..., 2:]
             error = t[..., None, :2] - rays * t[..., None, 2:] - target
             square = np.einsum("...i,...i->...", error, error)
-        way = np.concatenate([mean_ray, np.ones((*w.shape[:-1], 1))], axis=-1)
-        doubt = way[..., :, None] * way[..., None, :] / along[..., None, None]
+        direction = np.concatenate([mean_ray, np.ones((*w.shape[:-1], 1))], axis=-1)
+        doubt = direction[..., :, None] * direction[..., None, :] / along[..., None, None]
         doubt[..., 0, 0] += 1 / total
         doubt[..., 1, 1] += 1 / total
         return t, doubt, square
@@ -194,24 +192,23 @@ STILL_THE_SAME_S = 1e-6
 
 
 def image_gap(rays_a: Array, rays_b: Array, weight_a: Array, weight_b: Array) -> Array:
-    """Mean distance ``(..., A, B)`` between keypoints ``(..., A, K, 2)`` and ``(..., B, K, 2)``, over people's size."""
+    """Mean distance ``(..., A, B)`` between keypoints ``(..., A, K, 2)`` and ``(..., B, K, 2)``, over body size."""
     K = rays_a.shape[-2]
     size_a = person_size(rays_a.reshape(-1, K, 2), weight_a.reshape(-1, K)).reshape(weight_a.shape[:-1])
     size_b = person_size(rays_b.reshape(-1, K, 2), weight_b.reshape(-1, K)).reshape(weight_b.shape[:-1])
-    return keypoint_distance(
-        rays_a[..., :, None, :, :], rays_b[..., None, :, :, :], weight_a[..., :, None, :], weight_b[..., None, :, :],
-        np.maximum(size_a[..., :, None], size_b[..., None, :]),
-    )  # fmt: skip
+    rays = rays_a[..., :, None, :, :], rays_b[..., None, :, :, :]
+    weight = weight_a[..., :, None, :], weight_b[..., None, :, :]
+    return keypoint_distance(*rays, *weight, np.maximum(size_a[..., :, None], size_b[..., None, :]))
 
 
 @dataclass
 class PersonTracks:
-    """Tracks of everybody, the wearers' or not.
+    """Tracks of all persons, wearers or not.
 
     Args:
-        wearers: how many there are.
-        keypoints: of the detector.
-        memory_s: over which evidence is averaged; it starts at zero and has grown up after that time.
+        wearers: number of wearers.
+        keypoints: number of keypoints of the detector.
+        memory_s: time constant of the averaged evidence, which starts at zero.
     """
 
     wearers: int
@@ -231,9 +228,9 @@ class PersonTracks:
         self._next = 0
 
     def link(self, time: float, rays: Array, weight: Array) -> np.ndarray:
-        """Rows ``(N,)`` of the tracks that persons ``(N, K, 2)`` continue or begin; they then end at this frame."""
-        kept_s = 1.0  # that a track which has ended is remembered: frames within the lag may still be decided again
-        self._keep(self.time >= time - kept_s)
+        """Link persons ``(N, K, 2)`` to tracks, or begin new ones: rows ``(N,)``, which then end at this frame."""
+        lifetime_s = 1.0  # lifetime of an ended track: frames within the lag may be associated again
+        self._select(self.time >= time - lifetime_s)
         row = np.full(len(rays), -1)
         evidence = np.zeros((self.wearers, len(rays)))
         open_ends = np.flatnonzero(self.time >= time - LONGEST_GAP_S - STILL_THE_SAME_S)
@@ -248,8 +245,8 @@ class PersonTracks:
         return row
 
     def _continue(self, open_ends: np.ndarray, row: np.ndarray, evidence: Array, rays: Array, weight: Array) -> None:
-        """Fill in the rows of plain continuations, and what is inherited of others."""
-        # Share of the evidence that survives each frame of a crossing where people could have been exchanged
+        """Fill in the rows of unambiguous continuations, and the evidence inherited by ambiguous ones."""
+        # Share of the evidence that remains after each frame in which people could have been exchanged
         uncertain = 0.5
         self._gap = gap = image_gap(self.rays[open_ends], rays, self.weight[open_ends], weight)
         near = np.sort(gap, axis=1)[:, :2], np.sort(gap, axis=0)[:2]
@@ -257,14 +254,14 @@ class PersonTracks:
             if gap[a, b] >= FURTHEST:
                 continue
             # The second of a row or column is a rival; if another is even nearer, that one is.
-            plain = all(len(one) < 2 or one[1] > RIVAL * gap[a, b] for one in (near[0][a], near[1][:, b]))
-            if plain:
+            rivals = near[0][a], near[1][:, b]
+            if all(len(rival) < 2 or rival[1] > RIVAL * gap[a, b] for rival in rivals):
                 row[b] = open_ends[a]
             else:
                 evidence[..., b] = uncertain * self.evidence[..., open_ends[a]]
 
     def gap(self, number: np.ndarray) -> Array:
-        """From the open ends of tracks by number ``(M,)`` to the persons linked last: their :func:`image_gap`."""
+        """:func:`image_gap` from the open ends of tracks by number ``(M,)`` to the persons linked last."""
         return self._gap[np.searchsorted(self._gap_from, number)]
 
     def _begin(self, evidence: Array) -> None:
@@ -276,14 +273,14 @@ class PersonTracks:
         self.weight = np.concatenate([self.weight, np.zeros((count, self.keypoints))])
         self.evidence = np.concatenate([self.evidence, evidence], axis=1)
 
-    def _keep(self, which: np.ndarray) -> None:
+    def _select(self, which: np.ndarray) -> None:
         if which.all():
             return
         self.number, self.time, self.evidence = self.number[which], self.time[which], self.evidence[..., which]
         self.rays, self.weight = self.rays[which], self.weight[which]
 
     def accumulate(self, row: np.ndarray, log_odds: Array, elapsed: float) -> None:
-        """Take in what one more frame says of tracks ``row``, ``(W, N)``, after ``elapsed`` seconds."""
+        """Add the log-odds ``(W, N)`` of one more frame to tracks ``row``, after ``elapsed`` seconds."""
         share = 1 - np.exp(-max(elapsed, 0.0) / self.memory_s)
         self.evidence[..., row] += share * (log_odds - self.evidence[..., row])
 

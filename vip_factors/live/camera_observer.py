@@ -1,4 +1,4 @@
-"""One camera of a stream: who is who in its video frames, what each wearer's keypoints are worth, which feet stand."""
+"""One camera of a stream: association of its persons, keypoint measurements of each wearer, and standing feet."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -30,42 +30,47 @@ from vip_factors.terms.reprojection import adaptive_biweight
 
 
 def standing_feet(
-    wearer: WearerProblem, sensors: np.ndarray, feet: tuple[Foot, ...], body: BodyState, frames: Sequence[LiveFrame],
-    at: int, settings: GroundContactSettings,
-) -> Array:  # fmt: skip
-    """How surely each foot stands, ``(G,)``, as :func:`~vip_factors.stages.floor.standing_confidence` has it.
+    wearer: WearerProblem,
+    sensors: np.ndarray,
+    feet: tuple[Foot, ...],
+    body: BodyState,
+    frames: Sequence[LiveFrame],
+    index: int,
+    settings: GroundContactSettings,
+) -> Array:
+    """Confidence that each foot stands, ``(G,)``, as in :func:`~vip_factors.stages.floor.standing_confidence`.
 
     Args:
-        wearer: the problem.
+        wearer: the wearer's problem.
         sensors: its columns among all carriers' sensors.
-        feet: to tell of.
-        body: over a few frames.
-        frames: measured in them.
-        at: which of them is meant.
-        settings: of the factor.
+        feet: the feet.
+        body: the body over a few frames.
+        frames: measurements of these frames.
+        index: index of the frame in question.
+        settings: settings of the factor.
     """
-    acceleration_holds = 3  # frames: that of the newest frame is measured by the next one, so the last known one counts
+    acceleration_frames = 3  # the newest acceleration is not measured yet: the last one of these is used
     if settings.contact_from is ContactFrom.JOINT_STATE:
-        return joint_state_confidence(wearer.skeleton, body, feet, wearer.frames.step)[at]
-    following = frames[max(0, at + 1 - acceleration_holds) + 1 : at + 2]
+        return joint_state_confidence(wearer.skeleton, body, feet, wearer.frames.step)[index]
+    following = frames[max(0, index + 1 - acceleration_frames) + 1 : index + 2]
     force = np.array([frame.specific_force_before[sensors] for frame in following]).reshape(-1, len(sensors), 3)
     valid = np.array([frame.acceleration_valid_before[sensors] for frame in following], bool).reshape(-1, len(sensors))
     newest = np.full(len(feet), np.nan)
     for free in free_accelerations(wearer.sensors, feet, force, valid):
         newest = np.where(np.isnan(free), newest, free)
-    return foot_acceleration_confidence(body.at(slice(at, at + 1)), feet, newest[None], settings)[0]
+    return foot_acceleration_confidence(body.at(slice(index, index + 1)), feet, newest[None], settings)[0]
 
 
 MIDDLE = joint_index("spine2")  # of the body
 
 
-# Of a frame by number: how surely each foot of each wearer stands, ``(G,)``, that is used; None where none is.
+# Confidence that each foot of each wearer stands in a frame (by number), ``(G,)``; None where it is not used.
 FootContacts = Callable[[int], Sequence[Array | None]]
 
 
 @dataclass(frozen=True)
 class _Wearer:
-    """Of one wearer: the keypoints that are used, which they are and where on the body; feet, and those' columns."""
+    """Keypoints of one wearer: indices, points on the body and names; feet, and the columns of their keypoints."""
 
     used: np.ndarray
     points: tuple[BodyPoint, ...]
@@ -78,26 +83,30 @@ class _Wearer:
 
 
 @dataclass
-class _Decided:
+class _Decision:
     video: VideoFrame
     chosen: np.ndarray
 
 
 class CameraObserver:
-    """Follows the wearers through the video of one camera.
+    """Observes the wearers in the video of one camera.
 
     Args:
-        camera: which.
-        skeletons: of the wearers.
-        soles: of their shoes, how thick, metres.
-        spreads: scatter of the detections of each wearer, in OKS sigmas; follows what is seen.
-        settings: of the factors of cameras.
+        camera: the camera.
+        skeletons: skeletons of the wearers.
+        soles: thickness of their soles, metres.
+        spreads: scatter of the detections of each wearer, in OKS sigmas; adapted to the residuals.
+        settings: settings of the camera's factors.
     """
 
     def __init__(
-        self, camera: Camera, skeletons: Sequence[Skeleton], soles: Sequence[float], spreads: Sequence[float],
+        self,
+        camera: Camera,
+        skeletons: Sequence[Skeleton],
+        soles: Sequence[float],
+        spreads: Sequence[float],
         settings: CameraFactorSettings,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.camera, self.spreads, self._settings = camera, list(spreads), settings.reprojection
         self._ground = settings.ground_contact
         self._keypoints = keypoints = camera.keypoints
@@ -108,40 +117,40 @@ class CameraObserver:
             names = tuple(keypoints.keypoints[k] for k in used)
             feet, stature = seen_feet(keypoints, skeleton), stature_of(skeleton)
             self._wearers.append(_Wearer(used, points, BodyPoints.of(points), names, *feet, stature, sole))
-        self._decided: list[_Decided] = []
+        self._decisions: list[_Decision] = []
         self.chosen = np.full(len(skeletons), NOBODY)  # in the newest video frame
 
     def remember(self, video: VideoFrame, chosen: np.ndarray) -> None:
-        """A video frame that was decided at the start."""
+        """Take over a video frame that was associated at the start."""
         self._association.remember(video, chosen)
-        self._decided.append(_Decided(video, chosen))
+        self._decisions.append(_Decision(video, chosen))
         self.chosen = chosen
 
     def observe(self, video: VideoFrame, belief: Belief, feet: FootContacts) -> tuple[KeypointView, ...]:
-        """What is seen of each wearer in a video frame of one of the frames of which something is believed."""
+        """Associate a video frame, and measure the keypoints of each wearer in it."""
         belief = belief.at([video.frame])
         chosen = self._association.choose(video, belief)
-        self._decided.append(_Decided(video, chosen))
-        self._decided.sort(key=lambda one: one.video.time)
-        self.chosen = self._decided[-1].chosen
+        self._decisions.append(_Decision(video, chosen))
+        self._decisions.sort(key=lambda decision: decision.video.time)
+        self.chosen = self._decisions[-1].chosen
         return self._views(video, chosen, belief, feet(video.frame))
 
     def revise(self, belief: Belief, feet: FootContacts) -> dict[int, tuple[KeypointView, ...]]:
-        """Frames in which somebody else is the wearer than was thought, and what is seen in them."""
-        self._decided = [decided for decided in self._decided if decided.video.frame >= belief.first]
-        if len(self._decided) < 2:
+        """Associate recent video frames again; the measurements of those that changed, by frame number."""
+        self._decisions = [decision for decision in self._decisions if decision.video.frame >= belief.first_number]
+        if len(self._decisions) < 2:
             return {}
-        videos, changed = [decided.video for decided in self._decided], {}
+        videos, changed = [decision.video for decision in self._decisions], {}
         choices = self._association.revise(videos, belief.at([video.frame for video in videos]))
-        for decided, video, chosen in zip(self._decided, videos, choices, strict=True):
-            if np.any(chosen != decided.chosen):
-                decided.chosen, number = chosen, video.frame
+        for decision, video, chosen in zip(self._decisions, videos, choices, strict=True):
+            if np.any(chosen != decision.chosen):
+                decision.chosen, number = chosen, video.frame
                 changed[number] = self._views(video, chosen, belief.at([number]), feet(number))
-        self.chosen = self._decided[-1].chosen
+        self.chosen = self._decisions[-1].chosen
         return changed
 
-    def learn_spread(self, wearer: int, residual: Array, view: KeypointView, share: float) -> None:
-        """Learn how detections scatter from whitened residuals ``(T, K, 2)``; ``share`` in (0, 1] is how fast."""
+    def adapt_spread(self, wearer: int, residual: Array, view: KeypointView, share: float) -> None:
+        """Adapt the scatter of detections to whitened residuals ``(T, K, 2)``, by a ``share`` in (0, 1]."""
         if not self._settings.adaptive:
             return
         measured = scatter(residual, view, self.spreads[wearer])
@@ -152,36 +161,39 @@ class CameraObserver:
     def _views(
         self, video: VideoFrame, chosen: np.ndarray, belief: Belief, feet: Sequence[Array | None]
     ) -> tuple[KeypointView, ...]:
-        return tuple(
-            KeypointView.unseen(wearer.points) if person == NOBODY else self._view(video, person, number, belief, own)
-            for number, (person, wearer, own) in enumerate(zip(chosen.tolist(), self._wearers, feet, strict=True))
-        )
+        views = list[KeypointView]()
+        for number, person in enumerate(chosen.tolist()):
+            is_seen = person != NOBODY
+            unseen = KeypointView.unseen(self._wearers[number].points)
+            views.append(self._view(video, person, number, belief, feet[number]) if is_seen else unseen)
+        return tuple(views)
 
     def _view(
         self, video: VideoFrame, person: int, wearer: int, belief: Belief, foot_contacts: Array | None
     ) -> KeypointView:
-        own = self._wearers[wearer]
+        tracked = self._wearers[wearer]
         lens, settings, body = self.camera.model, self._settings, belief.bodies[wearer]
-        pixels, confidence = video.pixels[person, own.used], video.confidence[person, own.used]
-        seen = (confidence >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
+        pixels, confidence = video.pixels[person, tracked.used], video.confidence[person, tracked.used]
+        visible = (confidence >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=1)
         R, p = belief.R_world_camera[0], belief.p_world_camera[0]
         depth = R[:, 2] @ (body.p_world_joint[0, MIDDLE] - p)
-        height = lens.focal[1] * own.stature / max(depth, NEAREST_M)
-        oks, scale = self._keypoints.sigmas[own.used], np.asarray(AREA_OF_HEIGHT * height)
+        height = lens.focal[1] * tracked.stature / max(depth, NEAREST_M)
+        oks, scale = self._keypoints.sigmas[tracked.used], np.asarray(AREA_OF_HEIGHT * height)
         if settings.biweight.use:
-            predicted = lens.project((own.on_body.on(body)[0] - p) @ R)
+            predicted = lens.project((tracked.on_body.on(body)[0] - p) @ R)
             weight = adaptive_biweight(pixels, predicted, oks, scale, lens.width, settings.biweight)
-            seen, confidence = seen & (weight > 0), confidence * weight
+            visible, confidence = visible & (weight > 0), confidence * weight
         metre = lens.focal[1] / max(depth, NEAREST_M)
-        sigma, oks_px = pixel_sigma(oks * scale, confidence, seen, self.spreads[wearer], metre, settings)
-        confidence = np.where(seen, np.minimum(confidence, 1.0), 0.0)
-        pixels = np.where(seen[:, None], pixels, 0.0)
-        view = KeypointView(
-            own.points, pixels[None], sigma[None], oks_px[None], seen[None], np.zeros_like(pixels)[None],
-            confidence[None], names=own.names,
-        )  # fmt: skip
+        sigma, oks_px = pixel_sigma(oks * scale, confidence, visible, self.spreads[wearer], metre, settings)
+        confidence = np.where(visible, np.minimum(confidence, 1.0), 0.0)
+        pixels = np.where(visible[:, None], pixels, 0.0)
+        errors = sigma[None], oks_px[None], visible[None], np.zeros_like(pixels)[None]
+        view = KeypointView(tracked.points, pixels[None], *errors, confidence[None], names=tracked.names)
         if foot_contacts is None:
             return view
         pose = CameraPoses(R[None], p[None])
-        ground = ground_view(view, own.feet, own.columns, foot_contacts[None], body, own.sole, pose, lens, self._ground)
+        contacts = foot_contacts[None]
+        ground = ground_view(
+            view, tracked.feet, tracked.columns, contacts, body, tracked.sole, pose, lens, self._ground
+        )
         return replace(view, ground=ground)

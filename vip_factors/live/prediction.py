@@ -1,7 +1,7 @@
-"""Where frames are before they are solved for: bones turn as their sensors did, and the rest goes on.
+"""Predicted states of frames: bones turn with their sensors, positions and the camera continue.
 
-So the next frame is predicted, and so the frames of the lag are carried over to a calibration found anew; there a video
-frame of a known camera shows where wearers stand whose poses are known.
+The next frame is predicted in this way, and the frames of the lag are carried over to a new calibration; there, video
+of a standing camera locates wearers whose poses are known.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from vip_factors.body.kinematics import BodyState, forward_kinematics, local_rot
 from vip_factors.body.skeleton import PARENTS, Skeleton, contact_points
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
-from vip_factors.live.association_evidence import NEAREST_M, people_of, together
+from vip_factors.live.association_evidence import NEAREST_M, people_of, stack_people
 from vip_factors.live.measurement import LiveFrame
 from vip_factors.live.problem import FrameState, LagProblem
 from vip_factors.live.smoother import LagSmoother
@@ -26,30 +26,33 @@ from vip_factors.sensors.scene import Camera
 from vip_factors.stages.views import points_on_body
 from vip_factors.terms.acceleration import GRAVITY
 
-# Of the camera's velocity that is left one frame later, without an IMU on it: hands change their mind in 0.3 s.
-CAMERA_KEEPS = 0.95
+# Share of the camera's velocity that remains after a frame without an IMU: hands change direction within 0.3 s.
+CAMERA_VELOCITY_SHARE = 0.95
 
 
-def predicted(
-    problem: LagProblem, before: Sequence[tuple[LiveFrame, FrameState]], frame: LiveFrame, shared: SceneState,
+def predict_frame(
+    problem: LagProblem,
+    previous_frames: Sequence[tuple[LiveFrame, FrameState]],
+    frame: LiveFrame,
+    shared: SceneState,
     knocked: Sequence[int] = (),
-) -> FrameState:  # fmt: skip
-    """A frame from the one or two ``before`` it, oldest first, and its own measured orientations.
+) -> FrameState:
+    """Predict a frame from the one or two frames before it, oldest first, and its measured orientations.
 
-    What ``knocked`` sensors (columns) say of their turn is not believed.
+    Turns of ``knocked`` sensors (columns) are ignored.
     """
-    last, state = before[-1]
-    older = before[-2][1] if len(before) > 1 else state
+    last_frame, state = previous_frames[-1]
+    older = previous_frames[-2][1] if len(previous_frames) > 1 else state
     R_parent_child = np.empty_like(state.R_parent_child)
     R = np.stack([older.R_parent_child, state.R_parent_child], axis=1)
     for number, wearer in enumerate(problem.wearers):
         bones = [sensor.bone for sensor in wearer.sensors]
-        turns, seen = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings, knocked)
+        turns, measured = _turns(last_frame, frame, problem.sensors[number], shared.wearers[number].headings, knocked)
         R_world_bone = forward_kinematics(wearer.skeleton, R[number], np.zeros((2, 3))).R_world_bone
         went = R_world_bone[1, bones] @ transpose(R_world_bone[0, bones])
-        turns = exp((log(turns) + log(went)) / 2)  # half as measured and half as they went: one measurement trembles
-        R_parent_child[number] = _with_turned_bones(R_world_bone[1], bones, turns, seen)
-    pushed = [_pushed(problem, number, frame, shared) for number in range(len(problem.wearers))]
+        turns = exp((log(turns) + log(went)) / 2)  # mean with the last turn: a single measurement is noisy
+        R_parent_child[number] = _with_turned_bones(R_world_bone[1], bones, turns, measured)
+    pushed = [_acceleration_step(problem, number, frame, shared) for number in range(len(problem.wearers))]
     p_world_pelvis = 2 * state.p_world_pelvis - older.p_world_pelvis + pushed
     turned = FrameState(R_parent_child, p_world_pelvis, state.R_world_camera, state.p_world_camera)
     for number, wearer in enumerate(problem.wearers):
@@ -62,23 +65,23 @@ def predicted(
                 number,
                 problem.has_views,
             )
-    return _with_camera(problem, turned, older, state, last, frame, shared) if problem.moving else turned
+    return _predict_camera(problem, turned, older, state, last_frame, frame, shared) if problem.moving else turned
 
 
-def turned_to(
-    problem: LagProblem, last: LiveFrame, state: FrameState, frame: LiveFrame, shared: SceneState
-) -> Array:  # fmt: skip
-    """Joint rotations ``(W, 24, 3, 3)`` of a ``frame`` after the ``last`` one: bones turned as their sensors."""
+def turn_bones(
+    problem: LagProblem, last_frame: LiveFrame, state: FrameState, frame: LiveFrame, shared: SceneState
+) -> Array:
+    """Joint rotations ``(W, 24, 3, 3)`` of a ``frame`` after ``last_frame``: bones turned with their sensors."""
     R_parent_child = state.R_parent_child.copy()
     for number, wearer in enumerate(problem.wearers):
         R, bones = state.R_parent_child[number], [sensor.bone for sensor in wearer.sensors]
-        turns = _turns(last, frame, problem.sensors[number], shared.wearers[number].headings)
+        turns = _turns(last_frame, frame, problem.sensors[number], shared.wearers[number].headings)
         R_world_bone = forward_kinematics(wearer.skeleton, R[None], np.zeros((1, 3))).R_world_bone[0]
         R_parent_child[number] = _with_turned_bones(R_world_bone, bones, *turns)
     return R_parent_child
 
 
-def _pushed(problem: LagProblem, number: int, frame: LiveFrame, shared: SceneState) -> Array:
+def _acceleration_step(problem: LagProblem, number: int, frame: LiveFrame, shared: SceneState) -> Array:
     """Second difference ``(3,)`` of a wearer's path in metres, by the accelerometer on the pelvis; zero without one."""
     pelvis = 0  # bone
     bones = [sensor.bone for sensor in problem.wearers[number].sensors]
@@ -93,120 +96,127 @@ def _pushed(problem: LagProblem, number: int, frame: LiveFrame, shared: SceneSta
 
 
 def _on_standing_foot(
-    skeleton: Skeleton, sole: float, before: FrameState, now: FrameState, wearer: int, has_views: bool
+    skeleton: Skeleton, sole: float, previous_state: FrameState, new_state: FrameState, wearer: int, has_views: bool
 ) -> Array:
-    """The root ``(3,)`` with which the foot that was the lowest stays where it was; without a camera, on the floor.
+    """The root ``(3,)`` that keeps the lowest foot where it was; without a camera, on the floor.
 
-    Where frames are estimated each by itself nothing else ties one root to the next, and a velocity would run away.
+    Where frames are estimated independently, nothing else ties one root to the next, and a velocity would run away.
     """
-    R = np.stack([before.R_parent_child[wearer], now.R_parent_child[wearer]])
+    R = np.stack([previous_state.R_parent_child[wearer], new_state.R_parent_child[wearer]])
     body = forward_kinematics(skeleton, R, np.zeros((2, 3)))
     points = np.stack([body.point(bone, p) for bone, p in contact_points(skeleton, sole)], axis=1)
     lowest = np.argmin(points[0, :, 2])
-    p = before.p_world_pelvis[wearer] + points[0, lowest] - points[1, lowest]
+    p = previous_state.p_world_pelvis[wearer] + points[0, lowest] - points[1, lowest]
     if not has_views:
         p[2] = -points[1, :, 2].min()
     return np.asarray(p)
 
 
 def _turns(
-    last: LiveFrame, frame: LiveFrame, columns: np.ndarray, headings: Array, knocked: Sequence[int] = ()
+    last_frame: LiveFrame, frame: LiveFrame, columns: np.ndarray, headings: Array, knocked: Sequence[int] = ()
 ) -> tuple[Array, np.ndarray]:
-    """How each sensor has turned since the last frame ``(S, 3, 3)``, in the world, and whether that was measured."""
-    both = last.orientation_valid[columns] & frame.orientation_valid[columns]
+    """Turn of each sensor since the last frame in the world ``(S, 3, 3)``, and whether it was measured ``(S,)``."""
+    measured = last_frame.orientation_valid[columns] & frame.orientation_valid[columns]
     if len(knocked):
-        both &= ~np.isin(columns, knocked)
-    turns = frame.R_inertial_sensor[columns] @ last.R_inertial_sensor[columns].swapaxes(1, 2)
+        measured &= ~np.isin(columns, knocked)
+    turns = frame.R_inertial_sensor[columns] @ last_frame.R_inertial_sensor[columns].swapaxes(1, 2)
     R = rotation_z(headings)
-    return R @ turns @ R.swapaxes(1, 2), both
+    return R @ turns @ R.swapaxes(1, 2), measured
 
 
-def _with_turned_bones(R_world_bone: Array, bones: Sequence[int], turns: Array, seen: np.ndarray) -> Array:
-    """Joint rotations ``(24, 3, 3)`` with ``seen`` bones turned in the world, all others as they are to their parents.
-
-    These turn in the world as the nearest seen bone above them.
+def _with_turned_bones(R_world_bone: Array, bones: Sequence[int], turns: Array, measured: np.ndarray) -> Array:
+    """Joint rotations ``(24, 3, 3)`` with ``measured`` bones turned in the world; others turn with the nearest
+    measured bone above them.
     """
-    own = {bone: number for number, bone in enumerate(bones) if seen[number]}
+    turn_of_bone = {bone: number for number, bone in enumerate(bones) if measured[number]}
     turned_by: list[int] = []
     for joint, parent in enumerate(PARENTS):
-        turned_by.append(own.get(joint, turned_by[parent] if parent >= 0 else len(turns)))
+        turned_by.append(turn_of_bone.get(joint, turned_by[parent] if parent >= 0 else len(turns)))
     turned = local_rotations(np.concatenate([turns, np.eye(3)[None]])[turned_by] @ R_world_bone)
-    # A step back to the nearest rotations: along a chain of sensors rounding grows by a share with every frame.
+    # Renormalised: along a chain of sensors rounding errors grow with every frame.
     return turned @ (3 * np.eye(3) - transpose(turned) @ turned) / 2
 
 
-def _with_camera(
-    problem: LagProblem, state: FrameState, older: FrameState, newer: FrameState, last: LiveFrame, frame: LiveFrame,
+def _predict_camera(
+    problem: LagProblem,
+    state: FrameState,
+    older: FrameState,
+    newer: FrameState,
+    last_frame: LiveFrame,
+    frame: LiveFrame,
     shared: SceneState,
-) -> FrameState:  # fmt: skip
-    """The camera goes on; turned as its IMU was, if it has one."""
+) -> FrameState:
+    """Let the camera continue, turned with its IMU if it has one."""
     carried = problem.carried
     if carried is None or not problem.cameras[carried].free_pose:
         return state
-    p = newer.p_world_camera + CAMERA_KEEPS * (newer.p_world_camera - older.p_world_camera)
+    p = newer.p_world_camera + CAMERA_VELOCITY_SHARE * (newer.p_world_camera - older.p_world_camera)
     turn, measured = np.eye(3), False
     if problem.cameras[carried].imu is not None:
         heading = np.array([shared.cameras[carried].heading])
-        (turn,), (measured,) = _turns(last, frame, problem.camera_sensors(carried), heading)
+        (turn,), (measured,) = _turns(last_frame, frame, problem.camera_sensors(carried), heading)
     if not measured:
-        spin = CAMERA_KEEPS * log(newer.R_world_camera @ older.R_world_camera.T)
+        spin = CAMERA_VELOCITY_SHARE * log(newer.R_world_camera @ older.R_world_camera.T)
         turn = exp(spin)
     return replace(state, R_world_camera=turn @ newer.R_world_camera, p_world_camera=p)
 
 
-# Median error of the keypoints, in heights of the person in the image, with which a detection may show a wearer: a
-# joint is 5 % off with a calibration that is found, and 20 % in somebody else's pose.
+# Largest median error of the keypoints of a detection that fits a wearer, in heights of the person in the image: 5 %
+# with a good calibration, 20 % in somebody else's pose.
 FITS = 0.10
 MOST_STEPS, LEAST_STEP_M = 20, 1e-4  # of a fit
 
 
 def locate_wearers(
-    camera: Camera, pose: tuple[Array, Array], bodies: Sequence[BodyState], skeletons: Sequence[Skeleton],
+    camera: Camera,
+    pose: tuple[Array, Array],
+    bodies: Sequence[BodyState],
+    skeletons: Sequence[Skeleton],
     video: Sequence[VideoFrame],
-) -> Array:  # fmt: skip
-    """Root positions ``(F, W, 3)`` of the wearers, metres, as ``F`` video frames show them; NaN of one unseen.
+) -> Array:
+    """Locate wearers in ``F`` video frames: root positions ``(F, W, 3)``, metres; NaN for a wearer who is not visible.
 
     Args:
-        camera: that gave the frames.
+        camera: the camera of the frames.
         pose: its rotations ``(F, 3, 3)`` and positions ``(F, 3)`` in the world.
-        bodies: of the wearers in those frames, anywhere.
-        skeletons: of them.
+        bodies: the wearers' bodies in those frames, anywhere.
+        skeletons: the wearers' skeletons.
         video: the frames.
     """
     least_keypoints = 6
-    people = together([people_of(one.pixels, one.confidence, camera.model) for one in video])
-    cost, place = np.empty((len(video), len(bodies), people.there.shape[1])), list[Array]()
+    people = stack_people([people_of(frame.pixels, frame.confidence, camera.model) for frame in video])
+    cost, place = np.empty((len(video), len(bodies), people.is_person.shape[1])), list[Array]()
     for wearer, (body, skeleton) in enumerate(zip(bodies, skeletons, strict=True)):
         used, points = points_on_body(camera.keypoints, skeleton)
         o_camera = (BodyPoints.of(points).on(body) - body.p_world_joint[:, :1]) @ pose[0]
-        seen = people.weight[..., used] > 0
-        error, p_camera = _fit(o_camera[:, None], people.rays[..., used, :], seen)
-        fits = (seen.sum(axis=-1) >= least_keypoints) & (error < 10 * FITS)
+        visible = people.weight[..., used] > 0
+        error, p_camera = _fit(o_camera[:, None], people.rays[..., used, :], visible)
+        fits = (visible.sum(axis=-1) >= least_keypoints) & (error < 10 * FITS)
         cost[:, wearer] = np.where(fits, error, 10 * FITS)
         place.append(pose[1][:, None] + p_camera @ transpose(pose[0]))
-    found = np.full((len(video), len(bodies), 3), np.nan)
-    for f, own in enumerate(cost):
-        for wearer, person in np.transpose(linear_sum_assignment(own)).tolist():
-            if own[wearer, person] < FITS:
-                found[f, wearer] = place[wearer][f, person]
-    return found
+    p_world_pelvis = np.full((len(video), len(bodies), 3), np.nan)
+    for f, cost_of_frame in enumerate(cost):
+        for wearer, person in np.transpose(linear_sum_assignment(cost_of_frame)).tolist():
+            if cost_of_frame[wearer, person] < FITS:
+                p_world_pelvis[f, wearer] = place[wearer][f, person]
+    return p_world_pelvis
 
 
-def _fit(o_camera: Array, rays: Array, seen: np.ndarray) -> tuple[Array, Array]:
-    """Median errors ``(F, N)`` in heights of the persons, and the root's places ``(F, N, 3)`` where a body fits them.
+def _fit(o_camera: Array, rays: Array, visible: np.ndarray) -> tuple[Array, Array]:
+    """Median errors ``(F, N)`` in heights of the persons, and root positions ``(F, N, 3)`` at which a body fits them.
 
-    The point nearest to all rays would be the linear way; pose errors draw it towards the camera, by half the depth.
+    The linear solution, the point nearest to all rays, is biased towards the camera by pose errors, by half the depth.
 
     Args:
-        o_camera: ``(F, 1, K, 3)`` of its keypoints, from the root.
-        rays, seen: ``(F, N, K, 2)`` and ``(F, N, K)`` of all persons' keypoints.
+        o_camera: ``(F, 1, K, 3)`` keypoints of the body from the root.
+        rays, visible: ``(F, N, K, 2)`` and ``(F, N, K)`` of all persons' keypoints.
     """
-    least_height = 1e-3  # of a person in the image, at depth one: a pixel or two
-    known, count = seen[..., None], np.maximum(seen.sum(axis=-1), 1)[..., None]
-    height = np.maximum(_span(rays, known).max(axis=-1), least_height)[..., None, None]
-    tall = np.maximum(_span(o_camera[..., 1:2], known), NEAREST_M)
-    way = np.concatenate([(rays * known).sum(axis=-2) / count, np.ones_like(count)], axis=-1)
-    p = tall / height[..., 0] * way - (o_camera * known).sum(axis=-2) / count
+    least_height = 1e-3  # of a person in the image, at depth one
+    mask, count = visible[..., None], np.maximum(visible.sum(axis=-1), 1)[..., None]
+    height = np.maximum(_span(rays, mask).max(axis=-1), least_height)[..., None, None]
+    tall = np.maximum(_span(o_camera[..., 1:2], mask), NEAREST_M)
+    direction = np.concatenate([(rays * mask).sum(axis=-2) / count, np.ones_like(count)], axis=-1)
+    p = tall / height[..., 0] * direction - (o_camera * mask).sum(axis=-2) / count
     J = np.zeros((*rays.shape, 3))
     for _ in range(MOST_STEPS):
         in_front = p[..., None, :] + o_camera
@@ -215,7 +225,7 @@ def _fit(o_camera: Array, rays: Array, seen: np.ndarray) -> tuple[Array, Array]:
         error = (flat - rays) / height
         J[..., 0, 0] = J[..., 1, 1] = by_point[..., 0]
         J[..., 2] = -flat * by_point
-        weight = known / np.sqrt(1 + (error / FITS) ** 2)  # of a loss that is quadratic first and linear then
+        weight = mask / np.sqrt(1 + (error / FITS) ** 2)  # of a loss that is quadratic near zero and linear beyond
         rows = J.reshape(*J.shape[:-3], -1, 3)
         pushed = transpose(weight.reshape(*rows.shape[:-1], 1) * rows)
         square = pushed @ rows + least_height**2 * np.eye(3)
@@ -223,57 +233,61 @@ def _fit(o_camera: Array, rays: Array, seen: np.ndarray) -> tuple[Array, Array]:
         p = p - step
         if np.abs(step).max(initial=0.0) < LEAST_STEP_M:
             break
-    off = np.sort(np.where(seen, np.sqrt(np.sum(error**2, axis=-1)), np.inf), axis=-1)
+    off = np.sort(np.where(visible, np.sqrt(np.sum(error**2, axis=-1)), np.inf), axis=-1)
     middle = np.concatenate([(count - 1) // 2, count // 2], axis=-1)
     return np.take_along_axis(off, middle, axis=-1).mean(axis=-1), p
 
 
-def _span(values: Array, known: np.ndarray) -> Array:
-    """From the least to the greatest ``(..., c)`` of the known values ``(..., K, c)``; below nought of none."""
-    return np.asarray(np.where(known, values, -np.inf).max(axis=-2) - np.where(known, values, np.inf).min(axis=-2))
+def _span(values: Array, mask: np.ndarray) -> Array:
+    """Range ``(..., c)`` of the values ``(..., K, c)`` under a mask; negative where the mask is empty."""
+    return np.asarray(np.where(mask, values, -np.inf).max(axis=-2) - np.where(mask, values, np.inf).min(axis=-2))
 
 
-def continued(
-    start: TrackingStart, before: LagSmoother, cameras: Sequence[Camera], video: Sequence[VideoFrame]
+def continued_start(
+    start: TrackingStart, smoother: LagSmoother, cameras: Sequence[Camera], video: Sequence[VideoFrame]
 ) -> TrackingStart | None:
-    """Where tracking goes on: the frames that ``before`` holds, not yet looked at, in the world they were tracked in.
+    """Continue tracking with a new calibration: a start on the frames of a smoother, in the world they were tracked in.
 
-    Bones are turned from the last found frame as their sensors were. Wearers are where the video of these frames shows
-    them; without cameras they, and a camera that moves, went from there as they had been tracked.
+    Bones turn from the last frame of ``start`` with their sensors. Wearers are located in the video of these frames;
+    without cameras they, and a moving camera, move as they were tracked.
 
     Args:
-        start: from a calibration found in frames up to some time ago, the last of which was tracked.
-        before: the smoother that has tracked since.
-        cameras: all.
-        video: of late.
+        start: a calibration from frames up to some time ago, the last of which was tracked.
+        smoother: the smoother that has tracked since.
+        cameras: all cameras of the stream.
+        video: recent video frames.
 
     Returns:
-        None if the video shows no wearer, though a camera was found to.
+        None if the video shows no wearer although a camera is used.
     """
-    at_find = start.tracked
+    at_find = start.tracked_state
     assert at_find is not None
     start = _in_tracked_world(start, at_find)
-    last, state = start.frames[-1], start.states[-1]
+    last_frame, state = start.frames[-1], start.states[-1]
     problem, shared = start.problem, start.shared
     yaw = yaw_of(state.R_parent_child[:, 0] @ transpose(at_find.R_parent_child[:, 0]))  # of each wearer
     frames, states = [], []
     stands = start.has_views and not problem.moving
-    for number in before.numbers:
-        frame, tracked = before.frame(number), before.state(number)
+    for number in smoother.numbers:
+        frame, tracked = smoother.frame(number), smoother.state(number)
         contacts = [
-            own if len(own) == len(wearer.contacts) and not stands else np.zeros(len(wearer.contacts))
-            for own, wearer in zip(frame.contacts, problem.wearers, strict=True)
+            confidence if len(confidence) == len(wearer.contacts) and not stands else np.zeros(len(wearer.contacts))
+            for confidence, wearer in zip(frame.contacts, problem.wearers, strict=True)
         ]
         frames.append(replace(frame, views=[None] * len(problem.cameras), contacts=contacts))
-        R = turned_to(problem, last, state, frame, shared)
-        gone = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
-        states.append(FrameState(R, state.p_world_pelvis + gone, *_camera(float(yaw[0]), state, at_find, tracked)))
+        R = turn_bones(problem, last_frame, state, frame, shared)
+        moved_by = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
+        states.append(FrameState(R, state.p_world_pelvis + moved_by, *_camera(float(yaw[0]), state, at_find, tracked)))
     if start.has_views:
         placed = None
-        for number, each in enumerate(start.associated):
-            camera = start.with_lens(next(one for one in cameras if one.name == each.camera.name))
-            own = [frame for frame in video if frame.camera == camera.name and frame.frame in before.numbers]
-            placed = placed or _placed(start, states, before.numbers[0], number, camera, own)
+        for number, associated in enumerate(start.associated):
+            camera = start.with_lens(
+                next(stream_camera for stream_camera in cameras if stream_camera.name == associated.camera.name)
+            )
+            frames_of_camera = [
+                frame for frame in video if frame.camera == camera.name and frame.frame in smoother.numbers
+            ]
+            placed = placed or _placed(start, states, smoother.numbers[0], number, camera, frames_of_camera)
         if placed is None:
             return None
         states = placed
@@ -282,7 +296,7 @@ def continued(
 
 
 def _in_tracked_world(start: TrackingStart, at_find: FrameState) -> TrackingStart:
-    """The same start with the first wearer where they were tracked to be: what is found anew has a world of its own."""
+    """The start in the world of the tracked frames: moved so that the first wearer is where they were tracked."""
     problem, state, shared = start.problem, start.states[-1], start.shared
     if start.has_views and not all(camera.free_pose for camera in problem.cameras):
         return start
@@ -290,15 +304,15 @@ def _in_tracked_world(start: TrackingStart, at_find: FrameState) -> TrackingStar
     turn = rotation_z(angle)
     shift = at_find.p_world_pelvis[0] - turn @ state.p_world_pelvis[0]
     if problem.wearers[0].has_floor:
-        shift[2] = 0.0  # the floor is known better than before
+        shift[2] = 0.0  # the floor is better known now than before
 
     def moved(p: Array) -> Array:
         return np.asarray(p @ turn.T + shift)
 
-    def moved_frame(one: FrameState) -> FrameState:
-        R = one.R_parent_child.copy()
+    def moved_frame(state: FrameState) -> FrameState:
+        R = state.R_parent_child.copy()
         R[:, 0] = turn @ R[:, 0]
-        return FrameState(R, moved(one.p_world_pelvis), turn @ one.R_world_camera, moved(one.p_world_camera))
+        return FrameState(R, moved(state.p_world_pelvis), turn @ state.R_world_camera, moved(state.p_world_camera))
 
     cameras = tuple(
         replace(
@@ -308,64 +322,73 @@ def _in_tracked_world(start: TrackingStart, at_find: FrameState) -> TrackingStar
         )
         for camera in shared.cameras
     )
-    wearers = tuple(one.turned(angle, shift) for one in shared.wearers)
+    wearers = tuple(wearer.turned(angle, shift) for wearer in shared.wearers)
     problem.turn_headings(angle)
     return replace(
         start,
         shared=replace(shared, wearers=wearers, cameras=cameras),
-        states=[moved_frame(one) for one in start.states],
+        states=[moved_frame(state) for state in start.states],
     )
 
 
 def _placed(
-    start: TrackingStart, states: Sequence[FrameState], first: int, number: int, camera: Camera,
+    start: TrackingStart,
+    states: Sequence[FrameState],
+    first_number: int,
+    number: int,
+    camera: Camera,
     video: Sequence[VideoFrame],
-) -> list[FrameState] | None:  # fmt: skip
-    """The frames from ``first`` on with the wearers where the camera of a number saw them; None if it saw nobody."""
+) -> list[FrameState] | None:
+    """States from ``first_number`` on with the wearers located by one camera; None if it shows nobody."""
     if not video:
         return None
     skeletons, standing = [wearer.skeleton for wearer in start.problem.wearers], start.shared.cameras[number].poses
-    at = np.array([frame.frame - first for frame in video])
-    R, p = (np.stack([getattr(states[t], name) for t in at]) for name in ("R_parent_child", "p_world_pelvis"))
+    index = np.array([frame.frame - first_number for frame in video])
+    R, p = (np.stack([getattr(states[t], name) for t in index]) for name in ("R_parent_child", "p_world_pelvis"))
     bodies = [forward_kinematics(skeleton, R[:, w], p[:, w]) for w, skeleton in enumerate(skeletons)]
-    pose = [np.stack([getattr(states[t], name) for t in at]) for name in ("R_world_camera", "p_world_camera")]
+    pose = [np.stack([getattr(states[t], name) for t in index]) for name in ("R_world_camera", "p_world_camera")]
     if len(standing):
-        pose = [np.stack([one] * len(at)) for one in (standing.R_world_camera[0], standing.p_world_camera[0])]
+        pose = [np.stack([value] * len(index)) for value in (standing.R_world_camera[0], standing.p_world_camera[0])]
     places = locate_wearers(camera, (pose[0], pose[1]), bodies, skeletons, video)
-    seen, p_world_pelvis = np.isfinite(places[..., 0]), np.stack([state.p_world_pelvis for state in states])
-    if not seen.any():
+    visible, p_world_pelvis = np.isfinite(places[..., 0]), np.stack([state.p_world_pelvis for state in states])
+    if not visible.any():
         return None
-    for w in np.flatnonzero(seen.any(axis=0)):
-        own = at[seen[:, w]]
-        line = np.polyfit(own, places[seen[:, w], w], min(1, len(np.unique(own)) - 1))  # one depth is off by a tenth
+    for w in np.flatnonzero(visible.any(axis=0)):
+        index_of_wearer = index[visible[:, w]]
+        line = np.polyfit(
+            index_of_wearer, places[visible[:, w], w], min(1, len(np.unique(index_of_wearer)) - 1)
+        )  # a single depth is off by a tenth
         p_world_pelvis[:, w] = np.vander(np.arange(len(states)), len(line)) @ line
     return [replace(state, p_world_pelvis=p) for state, p in zip(states, p_world_pelvis, strict=True)]
 
 
-def _camera(yaw: float, state: FrameState, at_find: FrameState, since: FrameState) -> tuple[Array, Array]:
-    """The camera, moved in the first wearer's new world as it was in the old one; a standing one stays."""
+def _camera(yaw: float, state: FrameState, at_find: FrameState, state_after: FrameState) -> tuple[Array, Array]:
+    """Pose of the camera, moved in the first wearer's new world as in the old one; a standing camera stays."""
     turn = rotation_z(yaw)
-    step = since.p_world_camera - at_find.p_world_camera
-    R = turn @ since.R_world_camera @ at_find.R_world_camera.T @ turn.T @ state.R_world_camera
+    step = state_after.p_world_camera - at_find.p_world_camera
+    R = turn @ state_after.R_world_camera @ at_find.R_world_camera.T @ turn.T @ state.R_world_camera
     return np.asarray(R), np.asarray(state.p_world_camera + turn @ step)
 
 
-def corrections(seconds: float, before: LagSmoother, after: LagSmoother) -> list[Finding]:
-    """The bones that were shown wrong in the last frame that had no calibration of so many seconds."""
-    wrong_deg = 25.0  # of a bone against the others: more than a start is usually off
-    found, number = list[Finding](), before.numbers[-1]
+def correction_findings(seconds: float, old_smoother: LagSmoother, new_smoother: LagSmoother) -> list[Finding]:
+    """Findings about bones that were wrong in the last frame before a calibration from so many seconds."""
+    wrong_deg = 25.0  # of a bone against the others; a start is usually off by less
+    findings, number = list[Finding](), old_smoother.numbers[-1]
     for old, new, R_old, R_new in zip(
-        before.problem.wearers, after.problem.wearers,
-        before.state(number).R_parent_child, after.state(number).R_parent_child, strict=True,
-    ):  # fmt: skip
+        old_smoother.problem.wearers,
+        new_smoother.problem.wearers,
+        old_smoother.state(number).R_parent_child,
+        new_smoother.state(number).R_parent_child,
+        strict=True,
+    ):
         bones = [sensor.bone for sensor in new.sensors]
         R = [
-            forward_kinematics(wearer.skeleton, own[None], np.zeros((1, 3))).R_world_bone[0, bones]
-            for wearer, own in ((old, R_old), (new, R_new))
+            forward_kinematics(wearer.skeleton, R_parent_child[None], np.zeros((1, 3))).R_world_bone[0, bones]
+            for wearer, R_parent_child in ((old, R_old), (new, R_new))
         ]
         relative = R[1] @ transpose(R[0])
         turned = np.rad2deg(np.linalg.norm(log(relative @ mean_rotation(relative).T), axis=1))
         wrong = {new.frames.sensors[s]: float(turned[s]) for s in np.flatnonzero(turned > wrong_deg)}
         if wrong:
-            found.append(Finding("calibration corrected", numbers=wrong, words={"seconds": f"{seconds:.0f}"}))
-    return found
+            findings.append(Finding("calibration corrected", numbers=wrong, words={"seconds": f"{seconds:.0f}"}))
+    return findings

@@ -1,4 +1,4 @@
-"""The frames of the lag: their measurements, their variables, and the least-squares problem of any stretch of them."""
+"""Frames of the lag: measurements, variables, and the least-squares problem of any stretch of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,13 +20,13 @@ from vip_factors.settings import LiveSettings
 
 @dataclass(frozen=True)
 class FrameState:
-    """What belongs to one frame.
+    """Variables of one frame.
 
     Attributes:
-        R_parent_child: ``(W, 24, 3, 3)`` of the wearers.
+        R_parent_child: ``(W, 24, 3, 3)`` joint rotations of the wearers.
         p_world_pelvis: ``(W, 3)`` metres.
-        R_world_camera, p_world_camera: of the carried camera, ``(3, 3)`` and ``(3,)``, else of the first one; those
-            that stand still have no coordinates here.
+        R_world_camera, p_world_camera: ``(3, 3)`` and ``(3,)`` of the carried camera, otherwise of the first one;
+            standing cameras have no coordinates here.
     """
 
     R_parent_child: Array
@@ -39,34 +39,35 @@ CAMERA_ARRAYS = ("R_world_camera", "p_world_camera")  # of a frame
 
 
 def moved_frames(layout: Layout, origins: Sequence[FrameState], steps: Array) -> list[FrameState]:
-    """Each of the frames at coordinates ``(n, w)`` from where these are zero."""
-    R, p = (np.array([getattr(one, name) for one in origins]) for name in ("R_parent_child", "p_world_pelvis"))
-    camera = [(one.R_world_camera, one.p_world_camera) for one in origins]
+    """States of frames at coordinates ``(n, w)`` from their origins."""
+    R, p = (np.array([getattr(origin, name) for origin in origins]) for name in ("R_parent_child", "p_world_pelvis"))
+    camera = [(origin.R_world_camera, origin.p_world_camera) for origin in origins]
     for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
-        own = steps[:, columns]
+        step = steps[:, columns]
         if chain.owner.kind is Owner.CAMERA:
-            R_camera, p_camera = (np.array(one) for one in zip(*camera, strict=True))
-            camera = list(zip(*retract_pose(R_camera, p_camera, own), strict=True))
+            R_camera, p_camera = (np.array(values) for values in zip(*camera, strict=True))
+            camera = list(zip(*retract_pose(R_camera, p_camera, step), strict=True))
         else:
-            at = chain.owner.number
-            R[:, at] @= exp(own[:, :ROOT].reshape(len(own), JOINT_COUNT, 3))
-            p[:, at] += own[:, ROOT:]
+            wearer = chain.owner.number
+            R[:, wearer] @= exp(step[:, :ROOT].reshape(len(step), JOINT_COUNT, 3))
+            p[:, wearer] += step[:, ROOT:]
     return [FrameState(R[t], p[t], *camera[t]) for t in range(len(origins))]
 
 
 def stacked(frames: Sequence[FrameState], static: SceneState) -> SceneState:
-    """A stretch of frames as the state of a scene; what they share, and which camera moves, as in ``static``."""
-    R, p = (np.array([getattr(one, name) for one in frames]) for name in ("R_parent_child", "p_world_pelvis"))
+    """State of a scene from a stretch of frames; shared variables, and which camera moves, as in ``static``."""
+    R, p = (np.array([getattr(frame, name) for frame in frames]) for name in ("R_parent_child", "p_world_pelvis"))
     wearers = tuple(
-        replace(one, R_parent_child=R[:, at], p_world_pelvis=p[:, at]) for at, one in enumerate(static.wearers)
+        replace(wearer, R_parent_child=R[:, number], p_world_pelvis=p[:, number])
+        for number, wearer in enumerate(static.wearers)
     )
     carried = CameraPoses(*(np.array([getattr(frame, name) for frame in frames]) for name in CAMERA_ARRAYS))
-    cameras = tuple(one if len(one.poses) else replace(one, poses=carried) for one in static.cameras)
+    cameras = tuple(camera if len(camera.poses) else replace(camera, poses=carried) for camera in static.cameras)
     return replace(static, wearers=wearers, cameras=cameras)
 
 
 def without_frames(state: SceneState) -> SceneState:
-    """What all frames share, as a scene without any; the pose of a camera that stands still is among it."""
+    """State of the shared variables, without frames; includes poses of standing cameras."""
     return state.window(slice(0, 0))
 
 
@@ -74,11 +75,11 @@ class LagProblem:
     """Makes the problem of any stretch of frames.
 
     Attributes:
-        wearers, cameras: the problems without frames: body, sensors, priors, what is free. At most one camera moves.
+        wearers, cameras: problems without frames: body, sensors, priors, free variables. At most one camera moves.
         step: seconds between frames.
-        sensors: of each wearer, its columns among all carriers' sensors; then that of the IMU of each camera with one.
-        feet: by camera and wearer, those whose contact with the ground is used; None where it is not.
-        layout: of the variables that move.
+        sensors: for each wearer, its columns among all sensors; then the column of the IMU of each camera with one.
+        feet: by camera and wearer, the feet whose ground contact is used; None where it is not.
+        layout: layout of the variables.
     """
 
     def __init__(
@@ -92,13 +93,14 @@ class LagProblem:
     ) -> None:
         self.wearers, self.cameras = tuple(wearers), tuple(cameras)
         self.sensors, self.step = list(sensors), step
-        self._points = [[view.points for view in own] for own in views]
-        self.feet = [[None if view.ground is None else view.ground.feet for view in own] for own in views]
+        self._points = [[view.points for view in views_of_camera] for views_of_camera in views]
+        grounds = [[view.ground for view in views_of_camera] for views_of_camera in views]
+        self.feet = [[None if ground is None else ground.feet for ground in row] for row in grounds]
         bare = SceneProblem(self.wearers, self.cameras, tuple(map(tuple, views)))
         self.layout = scene_layout(bare, settings.walk, settings.relinearisation.shared_deg)
 
     def begin_at(self, p_world_pelvis: Array) -> None:
-        """Take the wearers to be at ``(W, 3)`` metres in the first frame, where no standing camera tells."""
+        """Place the wearers at ``(W, 3)`` metres in the first frame, unless a standing camera determines that."""
         gauge = self.moving or not self.has_views
         self.wearers = tuple(
             replace(wearer, p_world_start=p, is_gauge=wearer.is_gauge and gauge)
@@ -106,28 +108,29 @@ class LagProblem:
         )
 
     def turn_headings(self, angle: float) -> None:
-        """The same in a world turned about the vertical by an angle in radians."""
-        self.wearers = tuple(replace(one, prior_headings=one.prior_headings + angle) for one in self.wearers)
-        self.cameras = tuple(replace(one, prior_heading=one.prior_heading + angle) for one in self.cameras)
+        """Turn the prior headings with the world, about the vertical by an angle in radians."""
+        self.wearers = tuple(replace(wearer, prior_headings=wearer.prior_headings + angle) for wearer in self.wearers)
+        self.cameras = tuple(replace(camera, prior_heading=camera.prior_heading + angle) for camera in self.cameras)
 
     @property
     def carried(self) -> int | None:
-        """Number of the camera whose pose belongs to the frame; None if all stand still."""
+        """Number of the camera whose pose belongs to the frames; None if all stand still."""
         return next((number for number, camera in enumerate(self.cameras) if camera.moving), None)
 
     @property
     def moving(self) -> bool:
-        """Whether a camera's pose belongs to the frame."""
+        """Whether a camera's pose belongs to the frames."""
         return self.carried is not None
 
     def camera_sensors(self, camera: int) -> np.ndarray:
-        """Column of the IMU on a camera that has one, among all carriers' sensors."""
-        return self.sensors[len(self.wearers) + sum(one.imu is not None for one in self.cameras[:camera])]
+        """Column among all sensors of the IMU on a camera that has one."""
+        carriers = [problem for problem in self.cameras[:camera] if problem.imu is not None]
+        return self.sensors[len(self.wearers) + len(carriers)]
 
     def model(self, frames: Sequence[LiveFrame], beginning: bool) -> SceneProblem:
         """The problem of consecutive frames; ``beginning``: they are the first ones."""
         time = frames[0].time + self.step * np.arange(len(frames))
-        parts = imu_arrays(frames)
+        measurements = imu_arrays(frames)
         wearers = []
         for number, wearer in enumerate(self.wearers):
             contacts = np.array([frame.contacts[number] for frame in frames])
@@ -137,7 +140,7 @@ class LagProblem:
             wearers.append(
                 replace(
                     wearer,
-                    frames=_imu_frames(wearer.frames.sensors, time, parts, self.sensors[number], self.step),
+                    frames=_imu_frames(wearer.frames.sensors, time, measurements, self.sensors[number], self.step),
                     contact_confidence=contacts,
                     initial_pose=pose,
                     is_beginning=beginning,
@@ -147,27 +150,28 @@ class LagProblem:
         for number, camera in enumerate(self.cameras):
             imu = camera.imu
             if imu is not None:
-                imu = _imu_frames(imu.sensors, time, parts, self.camera_sensors(number), self.step)
+                imu = _imu_frames(imu.sensors, time, measurements, self.camera_sensors(number), self.step)
             cameras.append(replace(camera, is_beginning=beginning, imu=imu))
         views = tuple(self._views(frames, number) for number in range(len(self._points)))
         return SceneProblem(tuple(wearers), tuple(cameras), views)
 
     @property
     def has_views(self) -> bool:
-        """Whether there is a camera that sees anybody."""
+        """Whether any camera observes a wearer."""
         return any(len(points) for camera in self._points for points in camera)
 
     def _views(self, frames: Sequence[LiveFrame], camera: int) -> tuple[KeypointView, ...]:
         views = [frame.views[camera] for frame in frames]
-        return tuple(
-            KeypointView.joined(points, [None if one is None else one[wearer] for one in views], feet)
-            for wearer, (points, feet) in enumerate(zip(self._points[camera], self.feet[camera], strict=True))
-        )
+        joined = list[KeypointView]()
+        for wearer, (points, feet) in enumerate(zip(self._points[camera], self.feet[camera], strict=True)):
+            own_views = [None if row is None else row[wearer] for row in views]
+            joined.append(KeypointView.joined(points, own_views, feet))
+        return tuple(joined)
 
 
 def _imu_frames(
     names: tuple[str, ...], time: np.ndarray, parts: tuple[Array, ...], columns: np.ndarray, step: float
 ) -> ImuFrames:
-    R, seen, force, whole = (part[:, columns] for part in parts)
-    begins = np.arange(len(time)) == 0 if len(time) * step < POSE_S else np.zeros(0, bool)  # too short for a silence
-    return ImuFrames(names, time, R, seen, force, whole, step, begins)
+    R, orientation_valid, force, acceleration_valid = (values[:, columns] for values in parts)
+    begins = np.arange(len(time)) == 0 if len(time) * step < POSE_S else np.zeros(0, bool)  # shorter than a silence
+    return ImuFrames(names, time, R, orientation_valid, force, acceleration_valid, step, begins)

@@ -1,4 +1,4 @@
-"""Samples of sensors: whether each can be used, and what the newest say of an instant and a window around another."""
+"""Samples of a stream: their validation, orientations at an instant and accelerations over a window."""
 
 import math
 from dataclasses import replace
@@ -19,10 +19,10 @@ from vip_factors.sensors.scene import Camera
 
 
 def checked_imu(sample: ImuSample, attitude: AttitudeFilter) -> tuple[float, list[float]] | str:
-    """Time and values of a usable sample, or what is wrong with it.
+    """Validate an IMU sample: its time and values, or the reason why it cannot be used.
 
-    Values are R_inertial_sensor row by row, and the specific force in m/s² in the inertial frame, NaN if not measured.
-    An orientation that is not measured is found from specific force and angular rate by the sensor's ``attitude``.
+    Values are R_inertial_sensor row by row, then the specific force in the inertial frame (m/s², NaN if not measured).
+    An orientation that is not measured is estimated from specific force and angular rate by ``attitude``.
     """
     time = _checked_time(sample.time)
     if isinstance(time, str):
@@ -35,9 +35,9 @@ def checked_imu(sample: ImuSample, attitude: AttitudeFilter) -> tuple[float, lis
     force = _numbers(sample.specific_force, (3,))
     if force is None:
         return "a specific force is not three finite numbers"
-    most = max(map(abs, force))
-    if most > FORCE_LIMIT:
-        return f"a specific force of {most:.3g} m/s²: expected at most {FORCE_LIMIT:g}; check the unit (m/s², not mg)"
+    peak = max(map(abs, force))
+    if peak > FORCE_LIMIT:
+        return f"a specific force of {peak:.3g} m/s²: expected at most {FORCE_LIMIT:g}; check the unit (m/s², not mg)"
     x, y, z = force
     a, b, c, d, e, f, g, h, i = R
     return time, [*R, a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z]
@@ -50,7 +50,7 @@ def _checked_orientation(sample: ImuSample, time: float, attitude: AttitudeFilte
             return "an orientation is not a (3, 3) matrix of finite numbers"
         return R if _is_rotation(R) else "an orientation is not a rotation matrix"
     if sample.angular_rate is None or sample.specific_force is None:
-        return "they carry no orientation, nor angular rate and specific force to find it from"
+        return "they carry neither an orientation nor the angular rate and specific force to estimate it from"
     rate, force = _numbers(sample.angular_rate, (3,)), _numbers(sample.specific_force, (3,))
     if rate is None or force is None:
         return f"{'an angular rate' if rate is None else 'a specific force'} is not three finite numbers"
@@ -62,9 +62,9 @@ def _checked_orientation(sample: ImuSample, time: float, attitude: AttitudeFilte
 
 
 def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame | str:
-    """The video frame with arrays of floats, or what is wrong with it."""
-    pixel_limit = 1e5  # no image is as wide, nor is a keypoint marked so far outside of one
-    most_people = 1000  # in one video frame: no detector tells more apart
+    """Validate a video frame: the frame with arrays of floats, or the reason why it cannot be used."""
+    pixel_limit = 1e5  # wider than any image
+    most_people = 1000  # in one video frame
     time = _checked_time(frame.time)
     if isinstance(time, str):
         return time
@@ -82,8 +82,8 @@ def checked_video(frame: VideoFrame, camera: Camera) -> VideoFrame | str:
         return f"{N} people in one frame: expected at most {most_people}"
     if not np.all(np.isfinite(confidence)):
         return "a confidence is not finite"
-    found = pixels[confidence > 0]
-    if not np.all(np.abs(found) <= pixel_limit):  # NaN is not either
+    pixels_of_keypoints = pixels[confidence > 0]
+    if not np.all(np.abs(pixels_of_keypoints) <= pixel_limit):  # refuses NaN as well
         return f"a keypoint with confidence has pixels that are not finite, or beyond {pixel_limit:g}"
     return replace(frame, time=time, pixels=pixels, confidence=np.clip(confidence, 0.0, 1.0))
 
@@ -99,7 +99,7 @@ def _checked_time(time: float) -> float | str:
 
 
 def _numbers(values: Array, shape: tuple[int, ...]) -> list[float] | None:
-    """All of them row by row, or None if they are not finite or of another shape."""
+    """Values row by row, or None if they are not finite or of another shape."""
     try:
         array = np.asarray(values, dtype=float)
     except (TypeError, ValueError):
@@ -111,7 +111,7 @@ def _numbers(values: Array, shape: tuple[int, ...]) -> list[float] | None:
 
 
 def _is_rotation(R: list[float]) -> bool:
-    """As :class:`~vip_factors.sensors.imu_stream.ImuStream` asks: RᵀR within the tolerance, and no mirror."""
+    """Whether RᵀR is the identity within the tolerance of :class:`ImuStream`, and R no reflection."""
     a, b, c, d, e, f, g, h, i = R
     return (
         abs(a * a + d * d + g * g - 1) <= ROTATION_TOLERANCE
@@ -127,14 +127,14 @@ def _is_rotation(R: list[float]) -> bool:
 def triangular_average_of_samples(time: Array, values: Array, half_width: float) -> Array:
     """Average of ``S`` piecewise linear signals under the triangle of the given half-width ``h`` about time zero.
 
-    With the window's second antiderivative, ``G'' = triangle``, partial integration leaves one term for each piece
+    With the second antiderivative of the window, ``G'' = triangle``, partial integration leaves one term for each piece
     between samples: its slope times the increase of G. So ``f(end) G'(end) − Σ slope · ΔG`` is exact; it equals
-    :func:`vip_factors.sensors.frames.triangular_average`. Where the samples do not reach the window's ends, the first
-    and the last piece go on.
+    :func:`vip_factors.sensors.frames.triangular_average`. The first and last pieces are extrapolated to the ends of
+    the window.
 
     Args:
         time: ``(S, m)`` seconds from the middle of the window, increasing; the last sample may be repeated.
-        values: ``(S, m, D)`` at these times; at least two different ones each.
+        values: ``(S, m, D)`` at these times; at least two different times for each sensor.
         half_width: seconds.
 
     Returns:
@@ -147,33 +147,34 @@ def triangular_average_of_samples(time: Array, values: Array, half_width: float)
     slope = np.diff(values, axis=1) / np.where(real, step, 1.0)[..., None]
     average = values[:, -1] - np.einsum("sm,smd->sd", np.diff(G, axis=1), slope)
 
-    last = slope[np.arange(len(time)), real.sum(axis=1) - 1]
-    before = G[:, 0]  # what the window holds before the first sample; zero if nothing
-    after = (h - time[:, -1]) - (h - G[:, -1])
-    return average - before[:, None] * slope[:, 0] + after[:, None] * last
+    slope_after = slope[np.arange(len(time)), real.sum(axis=1) - 1]
+    area_before = G[:, 0]  # of the window before the first sample
+    area_after = (h - time[:, -1]) - (h - G[:, -1])
+    return average - area_before[:, None] * slope[:, 0] + area_after[:, None] * slope_after
 
 
 def _second_antiderivative(time: Array, h: float) -> Array:
-    """Of the triangle of area one over ``[−h, h]``; zero before it, ``time`` itself behind it."""
+    """Second antiderivative of the triangle of area one over ``[−h, h]``; 0 before it, ``time`` after it."""
     t = np.clip(time, -h, h)
     inside = ((t + h) ** 3 - 2 * np.maximum(t, 0.0) ** 3) / (6 * h * h)
     return inside + np.maximum(time - h, 0.0)
 
 
-RATE_SAMPLES = 128  # kept of each sensor, for its rate: the median of so many steps is within 2 % at 30 % loss
-MOST = 8192  # samples of each sensor: eight seconds at 1 kHz; beyond, the oldest half goes
-SAME_TIME = 1e-6  # s: samples closer than this are one sample sent twice
+RATE_SAMPLES = 128  # of each sensor, for its rate: the median of so many steps is within 2 % at 30 % loss
+MOST_SAMPLES = 8192  # of each sensor: eight seconds at 1 kHz; beyond, the oldest half is dropped
+SAME_TIME_S = 1e-6  # samples closer than this are one sample sent twice
 
 
 class SensorBuffer:
-    """Samples of ``S`` sensors in the order of time. It means the same as :func:`~vip_factors.sensors.frames.resample`.
+    """Samples of ``S`` sensors in the order of time; :meth:`measure` equals
+    :func:`~vip_factors.sensors.frames.resample`.
 
     Attributes:
-        needed_from: seconds; samples before it may be forgotten, but for the last one.
+        needed_from: seconds; samples before it may be dropped, except for the last one.
     """
 
     def __init__(self, sensors: int) -> None:
-        capacity = 256  # samples of each sensor at first: two seconds at 120 Hz
+        capacity = 256  # initial number of samples of each sensor: two seconds at 120 Hz
         self.needed_from = -np.inf
         self._count = np.zeros(sensors, int)
         self._inserted = [0] * sensors
@@ -183,98 +184,100 @@ class SensorBuffer:
         self._values = np.tile([*np.eye(3).ravel(), 0.0, 0.0, 0.0], (sensors, capacity, 1))
 
     def insert(self, sensor: int, time: float, values: list[float]) -> bool:
-        """Put a sample's :func:`checked_imu` values in their place; False if there is one of this time already."""
-        rate_every = 32  # samples: so often the rate is found anew
+        """Insert a sample's :func:`checked_imu` values; False if there is a sample of this time already."""
+        rate_every = 32  # samples between estimates of the rate
         if self._count[sensor] == self._time.shape[1]:
             self._make_room()
         count = int(self._count[sensor])
         row = self._time[sensor]
         place = count
-        if count and time <= row[count - 1] + SAME_TIME:
+        if count and time <= row[count - 1] + SAME_TIME_S:
             place = int(row[:count].searchsorted(time))
             for neighbour in (place - 1, place):
-                if 0 <= neighbour < count and abs(row[neighbour] - time) <= SAME_TIME:
+                if 0 <= neighbour < count and abs(row[neighbour] - time) <= SAME_TIME_S:
                     return False
-            for later in (row, self._values[sensor]):
-                later[place + 1 : count + 1] = later[place:count].copy()
+            for values_later in (row, self._values[sensor]):
+                values_later[place + 1 : count + 1] = values_later[place:count].copy()
         row[place] = time
         self._values[sensor, place] = values
         self._count[sensor] = count + 1
         self._inserted[sensor] += 1
-        # Of sensors that send alike one at a time: all of them in one update made it a longer one.
+        # Sensors of equal rate take turns, so that no single update pays for all of them.
         if self._inserted[sensor] < rate_every or (self._inserted[sensor] - 5 * sensor) % rate_every == 0:
             recent = row[max(count + 1 - RATE_SAMPLES, 0) : count + 1]
             self._period[sensor] = float(np.median(np.diff(recent))) if len(recent) > 1 else 0.0
         return True
 
     def measure(self, time: float, step: float) -> tuple[Array, np.ndarray, Array, np.ndarray]:
-        """Orientation at an instant, and acceleration about the instant one ``step`` before it.
+        """Orientation at ``time`` and acceleration around the instant one ``step`` before it.
 
         Returns:
-            ``R_inertial_sensor`` ``(S, 3, 3)``, identity where it was not measured, and where it was, ``(S,)``; the
-            triangular average of half-width ``step`` ``(S, 3)`` in m/s², zero where its window is not whole, and where
-            it is, ``(S,)``.
+            ``R_inertial_sensor`` ``(S, 3, 3)``, identity where invalid, and its validity ``(S,)``; the triangular
+            average of half-width ``step`` of the specific force, ``(S, 3)`` in m/s², zero where invalid, and its
+            validity ``(S,)``.
         """
-        sample, span = self._over(time - 2 * step, time)
-        before, after = span[:, :-1], span[:, 1:]
-        gap = after - before > GAP_FACTOR * self._period[:, None]
-        seen = self._covered(span, gap, time, time)
-        whole = self._covered(span, gap, time - 2 * step, time) & (self._count > 1)
-        R = self._orientation(sample, span, time, seen)
+        sample, span = self._samples_around(time - 2 * step, time)
+        time_left, time_right = span[:, :-1], span[:, 1:]
+        gap = time_right - time_left > GAP_FACTOR * self._period[:, None]
+        orientation_valid = self._covered(span, gap, time, time)
+        acceleration_valid = self._covered(span, gap, time - 2 * step, time) & (self._count > 1)
+        R = self._orientation(sample, span, time, orientation_valid)
         force = np.zeros((len(span), 3))
-        if np.any(whole):
-            rows = np.flatnonzero(whole)
+        if np.any(acceleration_valid):
+            rows = np.flatnonzero(acceleration_valid)
             values = self._values[rows[:, None], sample[rows], 9:]
             force[rows] = triangular_average_of_samples(span[rows] - (time - step), values, step)
-            whole &= np.isfinite(force).all(axis=1)  # NaN where a sample had no specific force
-            force[~whole] = 0.0
-        return R, seen, force, whole
+            acceleration_valid &= np.isfinite(force).all(axis=1)  # NaN where a sample had no specific force
+            force[~acceleration_valid] = 0.0
+        return R, orientation_valid, force, acceleration_valid
 
-    def _over(self, start: float, end: float) -> tuple[np.ndarray, Array]:
-        """Samples about an interval: from the last before it to the first behind it; two at least, if there are two.
+    def _samples_around(self, start: float, end: float) -> tuple[np.ndarray, Array]:
+        """Samples around an interval: from the last one before it to the first one after it, at least two if possible.
 
         Returns:
-            Their indices ``(S, m)``, the last one repeated, and times ``(S, m)``; zero where there is none at all.
+            Indices ``(S, m)``, the last one repeated, and times ``(S, m)``; zero for a sensor without samples.
         """
         time = self._time[:, : int(self._count.max())]
         newest = np.maximum(self._count - 1, 0)
-        first = np.maximum(np.minimum((time <= start).sum(axis=1), newest) - 1, 0)
-        last = np.minimum(np.maximum((time < end).sum(axis=1), first + 1), newest)
-        sample = np.minimum(first[:, None] + np.arange(int((last - first).max()) + 1), last[:, None])
+        first_sample = np.maximum(np.minimum((time <= start).sum(axis=1), newest) - 1, 0)
+        last_sample = np.minimum(np.maximum((time < end).sum(axis=1), first_sample + 1), newest)
+        steps = np.arange(int((last_sample - first_sample).max()) + 1)
+        sample = np.minimum(first_sample[:, None] + steps, last_sample[:, None])
         span = self._time[self._column, sample]
         span[self._count == 0] = 0.0
         return sample, span
 
     def _covered(self, span: Array, gap: np.ndarray, start: float, end: float) -> np.ndarray:
-        """Whether there are samples without a gap over an interval ``(S,)``; half a period more or less is nothing."""
+        """Whether samples cover an interval without a gap ``(S,)``, with a tolerance of half a period."""
         slack = 0.5 * self._period
         edge = slack[:, None]
         inside = (self._count > 0) & (start >= span[:, 0] - slack) & (end <= span[:, -1] + slack)
         torn = gap & (end > span[:, :-1] + edge) & (start < span[:, 1:] - edge)
         return inside & ~torn.any(axis=1)
 
-    def _orientation(self, sample: np.ndarray, span: Array, time: float, seen: np.ndarray) -> Array:
-        """Interpolated between the samples on either side, ``(S, 3, 3)``; the nearest one's beyond the ends."""
-        most = span.shape[1] - 1
-        right = np.minimum(np.maximum((span <= time).sum(axis=1), 1), most)
-        left = np.maximum(right - 1, 0)
+    def _orientation(self, sample: np.ndarray, span: Array, time: float, orientation_valid: np.ndarray) -> Array:
+        """Interpolate between the samples on either side, ``(S, 3, 3)``; beyond the ends the nearest one holds."""
+        last_index = span.shape[1] - 1
+        right_index = np.minimum(np.maximum((span <= time).sum(axis=1), 1), last_index)
+        left_index = np.maximum(right_index - 1, 0)
         rows = self._column[:, 0]
-        step = span[rows, right] - span[rows, left]
-        fraction = np.clip((time - span[rows, left]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
-        R_left, R_right = (self._values[rows, sample[rows, at], :9].reshape(-1, 3, 3) for at in (left, right))
+        step = span[rows, right_index] - span[rows, left_index]
+        fraction = np.clip((time - span[rows, left_index]) / np.where(step > 0, step, 1.0), 0.0, 1.0)
+        ends = (sample[rows, left_index], sample[rows, right_index])
+        R_left, R_right = (self._values[rows, end, :9].reshape(-1, 3, 3) for end in ends)
         R = R_left @ exp(fraction[:, None] * log(transpose(R_left) @ R_right))
-        R[~seen] = np.eye(3)
+        R[~orientation_valid] = np.eye(3)
         return R
 
     def _make_room(self) -> None:
-        """Forget what is not needed; if that is little, grow."""
+        """Drop samples that are not needed; if these are few, grow the buffer."""
         size = self._time.shape[1]
         for sensor, count in enumerate(self._count):
             needed = int((self._time[sensor, :count] <= self.needed_from).sum()) - 1
             self._drop_before(sensor, max(min(needed, count - RATE_SAMPLES), 0))
         if self._count.max() <= size // 2:
             return
-        if size < MOST:
+        if size < MOST_SAMPLES:
             grown = np.full((len(self._time), size), np.inf)
             self._time = np.concatenate([self._time, grown], axis=1)
             self._values = np.concatenate([self._values, np.zeros_like(self._values)], axis=1)
@@ -284,8 +287,8 @@ class SensorBuffer:
 
     def _drop_before(self, sensor: int, oldest: int) -> None:
         count = int(self._count[sensor])
-        kept = count - oldest
+        count_kept = count - oldest
         for values in (self._time[sensor], self._values[sensor]):
-            values[:kept] = values[oldest:count].copy()
-        self._time[sensor, kept:] = np.inf
-        self._count[sensor] = kept
+            values[:count_kept] = values[oldest:count].copy()
+        self._time[sensor, count_kept:] = np.inf
+        self._count[sensor] = count_kept

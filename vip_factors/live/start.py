@@ -1,4 +1,4 @@
-"""How tracking begins, and begins again: the stages of the batch pipeline over the last second or so."""
+"""Start and restart of tracking: the stages of the batch pipeline over the last second."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -34,21 +34,20 @@ from vip_factors.stages.scene_solution import SceneSolution, solve_from, start_b
 from vip_factors.stages.solver import Solver
 from vip_factors.terms.registry import unfilmed_problem
 
-UNKNOWN_HEADING = np.pi  # radians: of a sensor that comes late, before it has been seen to move
-# By which a start from nothing may differ from the calibration found before that is gone on from: nearer than to any
-# other way to strap a sensor on. A wrong one is got out of by the next start that is right.
-# Of two wearers 45° cost one of them 2 mm over the first half of a recording.
+UNKNOWN_HEADING = np.pi  # radians, prior sigma of a sensor without a calibration
+# Largest difference between a start from nothing and the previous calibration, from which the start then continues;
+# smaller than between any two ways to strap a sensor on.
 ALIKE = np.deg2rad(20.0)
 
 
 @dataclass(frozen=True)
 class EarlierCalibration:
-    """What an earlier start and all since has taught.
+    """Calibration and bodies from tracking before a pause.
 
     Attributes:
         calibration: of each wearer's sensors, with standard deviations.
-        p_world_pelvis: ``(W, 3)`` metres, of the wearers at the first frame of the new start, or where they were lost.
-        bodies: of wearers whose lengths have been found.
+        p_world_pelvis: ``(W, 3)`` metres, at the first frame of the new start, or where tracking was lost.
+        bodies: of wearers whose lengths were estimated.
     """
 
     calibration: Mapping[str, Calibration]
@@ -56,59 +55,64 @@ class EarlierCalibration:
     bodies: Mapping[str, Skeleton] = field(default_factory=dict)
 
     def embodied(self, wearer: Recording) -> Recording:
-        """A wearer with the body that was found."""
-        found = self.bodies.get(wearer.subject.name)
-        return wearer if found is None else replace(wearer, subject=replace(wearer.subject, skeleton=found))
+        """A wearer with the estimated body."""
+        skeleton = self.bodies.get(wearer.subject.name)
+        return wearer if skeleton is None else replace(wearer, subject=replace(wearer.subject, skeleton=skeleton))
 
 
 def solve_stretch(
-    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None,
-    before: "TrackingStart | None" = None,
-) -> SceneSolution:  # fmt: skip
-    """Inertial trackers, association and fusion of a stretch.
+    stretch: MeasuredStretch,
+    settings: LiveSettings,
+    previous_calibration: EarlierCalibration | None = None,
+    previous: "TrackingStart | None" = None,
+) -> SceneSolution:
+    """Solve a stretch by the batch stages: inertial trackers, association and fusion.
 
     Args:
-        stretch: what was measured.
-        settings: of all.
-        earlier: from before a pause.
-        before: found from less of the same; gone on from if a start from nothing is like it.
+        stretch: the measurements.
+        settings: settings of a stream.
+        previous_calibration: calibration from before a pause.
+        previous: solution of a shorter part of the same data; used if a start from nothing is similar.
 
     Raises:
-        RecordingError: if the sensors say too little.
+        RecordingError: if the sensors measure too little.
         SolveError: if the problem is not determined.
     """
     scene, solver = stretch.scene(), Solver(settings.solve, silent)
-    if earlier is not None:
-        scene = replace(scene, wearers=tuple(earlier.embodied(one) for one in scene.wearers))
-    each = [
-        (one, coarser(stretch.imu_frames(one.subject.name, one.placed), settings.coarse_factor))
-        for one in scene.wearers
-    ]
+    if previous_calibration is not None:
+        scene = replace(scene, wearers=tuple(previous_calibration.embodied(wearer) for wearer in scene.wearers))
+    frames = [stretch.imu_frames(wearer.subject.name, wearer.placed) for wearer in scene.wearers]
+    coarse = [coarser(imu_frames, settings.coarse_factor) for imu_frames in frames]
+    worn = list(zip(scene.wearers, coarse, strict=True))
     is_calibrated = False
-    if earlier is not None:
-        wearers = tuple(_inertial_after(*one, settings, solver, earlier) for one in each)
+    if previous_calibration is not None:
+        wearers = tuple(_inertial_after(*pair, settings, solver, previous_calibration) for pair in worn)
     else:
-        starts = [find_start(*one, settings, solver.progress_of("start")) for one in each]
-        found = () if before is None else zip(before.problem.wearers, before.shared.wearers, strict=True)
-        known = [_as_before(start, own, *one) for (start, _), (_, own), one in zip(starts, each, found, strict=False)]
-        is_calibrated = bool(known) and all(one is not None for one in known)
-        every = zip(each, starts, known if is_calibrated else [None] * len(each), strict=True)
-        wearers = tuple(_inertial(*one, settings, solver, start, kept) for one, start, kept in every)
+        starts = [find_start(*pair, settings, solver.progress_of("start")) for pair in worn]
+        calibrations = list[InitialCalibration | None]()
+        if previous is not None:
+            solved = zip(previous.problem.wearers, previous.shared.wearers, strict=True)
+            pairs = zip(starts, worn, solved, strict=False)
+            calibrations = [_as_before(start, imu_frames, *wearer) for (start, _), (_, imu_frames), wearer in pairs]
+        is_calibrated = bool(calibrations) and all(calibration is not None for calibration in calibrations)
+        every = zip(worn, starts, calibrations if is_calibrated else [None] * len(worn), strict=True)
+        wearers = tuple(_inertial(*pair, settings, solver, start, calibration) for pair, start, calibration in every)
     if settings.fusion.use_camera and any(len(camera.detections) for camera in scene.cameras):
         start = start_before_cameras(scene, wearers, settings, solver, is_calibrated)
         if isinstance(start, FusionStart):
             return solve_from(start, scene, settings, solver).on_floor(settings)
-    models = [with_contacts(replace(one.model, free_pose_mean=False), one.state) for one in wearers]
-    states = [solver.solve_wearer(model, one.state, "start") for model, one in zip(models, wearers, strict=True)]
+    models = [with_contacts(replace(solution.model, free_pose_mean=False), solution.state) for solution in wearers]
+    starting = zip(models, wearers, strict=True)
+    states = [solver.solve_wearer(model, solution.state, "start") for model, solution in starting]
     fused = FusionSolution(unfilmed_problem(models), SceneState.unfilmed(states), ())
     return SceneSolution(scene, wearers, fused)
 
 
 def _as_before(
-    start: InitialCalibration, frames: ImuFrames, found: WearerProblem, state: WearerState
+    start: InitialCalibration, frames: ImuFrames, previous: WearerProblem, state: WearerState
 ) -> InitialCalibration | None:
-    """The calibration found before; None if the start from nothing is another, or it is of other sensors."""
-    if frames.sensors != found.frames.sensors:
+    """The previous calibration; None if the start from nothing differs, or the sensors do."""
+    if frames.sensors != previous.frames.sensors:
         return None
     headings = state.headings + robust_mean_angle(wrap_angle(start.headings - state.headings))
     turned = angle_between(start.R_bone_sensor, state.R_bone_sensor)
@@ -118,53 +122,61 @@ def _as_before(
 
 
 def _inertial(
-    recording: Recording, frames: ImuFrames, settings: LiveSettings, solver: Solver,
-    found: tuple[InitialCalibration, Starts | None], known: InitialCalibration | None,
-) -> InertialSolution:  # fmt: skip
-    """The tracker from a start; or with a calibration ``known`` before, and the start for what is expected of it."""
-    start, starts = found
-    tracked = replace(inertial_tracker(recording, frames, settings, solver, known or start), starts=starts)
+    recording: Recording,
+    frames: ImuFrames,
+    settings: LiveSettings,
+    solver: Solver,
+    search: tuple[InitialCalibration, Starts | None],
+    calibration: InitialCalibration | None,
+) -> InertialSolution:
+    """The tracker from a start, or from a previous ``calibration`` with the start as its prior."""
+    start, starts = search
+    tracked = replace(inertial_tracker(recording, frames, settings, solver, calibration or start), starts=starts)
     expected = replace(tracked.model, prior_headings=start.headings, prior_R_bone_sensor=start.R_bone_sensor)
-    return tracked if known is None else replace(tracked, model=expected)
+    return tracked if calibration is None else replace(tracked, model=expected)
 
 
 def _inertial_after(
-    recording: Recording, frames: ImuFrames, settings: LiveSettings, solver: Solver, earlier: EarlierCalibration
+    recording: Recording,
+    frames: ImuFrames,
+    settings: LiveSettings,
+    solver: Solver,
+    previous_calibration: EarlierCalibration,
 ) -> InertialSolution:
-    """The tracker with the calibration of before a pause."""
-    own = dict(earlier.calibration[recording.subject.name])
-    if any(name not in own for name in frames.sensors):
+    """The tracker with the calibration from before a pause."""
+    calibration_of = dict(previous_calibration.calibration[recording.subject.name])
+    if any(name not in calibration_of for name in frames.sensors):
         fresh = first_calibration(recording, frames, settings)
         for s, name in enumerate(frames.sensors):
             sigma = np.full(3, recording.placement.site(name).mounting_sigma)
             heading = float(fresh.headings[s])
-            own.setdefault(name, SensorCalibration(heading, fresh.R_bone_sensor[s], UNKNOWN_HEADING, sigma))
-    one = [own[name] for name in frames.sensors]
-    sigma = np.array([each.heading_sigma for each in one])
+            calibration_of.setdefault(name, SensorCalibration(heading, fresh.R_bone_sensor[s], UNKNOWN_HEADING, sigma))
+    sensors = [calibration_of[name] for name in frames.sensors]
+    sigma = np.array([sensor.heading_sigma for sensor in sensors])
     calibration = InitialCalibration(
-        np.array([each.heading for each in one]), sigma, np.stack([each.R_bone_sensor for each in one])
+        np.array([sensor.heading for sensor in sensors]), sigma, np.stack([sensor.R_bone_sensor for sensor in sensors])
     )
     tracked = inertial_tracker(recording, frames, settings, solver, calibration)
-    mounting = np.array([np.sqrt(np.mean(each.mounting_sigma**2)) for each in one])
+    mounting = np.array([np.sqrt(np.mean(sensor.mounting_sigma**2)) for sensor in sensors])
     return replace(tracked, model=replace(tracked.model, mounting_sigma=mounting))
 
 
 @dataclass(frozen=True)
 class TrackingStart:
-    """Where tracking begins.
+    """Problem, state and measurements with which tracking begins.
 
     Attributes:
-        problem: of any stretch from here on.
-        shared: what all frames share, without frames.
-        frames, states: of the stretch.
-        associated: of the cameras that are of use: who is who in each of their video frames.
+        problem: problem of any stretch from here on.
+        shared: state of the shared variables, without frames.
+        frames, states: measurements and states of the first frames.
+        associated: cameras that are used, with the wearers in each of their video frames.
         spreads: by camera and wearer, scatter of the detections in OKS sigmas.
-        information: ``(s, s)`` about ``shared``, from frames that are not here; None without any.
-        seconds: of data that what frames share was found from.
-        video: of the frames.
-        findings: about a start that the stretch does not settle.
-        in_place: whether it was shown that no sensors are in each other's places.
-        tracked: the last of the frames, as it was tracked meanwhile; None where nothing was.
+        information: ``(s, s)`` about ``shared``, from frames that are not included; None without any.
+        seconds: duration of the data from which ``shared`` was estimated.
+        video: video of the frames.
+        findings: ambiguities that the data does not settle.
+        in_place: whether exchanged sensors were ruled out.
+        tracked_state: state of the last frame as tracked meanwhile; None at a first start.
         moved: columns of sensors that have moved since.
     """
 
@@ -179,31 +191,31 @@ class TrackingStart:
     video: tuple[VideoFrame, ...] = ()
     findings: tuple[Finding, ...] = ()
     in_place: bool = False
-    tracked: FrameState | None = None
+    tracked_state: FrameState | None = None
     moved: tuple[int, ...] = ()
 
     @property
     def has_views(self) -> bool:
-        """Whether a camera sees a wearer."""
+        """Whether a camera observes a wearer."""
         return bool(self.associated)
 
     def with_lens(self, camera: Camera) -> Camera:
-        """A camera of the stream with the lens that was estimated, if it is of use."""
-        for each, problem, state in zip(self.associated, self.problem.cameras, self.shared.cameras, strict=True):
-            if each.camera.name == camera.name:
+        """A camera of the stream with the estimated lens, if the camera is used."""
+        for associated, problem, state in zip(self.associated, self.problem.cameras, self.shared.cameras, strict=True):
+            if associated.camera.name == camera.name:
                 return replace(camera, model=problem.model.zoomed(state.zoom), focal_sigma=0.0)
         return camera
 
 
 def start_tracking(
-    stretch: MeasuredStretch, settings: LiveSettings, earlier: EarlierCalibration | None = None
+    stretch: MeasuredStretch, settings: LiveSettings, previous_calibration: EarlierCalibration | None = None
 ) -> TrackingStart:
-    """Begin with a stretch: coarsely by the batch stages, as they would a short scene, then frame by frame.
+    """Start from a stretch: coarsely by the batch stages, then at the full frame rate.
 
     Args:
-        stretch: a second or so.
-        settings: of all.
-        earlier: from before, where this is not the first start.
+        stretch: about a second of measurements.
+        settings: settings of a stream.
+        previous_calibration: calibration from before, if this is not the first start.
 
     Raises:
         RecordingError: if a wearer has no sensor that measures.
@@ -212,15 +224,15 @@ def start_tracking(
     silent = [wearer.subject.name for wearer in stretch.head.wearers if not stretch.measuring(wearer.subject.name)]
     if silent:
         raise RecordingError(f"no sensor of '{silent[0]}' has measured in the last {len(stretch.time)} frames")
-    coarse = solve_stretch(stretch, settings, earlier)
+    coarse = solve_stretch(stretch, settings, previous_calibration)
     fine = coarse.problem_on(stretch.frames_of(coarse), settings)
     state = fine.state
-    if earlier is not None and not coarse.is_world_known:
-        shift = earlier.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0]
+    if previous_calibration is not None and not coarse.is_world_known:
+        shift = previous_calibration.p_world_pelvis[0] - state.wearers[0].p_world_pelvis[0]
         state = _shifted(state, shift * [1, 1, 0] if coarse.associated and settings.floor == "found" else shift)
     freed = tuple(
-        _freed(one, tracked.model, settings, own.p_world_pelvis[0])
-        for one, tracked, own in zip(fine.model.wearers, coarse.wearers, state.wearers, strict=True)
+        _freed(model, tracked.model, settings, wearer.p_world_pelvis[0])
+        for model, tracked, wearer in zip(fine.model.wearers, coarse.wearers, state.wearers, strict=True)
     )
     fine = replace(fine, model=replace(fine.model, wearers=freed), state=state)
     begun = tracking_start(stretch, coarse, fine, settings)
@@ -228,7 +240,7 @@ def start_tracking(
 
 
 def unsettled_starts(coarse: SceneSolution) -> Iterator[Finding]:
-    """About set-ups, starts and floors that the data does not settle."""
+    """Findings about set-ups, starts and floors that the data does not determine."""
     yield from coarse.floor_findings
     yield from coarse.start_findings()
     is_filmed = bool(coarse.scene.cameras)
@@ -253,13 +265,13 @@ def _freed(model: WearerProblem, inertial: WearerProblem, settings: LiveSettings
 
 def _shifted(state: SceneState, shift: Array) -> SceneState:
     cameras = tuple(replace(camera, poses=camera.poses.shifted(shift)) for camera in state.cameras)
-    return SceneState(tuple(one.turned(0.0, shift) for one in state.wearers), cameras, state.detector)
+    return SceneState(tuple(wearer.turned(0.0, shift) for wearer in state.wearers), cameras, state.detector)
 
 
 def tracking_start(
     stretch: MeasuredStretch, coarse: SceneSolution, fine: FusionSolution, settings: LiveSettings
 ) -> TrackingStart:
-    """The problem on all frames of a stretch, ``fine``, frame by frame."""
+    """Start from a solution ``fine`` on all frames of a stretch."""
     model, state, spreads = fine.model, fine.state, fine.spreads
     frames, carried = _lag_frames(stretch, model), [camera for camera in state.cameras if len(camera.poses) > 1]
     states = [_frame_state(state, [*carried, *state.cameras][:1], t) for t in range(len(frames))]
@@ -271,12 +283,12 @@ def _lag_problem(
     stretch: MeasuredStretch, coarse: SceneSolution, model: SceneProblem, settings: LiveSettings
 ) -> LagProblem:
     sensors = [
-        np.array([stretch.column(recording.subject.name, name) for name in one.frames.sensors], dtype=int)
-        for recording, one in zip(coarse.scene.wearers, model.wearers, strict=True)
+        np.array([stretch.column(recording.subject.name, name) for name in wearer.frames.sensors], dtype=int)
+        for recording, wearer in zip(coarse.scene.wearers, model.wearers, strict=True)
     ]
     sensors += [
-        np.array([stretch.column(each.camera.name, camera.imu.sensors[0])])
-        for each, camera in zip(coarse.associated, model.cameras, strict=True)
+        np.array([stretch.column(associated.camera.name, camera.imu.sensors[0])])
+        for associated, camera in zip(coarse.associated, model.cameras, strict=True)
         if camera.imu is not None
     ]
     return LagProblem(model.wearers, model.cameras, model.views, sensors, model.wearers[0].frames.step, settings)
@@ -293,14 +305,14 @@ def _lag_frames(stretch: MeasuredStretch, model: SceneProblem) -> list[LiveFrame
 
 
 def _frame_state(state: SceneState, cameras: Sequence[CameraState], t: int) -> FrameState:
-    """Of one frame, with the pose of the only one of ``cameras``; anything without one."""
+    """State of frame ``t``, with the pose of the only one of ``cameras``; the identity without one."""
     R, p = np.eye(3)[None], np.zeros((1, 3))
     for camera in cameras:
         R, p = camera.poses.R_world_camera, camera.poses.p_world_camera
-    at = t if len(p) > 1 else 0
+    index = t if len(p) > 1 else 0
     return FrameState(
-        np.stack([own.R_parent_child[t] for own in state.wearers]),
-        np.stack([own.p_world_pelvis[t] for own in state.wearers]),
-        R[at],
-        p[at],
+        np.stack([wearer.R_parent_child[t] for wearer in state.wearers]),
+        np.stack([wearer.p_world_pelvis[t] for wearer in state.wearers]),
+        R[index],
+        p[index],
     )

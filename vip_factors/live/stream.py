@@ -1,4 +1,4 @@
-"""A stream within a program: samples are pushed as they come; an answer to every frame."""
+"""A stream within a program: samples are pushed as they arrive, and every frame gets an answer."""
 
 import asyncio
 from collections.abc import AsyncIterable, AsyncIterator, Callable, Iterable, Iterator
@@ -23,30 +23,34 @@ from vip_factors.settings import LiveSettings
 class Stream:
     """Tracks wearers while samples of their sensors are pushed.
 
-    The first answers come after a second of samples, all at once; then one for every frame. Work is done in the thread
-    that pushes; :meth:`follow` does it beside the event loop.
+    The first answers come together after a second of samples, then one for every frame. :meth:`push` works in the
+    calling thread, :meth:`follow` beside the event loop.
 
     Args:
-        worn: who wears what (:meth:`Recording.worn`), or a scene of several and the cameras that film them. Samples in
-            it are not looked at.
-        settings: of all rooms.
-        extra_factors: makes GTSAM factors of your own, as of ``smooth``.
-        real_time: whether samples come by themselves; else what is found anew of a calibration is waited for, and the
-            answers are the same each time.
-        on_finding: gets every finding once: of a source as it comes, of the tracker with its answer.
+        setup: sensors of a wearer (:meth:`Recording.worn`), or a scene of several wearers and cameras; without samples,
+            or with samples that are ignored.
+        settings: settings of a stream.
+        extra_factors: makes a user's GTSAM factors, as for ``smooth``.
+        real_time: whether the stream does not wait for calibrations. If false they are waited for, and the answers are
+            reproducible.
+        on_finding: called once with every finding: of a source as it comes, of the tracker with its answer.
 
     Raises:
-        RecordingError: if nothing is placed, or two carriers have one name.
+        RecordingError: if no sensor is placed, or two carriers have the same name.
     """
 
     def __init__(
-        self, worn: Recording | Scene, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None,
-        real_time: bool = True, on_finding: Callable[[Finding], None] | None = None,
-    ) -> None:  # fmt: skip
-        head = worn if isinstance(worn, Scene) else Scene(worn.name, (worn,))
+        self,
+        setup: Recording | Scene,
+        settings: LiveSettings = DEFAULT,
+        extra_factors: ExtraFactors | None = None,
+        real_time: bool = True,
+        on_finding: Callable[[Finding], None] | None = None,
+    ) -> None:
+        head = setup if isinstance(setup, Scene) else Scene(setup.name, (setup,))
         self._tracker = FixedLagTracker(stream_head(head), settings, extra_factors, real_time)
         self._on_finding = on_finding
-        self._pending: list[Finding] = []  # findings of the source, for the next answer to carry
+        self._pending: list[Finding] = []  # of the source, for the next answer
 
     def push(
         self,
@@ -58,84 +62,84 @@ class Stream:
         gyroscope: ArrayLike | None = None,
         wearer: str | None = None,
     ) -> list[LiveEstimate]:
-        """One sample of one sensor; the answers that it allows.
+        """Push one sample of one sensor; returns the answers that it completes.
 
-        A sample that cannot be used is left out, and the next answer's findings say so.
+        A sample that cannot be used is left out, and the next answer reports it in its findings.
 
         Args:
             time: seconds on the clock of the stream.
-            sensor: its name in the placement.
-            orientation: ``(3, 3)`` R_inertial_sensor or ``(4,)`` unit quaternion w, x, y, z; absent, it is found from
-                gyroscope and acceleration (VQF, no magnetometer).
-            acceleration: ``(3,)`` m/s² in the sensor's axes, gravity included.
+            sensor: name of the sensor in the placement.
+            orientation: ``(3, 3)`` R_inertial_sensor or ``(4,)`` unit quaternion w, x, y, z; if absent, it is estimated
+                from gyroscope and acceleration (VQF, no magnetometer).
+            acceleration: ``(3,)`` m/s² in the sensor's axes, with gravity.
             gyroscope: ``(3,)`` rad/s in the sensor's axes.
-            wearer: who wears it, or the camera that it sits on; the only wearer if absent.
+            wearer: name of the wearer, or of the camera that carries the sensor; the only wearer if absent.
 
         Raises:
-            InputError: without a wearer's name where there are several.
+            InputError: if no wearer is named and there are several.
         """
         R = None if orientation is None else np.asarray(orientation, float)
         if R is not None and R.shape == (4,):
             R = rotations_of(R[None])[0]
-        force, rate = (None if one is None else np.asarray(one, float) for one in (acceleration, gyroscope))
+        force, rate = (None if values is None else np.asarray(values, float) for values in (acceleration, gyroscope))
         return self.take(ImuSample(self._carrier(wearer), sensor, time, R, force, rate))
 
     def push_poses(
         self, time: float, pixels: ArrayLike, confidence: ArrayLike | None = None, camera: str | None = None
     ) -> list[LiveEstimate]:
-        """The 2D poses of everybody in one video frame; nobody is an answer too.
+        """Push the 2D poses of all people in one video frame, which may be none; returns the answers as :meth:`push`.
 
         Args:
             time: seconds on the clock of the stream.
-            pixels: ``(P, K, 2)`` of the camera's keypoints; NaN where one was not found.
-            confidence: ``(P, K)`` in [0, 1]; one wherever there is a keypoint, if absent.
-            camera: its name; the only camera if absent.
+            pixels: ``(P, K, 2)`` of the camera's keypoints; NaN for missing ones.
+            confidence: ``(P, K)`` in [0, 1]; if absent, 1 for keypoints that are not NaN.
+            camera: name of the camera; the only camera if absent.
 
         Raises:
-            InputError: without a name where there is not one camera.
+            InputError: if no camera is named and there is not exactly one.
         """
-        cameras = [one.name for one in self._tracker.head.cameras]
+        cameras = [camera_head.name for camera_head in self._tracker.head.cameras]
         if camera is None and len(cameras) != 1:
             raise InputError(f"2D poses of a camera without a name: the stream has {', '.join(cameras) or 'none'}")
-        at = np.asarray(pixels, float)
-        found = np.all(np.isfinite(at), axis=-1)
-        sure: Array = found.astype(float) if confidence is None else np.asarray(confidence, float)
-        return self.take(VideoFrame(camera or cameras[0], time, at, sure))
+        image_points = np.asarray(pixels, float)
+        is_visible = np.all(np.isfinite(image_points), axis=-1)
+        sure: Array = is_visible.astype(float) if confidence is None else np.asarray(confidence, float)
+        return self.take(VideoFrame(camera or cameras[0], time, image_points, sure))
 
-    def take(self, item: LiveItem, waited_s: float = 0.0) -> list[LiveEstimate]:
-        """What a source brings: a sample, or a sentence about those that were lost, which the next answer carries.
+    def take(self, sample: LiveItem, waited_s: float = 0.0) -> list[LiveEstimate]:
+        """Take a sample of a source, or a report of lost ones for the next answer's findings.
 
-        Of samples that have waited for too long, in a stream in real time, fewer frames are solved.
+        In real time, fewer frames are solved if ``waited_s``, the time that the sample has waited, is too long.
         """
-        if isinstance(item, LiveFinding):
-            if isinstance(item, LiveLoss):
+        if isinstance(sample, LiveFinding):
+            if isinstance(sample, LiveLoss):
                 self._tracker.note_loss()
-            if not (isinstance(item, LiveLoss) and item.is_repeat):
-                finding = bare(item.sentence)
+            if not (isinstance(sample, LiveLoss) and sample.is_repeat):
+                finding = bare(sample.sentence)
                 self._pending.append(finding)
                 self._report(finding)
             return []
         self._tracker.note_behind(waited_s)
-        return self._with_findings(self._tracker.push(item))
+        return self._with_findings(self._tracker.push(sample))
 
     def give_up(self) -> None:
-        """Wait for no calibration any more, as the end was asked for; a signal handler may call it."""
+        """Stop waiting for calibrations, because the end was requested; a signal handler may call it."""
         self._tracker.give_up()
 
     def finish(self) -> list[LiveEstimate]:
-        """The end: answers to the last frames."""
+        """End the stream: answers to the last frames."""
         return self._with_findings(self._tracker.finish())
 
-    def answers(self, items: Iterable[LiveItem]) -> Iterator[LiveEstimate]:
-        """The answers to all samples of an iterable, to its end."""
-        for item in items:
-            yield from self.take(item)
+    def estimates(self, samples: Iterable[LiveItem]) -> Iterator[LiveEstimate]:
+        """Answers to all samples of an iterable, to its end."""
+        for sample in samples:
+            yield from self.take(sample)
         yield from self.finish()
 
-    async def follow(self, items: AsyncIterable[LiveItem]) -> AsyncIterator[LiveEstimate]:
-        """The answers to all samples of an asynchronous iterable, to its end; worked out beside the event loop."""
-        async for item in items:
-            for answer in await asyncio.to_thread(self.take, item):
+    async def follow(self, samples: AsyncIterable[LiveItem]) -> AsyncIterator[LiveEstimate]:
+        """Answers to all samples of an asynchronous iterable, to its end; computed beside the event loop."""
+        async for sample in samples:
+            for answer in await asyncio.to_thread(self.take, sample):
                 yield answer
         for answer in await asyncio.to_thread(self.finish):
             yield answer
@@ -151,10 +155,10 @@ class Stream:
             for finding in findings:
                 self._on_finding(finding)
 
-    def _with_findings(self, answers: list[LiveEstimate]) -> list[LiveEstimate]:
-        for answer in answers:
-            self._report(*answer.findings)
-        if answers and self._pending:
-            answers[0] = replace(answers[0], findings=(*self._pending, *answers[0].findings))
+    def _with_findings(self, estimates: list[LiveEstimate]) -> list[LiveEstimate]:
+        for estimate in estimates:
+            self._report(*estimate.findings)
+        if estimates and self._pending:
+            estimates[0] = replace(estimates[0], findings=(*self._pending, *estimates[0].findings))
             self._pending = []
-        return answers
+        return estimates

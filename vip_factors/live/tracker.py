@@ -1,4 +1,4 @@
-"""The fixed-lag tracker: samples go in one by one, and every frame gets its answer."""
+"""Fixed-lag tracker: every frame of a stream gets an estimate as its samples arrive."""
 
 import gc
 import time as clock
@@ -17,7 +17,7 @@ from vip_factors.geometry.rotations import Array
 from vip_factors.live.assembly import FrameAssembler
 from vip_factors.live.estimates import EstimateBuilder
 from vip_factors.live.measurement import LiveFrame, MeasuredStretch, video_of
-from vip_factors.live.prediction import continued, corrections
+from vip_factors.live.prediction import continued_start, correction_findings
 from vip_factors.live.recalibrator import Recalibrator
 from vip_factors.live.sensor_slips import SlipTest
 from vip_factors.live.smoother import LagSmoother
@@ -30,43 +30,42 @@ from vip_factors.settings import LiveSettings
 from vip_factors.stages.floor import with_declared_floor
 
 KNOWN_AT_ONCE = frozenset({"sensors exchanged", "sensors copied", "low sampling rate", "limited set-up"})
-"""Kinds of findings on a start that more data cannot settle."""
+"""Kinds of findings about a start that more data cannot settle."""
 
 
 class SolvePace:
-    """Widens the stretch between updates in proportion to what samples have waited, frame by frame.
+    """Adapts the number of frames to each update to the time that samples have waited.
 
-    No frame is left out: those between updates are predicted, and answered, and count in the next one. So the wait
-    settles where updates and predictions fill the time that there is, whatever each of them takes and whoever else
-    wants the processor: it is looked at before every update, and falls behind by one of them at most. That tracking
-    begins behind, since its start takes longer than a frame, is made up for without a word.
+    No frame is left out: those between updates are predicted, get answers, and count in the next update. The wait
+    settles where updates and predictions fill the available time, whatever else runs on the processor. The delay from a
+    start, which takes longer than a frame, is made up for without a finding.
 
     Attributes:
-        solve_every: frames to each update, now.
+        solve_every: current number of frames to each update.
     """
 
-    FRAME_WAIT_S = 0.025  # a sample's wait for each frame more to an update: longer than an update takes
-    WIDEST = 6  # frames to each update, at most: 10 solved each second, on 15 frames of the lag
-    REPORT_S = 2.0  # over which the reported rate is counted; a shorter stretch is not worth a finding
-    RECOVER_S = 5.0  # with all frames solved, before that is reported
-    LEAST_SHARE = 0.8  # of the frames that are solved usually: a hiccup now and then is not worth a finding
+    FRAME_WAIT_S = 0.025  # wait for each further frame to an update; longer than an update takes
+    WIDEST = 6  # frames to each update at most: 10 solved each second, with 15 frames of lag
+    REPORT_S = 2.0  # over which the reported rate is counted; shorter periods are not reported
+    RECOVER_S = 5.0  # with all frames solved, before the recovery is reported
+    LEAST_SHARE = 0.8  # of the usual number of solved frames, below which a finding is made
 
     def __init__(self, usual: int, frame_rate: float) -> None:
         self.solve_every = self._usual = usual
         self._rate = frame_rate
         self._recent = deque[bool](maxlen=max(1, round(self.REPORT_S * frame_rate)))  # whether frames were solved
         self._begun: float | None = None  # s, when the first frame came
-        self._late_at = 0.0  # s, when fewer were solved last
-        self._told_from: float | None = None  # s, from when on they are, as was told
-        self._least = frame_rate  # solved a second since then
+        self._late_at = 0.0  # s, when fewer frames were solved last
+        self._reported_from: float | None = None  # s, begin of the reported period
+        self._least = frame_rate  # lowest number of solved frames a second since then
 
     def step(self, time: float, behind_s: float, solved: bool) -> list[Finding]:
-        """One frame more.
+        """Take in one frame.
 
         Args:
             time: seconds of the stream.
-            behind_s: that its last sample had waited.
-            solved: whether the frame before was.
+            behind_s: seconds that its last sample had waited.
+            solved: whether the previous frame was solved.
         """
         self._begun = time if self._begun is None else self._begun
         self.solve_every = min(self._usual + int(behind_s / self.FRAME_WAIT_S), max(self.WIDEST, self._usual))
@@ -77,18 +76,18 @@ class SolvePace:
         return self._findings(time, behind_s)
 
     def _findings(self, time: float, behind_s: float) -> list[Finding]:
-        """What is to be said: that fewer are solved, once, and when that is over."""
+        """Report once that fewer frames are solved, and the end of that."""
         if len(self._recent) < (self._recent.maxlen or 0):
             return []
-        rate, begin = self._rate * sum(self._recent) / len(self._recent), self._told_from
+        rate, begin = self._rate * sum(self._recent) / len(self._recent), self._reported_from
         self._least = min(self._least, rate)
         if begin is None and rate < self.LEAST_SHARE * self._rate / self._usual:
-            self._told_from, self._least = time, rate
+            self._reported_from, self._least = time, rate
             return [Finding("fewer frames solved", numbers={"begin": time, "rate": rate, "behind": behind_s})]
         if begin is not None and time - self._late_at >= self.RECOVER_S:
-            self._told_from = None
+            self._reported_from = None
             numbers = {"begin": begin, "end": time, "rate": rate, "least": self._least}
-            what = f"are solved again; it were {self._least:.0f} at least, from {begin:.1f} to {time:.1f} s"
+            what = f"are solved again; the lowest was {self._least:.0f}, from {begin:.1f} to {time:.1f} s"
             return [Finding("recovered", subject=f"{rate:.0f} frames a second", numbers=numbers, words={"what": what})]
         return []
 
@@ -98,76 +97,79 @@ def _no_poses(when: str, reason: str) -> Finding:
 
 
 DEFAULT = LiveSettings()
-NOT_SEEN = "until the next one nothing has shown where its wearers are by now"
+NOT_SEEN = "no camera has shown its wearers before the next calibration was ready"
 
 
 class FixedLagTracker:
-    """Estimates wearers, camera, headings and mountings while samples arrive.
+    """Estimates wearers, cameras, headings and mountings while samples arrive.
 
-    Frames before tracking could begin get no answer; the first second gets its answers together, once it is over.
+    Frames before the start get no answer; the first second gets its answers together at its end.
 
     Args:
-        head: who wears what, and which cameras film them: a scene, whose samples and detections are not looked at.
-        settings: of all rooms.
-        extra_factors: makes GTSAM factors of your own, asked with each new frame's time and number; they may see it,
-            the two before it, and what all frames share. See :data:`~vip_factors.factor_graph.extra.ExtraFactors`.
-        real_time: whether samples come by themselves. A calibration found anew is then taken up when it is there, and
-            fewer frames are solved while the tracker is behind (:meth:`note_behind`); else it is waited for, and the
-            answers are the same each time.
+        head: the set-up: a scene with its wearers and cameras, whose samples and detections are ignored.
+        settings: settings of a stream.
+        extra_factors: makes a user's GTSAM factors for the time and number of each new frame. They may depend on it,
+            the two frames before it, and the shared variables: :data:`~vip_factors.factor_graph.extra.ExtraFactors`.
+        real_time: whether the stream does not wait. If so, a new calibration is used when it is ready, and fewer frames
+            are solved while the tracker is behind (:meth:`note_behind`); otherwise it is waited for, and answers are
+            reproducible.
     """
 
     def __init__(
-        self, head: Scene, settings: LiveSettings = DEFAULT, extra_factors: ExtraFactors | None = None,
+        self,
+        head: Scene,
+        settings: LiveSettings = DEFAULT,
+        extra_factors: ExtraFactors | None = None,
         real_time: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.head = head = with_declared_floor(checked_head(head), settings.floor)
         self.settings, self._extra = settings, extra_factors
-        self._worn = sum(len(wearer.placement.sites) for wearer in head.wearers)  # columns; the rest is on cameras
+        self._worn_count = sum(len(wearer.placement.sites) for wearer in head.wearers)  # first columns
         rate = settings.frame_rate
         self._lag = max(1, round(settings.lag_s * rate))
         self._assembler = FrameAssembler(sensor_columns(head), rate, settings.assembly, head.cameras, self._lag)
         self._start_frames = max(self._lag + 3, round(settings.start_s * rate))
         self._recent: deque[LiveFrame] = deque(maxlen=self._start_frames)
-        self._paths: deque[tuple[int, Array]] = deque(maxlen=self._start_frames)  # of the pelvises, as smoothed
+        self._paths: deque[tuple[int, Array]] = deque(maxlen=self._start_frames)  # smoothed positions of the pelvises
         self._tracking: Tracking | None = None
         self._earlier: EarlierCalibration | None = None
         self._estimates = EstimateBuilder(head, settings, self._lag)
         self._answered = -1  # number of the last frame with an answer
-        self._next_try, self._patience = 0, 0.5  # frame, seconds; rarer with every try in vain
-        self._doubts: set[tuple[str, ...]] = set()  # of the last calibration found anew
-        self._doubts_told: set[tuple[str, ...]] = set()
-        self._found: TrackingStart | None = None  # a calibration to go on with as soon as the wearers are seen
-        # How many seconds the last one was found from, and what was tracked before it, until they are compared.
+        self._next_try, self._patience = 0, 0.5  # frame; seconds, doubled by every failed attempt
+        self._doubts: set[tuple[str, ...]] = set()  # findings on the last calibration
+        self._doubts_reported: set[tuple[str, ...]] = set()
+        self._pending_start: TrackingStart | None = None  # a calibration to be used as soon as the wearers are seen
+        # Seconds of data of the last calibration, and the smoother before it, until the two are compared.
         self._before_recalibration: tuple[float, LagSmoother] | None = None
         self._next_continuation = 0  # frame
-        self._learnt_s = 0.0  # of data that calibration and bodies were found from
+        self._learnt_s = 0.0  # of data in the current calibration and bodies
         self._recalibrator = Recalibrator(head, settings, real_time)
         self._pace = SolvePace(settings.solve_every, rate)
         self._real_time, self._behind_s = real_time, 0.0
-        # Finding the libraries takes longer than an update: once.
+        # Finding the libraries takes longer than an update.
         self._blas = ThreadpoolController().select(user_api="blas")
 
     def push(self, sample: LiveSample) -> list[LiveEstimate]:
-        """Take one sample; the answers that it allows, in order.
+        """Take one sample; returns the answers that it completes, in order.
 
-        Bad samples are left out, and the next answer's findings say so.
+        Unusable samples are left out, and the next answer reports them.
         """
         return self._answer(self._assembler.push(sample))
 
     def note_loss(self) -> None:
-        """Samples were sent, but dropped on their way here, as answers took too long: no sensor is to blame."""
+        """Note that samples were dropped on their way, because answers took too long; no sensor is to blame."""
         self._assembler.note_loss()
 
     def note_behind(self, seconds: float) -> None:
-        """The next sample has waited so long to be pushed; of those that wait for too long fewer frames are solved."""
+        """Set how long the next sample has waited; fewer frames are solved if it is too long."""
         self._behind_s = seconds if self._real_time else 0.0
 
     def give_up(self) -> None:
-        """Wait for no calibration any more, as the end was asked for; a signal handler may call it."""
+        """Stop waiting for calibrations, because the end was requested; a signal handler may call it."""
         self._recalibrator.give_up()
 
     def finish(self) -> list[LiveEstimate]:
-        """The end of the stream: answers to the last frames."""
+        """End the stream: answers to the last frames."""
         answers = self._answer(self._assembler.flush())
         self._recalibrator.close()
         return answers
@@ -176,13 +178,14 @@ class FixedLagTracker:
         if not measurements:
             return []
         answers: list[LiveEstimate] = []
-        is_limited = all(one.num_threads == 1 for one in self._blas.lib_controllers)
+        is_limited = all(controller.num_threads == 1 for controller in self._blas.lib_controllers)
         with nullcontext() if is_limited else self._blas.limit(limits=1):
             for measured in measurements:
                 begin = clock.perf_counter()
                 self._estimates.add_findings(*self._assembler.take_findings())
-                taken = self._take(measured, begin)
-                answers += [replace(one, preliminary=True) for one in taken] if self._is_preliminary else taken
+                estimates = self._take(measured, begin)
+                is_preliminary = self._is_preliminary
+                answers += [replace(estimate, preliminary=is_preliminary) for estimate in estimates]
         if answers:
             self._answered = answers[-1].frame
         return answers
@@ -203,8 +206,9 @@ class FixedLagTracker:
             self._estimates.add_findings(*tracking.step(measured, self._lag, covariance, self._pace.solve_every))
             if tracking.moved:
                 self._recalibrator.leave_out(tracking.moved, measured.number)
-                if self._found is not None:
-                    self._found = replace(self._found, moved=(*self._found.moved, *tracking.moved))
+                if self._pending_start is not None:
+                    moved = (*self._pending_start.moved, *tracking.moved)
+                    self._pending_start = replace(self._pending_start, moved=moved)
             if self._is_worth_another_start(tracking, measured.number):
                 tracking = self._tracking = self._started_again(tracking)
             tracking = self._tracking = self._recalibrated(tracking)
@@ -217,70 +221,68 @@ class FixedLagTracker:
         return [answer]
 
     def _recalibrated(self, tracking: Tracking) -> Tracking:
-        """Tracking with a calibration found anew, if there is one by now."""
+        """Tracking with a new calibration, if one is ready."""
         smoother = tracking.smoother
         newest = smoother.numbers[-1]
         if self._before_recalibration is not None and tracking.solved:
-            self._estimates.add_findings(*corrections(*self._before_recalibration, smoother))
+            self._estimates.add_findings(*correction_findings(*self._before_recalibration, smoother))
             self._before_recalibration = None
         answer = self._recalibrator.answer(newest)
         if isinstance(answer, Finding):
             self._estimates.add_findings(answer)
         elif answer is not None and (answer.has_views or not smoother.problem.has_views):
-            if self._found is not None:
+            if self._pending_start is not None:
                 self._estimates.add_findings(Finding("calibration not renewed", words={"reason": NOT_SEEN}))
-            self._found, self._next_continuation = answer, newest
-        if self._found is not None and tracking.solved and newest >= self._next_continuation:
-            again = self._continued(tracking, self._found)
+            self._pending_start, self._next_continuation = answer, newest
+        if self._pending_start is not None and tracking.solved and newest >= self._next_continuation:
+            continued_tracking = self._continued(tracking, self._pending_start)
             self._next_continuation = newest + self._lag
-            if again is not None:
+            if continued_tracking is not None:
                 self._estimates.reset()
-                if not self._is_preliminary:  # after the next update: tracking has gone on by one iteration so far
-                    self._before_recalibration = self._found.seconds, smoother
-                if self._found.seconds >= SlipTest.LEARNT_S:
-                    self._tell_of_doubts(self._found)
-                self._learnt_s = max(self._learnt_s, self._found.seconds)
-                tracking, self._found = again, None
+                if not self._is_preliminary:  # after the next update: one iteration is not enough to compare
+                    self._before_recalibration = self._pending_start.seconds, smoother
+                if self._pending_start.seconds >= SlipTest.LEARNT_S:
+                    self._report_doubts(self._pending_start)
+                self._learnt_s = max(self._learnt_s, self._pending_start.seconds)
+                tracking, self._pending_start = continued_tracking, None
         self._recalibrator.begin(tracking.smoother.state(newest))
         return tracking
 
-    def _continued(self, tracking: Tracking, found: TrackingStart) -> Tracking | None:
-        """Tracking with the calibration that was found; None where that does not succeed yet."""
+    def _continued(self, tracking: Tracking, pending: TrackingStart) -> Tracking | None:
+        """Tracking with a new calibration; None if the video does not show the wearers yet."""
         video = video_of(self._recent)
-        start = continued(found, tracking.smoother, self.head.cameras, video)
+        start = continued_start(pending, tracking.smoother, self.head.cameras, video)
         if start is None:
             return None
         try:
-            learnt_s = max(found.seconds, self._learnt_s)
+            learnt_s = max(pending.seconds, self._learnt_s)
             tracking = Tracking(self.head, self.settings, start, self._extra, video, learnt_s)
         except SolveError:
             return None
-        tracking.let_go(found.moved)
+        tracking.free_sensors(pending.moved)
         return tracking
 
     @property
     def _is_preliminary(self) -> bool:
-        """Whether the calibration is that of so little data that it will be corrected."""
+        """Whether the calibration is from so little data that it will be corrected."""
         return self.settings.recalibration.use and self._learnt_s < Recalibrator.SETTLED_S
 
     def _learnt(self, tracking: Tracking, p_world_pelvis: Array) -> EarlierCalibration:
-        """What tracking has taught, of wearers at ``(W, 3)`` metres."""
-        body_s = 9.0  # of data: a body found from so much is kept over a pause
+        """Calibration and bodies so far, with wearers at ``(W, 3)`` metres."""
+        body_s = 9.0  # of data, after which bodies are used after a pause
         problem = tracking.smoother.problem
-        names = [one.subject.name for one in self.head.wearers] if self._learnt_s >= body_s else []
+        names = [wearer.subject.name for wearer in self.head.wearers] if self._learnt_s >= body_s else []
         bodies = {name: wearer.skeleton for name, wearer in zip(names, problem.wearers, strict=False)}
         return EarlierCalibration(self._estimates.calibrations(tracking.smoother), p_world_pelvis, bodies)
 
     def _lose(self, reason: str) -> None:
-        """Give up what is tracked, but not what has been learnt of the sensors."""
-        self._found = self._before_recalibration = None
+        """Stop tracking; the calibration remains."""
+        self._pending_start = self._before_recalibration = None
         if self._tracking is not None:
             self._earlier = self._learnt(self._tracking, self._paths[-1][1])
             self._estimates.add_findings(_no_poses("until tracking has started again", reason))
         self._tracking = None
         self._next_try = 0
-
-    # Beginning
 
     def _begin(self, begin: float) -> list[LiveEstimate]:
         newest = self._recent[-1].number
@@ -296,64 +298,64 @@ class FixedLagTracker:
         self._tracking = tracking
         at_once = (finding for finding in start.findings if finding.kind in KNOWN_AT_ONCE)
         self._add_once(start.findings if not self.settings.recalibration.use else at_once)
-        gc.freeze()  # what is there stays: the collector need not look at it again in the midst of an update
+        gc.freeze()  # objects so far stay: the garbage collector need not visit them during an update
         answers = self._estimates.initial_estimates(tracking, begin, self._answered + 1)
         self._paths.clear()
         oldest = tracking.smoother.numbers[0]
         self._paths.append((oldest, tracking.smoother.state(oldest).p_world_pelvis))
         return answers
 
-    def _tell_of_doubts(self, start: TrackingStart) -> None:
-        """Report, once, a calibration that twice as much data has not settled, and at once what more cannot change."""
-        before, self._doubts = self._doubts, {finding.about for finding in start.findings}
+    def _report_doubts(self, start: TrackingStart) -> None:
+        """Report, once, findings that twice as much data has not settled, and those that more data cannot settle."""
+        previous_doubts, self._doubts = self._doubts, {finding.about for finding in start.findings}
         self._add_once(
-            finding for finding in start.findings if finding.about in before or finding.kind in KNOWN_AT_ONCE
+            finding for finding in start.findings if finding.about in previous_doubts or finding.kind in KNOWN_AT_ONCE
         )
 
     def _add_once(self, findings: Iterable[Finding]) -> None:
-        new = {finding.about: finding for finding in findings if finding.about not in self._doubts_told}
+        new = {finding.about: finding for finding in findings if finding.about not in self._doubts_reported}
         self._estimates.add_findings(*new.values())
-        self._doubts_told |= new.keys()
+        self._doubts_reported |= new.keys()
 
-    def _fresh_tracking(self, earlier: EarlierCalibration | None) -> tuple[TrackingStart, Tracking]:
-        """Tracking with nothing but the last second and what was known earlier."""
-        start = start_tracking(MeasuredStretch(self.head, self._recent), self.settings, earlier)
+    def _fresh_tracking(self, previous_calibration: EarlierCalibration | None) -> tuple[TrackingStart, Tracking]:
+        """Start tracking from the last second and a previous calibration."""
+        start = start_tracking(MeasuredStretch(self.head, self._recent), self.settings, previous_calibration)
         return start, Tracking(self.head, self.settings, start, self._extra)
 
     def _is_worth_another_start(self, tracking: Tracking, newest: int) -> bool:
-        """Whether a sensor has come, or a camera shows people and no wearer has been found by it yet."""
-        measures = 0.9  # of the frames: a sensor that measured in so many is there
-        some_video = 10  # frames with people in them, within the time that tracking begins with
+        """Whether a sensor has come, or a camera shows people but no wearer is found in it yet."""
+        measures = 0.9  # of the frames, from which a sensor counts as present
+        some_video = 10  # frames with people in them, during the time of a start
         if newest < self._next_try or len(self._paths) < self._start_frames - self._lag:
             return False
         problem = tracking.smoother.problem
         unseen = self.settings.fusion.use_camera and not problem.has_views
         if unseen and sum(len(frame.pixels) > 0 for frame in video_of(self._recent)) > some_video:
             return True
-        unused = sorted(set(range(self._worn)) - {column for columns in problem.sensors for column in columns})
+        unused = sorted(set(range(self._worn_count)) - {column for columns in problem.sensors for column in columns})
         if not unused:
             return False
-        seen = np.stack([one.orientation_valid[unused] for one in self._recent]).mean(axis=0)
-        return bool(np.any(seen > measures))
+        measured_share = np.stack([frame.orientation_valid[unused] for frame in self._recent]).mean(axis=0)
+        return bool(np.any(measured_share > measures))
 
     def _started_again(self, tracking: Tracking) -> Tracking:
-        """Tracking anew with the last second and all that is known; as it was, if that brings nothing."""
-        newest, before = self._recent[-1].number, tracking.smoother.problem
+        """Tracking restarted from the last second and the calibration so far; unchanged if that gains nothing."""
+        newest, old_problem = self._recent[-1].number, tracking.smoother.problem
         self._next_try = newest + round(self._patience * self.settings.frame_rate)
         self._patience *= 2
         path = dict(self._paths).get(self._recent[0].number)
         if path is None:
             return tracking
         try:
-            _, again = self._fresh_tracking(self._learnt(tracking, path))
+            _, new_tracking = self._fresh_tracking(self._learnt(tracking, path))
         except (RecordingError, SolveError):
             return tracking
-        problem = again.smoother.problem
-        found = problem.has_views and not before.has_views
-        if not found and sum(map(len, problem.sensors)) <= sum(map(len, before.sensors)):
+        problem = new_tracking.smoother.problem
+        is_found = problem.has_views and not old_problem.has_views
+        if not is_found and sum(map(len, problem.sensors)) <= sum(map(len, old_problem.sensors)):
             return tracking
-        again.smoother.marginalise_before(newest - self._lag - 1)
+        new_tracking.smoother.marginalise_before(newest - self._lag - 1)
         self._estimates.reset()
-        subject = "a wearer was found in the video, which" if found else "another sensor"
+        subject = "a wearer was found in the video, which" if is_found else "another sensor"
         self._estimates.add_findings(Finding("recovered", subject=subject, words={"what": "is used from here on"}))
-        return again
+        return new_tracking

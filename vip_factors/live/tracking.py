@@ -1,4 +1,4 @@
-"""Going on from frame to frame: predict, see, smooth, learn."""
+"""Tracking from frame to frame: predict, associate, smooth, adapt."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,7 +14,7 @@ from vip_factors.initialise.calibration import contact_confidence
 from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver, standing_feet
 from vip_factors.live.measurement import LiveFrame
-from vip_factors.live.prediction import predicted
+from vip_factors.live.prediction import predict_frame
 from vip_factors.live.sensor_slips import KnockDetector, SlipTest
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
@@ -26,24 +26,24 @@ from vip_factors.settings import LiveSettings
 from vip_factors.terms.evaluation import ViewEvaluation, WearerEvaluation
 from vip_factors.terms.reprojection import whitened_reprojections
 
-PATIENCE = 2  # frames: of two updates with video, what moved is linearised anew in one
-CONTACT_FRAMES = 8  # frames over which a foot is watched to tell whether it stands
+PATIENCE = 2  # frames: if two updates have video, moved frames are relinearised in only one
+CONTACT_FRAMES = 8  # frames from which the stance of a foot is determined
 
 
 class Tracking:
-    """A smoother at work, with those who look on.
+    """A smoother with its observers.
 
     Attributes:
-        smoother: where all variables stand.
-        observers: one for each camera that is of use.
-        solved: whether the newest frame is more than predicted.
-        moved: columns of the sensors that were found to have moved in the last step.
+        smoother: the state of all variables.
+        observers: one for each camera that is used.
+        solved: whether the newest frame was solved, not only predicted.
+        moved: columns of sensors found to have moved in the last step.
     """
 
     COVARIANCE_EVERY = 12  # frames between covariances of the smoothed pose, which cost 4 ms
-    SETTLE_S = 2.0  # after a start no sensor is judged: mountings are still being found
+    SETTLE_S = 2.0  # after a start, before sensors are tested: mountings are still converging
     SPREAD_SHARE = 0.02  # weight of one video frame in the scatter of detections: two seconds of them count
-    START_ITERATIONS = 2  # over the first frames, from where the batch stages put them
+    START_ITERATIONS = 2  # over the first frames, from the result of the batch stages
 
     def __init__(
         self,
@@ -54,15 +54,15 @@ class Tracking:
         unseen: Sequence[VideoFrame] = (),
         learnt_s: float = 0.0,
     ) -> None:
-        """Begin.
+        """Start tracking.
 
         Args:
-            head: of the stream.
-            settings: of all rooms.
-            start: where tracking begins.
-            extra: makes GTSAM factors of a user's own.
-            unseen: video of the frames that tracking begins with in which nobody has looked for wearers yet.
-            learnt_s: seconds of data that the calibration was found from.
+            head: the set-up of the stream.
+            settings: settings of a stream.
+            start: problem, state and frames of the start.
+            extra: makes a user's GTSAM factors.
+            unseen: video of the first frames in which no wearers have been sought yet.
+            learnt_s: seconds of data in the calibration.
 
         Raises:
             SolveError: if the frames do not determine all variables, or a standing camera shows no wearer in
@@ -72,8 +72,8 @@ class Tracking:
         self.smoother = LagSmoother(start.problem, start.shared, settings, extra, start.information)
         for frame, state in zip(start.frames, start.states, strict=True):
             self.smoother.append(frame, state)
-        self.observers = self._gathered(start)
-        self._look(unseen)
+        self.observers = self._start_observers(start)
+        self._observe_unseen(unseen)
         is_continued, standing = start.information is not None, bool(self.observers) and not start.problem.moving
         if is_continued and standing and not self._is_anybody_seen():
             raise SolveError("no camera shows a wearer in the frames that tracking goes on from")
@@ -81,75 +81,77 @@ class Tracking:
         for _ in range(1 if is_continued else self.START_ITERATIONS):
             self.smoother.update(begin)
         anew = settings.recalibration
-        if anew.use and not is_continued:  # a start of a second is too rough to judge sensors by
+        if anew.use and not is_continued:  # a start of a second is too rough to test sensors by
             begin += round((anew.first_s + anew.delay_s) * rate)
-        judged = begin + round(self.SETTLE_S * rate)
-        self._watches = [KnockDetector(len(wearer.sensors), rate, judged) for wearer in start.problem.wearers]
-        self._sensors = [(w, s) for w, one in enumerate(start.problem.wearers) for s in range(len(one.sensors))]
+        tested_from = begin + round(self.SETTLE_S * rate)
+        counts = [len(wearer.sensors) for wearer in start.problem.wearers]
+        self._knock_detectors = [KnockDetector(count, rate, tested_from) for count in counts]
+        self._sensors = [(wearer, sensor) for wearer, count in enumerate(counts) for sensor in range(count)]
         self._slips = None if anew.use and learnt_s < SlipTest.LEARNT_S else self._slip_test(begin)
-        # Frames; apart, as long as a frame is solved each time.
-        self._next_lesson, self._next_test = 0, self.smoother.numbers[-1] + 2 * PATIENCE
-        self._measured = start.frames[-1].orientation_valid  # which sensors were, in the last frame
+        # Frame numbers of the next updates of the scatter and of the slip test, apart from each other.
+        self._next_spread, self._next_test = 0, self.smoother.numbers[-1] + 2 * PATIENCE
+        self._measured = start.frames[-1].orientation_valid  # in the last frame
         self.solved, self.moved = True, list[int]()
         self._unsolved = 0  # frames that are predicted only, so far
-        # Frames with something new since the last update. Of those that tracking goes on from, the second iteration is
-        # left to the next frame's: no update takes as long as both.
+        # Frames with new data since the last update. When tracking continues, their second iteration is left to the
+        # next update: no update takes as long as both.
         self._changed = [begin] if is_continued else list[int]()
-        self._was_seen = True  # whether the last update had something new of a camera
+        self._was_seen = True  # whether the last update had new video
 
     def _slip_test(self, begin: int) -> SlipTest | None:
-        """Of all wearers' sensors, one wearer after the other; None where calibrations are kept."""
+        """Slip test of all wearers' sensors; None if calibrations are fixed."""
         calibration = 4  # columns of a sensor's heading and mounting
         layout, blocks = self.smoother.problem.layout, ("headings", "R_bone_sensor")
         columns = [
             np.concatenate([layout.item_columns(OwnerId(Owner.WEARER, wearer), block, sensor) for block in blocks])
             for wearer, sensor in self._sensors
         ]
-        if any(len(own) < calibration for own in columns):
+        if any(len(columns_of_sensor) < calibration for columns_of_sensor in columns):
             return None
         wander = layout.per_column("process_noise")[columns[0]]
         return SlipTest(np.stack(columns), wander, self._settings.frame_rate, begin)
 
-    def _gathered(self, start: TrackingStart) -> list[CameraObserver]:
-        """The observers, told who is who in the frames of the start."""
+    def _start_observers(self, start: TrackingStart) -> list[CameraObserver]:
+        """Observers with the association of the frames of the start."""
         skeletons, observers = [wearer.skeleton for wearer in start.problem.wearers], []
-        for each, spreads in zip(start.associated, start.spreads, strict=True):
-            camera = start.with_lens(next(one for one in self._head.cameras if one.name == each.camera.name))
+        cameras = {camera.name: camera for camera in self._head.cameras}
+        for associated, spreads in zip(start.associated, start.spreads, strict=True):
+            camera = start.with_lens(cameras[associated.camera.name])
             settings = self._settings
-            soles = [settings.factors.sole.of(one.sole) for one in start.shared.wearers]
+            soles = [settings.factors.sole.of(wearer.sole) for wearer in start.shared.wearers]
             observer = CameraObserver(camera, skeletons, soles, spreads, settings.camera)
             filmed = [frame for frame in start.video if frame.camera == camera.name]
             for frame in sorted(filmed, key=lambda frame: frame.time):
-                index = int(np.searchsorted(each.detections.time, frame.time))
-                who = each.association.wearer[each.detections.of_frame(index)]
+                index = int(np.searchsorted(associated.detections.time, frame.time))
+                who = associated.association.wearer[associated.detections.of_frame(index)]
                 chosen = [int(np.flatnonzero(who == w)[0]) if np.any(who == w) else -1 for w in range(len(skeletons))]
                 observer.remember(frame, np.array(chosen))
             observers.append(observer)
         return observers
 
-    def _look(self, video: Sequence[VideoFrame]) -> None:
-        """Look for the wearers in the video of frames that are there already."""
-        sure_root = 0.04 * np.eye(3)  # m², of where a wearer is when tracking goes on from a calibration found anew
+    def _observe_unseen(self, video: Sequence[VideoFrame]) -> None:
+        """Observe wearers in video of frames that are in the lag already."""
+        sure_root = 0.04 * np.eye(3)  # m², of a wearer's position when tracking continues with a new calibration
         surely = np.stack([sure_root] * len(self.smoother.problem.wearers))
         belief = self._belief(self.smoother.numbers[0], surely)
         for camera, observer in enumerate(self.observers):
-            self._see(camera, observer, video, belief, again=False)
+            self._observe(camera, observer, video, belief, revise=False)
 
     def _is_anybody_seen(self) -> bool:
         frames = [self.smoother.frame(number) for number in self.smoother.numbers]
         return any(view.seen.any() for frame in frames for views in frame.views if views is not None for view in views)
 
     def step(self, measured: LiveFrame, lag: int, root_covariance: Array, solve_every: int) -> list[Finding]:
-        """One frame more.
+        """Append a frame.
 
         Args:
-            measured: in the new frame.
-            lag: frames to keep behind it.
-            root_covariance: ``(W, 3, 3)`` m² of where each wearer is, as of late.
+            measured: measurements of the new frame.
+            lag: number of frames before it that stay in the lag.
+            root_covariance: ``(W, 3, 3)`` m², latest covariance of each wearer's position.
             solve_every: frames to each update.
 
         Returns:
-            What is odd in it.
+            Findings about the frame.
 
         Raises:
             SolveError: if the frames do not determine all variables.
@@ -162,88 +164,88 @@ class Tracking:
             views=[None] * len(problem.cameras),
             contacts=[np.zeros(len(wearer.contacts)) for wearer in problem.wearers],
         )
-        before = [(smoother.frame(n), smoother.state(n)) for n in numbers[-2:]]
+        previous_frames = [(smoother.frame(n), smoother.state(n)) for n in numbers[-2:]]
         knocked = self._notice_jumps(smoother.frame(numbers[-1]), frame)
-        smoother.append(frame, predicted(problem, before, frame, smoother.shared, knocked))
+        smoother.append(frame, predict_frame(problem, previous_frames, frame, smoother.shared, knocked))
         news = [video for video in measured.video if video.frame in smoother.numbers]
         belief = self._belief(smoother.numbers[0] if news else measured.number - CONTACT_FRAMES, root_covariance)
         self._find_contacts(belief)
         changed = [
             frame
             for number, observer in enumerate(self.observers)
-            for frame in self._see(number, observer, news, belief)
+            for frame in self._observe(number, observer, news, belief)
         ]
         self._changed += changed
         self._unsolved += 1
-        in_step = bool(changed and not self._was_seen)  # with the video: an update sooner
+        in_step = bool(changed and not self._was_seen)  # an update sooner, in step with the video
         self.solved = self._unsolved + in_step >= solve_every
         if self.solved:
             smoother.update(min(self._changed, default=None))
-            self._learn()
+            self._update_spreads()
             findings = self._notice_slips()
             self._changed, self._unsolved, self._was_seen = [], 0, bool(changed)
-        smoother.marginalise_before(measured.number - lag - 1)  # the frame told last stays for its successor to follow
+        smoother.marginalise_before(measured.number - lag - 1)  # the frame shown last stays for the filter
         return findings
 
-    def _notice_jumps(self, last: LiveFrame, frame: LiveFrame) -> list[int]:
-        """Columns of sensors not to be listened to: they turn on their bone just now, or have done so."""
+    def _notice_jumps(self, last_frame: LiveFrame, frame: LiveFrame) -> list[int]:
+        """Columns of sensors to be ignored, because they turn on their bone now or have done so."""
         knocked = list[int]()
         measured = frame.orientation_valid.copy()
-        for number, columns in enumerate(self.smoother.problem.sensors[: len(self._watches)]):
-            both = self._measured[columns] & measured[columns]
-            R_before, R_now = last.R_inertial_sensor[columns], frame.R_inertial_sensor[columns]
-            knocks = self._watches[number].knocked(frame.number, R_before, R_now, both)
+        for number, columns in enumerate(self.smoother.problem.sensors[: len(self._knock_detectors)]):
+            both_measured = self._measured[columns] & measured[columns]
+            R_before, R_now = last_frame.R_inertial_sensor[columns], frame.R_inertial_sensor[columns]
+            knocks = self._knock_detectors[number].knocked(frame.number, R_before, R_now, both_measured)
             frame.orientation_valid[columns[knocks.ringing]] = False
             knocked += columns[knocks.ringing].tolist()
             for sensor in knocks.moved.tolist():
-                self._estimate_sensor_anew(number, sensor)
+                self._free_sensor(number, sensor)
                 knocked.append(int(columns[sensor]))
                 if self._slips is not None:
                     self._slips.suspect(self._sensors.index((number, sensor)), frame.number)
         self._measured = measured
         return knocked
 
-    def _estimate_sensor_anew(self, wearer: int, sensor: int) -> None:
-        """Let a sensor sit anew behind the newest frame."""
+    def _free_sensor(self, wearer: int, sensor: int) -> None:
+        """Free the calibration of a sensor after the newest frame."""
         newest, heading_sigma_deg, mounting_sigma_deg = self.smoother.numbers[-1], 40.0, 30.0  # straps slip so far
         self.smoother.inflate_sensor_sigmas(wearer, sensor, heading_sigma_deg, mounting_sigma_deg)
         if self._slips is not None:
             self._slips.restart([self._sensors.index((wearer, sensor))], newest)
 
-    def let_go(self, columns: Sequence[int]) -> None:
-        """Estimate the sensors of these columns anew: they have moved since the calibration was found."""
+    def free_sensors(self, columns: Sequence[int]) -> None:
+        """Free the calibration of sensors (columns) that have moved since it was estimated."""
         for wearer, sensor in self._sensors:
             if self.smoother.problem.sensors[wearer][sensor] in columns:
-                self._estimate_sensor_anew(wearer, sensor)
+                self._free_sensor(wearer, sensor)
 
     def _moved_finding(self, wearer: int, sensor: int) -> Finding:
-        """A sensor has moved: what to say."""
+        """Finding about a sensor that has moved."""
         problem = self.smoother.problem
         self.moved.append(int(problem.sensors[wearer][sensor]))
         name = problem.wearers[wearer].frames.sensors[sensor]
         return Finding("sensor moved", self._head.wearers[wearer].subject.name, subject=name)
 
-    def _belief(self, first: int, root_covariance: Array) -> Belief:
-        """What is believed of the frames from one on."""
+    def _belief(self, first_number: int, root_covariance: Array) -> Belief:
+        """Current belief about the frames from a number on."""
         smoother = self.smoother
-        first = max(first, smoother.numbers[0])
-        states = smoother.states(first)
+        first_number = max(first_number, smoother.numbers[0])
+        states = smoother.states(first_number)
         bodies = tuple(
             forward_kinematics(
                 wearer.skeleton,
-                np.array([one.R_parent_child[number] for one in states]),
-                np.array([one.p_world_pelvis[number] for one in states]),
+                np.array([state.R_parent_child[number] for state in states]),
+                np.array([state.p_world_pelvis[number] for state in states]),
             )
             for number, wearer in enumerate(smoother.problem.wearers)
         )
-        R = np.array([one.R_world_camera for one in states])
-        p = np.array([one.p_world_camera for one in states])
-        return Belief(first, bodies, R, p, np.broadcast_to(root_covariance, (len(R), *root_covariance.shape)))
+        R = np.array([state.R_world_camera for state in states])
+        p = np.array([state.p_world_camera for state in states])
+        return Belief(first_number, bodies, R, p, np.broadcast_to(root_covariance, (len(R), *root_covariance.shape)))
 
     def _find_contacts(self, belief: Belief) -> None:
-        """Which feet stand from the last frame to the newest one."""
+        """Determine which feet stand from the last frame to the newest one."""
         smoother, newest = self.smoother, self.smoother.numbers[-1]
-        count = newest + 1 - belief.first
+        count = newest + 1 - belief.first_number
         recent = slice(max(0, count - CONTACT_FRAMES), count)
         for number, (wearer, body) in enumerate(zip(smoother.problem.wearers, belief.bodies, strict=True)):
             if not wearer.contacts:
@@ -253,13 +255,12 @@ class Tracking:
             smoother.frame(newest - 1).contacts[number] = confidence[-2]
             smoother.frame(newest).contacts[number] = confidence[-1]
 
-    def _see(
-        self, camera: int, observer: CameraObserver, video: Sequence[VideoFrame], belief: Belief,
-        again: bool = True,
-    ) -> list[int]:  # fmt: skip
-        """Put in what one camera saw, and decide ``again`` who is who in earlier frames; those that change by it.
+    def _observe(
+        self, camera: int, observer: CameraObserver, video: Sequence[VideoFrame], belief: Belief, revise: bool = True
+    ) -> list[int]:
+        """Add one camera's observations, and ``revise`` the association of earlier frames; returns the changed frames.
 
-        They are decided again when the smoother waits, or the longest updates would be longer.
+        Frames are not revised in an update that also relinearises: this bounds the longest update.
         """
         numbers, name = self.smoother.numbers, observer.camera.name
         news = [frame for frame in video if frame.camera == name and frame.frame in numbers]
@@ -267,32 +268,33 @@ class Tracking:
             return []
         pose = self._fixed_pose(camera)
         if pose is not None:
-            R, p = (np.broadcast_to(one, (len(belief.R_world_camera), *one.shape)) for one in pose)
+            R, p = (np.broadcast_to(value, (len(belief.R_world_camera), *value.shape)) for value in pose)
             belief = replace(belief, R_world_camera=R, p_world_camera=p)
 
         def feet(number: int) -> list[Array | None]:
             return self._stance_confidence(camera, belief, number)
 
-        seen = [(frame.frame, observer.observe(frame, belief, feet)) for frame in news]
-        seen += (observer.revise(belief, feet) if again and not self.smoother.waited else {}).items()
-        for number, views in seen:
+        observed = [(frame.frame, observer.observe(frame, belief, feet)) for frame in news]
+        observed += (observer.revise(belief, feet) if revise and not self.smoother.waited else {}).items()
+        for number, views in observed:
             self.smoother.frame(number).views[camera] = views
-        return [number for number, _ in seen]
+        return [number for number, _ in observed]
 
     def _stance_confidence(self, camera: int, belief: Belief, number: int) -> list[Array | None]:
-        """How surely each wearer's feet stand in a frame; None of wearers whose feet this camera has nothing to do."""
-        problem, at = self.smoother.problem, number - belief.first
+        """Confidence that each wearer's feet stand in a frame; None for wearers whose feet the camera does not use."""
+        problem, index = self.smoother.problem, number - belief.first_number
         if not any(problem.feet[camera]):
             return [None] * len(problem.wearers)
-        recent = slice(max(0, at + 1 - CONTACT_FRAMES), at + CONTACT_FRAMES)
+        recent = slice(max(0, index + 1 - CONTACT_FRAMES), index + CONTACT_FRAMES)
         frames = [
-            self.smoother.frame(n) for n in self.smoother.numbers[belief.first - self.smoother.numbers[0] :][recent]
+            self.smoother.frame(n)
+            for n in self.smoother.numbers[belief.first_number - self.smoother.numbers[0] :][recent]
         ]
         settings, foot_contacts = self._settings.camera.ground_contact, list[Array | None]()
         for wearer, columns, feet, body in zip(
             problem.wearers, problem.sensors, problem.feet[camera], belief.bodies, strict=False
         ):  # the camera's own sensors are the last
-            recently = at - recent.start
+            recently = index - recent.start
             foot_contacts.append(
                 None
                 if feet is None
@@ -301,7 +303,7 @@ class Tracking:
         return foot_contacts
 
     def _fixed_pose(self, camera: int) -> tuple[Array, Array] | None:
-        """Where a camera that stands still is; None of one whose pose belongs to the frames."""
+        """Pose of a standing camera; None if the camera's pose belongs to the frames."""
         problem = self.smoother.problem
         if camera == problem.carried:
             return None
@@ -309,39 +311,41 @@ class Tracking:
         return poses.R_world_camera[0], poses.p_world_camera[0]
 
     def _notice_slips(self) -> list[Finding]:
-        """Sensors that sit as they did no longer, by the last seconds."""
+        """Findings about sensors that have slipped in the last seconds."""
         smoother, newest = self.smoother, self.smoother.numbers[-1]
         if self._slips is None or newest < self._next_test + self._patience:
             return []
         self._next_test = newest + self.COVARIANCE_EVERY
         estimate = newest, smoother.shared_coordinates, smoother.shared_covariance()
-        found = [self._sensors[at] for at in self._slips.confirmed(*estimate)]
+        moved = [self._sensors[sensor_index] for sensor_index in self._slips.confirmed(*estimate)]
         slipped = self._slips.slipped(*estimate)
         if slipped is not None:
             wearer, sensor = self._sensors[slipped]
-            self._slips.restart([at for at, (owner, _) in enumerate(self._sensors) if owner == wearer], newest)
-            self._estimate_sensor_anew(wearer, sensor)  # and what it taught of the others may be wrong as well
-        return [self._moved_finding(*one) for one in found]
+            sensors_of_wearer = [index for index, (owner, _) in enumerate(self._sensors) if owner == wearer]
+            self._slips.restart(sensors_of_wearer, newest)
+            self._free_sensor(wearer, sensor)  # its data may have misled the other sensors of the wearer
+        return [self._moved_finding(*sensor) for sensor in moved]
 
     @property
     def _patience(self) -> int:
-        """Frames for which what is due can wait: for an update in which what moved is not linearised anew."""
+        """Frames for which tests can wait for an update without relinearisation."""
         return PATIENCE if self.observers and not self.smoother.waited else 0
 
-    def _learn(self) -> None:
-        """What the smoothed frames teach of the detectors: those of the first third of the lag, each but once."""
+    def _update_spreads(self) -> None:
+        """Update the scatter of detections from the first third of the lag, each frame once."""
         smoother = self.smoother
         numbers = smoother.numbers[: max(1, len(smoother.numbers) // 3)]
-        if not self.observers or numbers[0] < self._next_lesson + self._patience:
+        if not self.observers or numbers[0] < self._next_spread + self._patience:
             return
-        self._next_lesson = numbers.stop
+        self._next_spread = numbers.stop
         model, state = smoother.scene(numbers)
-        for number, (wearer, own) in enumerate(zip(model.wearers, state.wearers, strict=True)):
-            body = forward_kinematics(wearer.skeleton, own.R_parent_child, own.p_world_pelvis)
-            for observer, one in zip(self.observers, model.viewpoints(state), strict=False):
-                view = one.views[number]
+        for number, (wearer, wearer_state) in enumerate(zip(model.wearers, state.wearers, strict=True)):
+            body = forward_kinematics(wearer.skeleton, wearer_state.R_parent_child, wearer_state.p_world_pelvis)
+            for observer, viewpoint in zip(self.observers, model.viewpoints(state), strict=False):
+                view = viewpoint.views[number]
                 count = np.count_nonzero(view.seen.any(axis=1))
                 if count:
-                    at = WearerEvaluation(number, wearer, own, body)
-                    residual = whitened_reprojections(ViewEvaluation(at, camera_owner(0), one.problem, one.state, view))
-                    observer.learn_spread(number, residual, view, 1 - (1 - self.SPREAD_SHARE) ** count)
+                    evaluation = WearerEvaluation(number, wearer, wearer_state, body)
+                    seen_from = camera_owner(0), viewpoint.problem, viewpoint.state
+                    residual = whitened_reprojections(ViewEvaluation(evaluation, *seen_from, view))
+                    observer.adapt_spread(number, residual, view, 1 - (1 - self.SPREAD_SHARE) ** count)

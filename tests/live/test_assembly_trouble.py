@@ -287,7 +287,7 @@ def test_one_sensor_without_samples_is_not_called_silent_where_some_were_dropped
     assemble(stream(1.0, 3.0, OTHERS), assembler, flush=False)
     (finding,) = findings_of(assembler)
     assert finding == (
-        "sensor 'wrist' of 'Ada' is without samples for 1.0 s, as the tracker did not keep up and some were dropped: "
+        "sensor 'wrist' of 'Ada' is without samples for 1.0 s, as the tracker did not keep up and dropped some: "
         "going on without it"
     )
 

@@ -13,7 +13,7 @@ from vip_factors.detect.blazepose import (
     PersonDetector,
     Square,
     anchor_centres,
-    refined,
+    refine,
     square_of,
 )
 
@@ -92,7 +92,7 @@ def test_heat_moves_a_landmark_to_its_centre() -> None:
     heat[34, 33, 0] = 20.0  # row, column
     heat[40, 32, 1] = 20.0  # beyond the window
     heat[32, 33, 2] = -0.5  # not hot enough
-    moved = refined(points, heat)
+    moved = refine(points, heat)
     assert np.allclose(moved[0], [33 / 64 * INPUT, 34 / 64 * INPUT])
     assert np.allclose(moved[1:], 128.0)
 

@@ -13,7 +13,7 @@ SETTINGS = DetectSettings()
 
 def follow(tracker: Tracker, time: float) -> dict[int, float]:
     """Where each number is, from the left."""
-    return {one.number: one.seen.following.x for one in tracker.step(IMAGE, time)}
+    return {one.number: one.landmarks.following.x for one in tracker.step(IMAGE, time)}
 
 
 def test_two_people_keep_their_numbers() -> None:

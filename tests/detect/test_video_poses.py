@@ -13,7 +13,7 @@ from vip_factors.body.keypoints import keypoint_set
 from vip_factors.detect.onnx_pose import Box
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.detect.tracks import Tracker
-from vip_factors.detect.video import confused, detect_video, write_overlay
+from vip_factors.detect.video import detect_video, exchanged_sides, write_overlay
 from vip_factors.errors import InputError
 from vip_factors.io.detections import read_detections, write_mmpose
 
@@ -144,10 +144,10 @@ CONFIDENCE = np.full((60, 17), 0.9)
 def test_exchanged_frames_are_found(wrong: list[int]) -> None:
     pixels = walking(np.zeros(60))
     pixels[list(wrong)] = pixels[list(wrong)][:, KEYPOINTS.mirrored]
-    assert np.flatnonzero(confused(KEYPOINTS, pixels, CONFIDENCE, REACH)).tolist() == list(wrong)
+    assert np.flatnonzero(exchanged_sides(KEYPOINTS, pixels, CONFIDENCE, REACH)).tolist() == list(wrong)
 
 
 @pytest.mark.parametrize("frames", [15, 20, 30, 40])
 def test_somebody_who_turns_about_keeps_the_sides(frames: int) -> None:
     turned = np.clip((np.arange(60) - 10) / frames, 0, 1) * np.pi
-    assert not np.any(confused(KEYPOINTS, walking(turned), CONFIDENCE, REACH))
+    assert not np.any(exchanged_sides(KEYPOINTS, walking(turned), CONFIDENCE, REACH))

@@ -1,10 +1,10 @@
-"""The binary linear program that chooses hypotheses (thesis eqs. 4.11–4.12), by its dual, or by HiGHS.
+"""Binary linear program that chooses hypotheses (thesis eqs. 4.11–4.12), solved by its dual, or by HiGHS.
 
-What is settled whatever else is chosen is left out of it. Of the rest a bound is raised until what it points at proves
-to be the best choice; if it is caught before, HiGHS solves the program. There products of two choices become auxiliary
-variables. They may be continuous: with binary choices the constraints leave them only 0 or 1. A wearer is seen once per
-frame, so all products of one hypothesis with another frame's hypotheses of a wearer add up to at most 1: constraints
-summed in this way describe the same program and relax it less.
+Hypotheses whose choice does not depend on others are decided first. For the rest, a lower bound is raised until the
+choice that it suggests is proven optimal; otherwise HiGHS solves the program. There products of two choices become
+auxiliary variables, which may be continuous: with binary choices the constraints leave them only 0 or 1. A wearer is
+seen once per frame, so all products of one hypothesis with another frame's hypotheses of a wearer add up to at most 1;
+constraints summed in this way describe the same program with a tighter relaxation.
 """
 
 from collections.abc import Callable
@@ -17,17 +17,17 @@ from scipy.sparse import coo_array
 from vip_factors.errors import SolveError
 from vip_factors.geometry.rotations import Array
 
-SWEEPS, LOOKS = 10, 20  # between looks at the bound, and how often, until HiGHS is asked: two to six looks do mostly
+SWEEPS, LOOKS = 10, 20  # between checks of the bound, and number of checks before HiGHS is called; two to six are usual
 
 
 @dataclass(frozen=True)
 class AssignmentProblem:
-    """Choices among ``H`` hypotheses with ``E`` edges between them; costs are minimised.
+    """Choice among ``H`` hypotheses with ``E`` edges between them; costs are minimised.
 
     Attributes:
         frame, wearer, detection: ``(H,)``: at most one choice per wearer and frame, and per detection.
-        cost, edge_cost: ``(H,)`` of choosing each, ``(E,)`` of choosing both.
-        edges: ``(E, 2)`` rows of hypotheses, none of which exclude each other.
+        cost, edge_cost: cost of each choice ``(H,)``, and of choosing both ends of an edge ``(E,)``.
+        edges: ``(E, 2)`` rows of hypotheses that do not exclude each other.
     """
 
     frame: np.ndarray
@@ -39,24 +39,28 @@ class AssignmentProblem:
 
     def value(self, chosen: np.ndarray) -> float:
         """The objective of a choice ``(H,)``."""
-        both = chosen[self.edges[:, 0]] & chosen[self.edges[:, 1]]
-        return float(self.cost[chosen].sum() + self.edge_cost[both].sum())
+        is_chosen = chosen[self.edges[:, 0]] & chosen[self.edges[:, 1]]
+        return float(self.cost[chosen].sum() + self.edge_cost[is_chosen].sum())
 
     def restricted_to(self, rows: np.ndarray) -> "AssignmentProblem":
-        """The problem of some hypotheses (rows, increasing) and the edges within them."""
+        """The problem of some hypotheses (rows, increasing) and the edges between them."""
         new = np.full(len(self.cost), -1)
         new[rows] = np.arange(len(rows))
         inside = np.all(new[self.edges] >= 0, axis=1)
         return AssignmentProblem(
-            self.frame[rows], self.wearer[rows], self.detection[rows], self.cost[rows], new[self.edges[inside]],
+            self.frame[rows],
+            self.wearer[rows],
+            self.detection[rows],
+            self.cost[rows],
+            new[self.edges[inside]],
             self.edge_cost[inside],
-        )  # fmt: skip
+        )
 
     def beside(self, chosen: np.ndarray) -> "AssignmentProblem":
-        """The problem of the others, next to those that are chosen ``(H,)`` already."""
-        a, b = self.edges.T
-        to_chosen = [np.bincount(one, chosen[other] * self.edge_cost, len(chosen)) for one, other in ((a, b), (b, a))]
-        return replace(self, cost=self.cost + sum(to_chosen))
+        """The problem of the other hypotheses, given those that are chosen ``(H,)`` already."""
+        pairs = (self.edges.T, self.edges.T[::-1])
+        cost = [np.bincount(ends, chosen[starts] * self.edge_cost, len(chosen)) for ends, starts in pairs]
+        return replace(self, cost=self.cost + sum(cost))
 
 
 def solve(problem: AssignmentProblem) -> np.ndarray:
@@ -71,63 +75,63 @@ def solve(problem: AssignmentProblem) -> np.ndarray:
 def solve_in_windows(
     problem: AssignmentProblem, window: int, overlap: int, progress: Callable[[float], None] | None = None
 ) -> np.ndarray:
-    """The choice ``(H,)`` from overlapping windows of video frames, so that a recording's length does not matter.
+    """Solve in overlapping windows of video frames, so that the time grows linearly with the recording: ``(H,)``.
 
-    Each window decides all its frames but keeps only those before its overlap with the next, into which the longest
-    edge should fit; earlier decisions stand, and edges to them count. ``progress`` is told the fraction done.
+    Each window decides all its frames but keeps only those before its overlap with the next, which should be longer
+    than any edge; earlier decisions stand, and edges to them count. ``progress`` receives the fraction done.
     """
     chosen = np.zeros(len(problem.cost), bool)
     if len(chosen) == 0:
         return chosen
-    first, last = int(problem.frame.min()), int(problem.frame.max())
-    start = first
-    while start <= last:
+    first_frame, last_frame = int(problem.frame.min()), int(problem.frame.max())
+    start = first_frame
+    while start <= last_frame:
         end = start + window
-        if last < end + overlap // 2:
-            end = last + 1
-        keep_until = end if end > last else end - overlap
+        if last_frame < end + overlap // 2:
+            end = last_frame + 1
+        keep_until = end if end > last_frame else end - overlap
         free = (problem.frame >= start) & (problem.frame < end)
         rows = np.flatnonzero(free)
-        best = solve(problem.beside(chosen & ~free).restricted_to(rows))
-        kept = problem.frame[rows] < keep_until
-        chosen[rows[kept]] = best[kept]
+        choice = solve(problem.beside(chosen & ~free).restricted_to(rows))
+        is_final = problem.frame[rows] < keep_until
+        chosen[rows[is_final]] = choice[is_final]
         start = keep_until
         if progress is not None:
-            progress(min(1.0, (start - first) / (last + 1 - first)))
+            progress(min(1.0, (start - first_frame) / (last_frame + 1 - first_frame)))
     return chosen
 
 
 def _settled(problem: AssignmentProblem) -> tuple[np.ndarray, np.ndarray]:
-    """Which hypotheses ``(H,)`` could be in a best choice, and which of them are in every one.
+    """Hypotheses ``(H,)`` that could be part of the best choice, and those that are in any case.
 
-    Those are that could lower the cost at all; and these, if they have no rival, that do so whatever else is chosen.
+    The former could lower the cost; the latter lower it whatever else is chosen, and have no rival.
     """
     a, b = np.concatenate([problem.edges, problem.edges[:, ::-1]]).T
     edge, H, groups = np.tile(problem.edge_cost, 2), len(problem.cost), _exclusive_groups(problem)
     hopeful, sure = np.ones(H, bool), np.zeros(H, bool)
     while True:
-        least, most = (
+        least, highest = (
             problem.cost + np.bincount(a, hopeful[b] * np.where(sure[b], edge, limit), H)
             for limit in (np.minimum(edge, 0.0), np.maximum(edge, 0.0))
         )
-        alone = np.all([np.bincount(group, hopeful)[group] == 1 for group in groups], axis=0)
-        before = hopeful, sure
-        hopeful, sure = hopeful & (least < 0), hopeful & alone & (most < 0)
-        if np.array_equal(before, (hopeful, sure)):
+        has_no_rival = np.all([np.bincount(group, hopeful)[group] == 1 for group in groups], axis=0)
+        previous = hopeful, sure
+        hopeful, sure = hopeful & (least < 0), hopeful & has_no_rival & (highest < 0)
+        if np.array_equal(previous, (hopeful, sure)):
             return hopeful, sure
 
 
 def _exclusive_groups(problem: AssignmentProblem) -> list[np.ndarray]:
-    """Group number ``(H,)`` of each hypothesis, twice: one choice per wearer and frame, one per detection."""
+    """Group numbers ``(H,)`` of hypotheses that exclude each other: by wearer and frame, and by detection."""
     by_wearer = problem.frame * (int(problem.wearer.max(initial=0)) + 1) + problem.wearer
     return [np.unique(key, return_inverse=True)[1] for key in (by_wearer, problem.detection)]
 
 
 def _solve_open(problem: AssignmentProblem) -> np.ndarray:
-    """The best choice ``(H,)``; HiGHS is asked where no bound proves one."""
-    proven = 1e-7  # of its cost is what a choice may be short of the bound: rounding
+    """The best choice ``(H,)``, by the bound if it proves one, otherwise by HiGHS."""
+    proven = 1e-7  # relative gap to the bound that counts as rounding
     relative_gap = 1e-4
-    seconds_per_window = 20.0  # what HiGHS may take for one; the best found until then is used
+    seconds_per_window = 20.0  # limit for HiGHS, after which its best choice so far is used
     dual = _Dual(problem)
     for _ in range(LOOKS):
         dual.raise_bound()
@@ -151,9 +155,9 @@ def _solve_open(problem: AssignmentProblem) -> np.ndarray:
 class _Dual:
     """A lower bound of the program by block-coordinate ascent (Globerson & Jaakkola 2007, Tourani et al. 2018).
 
-    Nodes, each with one label of several, are wearers in frames, which are nobody or a hypothesis, and detections,
-    which show nobody or a wearer. Costs move between nodes and pairs of nodes; what each of these costs at least, by
-    itself, adds up to the bound.
+    Nodes, each with one of several labels, are wearers in frames, labelled with nobody or a hypothesis, and detections,
+    labelled with nobody or a wearer. Costs move between nodes and pairs of nodes; the sum of the least cost of each is
+    the bound.
     """
 
     def __init__(self, problem: AssignmentProblem) -> None:
@@ -172,41 +176,44 @@ class _Dual:
         a, b = np.concatenate([problem.edges, rivals]).T
         a, b = np.where(self.node[a] < self.node[b], (a, b), (b, a))
         cost = np.concatenate([problem.edge_cost, np.full(len(rivals), never)])
-        _, first, pair = np.unique(self.node[a] * N + self.node[b], return_index=True, return_inverse=True)
-        at = np.flatnonzero(np.bincount(self.detection)[self.detection] > 1)
-        self.pair = np.zeros((len(first) + len(at), L, L))
+        _, first_edge, pair = np.unique(self.node[a] * N + self.node[b], return_index=True, return_inverse=True)
+        shared = np.flatnonzero(np.bincount(self.detection)[self.detection] > 1)
+        self.pair = np.zeros((len(first_edge) + len(shared), L, L))
         np.add.at(self.pair, (pair, self.label[a], self.label[b]), cost)
-        beside = np.arange(len(first), len(self.pair))
-        self.pair[beside, self.label[at], :] = self.pair[beside, :, shown[at]] = never
-        self.pair[beside, self.label[at], shown[at]] = 0.0
-        a, b = a[first], b[first]
-        self.ends = np.concatenate([[self.node[a], self.node[b]], [self.node[at], N + self.detection[at]]], axis=1)
-        # No node is twice in a turn: pairs of hypotheses by how far apart and whose, those with detections by label.
-        apart = np.abs(frame[a] - frame[b])
-        odd = np.minimum(frame[a], frame[b]) // np.maximum(apart, 1) % 2
+        pair_index = np.arange(len(first_edge), len(self.pair))
+        self.pair[pair_index, self.label[shared], :] = self.pair[pair_index, :, shown[shared]] = never
+        self.pair[pair_index, self.label[shared], shown[shared]] = 0.0
+        a, b = a[first_edge], b[first_edge]
+        to_detections = [self.node[shared], N + self.detection[shared]]
+        self.ends = np.concatenate([[self.node[a], self.node[b]], to_detections], axis=1)
+        # No node is twice in a turn: pairs of hypotheses by distance and wearers, pairs with detections by label.
+        distance = np.abs(frame[a] - frame[b])
+        odd = np.minimum(frame[a], frame[b]) // np.maximum(distance, 1) % 2
         whose = np.where(wearer[a] == wearer[b], -1 - odd, wearer[a] * L + wearer[b])
-        turn = np.concatenate([[apart, whose], [np.full(len(at), -1), shown[at] * L + self.label[at]]], axis=1)
+        turn_of_shared = [np.full(len(shared), -1), shown[shared] * L + self.label[shared]]
+        turn = np.concatenate([[distance, whose], turn_of_shared], axis=1)
         turn = np.unique(turn, axis=1, return_inverse=True)[1].ravel()
         self.turns = np.split(np.argsort(turn, kind="stable"), np.cumsum(np.bincount(turn))[:-1])
 
     def raise_bound(self) -> None:
-        """By some turns of all pairs, forth and back: what a pair costs goes to its nodes, to either as much as can."""
+        """Take turns over all pairs, forth and back: the cost of a pair moves to its nodes as far as possible."""
         for turn in (*self.turns, *self.turns[::-1]) * SWEEPS:
             i, j = self.ends[:, turn]
             joint = self.pair[turn] + self.own[i][:, :, None] + self.own[j][:, None]
-            first = joint.min(axis=2, keepdims=True) / 2
-            joint -= first
+            first_share = joint.min(axis=2, keepdims=True) / 2
+            joint -= first_share
             second = joint.min(axis=1, keepdims=True)
             joint -= second
-            rest = joint.min(axis=2, keepdims=True)
-            self.own[i], self.own[j], self.pair[turn] = (first + rest)[..., 0], second[:, 0], joint - rest
+            remainder = joint.min(axis=2, keepdims=True)
+            self.own[i], self.own[j] = (first_share + remainder)[..., 0], second[:, 0]
+            self.pair[turn] = joint - remainder
 
     def bound(self) -> float:
-        """No choice costs less."""
+        """Lower bound of the cost."""
         return float(self.own.min(axis=1).sum() + self.pair.min(axis=(1, 2)).sum())
 
     def choice(self) -> np.ndarray:
-        """What each node would choose by itself, ``(H,)``; nobody for a detection that two would have."""
+        """Best choice of each node by itself, ``(H,)``; nobody for a detection that two wearers choose."""
         chosen = self.label == self.own.argmin(axis=1)[self.node]
         return np.asarray(chosen & (np.bincount(self.detection, chosen)[self.detection] == 1))
 
@@ -220,27 +227,25 @@ def _constraints(problem: AssignmentProblem) -> LinearConstraint:
         rows.add(group[shared], np.flatnonzero(shared), np.ones(int(shared.sum())), 1.0)
     edge = np.arange(E)
     for near, far in (problem.edges.T, problem.edges.T[::-1]):
-        # all products of one choice with a wearer in another frame: at most that choice
+        # All products of one choice with a wearer in another frame: at most that choice.
         key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
-        first = np.unique(key, return_index=True)[1]
-        rows.add(
-            np.concatenate([key, np.arange(len(first))]), np.concatenate([H + edge, near[first]]),
-            np.concatenate([np.ones(E), -np.ones(len(first))]), 0.0,
-        )  # fmt: skip
+        firsts = np.unique(key, return_index=True)[1]
+        row = np.concatenate([key, np.arange(len(firsts))])
+        value = np.concatenate([np.ones(E), -np.ones(len(firsts))])
+        rows.add(row, np.concatenate([H + edge, near[firsts]]), value, 0.0)
     dear = np.flatnonzero(problem.edge_cost > 0)
     for near, far in (problem.edges[dear].T, problem.edges[dear].T[::-1]):
-        # a choice and one of a wearer in another frame: their product, which nobody would choose without
+        # A choice and one of a wearer in another frame: their product, which is expensive, must count.
         key = np.unique(near * (int(wearer_frame.max(initial=0)) + 1) + wearer_frame[far], return_inverse=True)[1]
-        first, ones = np.unique(key, return_index=True)[1], np.ones(len(dear))
-        rows.add(
-            np.concatenate([np.arange(len(first)), key, key]), np.concatenate([near[first], far, H + dear]),
-            np.concatenate([np.ones(len(first)), ones, -ones]), 1.0,
-        )  # fmt: skip
+        firsts, unit = np.unique(key, return_index=True)[1], np.ones(len(dear))
+        row = np.concatenate([np.arange(len(firsts)), key, key])
+        value = np.concatenate([np.ones(len(firsts)), unit, -unit])
+        rows.add(row, np.concatenate([near[firsts], far, H + dear]), value, 1.0)
     return rows.constraint()
 
 
 class _Rows:
-    """Inequalities ``A x ≤ b``, gathered in blocks."""
+    """Inequalities ``A x ≤ b``, collected in blocks."""
 
     def __init__(self, columns: int) -> None:
         self.columns, self.count = columns, 0
@@ -257,6 +262,6 @@ class _Rows:
         self.count += added
 
     def constraint(self) -> LinearConstraint:
-        row, column, value = (np.concatenate(part) for part in zip(*self.parts, strict=True))
+        row, column, value = (np.concatenate(values) for values in zip(*self.parts, strict=True))
         A = coo_array((value, (row, column)), shape=(self.count, self.columns)).tocsr()
         return LinearConstraint(A, -np.inf, np.concatenate(self.bounds))

@@ -1,4 +1,4 @@
-"""The association of a whole recording: from detections and inertially tracked motions to who is who."""
+"""Association of a whole recording: from detections and inertially tracked motions to wearers."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +17,7 @@ from vip_factors.associate.features import (
     unary_features,
     vote_turn,
 )
-from vip_factors.associate.findings import find_oddities
+from vip_factors.associate.findings import association_findings
 from vip_factors.associate.hypothesis import hypotheses, keypoint_sigma, used_confidence, wearer_points
 from vip_factors.associate.tracklets import brief_choices, contradicted, tracklets
 from vip_factors.associate.weights import Logistic, load_weights, verdict_features
@@ -29,26 +29,26 @@ from vip_factors.sensors.camera import CameraModel, CameraPath
 from vip_factors.sensors.detections import Detections
 from vip_factors.settings import AssociationSettings
 
-NOMINAL_RATE = 30.0  # frames per second that the settings' offsets are meant for
+NOMINAL_RATE = 30.0  # frames per second to which the settings' offsets refer
 
 
 @dataclass(frozen=True)
 class Association:
-    """Who is who among ``N`` detections.
+    """Association of ``N`` detections with wearers.
 
     Attributes:
-        wearer: ``(N,)`` index of the wearer that each detection shows, −1 for nobody.
+        wearer: ``(N,)`` index of the wearer in each detection, −1 for nobody.
         confidence: ``(N,)`` probability of that choice, 0 for nobody.
-        R_camera_world: ``(N, 3, 3)`` hypothesis camera of the chosen wearer in the world of that wearer's motion;
-            identity for nobody.
-        p_camera_world: ``(N, 3)`` metres, where that world's origin lies in the camera's frame
+        R_camera_world: ``(N, 3, 3)`` hypothesis camera of the wearer in the world of the wearer's motion; identity for
+            nobody.
+        p_camera_world: ``(N, 3)`` metres, origin of that world in the camera's frame
             (``p_camera = R_camera_world @ p_world + p_camera_world``); NaN for nobody.
-        unary: ``(N,)`` cost of the chosen hypothesis on its own (negative log-odds), else of the best; NaN without any.
-        findings: what is odd.
-        by_place: ``(N,)`` whether it was given for lying where the wearer is, by the known camera, and not for moving
-            alike; its confidence is the least that is asked of others. Empty where no camera was known.
-        by_clothes: whether clothes had a say.
-        track: ``(N,)`` the tracklet of each detection; empty where they were not looked for.
+        unary: ``(N,)`` cost (negative log-odds) of the chosen hypothesis, otherwise of the best one; NaN without any.
+        findings: ambiguities and errors that were noticed.
+        by_place: ``(N,)`` whether it was associated by its position under a known camera, not by motion; its confidence
+            is then the least that is required otherwise. Empty without a known camera.
+        by_clothes: whether clothes were used.
+        track: ``(N,)`` tracklet of each detection; empty if they were not determined.
     """
 
     wearer: np.ndarray
@@ -70,68 +70,74 @@ def associate(
     camera: CameraPath | None = None,
     gravity_camera: Array | None = None,
     progress: Callable[[float], None] | None = None,
-    before: Association | None = None,
+    previous: Association | None = None,
 ) -> Association:
-    """Find which detections show which wearers.
+    """Associate detections with wearers.
 
     Args:
         detections: times on the recording's clock.
-        model: of the camera.
-        motions: of the wearers, inertially tracked; each in a world of its own with Z up, unless ``camera`` is given.
+        model: model of the camera.
+        motions: the wearers' inertially tracked motions, each in its own world with Z up unless ``camera`` is given.
         settings: defaults if None.
-        camera: its path in the world that all motions share (second pass), or None (first pass).
+        camera: path of the camera in the world of all motions (second pass), or None (first pass).
         gravity_camera: ``(F, 3)`` direction of gravity (down) in the camera's frame by its IMU, of any length; NaN
             where unknown.
-        progress: told the fraction done.
-        before: of the same detections, whose tracklets are these ones'.
+        progress: receives the fraction done.
+        previous: association of the same detections, whose tracklets are used again.
 
     Raises:
-        InputError: without motions, or for gravity of another shape.
+        InputError: without motions, or if gravity has another shape.
     """
     settings = settings or AssociationSettings()
     if not motions:
         raise InputError("association without a wearer's motion: give at least one")
     weights = load_weights(settings.weights) if settings.weights else load_weights()
-    context = make_context(detections, model, motions, camera, gravity_camera, before=before)
+    context = make_context(detections, model, motions, camera, gravity_camera, previous=previous)
     suffix = "" if camera is None else "_camera"
     features = unary_features(context)
     odds = weights.logistic["unary" + suffix].log_odds(features)
-    result = _decided(context, features, odds, weights.logistic, settings, progress)
+    result = _by_motion(context, features, odds, weights.logistic, settings, progress)
     clothes = _clothes(context, detections, result.wearer)
     if clothes is not None and settings.by_clothes:
         h = context.hypotheses
         dressed = odds + clothes[h.wearer, h.detection]
-        result = replace(_decided(context, features, dressed, weights.logistic, settings, None), by_clothes=True)
+        result = replace(_by_motion(context, features, dressed, weights.logistic, settings, None), by_clothes=True)
     if context.camera is not None and settings.by_place:
         result = _with_positions(result, context, context.camera, settings.least_confidence, clothes)
     if not settings.check:
         return result
-    return replace(result, findings=find_oddities(detections, context, odds, motions, result.wearer))
+    return replace(result, findings=association_findings(detections, context, odds, motions, result.wearer))
 
 
 def add_by_position(
-    association: Association, detections: Detections, model: CameraModel, motions: Sequence[Motion],
-    camera: CameraPath, settings: AssociationSettings | None = None,
-) -> Association:  # fmt: skip
-    """An association with the detections added that lie where wearers are found to be since; arguments as
-    :func:`associate`'s.
-    """
+    association: Association,
+    detections: Detections,
+    model: CameraModel,
+    motions: Sequence[Motion],
+    camera: CameraPath,
+    settings: AssociationSettings | None = None,
+) -> Association:
+    """Add detections at the wearers' positions to an association. Arguments as for :func:`associate`."""
     settings = settings or AssociationSettings()
     if not settings.by_place:
         return association
-    context = make_context(detections, model, motions, camera, None, fitted=False, before=association)
+    context = make_context(detections, model, motions, camera, None, fitted=False, previous=association)
     if context.camera is None:
         return association
     clothes = _clothes(context, detections, association.wearer) if settings.by_clothes else None
     return _with_positions(association, context, context.camera, settings.least_confidence, clothes)
 
 
-def _decided(
-    context: Context, features: Array, odds: Array, logistic: Mapping[str, Logistic], settings: AssociationSettings,
+def _by_motion(
+    context: Context,
+    features: Array,
+    odds: Array,
+    logistic: Mapping[str, Logistic],
+    settings: AssociationSettings,
     progress: Callable[[float], None] | None,
-) -> Association:  # fmt: skip
-    """The association by the assignment problem, of hypotheses with features ``(P, ...)`` and log-odds ``(P,)``."""
-    least_choices = 3  # of a wearer: a stranger moves alike for a moment
+) -> Association:
+    """Association by the assignment problem, for hypotheses with features ``(P, ...)`` and log-odds ``(P,)``."""
+    least_choices = 3  # least number of a wearer: strangers move alike for a moment
     verdict = logistic["verdict" + ("" if context.camera is None else "_camera")]
     problem, rows = build_assignment(context, odds, logistic, settings)
     chosen = choose(context, problem, settings, progress)
@@ -145,19 +151,19 @@ def _decided(
 
 
 def _contradicted(context: Context, rows: np.ndarray, odds: Array) -> np.ndarray:
-    """Of chosen hypotheses ``(C,)``, those of somebody else than whom the wearer's tracklet shows."""
-    there = context.hypotheses.detection[rows]
+    """Chosen hypotheses ``(C,)`` that contradict the wearer's tracklets."""
+    detection = context.hypotheses.detection[rows]
     wearer = np.full(len(context.frame), -1)
-    wearer[there] = context.hypotheses.wearer[rows]
-    own = np.zeros(len(wearer))
-    own[there] = odds[rows]
-    wrong = contradicted(context.frame, context.track, wearer, own)
+    wearer[detection] = context.hypotheses.wearer[rows]
+    odds_of_detection = np.zeros(len(wearer))
+    odds_of_detection[detection] = odds[rows]
+    wrong = contradicted(context.frame, context.track, wearer, odds_of_detection)
     wrong |= brief_choices(context.track, np.where(wrong, -1, wearer), context.weight, context.rate)
-    return wrong[there]
+    return wrong[detection]
 
 
 def _clothes(context: Context, detections: Detections, wearer: np.ndarray) -> Array | None:
-    """Log-odds ``(W, N)`` by clothes; None where they tell nothing of anybody."""
+    """Log-odds ``(W, N)`` by clothes; None if they carry no information."""
     if detections.torso_colour is None:
         return None
     odds = clothes_log_odds(context, detections.torso_colour, wearer)
@@ -167,7 +173,7 @@ def _clothes(context: Context, detections: Detections, wearer: np.ndarray) -> Ar
 def _with_positions(
     result: Association, context: Context, camera: CameraPath, confidence: float, clothes: Array | None
 ) -> Association:
-    """The same with the detections that lie where a wearer is."""
+    """Add the detections at the positions of wearers."""
     wearer = assign_by_position(context, camera, result.wearer, clothes)
     added = (wearer != result.wearer) & ~contradicted(context.frame, context.track, wearer, -result.unary)
     wearer = np.where(added, wearer, result.wearer)
@@ -184,10 +190,15 @@ def _with_positions(
 
 
 def make_context(
-    detections: Detections, model: CameraModel, motions: Sequence[Motion], camera: CameraPath | None,
-    gravity_camera: Array | None, fitted: bool = True, before: Association | None = None,
-) -> Context:  # fmt: skip
-    """Hypothesis cameras, if they are to be fitted, and tracklets of a recording. Arguments as :func:`associate`'s."""
+    detections: Detections,
+    model: CameraModel,
+    motions: Sequence[Motion],
+    camera: CameraPath | None,
+    gravity_camera: Array | None,
+    fitted: bool = True,
+    previous: Association | None = None,
+) -> Context:
+    """Tracklets of a recording, and hypothesis cameras if ``fitted``. Arguments as for :func:`associate`."""
     F = len(detections.time)
     up = None
     if gravity_camera is not None:
@@ -197,7 +208,7 @@ def make_context(
             up = -gravity_camera / np.linalg.norm(gravity_camera, axis=1, keepdims=True)
     rays, weight = model.normalise(detections.pixels), used_confidence(detections)
     wearers = tuple(wearer_points(motion, detections.keypoints, detections.time) for motion in motions)
-    track = np.zeros(0, int) if before is None else before.track
+    track = np.zeros(0, int) if previous is None else previous.track
     if len(track) != len(detections):
         track = tracklets(detections.frame, rays, weight, detections.rate or NOMINAL_RATE)
     looked_at = detections if fitted else detections.select(np.zeros(len(detections), bool))
@@ -219,14 +230,14 @@ def make_context(
 def build_assignment(
     context: Context, odds: Array, logistic: Mapping[str, Logistic], settings: AssociationSettings
 ) -> tuple[AssignmentProblem, np.ndarray]:
-    """The assignment problem over the hypotheses within the gate, ``H`` of ``P``, and their rows ``(H,)``.
+    """Assignment problem over the ``H`` likely hypotheses of ``P``, and their rows ``(H,)``.
 
-    ``odds`` ``(P,)`` are the log-odds of all hypotheses on their own, ``logistic`` the regressions of edges by name.
+    ``odds`` ``(P,)`` are the log-odds of single hypotheses, ``logistic`` the regressions by name.
     """
     h, suffix = context.hypotheses, "" if context.camera is None else "_camera"
     rows = np.flatnonzero(gated(context, odds, settings))
     a, b = inter_edges(context, rows, settings)
-    # Edges to neighbouring frames tell nearly the same: all of them together count like one.
+    # Edges to neighbouring frames carry nearly the same information: together they count like one.
     weight_between_frames, weight_within_frame = 0.16, 0.5
     costs = [-weight_between_frames * logistic["inter" + suffix].log_odds(inter_features(context, a, b))]
     edges = [np.stack([a, b], axis=1)]
@@ -247,19 +258,19 @@ def choose(
     settings: AssociationSettings,
     progress: Callable[[float], None] | None = None,
 ) -> np.ndarray:
-    """The best choice ``(H,)``, window by window."""
+    """Solve the assignment window by window: the choice ``(H,)``."""
     window, overlap = (max(1, round(seconds * context.rate)) for seconds in (settings.window_s, settings.overlap_s))
     return solve_in_windows(problem, max(window, overlap + 1), overlap, progress)
 
 
 def gated(context: Context, odds: Array, settings: AssociationSettings) -> np.ndarray:
-    """Which hypotheses ``(P,)`` are likely enough, and among the likeliest of their wearer and frame."""
+    """Hypotheses ``(P,)`` that are likely enough, and among the likeliest of their wearer and frame."""
     h = context.hypotheses
     group = h.frame * len(context.wearers) + h.wearer
     order = np.lexsort((-odds, group))
-    first = np.flatnonzero(np.diff(group[order], prepend=-1))
+    first_of_group = np.flatnonzero(np.diff(group[order], prepend=-1))
     rank = np.empty(len(h), int)
-    rank[order] = np.arange(len(h)) - np.repeat(first, np.diff(np.append(first, len(h))))
+    rank[order] = np.arange(len(h)) - np.repeat(first_of_group, np.diff(np.append(first_of_group, len(h))))
     least_odds = -5.0  # one in 150
     return (odds > least_odds) & (rank < settings.rivals)
 
@@ -272,17 +283,17 @@ def inter_edges(context: Context, rows: np.ndarray, settings: AssociationSetting
     key = h.wearer[rows] * stride + h.frame[rows]
     order = np.argsort(key, kind="stable")
     rows, key = rows[order], key[order]
-    first, second = [], []
+    first_rows, second = [], []
     for offset in offsets:
         low, high = np.searchsorted(key, key + offset, "left"), np.searchsorted(key, key + offset, "right")
         count = high - low
-        first.append(np.repeat(np.arange(len(rows)), count))
+        first_rows.append(np.repeat(np.arange(len(rows)), count))
         second.append(np.repeat(low - np.cumsum(count) + count, count) + np.arange(count.sum()))
-    return rows[np.concatenate(first)], rows[np.concatenate(second)]
+    return rows[np.concatenate(first_rows)], rows[np.concatenate(second)]
 
 
 def intra_edges(context: Context, rows: np.ndarray, odds: Array) -> list[tuple[np.ndarray, np.ndarray, Array]]:
-    """Pairs of hypotheses of different wearers in one frame, with their features."""
+    """Pairs of different wearers' hypotheses in one frame, with their features."""
     which = np.zeros(len(context.hypotheses), bool)
     which[rows] = True
     good = np.where(which, 1 / (1 + np.exp(-np.clip(odds, -50, 50))), 0.0)
@@ -306,8 +317,8 @@ def _result(context: Context, odds: Array, rows: np.ndarray, confidence: Array) 
     unary[~np.isfinite(unary)] = np.nan
     wearer, sure = np.full(N, -1), np.zeros(N)
     R, p = np.tile(np.eye(3), (N, 1, 1)), np.full((N, 3), np.nan)
-    there = h.detection[rows]
-    wearer[there], sure[there], unary[there] = h.wearer[rows], confidence, -odds[rows]
-    R[there] = h.R_camera_world[rows]
-    p[there] = -(h.R_camera_world[rows] @ h.p_world_camera[rows][..., None])[..., 0]
+    detection = h.detection[rows]
+    wearer[detection], sure[detection], unary[detection] = h.wearer[rows], confidence, -odds[rows]
+    R[detection] = h.R_camera_world[rows]
+    p[detection] = -(h.R_camera_world[rows] @ h.p_world_camera[rows][..., None])[..., 0]
     return Association(wearer, sure, R, p, unary, track=context.track)

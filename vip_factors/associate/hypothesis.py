@@ -1,9 +1,8 @@
-"""Hypothesis cameras: where the camera would be if a detection showed a wearer (thesis 4.3.2, M_H).
+"""Hypothesis cameras: the camera pose if a detection showed a wearer (thesis 4.3.2, M_H).
 
-PnP of all pairs of a wearer and a detection at once: a closed-form start, then robust Gauss–Newton on all of them.
-Each match is first turned into a virtual camera that looks straight at the person: there the weak-perspective start is
-good wherever in the image the person stands. Residuals are counted in metres at the person's depth, so that near and
-far people count alike (thesis eq. 4.14).
+PnP of all pairs of a wearer and a detection at once: a closed-form start, then robust Gauss–Newton. Each match is first
+transformed to a virtual camera that looks straight at the person, where the weak-perspective start is good anywhere in
+the image. Residuals are in metres at the person's depth, so that near and far people count alike (thesis eq. 4.14).
 """
 
 from collections.abc import Sequence
@@ -17,22 +16,22 @@ from vip_factors.compiled import Kernels, kernels
 from vip_factors.geometry.rotations import Array, exp, hat, transpose
 from vip_factors.sensors.detections import Detections
 
-FEWEST_KEYPOINTS = 6  # six unknowns would need three; below six a wrong person fits as well as the right one
-CAUCHY = 2.0  # sigmas at which a keypoint starts to be doubted
-START_STEPS, FINAL_STEPS = 5, 6  # of Gauss–Newton: from every start, then from the best
-NEAREST_DEPTH, FURTHEST_DEPTH = 0.5, 80.0  # m: nobody is whole in the image nearer, or distinguishable further off
+FEWEST_KEYPOINTS = 6  # three would determine a camera; with fewer than six a wrong person fits as well as the right one
+CAUCHY = 2.0  # scale of the robust loss, in sigmas
+START_STEPS, FINAL_STEPS = 5, 6  # of Gauss–Newton, from every start and from the best
+NEAREST_DEPTH, FURTHEST_DEPTH = 0.5, 80.0  # m, range in which a person is entirely visible and distinguishable
 
 
 @dataclass(frozen=True)
 class CameraFit:
-    """Cameras that explain ``P`` matches of ``K`` points with as many rays.
+    """Cameras fitted to ``P`` matches of ``K`` points with as many rays.
 
     Attributes:
-        R_camera_world: ``(P, 3, 3)``; identity where refused.
-        p_camera_origin: ``(P, 3)`` metres, where the points' origin lies in the camera's frame; NaN where refused.
-        error: ``(P, K, 2)`` reprojection errors in metres at the person's depth; NaN where not seen or refused.
-        cost: ``(P,)`` robust mean of squared errors in sigmas (Cauchy); NaN where refused.
-        accepted: ``(P,)`` whether a believable camera was found.
+        R_camera_world: ``(P, 3, 3)``; identity where rejected.
+        p_camera_origin: ``(P, 3)`` metres, origin of the points in the camera's frame; NaN where rejected.
+        error: ``(P, K, 2)`` reprojection errors in metres at the person's depth; NaN where not visible or rejected.
+        cost: ``(P,)`` robust mean of squared errors in sigmas (Cauchy); NaN where rejected.
+        accepted: ``(P,)`` whether a plausible camera was found.
     """
 
     R_camera_world: Array
@@ -46,26 +45,26 @@ def fit_cameras(points: Array, rays: Array, weight: Array, sigma: Array) -> Came
     """Fit one camera to each match.
 
     Args:
-        points: ``(P, K, 3)`` metres, in any frame of the match's own.
+        points: ``(P, K, 3)`` metres, each match in any frame.
         rays: ``(P, K, 2)`` undistorted image coordinates at depth one; anything where the weight is zero.
-        weight: ``(P, K)`` confidences; 0 for keypoints not to be used.
-        sigma: ``(K,)`` or ``(P, K)`` metres, how far keypoints lie off.
+        weight: ``(P, K)`` confidences; 0 for keypoints to ignore.
+        sigma: ``(K,)`` or ``(P, K)`` metres, standard deviations of keypoints.
     """
-    chunk = 2048  # matches at a time: their Jacobians stay in the processor's cache
+    chunk = 2048  # matches at a time, so that their Jacobians fit into the cache
     sigma = np.broadcast_to(sigma, weight.shape)
-    parts = [
+    fits = [
         _fit_chunk(points[i : i + chunk], rays[i : i + chunk], weight[i : i + chunk], sigma[i : i + chunk])
         for i in range(0, max(len(points), 1), chunk)
     ]
-    return CameraFit(*(np.concatenate([getattr(part, name) for part in parts]) for name in CameraFit.__annotations__))
+    return CameraFit(*(np.concatenate([getattr(fit, name) for fit in fits]) for name in CameraFit.__annotations__))
 
 
 def _fit_chunk(points: Array, rays: Array, weight: Array, sigma: Array) -> CameraFit:
     usable = (weight > 0) & np.all(np.isfinite(rays), axis=-1) & np.all(np.isfinite(points), axis=-1)
-    enough = usable.sum(axis=1) >= FEWEST_KEYPOINTS
-    usable = usable & enough[:, None]
+    is_determined = usable.sum(axis=1) >= FEWEST_KEYPOINTS
+    usable = usable & is_determined[:, None]
     w = np.where(usable, weight, 0.0)
-    w[~enough] = 1.0  # whatever comes out is refused; it must only be finite
+    w[~is_determined] = 1.0  # only to be finite: such matches are rejected
     X = np.where(usable[..., None], points, 0.0)
     centre = _mean(X, w)
     X = X - centre[:, None]
@@ -76,7 +75,9 @@ def _fit_chunk(points: Array, rays: Array, weight: Array, sigma: Array) -> Camer
     error = (flat_there - flat) * t[:, None, 2:]
     nearest = np.where(usable, p[..., 2], np.inf).min(axis=1)
     with np.errstate(invalid="ignore"):
-        accepted = enough & (nearest > NEAREST_DEPTH / 2) & (t[:, 2] > NEAREST_DEPTH) & (t[:, 2] < FURTHEST_DEPTH)
+        accepted = (
+            is_determined & (nearest > NEAREST_DEPTH / 2) & (t[:, 2] > NEAREST_DEPTH) & (t[:, 2] < FURTHEST_DEPTH)
+        )
     accepted &= np.all(np.isfinite(R), axis=(1, 2)) & np.all(np.isfinite(t), axis=1)
     back = transpose(R_virtual_camera)
     R_camera = back @ R
@@ -95,7 +96,7 @@ def _mean(values: Array, w: Array) -> Array:
 
 
 def _straight_ahead(rays: Array, w: Array) -> tuple[Array, Array]:
-    """Rotations ``(P, 3, 3)`` to cameras that look at the middle of the rays, and the rays ``(P, K, 2)`` there."""
+    """Rotations ``(P, 3, 3)`` to cameras that look at the centre of the rays, and the rays ``(P, K, 2)`` there."""
     forward = np.concatenate([_mean(rays, w), np.ones((len(rays), 1))], axis=1)
     forward /= np.linalg.norm(forward, axis=1, keepdims=True)
     axis = np.cross(forward, [0.0, 0.0, 1.0])
@@ -106,7 +107,7 @@ def _straight_ahead(rays: Array, w: Array) -> tuple[Array, Array]:
 
 
 class _Problem:
-    """The matches in their virtual cameras: points about their centre, rays about the axis."""
+    """Matches in their virtual cameras: points relative to their centre, rays to the axis."""
 
     def __init__(self, X: Array, flat: Array, w: Array, sigma: Array) -> None:
         self.X, self.flat, self.w = X, flat, w
@@ -115,7 +116,7 @@ class _Problem:
         self.depth = np.ones(len(X))
 
     def starts(self) -> list[tuple[Array, Array]]:
-        """Weak-perspective cameras: the body taken as flat gives two, tilted either way; as solid one more."""
+        """Weak-perspective cameras: two for a flat body, tilted either way, and one for a solid body."""
         X, w = self.X, self.w
         weighted = X * w[..., None]
         _, axes = np.linalg.eigh(transpose(weighted) @ X)
@@ -137,15 +138,15 @@ class _Problem:
         return [*starts, self._start(U3 @ Vt3, N)]
 
     def _start(self, rows: Array, N: Array) -> tuple[Array, Array]:
-        """A camera by the first two rows of its rotation, which are orthonormal."""
+        """Camera from the first two rows of its rotation, which are orthonormal."""
         R = np.concatenate([rows, np.cross(rows[:, 0], rows[:, 1])[:, None]], axis=1)
         middle = _mean(self.flat, self.w)
         return R @ N, np.concatenate([middle, np.ones((len(R), 1))], axis=1) * self.depth[:, None]
 
     def best(self, starts: list[tuple[Array, Array]]) -> tuple[Array, Array, Array]:
-        """The start that leads lowest, followed to the end, and its cost."""
+        """Descend from the start of least cost; the cameras and their costs."""
         tried = [self._descend(*start, START_STEPS) for start in starts]
-        R, t, costs = (np.stack(part) for part in zip(*tried, strict=True))
+        R, t, costs = (np.stack(values) for values in zip(*tried, strict=True))
         choice, rows = np.nan_to_num(costs, nan=np.inf).argmin(axis=0), np.arange(len(self.X))
         return self._descend(R[choice, rows], t[choice, rows], FINAL_STEPS)
 
@@ -164,8 +165,8 @@ class _Problem:
         return np.einsum("pki,pki->pk", error, error)
 
     def _descend(self, R: Array, t: Array, steps: int, kernels: Kernels = kernels) -> tuple[Array, Array, Array]:
-        """Cameras some steps of Gauss–Newton on from others, and their costs."""
-        max_turn = 0.5  # rad per step: a longer one leaves where the linearisation holds
+        """Cameras after some Gauss–Newton steps, and their costs."""
+        max_turn = 0.5  # rad per step, for which the linearisation holds
         if kernels is not None:
             R, t, cost = R.copy(), t.copy(), np.empty(len(R))
             precision = np.square(self.scale * self.depth[:, None] / CAUCHY) / np.maximum(self.w, 1e-12)
@@ -190,7 +191,7 @@ class _Problem:
         return R, t, cost
 
     def _linearised(self, R: Array, t: Array) -> tuple[Array, Array]:
-        """Normal matrix ``(P, 6, 6)`` and gradient ``(P, 6)`` by a turn Exp(ω) R and a shift of t."""
+        """Normal matrix ``(P, 6, 6)`` and gradient ``(P, 6)`` for a rotation Exp(ω) R and a shift of t."""
         p, flat = self.seen(R, t)
         doubt = 1 / np.sqrt(1 + self._squares(flat, t) / CAUCHY**2)
         scale = self.scale * self.depth[:, None] * doubt
@@ -204,16 +205,16 @@ class _Problem:
         return transpose(J) @ J, (transpose(J) @ error)[..., 0]
 
 
-LEAST_CONFIDENCE = 0.1  # detectors write guesses below this
+LEAST_CONFIDENCE = 0.1  # below which detectors write guesses
 
 
 @dataclass(frozen=True)
 class WearerPoints:
-    """Keypoints of one wearer at the video's frames.
+    """Keypoints of one wearer at the times of the video frames.
 
     Attributes:
-        p_world_keypoint: ``(F, K, 3)`` metres in the wearer's own world; NaN for keypoints that are not on our body,
-            and in frames outside the motion.
+        p_world_keypoint: ``(F, K, 3)`` metres in the wearer's own world; NaN for keypoints that the body model lacks,
+            and for frames outside the motion.
         p_world_pelvis, R_world_pelvis: ``(F, 3)`` and ``(F, 3, 3)``.
         covered: ``(F,)`` whether the motion covers the frame.
     """
@@ -226,12 +227,13 @@ class WearerPoints:
 
 @dataclass(frozen=True)
 class Hypotheses:
-    """All ``P`` pairs of a wearer and a detection whose camera could be found.
+    """The ``P`` pairs of a wearer and a detection for which a camera was found.
 
     Attributes:
         wearer, detection, frame: ``(P,)`` indices.
         R_camera_world, p_world_camera: ``(P, 3, 3)`` and ``(P, 3)`` metres, in the wearer's own world.
-        p_camera_pelvis, R_camera_pelvis: ``(P, 3)`` metres and ``(P, 3, 3)``: the wearer's root before the camera.
+        p_camera_pelvis, R_camera_pelvis: ``(P, 3)`` metres and ``(P, 3, 3)``, pose of the wearer's pelvis in the
+            camera.
         error: ``(P, K, 2)`` reprojection errors, metres at the person's depth.
         cost: ``(P,)`` robust mean of squared errors in sigmas.
     """
@@ -250,18 +252,18 @@ class Hypotheses:
         return len(self.wearer)
 
     def select(self, which: np.ndarray) -> "Hypotheses":
-        """Some of them, by mask or indices."""
+        """Some of the hypotheses, by mask or indices."""
         return Hypotheses(**{name: values[which] for name, values in vars(self).items()})
 
 
 def keypoint_sigma(keypoints: KeypointSet) -> Array:
-    """How far ``(K,)`` a wearer's keypoints lie off what a detector points at, in metres."""
-    # Metres that an inertial tracker's keypoints lie off, mounted by eye (10–15°): errors add up along limbs.
+    """Standard deviations ``(K,)`` in metres between a wearer's keypoints and detected ones."""
+    # Errors of an inertial tracker's keypoints with mountings off by 10–15°: they add up along limbs.
     limbs = {"wrist": 0.12, "ankle": 0.12, "heel": 0.13, "toe": 0.14, "elbow": 0.08, "knee": 0.08}
     trunk = 0.05
-    detector = 0.5  # of an OKS sigma is what a detector errs by: the sigmas are of annotators on all sorts of pictures
-    person_size = 0.77  # m: square root of the area that a person covers, for the OKS sigmas
-    pose = [next((sigma for part, sigma in limbs.items() if part in name), trunk) for name in keypoints.keypoints]
+    detector = 0.5  # error of a detector in OKS sigmas, which are the scatter of annotators
+    person_size = 0.77  # m: square root of the image area of a person, for the OKS sigmas
+    pose = [next((sigma for joint, sigma in limbs.items() if joint in name), trunk) for name in keypoints.keypoints]
     return np.hypot(detector * person_size * keypoints.sigmas, pose)
 
 
@@ -279,27 +281,29 @@ def wearer_points(motion: Motion, keypoints: KeypointSet, time: Array) -> Wearer
 
 
 def used_confidence(detections: Detections) -> Array:
-    """Confidences ``(N, K)``, 0 for keypoints that are not there or no more than guessed."""
+    """Confidences ``(N, K)``, 0 for keypoints that are missing or uncertain."""
     usable = detections.seen & (detections.confidence >= LEAST_CONFIDENCE)
     return np.where(usable, np.minimum(detections.confidence, 1.0), 0.0)
 
 
 def hypotheses(detections: Detections, rays: Array, wearers: Sequence[WearerPoints]) -> Hypotheses:
-    """The hypothesis camera of every wearer and detection for which one can be found.
+    """Hypothesis cameras of all wearers and detections for which one can be found.
 
     ``rays`` ``(N, K, 2)`` are the detections' undistorted coordinates at depth one.
     """
     weight, sigma = used_confidence(detections), keypoint_sigma(detections.keypoints)
-    parts = []
+    by_wearer = []
     for w, wearer in enumerate(wearers):
         index = np.flatnonzero(wearer.covered[detections.frame])
         frame = detections.frame[index]
         local = wearer.p_world_keypoint[frame] - wearer.p_world_pelvis[frame][:, None]
-        known = np.all(np.isfinite(local), axis=-1)
-        fit = fit_cameras(local, rays[index], np.where(known, weight[index], 0.0), sigma)
+        is_on_body = np.all(np.isfinite(local), axis=-1)
+        fit = fit_cameras(local, rays[index], np.where(is_on_body, weight[index], 0.0), sigma)
         R, t = fit.R_camera_world, fit.p_camera_origin
         p_world_camera = wearer.p_world_pelvis[frame] - (transpose(R) @ t[..., None])[..., 0]
         R_camera_pelvis, number = R @ wearer.R_world_pelvis[frame], np.full(len(index), w)
         every = Hypotheses(number, index, frame, R, p_world_camera, t, R_camera_pelvis, fit.error, fit.cost)
-        parts.append(every.select(fit.accepted))
-    return Hypotheses(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in vars(parts[0])})
+        by_wearer.append(every.select(fit.accepted))
+    return Hypotheses(
+        **{name: np.concatenate([getattr(group, name) for group in by_wearer]) for name in vars(by_wearer[0])}
+    )

@@ -1,8 +1,7 @@
-"""Tracklets: detections of one person in successive frames, linked in the image alone and only where that is plain.
+"""Tracklets: detections of one person in successive frames, linked in the image only and where this is unambiguous.
 
-A tracklet is one person: whoever is a wearer for long is not somebody else in between. Two people of one frame are two
-persons. If one's tracklet is a wearer, the other's is not, then or at any other time: strangers move alike for a while,
-and in a pose that all hold nobody can be told apart.
+A tracklet is one person, and two detections in one frame are two persons. If the tracklet of one person is a wearer,
+simultaneous ones are not, then or at any other time: strangers move alike only for a while.
 """
 
 import numpy as np
@@ -10,16 +9,14 @@ from scipy.optimize import linear_sum_assignment
 
 from vip_factors.geometry.rotations import Array
 
-FURTHEST = 0.35  # of the person's size, from one frame to the next: more is another person, or a lost one
-RIVAL = 1.8  # how many times further off the next best must be; nearer, at a crossing, the tracklet ends
-LONGEST_GAP_S = 0.1  # without a detection: a blink of the detector
-UNFOUND = 1e3
+FURTHEST = 0.35  # of the person's size, from one frame to the next; further is another person
+RIVAL = 1.8  # ratio of distances to the next best; below it, at a crossing, the tracklet ends
+LONGEST_GAP_S = 0.1  # without a detection
+NO_OVERLAP = 1e3
 
 
 def sums_around(key: Array, half: float, of: Array, values: Array) -> tuple[Array, np.ndarray]:
-    """Sums ``(m, ...)`` of the ``values`` ``(n, ...)`` whose keys ``of`` are within ``half`` of each key ``(m,)``, and
-    how many they are.
-    """
+    """Sums ``(m, ...)`` of ``values`` ``(n, ...)`` whose keys ``of`` are within ``half`` of each ``key`` ``(m,)``."""
     order = np.argsort(of, kind="stable")
     low = np.searchsorted(of[order], key - half, "left")
     high = np.searchsorted(of[order], key + half, "right")
@@ -28,21 +25,23 @@ def sums_around(key: Array, half: float, of: Array, values: Array) -> tuple[Arra
 
 
 def person_size(rays: Array, weight: Array) -> Array:
-    """Size ``(N,)`` of each detection: the longer side of the box about its keypoints, at depth one."""
-    known = weight > 0
-    low = np.where(known[..., None], rays, np.inf).min(axis=1)
-    high = np.where(known[..., None], rays, -np.inf).max(axis=1)
+    """Size ``(N,)`` of each detection: longer side of the box around its keypoints, at depth one."""
+    is_visible = weight > 0
+    low = np.where(is_visible[..., None], rays, np.inf).min(axis=1)
+    high = np.where(is_visible[..., None], rays, -np.inf).max(axis=1)
     size = np.max(high - low, axis=1)
     return np.where(np.isfinite(size), np.maximum(size, 1e-4), 1e-4)
 
 
 def keypoint_distance(rays_a: Array, rays_b: Array, weight_a: Array, weight_b: Array, size: Array) -> Array:
-    """Weighted mean distance ``(...)`` of keypoints ``(..., K, 2)`` that both show, over the persons' size."""
+    """Weighted mean distance ``(...)`` of keypoints ``(..., K, 2)`` visible in both, over the persons' size."""
     w = np.sqrt(weight_a * weight_b)
     gap = np.linalg.norm(np.where(w[..., None] > 0, rays_a - rays_b, 0.0), axis=-1)
     total = w.sum(axis=-1)
     return np.where(
-        total > 0.5, np.sum(w * np.minimum(gap, 4 * size[..., None]), axis=-1) / np.maximum(total, 0.5) / size, UNFOUND
+        total > 0.5,
+        np.sum(w * np.minimum(gap, 4 * size[..., None]), axis=-1) / np.maximum(total, 0.5) / size,
+        NO_OVERLAP,
     )
 
 
@@ -69,67 +68,70 @@ def tracklets(frame: np.ndarray, rays: Array, weight: Array, rate: float) -> np.
     return np.unique(track, return_inverse=True)[1]
 
 
-def _links(before: np.ndarray, now: np.ndarray, rays: Array, weight: Array, size: Array) -> list[tuple[int, int]]:
-    """Plain continuations from detections ``before`` to those ``now``."""
-    if not (len(before) and len(now)):
+def _links(open_ends: np.ndarray, new: np.ndarray, rays: Array, weight: Array, size: Array) -> list[tuple[int, int]]:
+    """Unambiguous continuations from detections at ``open_ends`` to ``new`` ones."""
+    if not (len(open_ends) and len(new)):
         return []
-    larger = np.maximum(size[before][:, None], size[now][None])
-    gap = keypoint_distance(rays[before][:, None], rays[now][None], weight[before][:, None], weight[now][None], larger)
+    larger = np.maximum(size[open_ends][:, None], size[new][None])
+    both_rays, both_weights = ((values[open_ends][:, None], values[new][None]) for values in (rays, weight))
+    gap = keypoint_distance(*both_rays, *both_weights, larger)
     pairs = []
-    for a, b in zip(*linear_sum_assignment(np.minimum(gap, UNFOUND)), strict=True):
+    for a, b in zip(*linear_sum_assignment(np.minimum(gap, NO_OVERLAP)), strict=True):
         rivals = np.concatenate([np.delete(gap[a], b), np.delete(gap[:, b], a)])
         if gap[a, b] < FURTHEST and (not len(rivals) or rivals.min() > RIVAL * gap[a, b]):
-            pairs.append((int(before[a]), int(now[b])))
+            pairs.append((int(open_ends[a]), int(new[b])))
     return pairs
 
 
-SURE, UNSURE = 12.0, 0.5  # log-odds of a single choice as evidence, at most and at least
-WHOLE = 0.75  # of the keypoints that the best tenth shows: half hidden people are not asked to be found by motion
+SURE, UNSURE = 12.0, 0.5  # greatest and least log-odds of a single choice as evidence
+WHOLE_SHARE = 0.75  # of the keypoints that the best tenth shows, for a person to count as entirely visible
 
 
 def contradicted(frame: np.ndarray, track: np.ndarray, wearer: np.ndarray, odds: Array) -> np.ndarray:
-    """Which choices ``(N,)`` are of tracklets beside which another one was the wearer, with much more evidence.
+    """Choices ``(N,)`` in tracklets that are simultaneous with one of the same wearer that has much more evidence.
 
     Args:
         frame, track: ``(N,)`` video frame and tracklet of each detection.
-        wearer: ``(N,)`` who was chosen, −1 for nobody.
-        odds: ``(N,)`` log-odds of each choice on its own; anything elsewhere, NaN too.
+        wearer: ``(N,)`` associated wearers, −1 for nobody.
+        odds: ``(N,)`` log-odds of each choice on its own; ignored for nobody, NaN too.
     """
-    both_frames = 5  # in which both are there and the one is chosen: links are blurred for a moment at crossings
-    much_more = 2.0  # times the evidence: tracklets are linked where that is plain, and still a few hold two people
+    least_frames = 5  # in which both exist and the other is chosen: links are ambiguous for a moment at crossings
+    evidence_ratio = 2.0  # times the evidence; a few tracklets contain two people
     wrong = np.zeros(len(wearer), bool)
     if not np.any(wearer >= 0):
         return wrong
     evidence = np.zeros((int(wearer.max()) + 1, int(track.max()) + 1))
-    given = wearer >= 0
-    np.add.at(evidence, (wearer[given], track[given]), np.clip(np.nan_to_num(odds[given]), UNSURE, SURE))
-    theirs = (evidence > 0) & (evidence == evidence.max(axis=0))  # whose each tracklet is most
-    for w, own in enumerate(evidence):
-        rivals = [(own[k], frame[(track == k) & (wearer == w)]) for k in np.flatnonzero(theirs[w])]
-        for k in np.flatnonzero(own > 0):
-            there = frame[track == k]
-            beside = (np.sum((at >= there[0]) & (at <= there[-1])) for much, at in rivals if much > much_more * own[k])
-            if any(count >= both_frames for count in beside):
+    is_chosen = wearer >= 0
+    np.add.at(evidence, (wearer[is_chosen], track[is_chosen]), np.clip(np.nan_to_num(odds[is_chosen]), UNSURE, SURE))
+    is_owner = (evidence > 0) & (evidence == evidence.max(axis=0))  # the wearer with most evidence for each tracklet
+    for w, evidence_of_wearer in enumerate(evidence):
+        rivals = [(evidence_of_wearer[k], frame[(track == k) & (wearer == w)]) for k in np.flatnonzero(is_owner[w])]
+        for k in np.flatnonzero(evidence_of_wearer > 0):
+            frames = frame[track == k]
+            least_evidence = evidence_ratio * evidence_of_wearer[k]
+            stronger = (rival for evidence_of_rival, rival in rivals if evidence_of_rival > least_evidence)
+            simultaneous = (np.sum((rival >= frames[0]) & (rival <= frames[-1])) for rival in stronger)
+            if any(count >= least_frames for count in simultaneous):
                 wrong |= (wearer == w) & (track == k)
     return wrong
 
 
 def brief_choices(track: np.ndarray, wearer: np.ndarray, weight: Array, rate: float) -> np.ndarray:
-    """Which choices ``(N,)`` lie in long tracklets that hardly ever are the wearer; none if they are all there are.
+    """Choices ``(N,)`` in long tracklets that are rarely the wearer; none if these are all of the wearer's choices.
 
-    Arguments as of :func:`contradicted` and :func:`tracklets`.
+    Arguments as for :func:`contradicted` and :func:`tracklets`.
     """
-    long_s = 1.0  # tracklets of which that is asked
-    least_share = 0.2  # of a tracklet's whole people that must be the wearer: nobody is so for a moment only
+    long_s = 1.0  # from which a tracklet is long
+    least_share = 0.2  # of a tracklet's entirely visible people that must be the wearer
     wrong = np.zeros(len(wearer), bool)
     if not len(wearer):
         return wrong
-    seen = np.sum(weight > 0, axis=1)
-    whole = seen >= WHOLE * np.quantile(seen, 0.9)
-    size = np.bincount(track[whole], minlength=int(track.max()) + 1)
+    keypoint_count = np.sum(weight > 0, axis=1)
+    is_whole = keypoint_count >= WHOLE_SHARE * np.quantile(keypoint_count, 0.9)
+    size = np.bincount(track[is_whole], minlength=int(track.max()) + 1)
     for w in range(int(wearer.max()) + 1):
-        own = np.bincount(track[whole & (wearer == w)], minlength=len(size))
-        hardly = ((size >= long_s * rate) & (own < least_share * size))[track] & (wearer == w)
+        frames_of_wearer = np.bincount(track[is_whole & (wearer == w)], minlength=len(size))
+        hardly = ((size >= long_s * rate) & (frames_of_wearer < least_share * size))[track] & (wearer == w)
         if np.sum(hardly) < np.sum(wearer == w):
             wrong |= hardly
     return wrong

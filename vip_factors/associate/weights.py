@@ -1,6 +1,6 @@
-"""From features to costs: logistic regressions trained on labelled scenes (thesis 4.4.1), and how sure a choice is.
+"""Logistic regressions from features to costs, trained on labelled scenes (thesis 4.4.1), and confidence of a choice.
 
-A choice's confidence is a regression too, over what each hypothesis says on its own and what the choices around it say.
+The confidence is a regression too, over the features of each hypothesis and the support of the choices around it.
 """
 
 from collections.abc import Mapping
@@ -25,14 +25,14 @@ VERDICT_CAMERA = (*UNARY_CAMERA, *_SUPPORT)
 def verdict_features(
     context: Context, unary: Array, odds: Array, problem: AssignmentProblem, chosen: np.ndarray
 ) -> Array:
-    """Features ``(C, len(VERDICT))`` of the ``C`` hypotheses of a problem that are ``chosen`` ``(H,)``.
+    """Features ``(C, len(VERDICT))`` of the ``C`` ``chosen`` ``(H,)`` hypotheses of a problem.
 
-    ``unary`` ``(H, ...)`` and ``odds`` ``(H,)`` are the features and log-odds of the problem's hypotheses on their own.
+    ``unary`` ``(H, ...)`` and ``odds`` ``(H,)`` are the features and log-odds of single hypotheses.
     """
-    most_support = 12.0  # log-odds: beyond, it is all the same
+    most_support = 12.0  # log-odds, at which support is clipped
     a, b = problem.edges.T
-    both = chosen[a] & chosen[b]
-    a, b, support = a[both], b[both], -problem.edge_cost[both]
+    is_chosen = chosen[a] & chosen[b]
+    a, b, support = a[is_chosen], b[is_chosen], -problem.edge_cost[is_chosen]
     between_frames = problem.frame[a] != problem.frame[b]
     H = len(chosen)
 
@@ -41,15 +41,18 @@ def verdict_features(
         return np.asarray(per_choice, dtype=float)
 
     inter, intra = summed(between_frames, support), summed(~between_frames, support)
-    beside = summed(~between_frames, np.ones(len(a)))
+    neighbours = summed(~between_frames, np.ones(len(a)))
     total = np.clip(odds + inter + intra, -most_support, most_support)
     around, share = _around(context, problem, chosen, total)
-    columns = [np.clip(one, -most_support, most_support)[chosen] for one in (odds, inter, intra, beside, around, share)]
+    columns = [
+        np.clip(support, -most_support, most_support)[chosen]
+        for support in (odds, inter, intra, neighbours, around, share)
+    ]
     return np.concatenate([unary[chosen], np.stack(columns, axis=1)], axis=1)
 
 
 def _around(context: Context, problem: AssignmentProblem, chosen: np.ndarray, value: Array) -> tuple[Array, Array]:
-    """Mean value of the choices for the same wearer nearby in time, and in what share of frames there are any."""
+    """Mean value of the choices for the same wearer nearby in time, and the share of frames with any."""
     around_s = 2.0  # over which neighbours' support is averaged
     half = max(1, round(around_s / 2 * context.rate))
     key = problem.wearer * (len(context.time) + 3 * half) + problem.frame
@@ -72,7 +75,7 @@ FEATURES: dict[str, tuple[str, ...]] = {
 
 @dataclass(frozen=True)
 class Logistic:
-    """The log-odds that a hypothesis (or both of two) is right: ``weights`` ``(n,)`` times features, and ``bias``."""
+    """Log-odds that a hypothesis (or both of two) is right: ``weights`` ``(n,)`` times features plus ``bias``."""
 
     weights: Array
     bias: float
@@ -84,7 +87,7 @@ class Logistic:
 
 @dataclass(frozen=True)
 class AssociationWeights:
-    """The regressions by name (:data:`FEATURES`), and a line about where they come from."""
+    """Regressions by name (:data:`FEATURES`), and a line about their origin."""
 
     logistic: Mapping[str, Logistic]
     provenance: str = "unknown"

@@ -1,1 +1,1 @@
-"""2D poses of everybody in a video: a person detector, a landmark model, tracks of people, and files of the models."""
+"""2D poses of all people in a video: person detector, landmark model, tracks, and files of the models."""

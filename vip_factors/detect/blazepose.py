@@ -1,9 +1,9 @@
 """BlazePose's two models: a person detector over an image, and 33 landmarks of the person in a square.
 
-The detector was trained on faces and on the circle around a whole person whose centre is the middle of the hips. Its
-answers are counted from anchors in MediaPipe's published layout: an image of 224 pixels, layers of stride 8, 16 and
-three times 32, two anchors a cell and layer, all of size one. Decoding follows MediaPipe's published description of its
-graph: landmarks are refined by the heat maps around them, two auxiliary ones tell the next square.
+The detector was trained on faces and on the circle around a whole person, centred at the middle of the hips. Its
+outputs are relative to anchors in MediaPipe's published layout: an image of 224 pixels, layers of stride 8, 16 and
+three times 32, two anchors a cell and layer, all of size one. Decoding follows MediaPipe's published graph: landmarks
+are refined by the heat maps around them, and two auxiliary ones determine the next square.
 """
 
 import os
@@ -18,14 +18,14 @@ import numpy as np
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
-MARGIN = 1.25  # MediaPipe's: the square is wider than the circle around the person by this
+MARGIN = 1.25  # MediaPipe's ratio of the square to the circle around the person
 
 
 @dataclass(frozen=True)
 class Square:
-    """Its centre in pixels, its side in pixels, and by how much its upright is turned clockwise in the image, radians.
+    """Square with its centre and side in pixels, and its clockwise rotation in the image in radians.
 
-    Frames: ``crop`` counts pixels from the square's own upper left corner, ``image`` from the image's.
+    Frames: ``crop`` has its origin in the square's upper left corner, ``image`` in the image's.
     """
 
     x: float
@@ -35,25 +35,25 @@ class Square:
 
     @property
     def centre(self) -> Array:
-        """``(2,)`` in pixels of the image."""
+        """Centre ``(2,)`` in pixels of the image."""
         return np.array([self.x, self.y])
 
     def affine(self, size: int) -> Array:
-        """``(2, 3)`` from pixels of a crop of ``size`` by ``size`` to those of the image."""
+        """Affine map ``(2, 3)`` from pixels of a ``size`` by ``size`` crop to those of the image."""
         cos, sin = np.cos(self.angle), np.sin(self.angle)
         linear = self.side / size * np.array([[cos, -sin], [sin, cos]])
         return np.column_stack([linear, self.centre - linear @ np.full(2, size / 2)])
 
     def to_image(self, points: Array, size: int) -> Array:
-        """Points ``(..., 2)`` of a crop of ``size`` by ``size`` pixels, in pixels of the image."""
+        """Map points ``(..., 2)`` of a ``size`` by ``size`` crop to pixels of the image."""
         matrix = self.affine(size)
         return points @ matrix[:, :2].T + matrix[:, 2]
 
     def crop(self, image: np.ndarray, size: int) -> np.ndarray:
-        """``(size, size, 3)`` bytes; black beyond the image."""
+        """Crop ``(size, size, 3)`` of bytes; black beyond the image."""
         import cv2
 
-        # warpAffine counts from the middle of the first pixel, we from its corner.
+        # warpAffine has its origin in the middle of the first pixel, this class in its corner.
         matrix = self.affine(size)
         matrix[:, 2] += matrix[:, :2] @ np.full(2, 0.5) - 0.5
         return cv2.warpAffine(image, matrix, (size, size), flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
@@ -64,7 +64,7 @@ def square_of(hip: Array, top: Array) -> Square:
 
     Args:
         hip: ``(2,)`` middle of the hips.
-        top: ``(2,)`` where the circle around the whole person, centred at the hips, is met in the trunk's direction.
+        top: ``(2,)`` point of the circle around the whole person, centred at the hips, in the trunk's direction.
     """
     x, y = top - hip
     return Square(float(hip[0]), float(hip[1]), 2 * MARGIN * float(np.hypot(x, y)), float(np.arctan2(x, -y)))
@@ -75,13 +75,13 @@ Model = Callable[[np.ndarray], list[np.ndarray]]
 
 
 def check_interpreter() -> None:
-    """Make sure that the library is installed, before models are fetched for it."""
+    """Check that the library is installed, before models are fetched for it."""
     if find_spec("ai_edge_litert") is None:
         raise InputError("BlazePose needs ai-edge-litert, which is not installed: pip install 'vip-factors[detect]'")
 
 
 class LiteModel:
-    """A ``.tflite`` file, run on some threads of the CPU; a :class:`FileFormatError` if the file is no such model."""
+    """A ``.tflite`` file run on some threads of the CPU; :class:`FileFormatError` if the file is no such model."""
 
     def __init__(self, path: Path, threads: int) -> None:
         from ai_edge_litert.interpreter import Interpreter
@@ -95,31 +95,31 @@ class LiteModel:
         self._input = self._interpreter.get_input_details()[0]["index"]
         self._outputs = [output["index"] for output in self._interpreter.get_output_details()]
 
-    def __call__(self, given: np.ndarray) -> list[np.ndarray]:
+    def __call__(self, image: np.ndarray) -> list[np.ndarray]:
         """Outputs for ``(1, height, width, 3)`` floats."""
-        self._interpreter.set_tensor(self._input, given.astype(np.float32, copy=False))
+        self._interpreter.set_tensor(self._input, image.astype(np.float32, copy=False))
         self._interpreter.invoke()
         return [self._interpreter.get_tensor(output) for output in self._outputs]
 
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """The library says on stderr which delegate it made, past Python and whatever is asked of its log."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    """Silence the library, which writes to stderr past Python and its own log settings."""
+    stderr, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nowhere, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(stderr, 2)
+        os.close(stderr)
         os.close(nowhere)
 
 
-DETECTOR_INPUT = 224  # pixels, both ways
+DETECTOR_INPUT = 224  # pixels, width and height
 
 
 def anchor_centres() -> Array:
-    """Centres ``(2254, 2)`` as fractions of the image, x and y, in the order of the model's answers.
+    """Centres ``(2254, 2)`` as fractions of the image, x and y, in the order of the model's outputs.
 
     Layers of the same stride follow one another within a cell.
     """
@@ -136,7 +136,7 @@ def anchor_centres() -> Array:
 
 @dataclass(frozen=True)
 class DetectedPerson:
-    """A person's square, in pixels of the image, and how sure the detector is, in (0, 1)."""
+    """A person's square in the image, and the detector's score in (0, 1)."""
 
     square: Square
     score: float
@@ -153,38 +153,39 @@ class PersonDetector:
         self._model, self._anchors = model, anchor_centres()
 
     def find(self, image: np.ndarray, region: Square) -> list[DetectedPerson]:
-        """People in an upright square part of an image ``(height, width, 3)``, red first, bytes; best first."""
-        least_score = 0.5  # MediaPipe's own, for the landmark model to look at somebody
-        given = _shrunk(image, region).astype(np.float32) / 127.5 - 1
-        raw, logit = self._model(given[None])
-        rows, score = decoded(raw, logit, self._anchors)
+        """People in an upright square region of an image ``(height, width, 3)``, red first, bytes; best first."""
+        least_score = 0.5  # MediaPipe's threshold
+        image_input = _shrunk(image, region).astype(np.float32) / 127.5 - 1
+        raw, logit = self._model(image_input[None])
+        rows, score = decode(raw, logit, self._anchors)
         sure = score >= least_score
         people = []
-        for row, best in merged(rows[sure], score[sure]):  # after the box come four points, two of the whole body
+        # A box, then four points, two of the whole body.
+        for row, best_score in merge_overlapping(rows[sure], score[sure]):
             square = square_of(region.to_image(row[4:6], 1), region.to_image(row[6:8], 1))
-            people += [DetectedPerson(square, best)] if square.side > 0 else []
+            people += [DetectedPerson(square, best_score)] if square.side > 0 else []
         return people
 
 
 def _shrunk(image: np.ndarray, region: Square) -> np.ndarray:
-    """A region as the detector's input; black beyond the image. Averaged, so that small people do not fall between."""
+    """Region as the detector's input; black beyond the image. Pixels are averaged, so that small people remain."""
     import cv2
 
     side = max(1, round(region.side))
-    left, upper = round(region.x - side / 2), round(region.y - side / 2)
+    left_edge, upper = round(region.x - side / 2), round(region.y - side / 2)
     height, width = image.shape[:2]
-    inside = image[max(upper, 0) : upper + side, max(left, 0) : left + side]
-    over = (max(-upper, 0), max(upper + side - height, 0), max(-left, 0), max(left + side - width, 0))
+    inside = image[max(upper, 0) : upper + side, max(left_edge, 0) : left_edge + side]
+    over = (max(-upper, 0), max(upper + side - height, 0), max(-left_edge, 0), max(left_edge + side - width, 0))
     if any(over):
         inside = cv2.copyMakeBorder(inside, *over, cv2.BORDER_CONSTANT)
     return cv2.resize(inside, (DETECTOR_INPUT, DETECTOR_INPUT), interpolation=cv2.INTER_AREA)
 
 
-def decoded(raw: np.ndarray, logit: np.ndarray, anchors: Array) -> tuple[Array, Array]:
-    """Rows ``(A, 12)`` in fractions of the part, and scores ``(A,)``.
+def decode(raw: np.ndarray, logit: np.ndarray, anchors: Array) -> tuple[Array, Array]:
+    """Decode rows ``(A, 12)`` in fractions of the region, and scores ``(A,)``.
 
-    A row is a box (centre x, y, width, height) and four points: middle of the hips, where the circle around the whole
-    body is met, middle of the shoulders, where that around the upper body is met.
+    A row is a box (centre x, y, width, height) and four points: middle of the hips, a point of the circle around the
+    whole body, middle of the shoulders, a point of the circle around the upper body.
     """
     rows = raw[0].astype(float) / DETECTOR_INPUT
     rows[:, 0:2] += anchors
@@ -192,22 +193,22 @@ def decoded(raw: np.ndarray, logit: np.ndarray, anchors: Array) -> tuple[Array, 
     return rows, 1 / (1 + np.exp(-np.clip(logit[0, :, 0].astype(float), -100, 100)))
 
 
-def merged(rows: Array, score: Array) -> list[tuple[Array, float]]:
-    """Weighted suppression of what is found twice: overlapping rows become their mean, weighed by score; best first."""
-    box_overlap = 0.3  # MediaPipe's own: intersection over union of two boxes of one person
-    left = np.argsort(-score, kind="stable")
-    found = []
-    while len(left):
-        same = intersection_over_union(rows[left[0]], rows[left]) > box_overlap
-        same[0] = True  # of a box without an area, too
-        members = left[same]
-        found.append((np.average(rows[members], axis=0, weights=score[members]), float(score[left[0]])))
-        left = left[~same]
-    return found
+def merge_overlapping(rows: Array, score: Array) -> list[tuple[Array, float]]:
+    """Non-maximum suppression: overlapping rows are averaged with their scores as weights; by decreasing score."""
+    box_overlap = 0.3  # intersection over union of two boxes of one person; MediaPipe's value
+    remaining = np.argsort(-score, kind="stable")
+    people = []
+    while len(remaining):
+        same = intersection_over_union(rows[remaining[0]], rows[remaining]) > box_overlap
+        same[0] = True  # of a box without an area as well
+        members = remaining[same]
+        people.append((np.average(rows[members], axis=0, weights=score[members]), float(score[remaining[0]])))
+        remaining = remaining[~same]
+    return people
 
 
 def intersection_over_union(row: Array, rows: Array) -> Array:
-    """``(N,)`` of the box of one row with those of ``(N, 12)``."""
+    """Intersection over union ``(N,)`` of the box of one row with those of ``(N, 12)``."""
     low = np.maximum(row[:2] - row[2:4] / 2, rows[:, :2] - rows[:, 2:4] / 2)
     high = np.minimum(row[:2] + row[2:4] / 2, rows[:, :2] + rows[:, 2:4] / 2)
     common = np.prod(np.clip(high - low, 0, None), axis=1)
@@ -215,20 +216,20 @@ def intersection_over_union(row: Array, rows: Array) -> Array:
     return np.divide(common, union, out=np.zeros(len(rows)), where=union > 0)
 
 
-INPUT = 256  # pixels, both ways
+INPUT = 256  # pixels, width and height
 BODY = 33  # landmarks of the body, before the auxiliary ones
 
 
 @dataclass(frozen=True)
 class PersonLandmarks:
-    """What the landmark model says of one square.
+    """Output of the landmark model for one square.
 
     Attributes:
-        pixels: ``(33, 2)`` in the image, also beyond its border.
-        confidence: ``(33,)`` in [0, 1]: that the point is within the square and not hidden.
-        presence: in [0, 1], that there is a person at all.
-        square: that was looked at.
-        following: the square to look at in the next frame.
+        pixels: ``(33, 2)`` in the image, possibly beyond its border.
+        confidence: ``(33,)`` in [0, 1], that the point is within the square and not hidden.
+        presence: in [0, 1], that there is a person.
+        square: the square.
+        following: the square for the next frame.
     """
 
     pixels: Array
@@ -242,7 +243,7 @@ class LandmarkModel:
     """Finds landmarks of the one person in a square.
 
     Args:
-        model: takes ``(1, 256, 256, 3)`` in [0, 1]; outputs are told by their sizes.
+        model: takes ``(1, 256, 256, 3)`` in [0, 1]; its outputs are identified by their sizes.
     """
 
     def __init__(self, model: Model) -> None:
@@ -250,21 +251,21 @@ class LandmarkModel:
 
     def look(self, image: np.ndarray, square: Square) -> PersonLandmarks:
         """Landmarks of the person in a square of an image ``(height, width, 3)``, red first, bytes."""
-        hip, top = 33, 34  # auxiliary: middle of the hips, and where the circle around the person is met
+        hip, top = 33, 34  # auxiliary: middle of the hips, and a point of the circle around the person
         outputs = self._model(square.crop(image, INPUT)[None].astype(np.float32) / 255)
-        points = next(one for one in outputs if one.size == 39 * 5).reshape(39, 5).astype(float)
-        presence = float(next(one for one in outputs if one.size == 1).ravel()[0])
-        heat = next((one[0] for one in outputs if one.ndim == 4 and one.shape[3] == 39), None)
-        place = points[:, :2] if heat is None else refined(points[:, :2], heat)
+        points = next(output for output in outputs if output.size == 39 * 5).reshape(39, 5).astype(float)
+        presence = float(next(output for output in outputs if output.size == 1).ravel()[0])
+        heat = next((output[0] for output in outputs if output.ndim == 4 and output.shape[3] == 39), None)
+        place = points[:, :2] if heat is None else refine(points[:, :2], heat)
         pixels = square.to_image(place, INPUT)
         shown, present = (_sigmoid(points[:BODY, column]) for column in (3, 4))
         return PersonLandmarks(pixels[:BODY], shown * present, presence, square, square_of(pixels[hip], pixels[top]))
 
 
-def refined(points: Array, heat: np.ndarray) -> Array:
-    """Landmarks ``(39, 2)``, in pixels of the crop, moved to the centre of the heat ``(64, 64, 39)`` around them."""
-    sure_cell = 0.5  # of a heat map: less does not move a landmark
-    window = 3  # cells of the heat map to each side of a landmark that refine it
+def refine(points: Array, heat: np.ndarray) -> Array:
+    """Move landmarks ``(39, 2)``, in pixels of the crop, to the centre of the heat ``(64, 64, 39)`` around them."""
+    sure_cell = 0.5  # least heat that moves a landmark
+    window = 3  # cells of the heat map to each side of a landmark
     rows, columns = heat.shape[:2]
     cell = np.floor(points * np.array([columns, rows]) / INPUT).astype(int)
     offset = np.arange(-window, window + 1)

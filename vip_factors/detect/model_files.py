@@ -1,6 +1,6 @@
-"""Where BlazePose's two models come from: a folder, a wheel of MediaPipe, or that wheel fetched once with pip.
+"""Files of BlazePose's two models: from a folder, a wheel of MediaPipe, or that wheel fetched once with pip.
 
-The models are Google's, under the Apache licence 2.0. MediaPipe itself is not installed: it wants an older NumPy.
+The models are Google's, under the Apache licence 2.0. MediaPipe itself is not installed, as it requires an older NumPy.
 """
 
 import hashlib
@@ -18,7 +18,7 @@ from vip_factors.atomic import atomic_path
 from vip_factors.errors import FileFormatError, InputError
 
 MEDIAPIPE = "mediapipe==0.10.21"
-# Any of its wheels has the same models; this one is named so that every Python on every system may fetch it.
+# All of its wheels have the same models; this one can be fetched on every system.
 WHEEL_OF = ("--python-version", "3.11", "--platform", "manylinux_2_28_x86_64", "--only-binary", ":all:")
 DETECTOR, LANDMARKS = "pose_detection.tflite", "pose_landmark_full.tflite"
 MEMBERS = {
@@ -40,7 +40,7 @@ class BlazePoseFiles:
 
 
 def cache_folder() -> Path:
-    """Where fetched models are kept: the platform's folder for what can be fetched again."""
+    """Folder for fetched models: the platform's cache folder."""
     if sys.platform == "darwin":
         usual = Path.home() / "Library" / "Caches"
     elif sys.platform == "win32":
@@ -51,16 +51,16 @@ def cache_folder() -> Path:
 
 
 def blazepose_files(source: Path | None, on_message: Callable[[str], None] = lambda sentence: None) -> BlazePoseFiles:
-    """The models of a wheel or folder, or the cached ones, fetched with pip if there are none yet.
+    """Find the models in a wheel or folder, or in the cache, into which pip fetches them once.
 
     Args:
-        source: wheel of MediaPipe (``.whl``), or a folder that holds the two ``.tflite`` files at any depth; None for
-            the cache.
-        on_message: called with what is fetched from where, before it is.
+        source: wheel of MediaPipe (``.whl``), or a folder with the two ``.tflite`` files at any depth; None for the
+            cache.
+        on_message: called before a download, with what is fetched and from where.
 
     Raises:
-        InputError: if a file is missing or cannot be fetched: what to do instead is said.
-        FileFormatError: if a wheel is none, or a model is not the published one.
+        InputError: if a file is missing or cannot be fetched; the message says what to do instead.
+        FileFormatError: if the file is no wheel, or a model is not the published one.
     """
     if source is not None and source.is_dir():
         return _of_folder(source)
@@ -73,23 +73,23 @@ def blazepose_files(source: Path | None, on_message: Callable[[str], None] = lam
 
 
 def _of_folder(folder: Path) -> BlazePoseFiles:
-    found = {}
+    paths_of = {}
     for name in MEMBERS:
         paths = sorted(folder.rglob(name))
         if not paths:
             raise InputError(f"{folder}: there is no {name} in it: expected {DETECTOR} and {LANDMARKS}")
-        found[name] = paths[0]
-    return BlazePoseFiles(found[DETECTOR], found[LANDMARKS])
+        paths_of[name] = paths[0]
+    return BlazePoseFiles(paths_of[DETECTOR], paths_of[LANDMARKS])
 
 
 def _unpack(wheel: Path, cache: Path) -> None:
-    """Put the two models of a wheel into the cache, checked."""
+    """Check the two models of a wheel and put them into the cache."""
     if not wheel.is_file():
         raise InputError(f"{wheel}: no such file: expected a wheel of {MEDIAPIPE}, or a folder with its models")
     try:
         with zipfile.ZipFile(wheel) as archive:
             content = {name: archive.read(member) for name, member in MEMBERS.items()}
-    # What is damaged, in its names too, of an unknown compression, or encrypted.
+    # Damage, also in names, unknown compression, or encryption.
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, UnicodeDecodeError) as error:
         raise FileFormatError(f"{wheel}: not a wheel ({error}): expected one of {MEDIAPIPE}") from error
     except KeyError as error:

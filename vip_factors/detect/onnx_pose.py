@@ -1,8 +1,8 @@
-"""Any top-down 2D pose model in an ONNX file, such as RTMPose: a box in, keypoints out.
+"""Top-down 2D pose models in ONNX files, such as RTMPose: keypoints of the person in a box.
 
-The image is scaled as MMPose's models are trained to see it (Jiang et al. 2023, "RTMPose"): the box widened by a
-quarter and to the input's proportions, colours red first, normalised by ImageNet's mean and deviation. Outputs are told
-by their shapes: two of ``(1, K, bins)`` are SimCC's rows along x and y, one of ``(1, K, h, w)`` holds heat maps.
+The image is scaled as for MMPose's models (Jiang et al. 2023, "RTMPose"): the box widened by a quarter and to the
+input's proportions, colours red first, normalised by ImageNet's mean and deviation. Outputs are identified by their
+shapes: two of ``(1, K, bins)`` are SimCC's rows along x and y, one of ``(1, K, h, w)`` are heat maps.
 """
 
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
 
 MEAN, DEVIATION = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
-# Number of keypoints → set that begins so: COCO, Halpe, their whole-body forms.
-OF_COUNT = {17: "coco17", 26: "halpe26", 133: "coco17", 136: "halpe26"}
+# Keypoint set by the number of keypoints: COCO, Halpe, their whole-body forms, which begin with the set.
+SET_OF_COUNT = {17: "coco17", 26: "halpe26", 133: "coco17", 136: "halpe26"}
 
 
 @dataclass(frozen=True)
 class Box:
-    """Left, upper, right, lower, in pixels."""
+    """Edges of a box in pixels."""
 
     left: float
     upper: float
@@ -30,23 +30,23 @@ class Box:
 
 
 def box_around(points: Array) -> Box:
-    """The box of a person whose keypoints ``(N, 2)``, from toes to eyes, are known."""
-    above = 0.12  # of a box's height: keypoints end at the eyes, boxes that models were trained on at the hair
+    """Box of a person from keypoints ``(N, 2)`` between toes and eyes."""
+    above = 0.12  # of the keypoints' height: boxes in training reach to the hair, keypoints to the eyes
     (left, upper), (right, lower) = points.min(axis=0), points.max(axis=0)
     return Box(left, upper - above * (lower - upper), right, lower)
 
 
 class OnnxPose:
-    """A top-down model.
+    """Top-down pose model.
 
     Args:
-        path: of the ``.onnx`` file.
-        threads: of the CPU.
-        keypoints: name of the keypoint set; by the number of keypoints if None.
+        path: the ``.onnx`` file.
+        threads: number of CPU threads.
+        keypoints: name of the keypoint set; if None, chosen by the number of keypoints.
 
     Raises:
-        InputError: if onnxruntime is not installed, or the number of keypoints is of no known set.
-        FileFormatError: if it is no such model.
+        InputError: if onnxruntime is not installed, or no keypoint set has this number of keypoints.
+        FileFormatError: if the file is no such model.
     """
 
     def __init__(self, path: Path, threads: int, keypoints: str | None = None) -> None:
@@ -63,13 +63,14 @@ class OnnxPose:
         options.intra_op_num_threads, options.log_severity_level = threads, 3  # 3: errors
         try:
             self._session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-            given = [(one.name, one.shape) for one in self._session.get_inputs()]  # names may be no text
-        except Exception as error:  # its exceptions share no base of their own
+            # Names may be no text.
+            inputs = [(model_input.name, model_input.shape) for model_input in self._session.get_inputs()]
+        except Exception as error:  # its exceptions share no base class
             reason = str(error).partition("\n")[0]
             raise FileFormatError(f"{path}: expected an ONNX model ({reason})") from error
-        name, shape = given[0] if given else ("", [])
-        sized = all(isinstance(one, int) and 0 < one <= largest_input for one in shape[2:])
-        if len(given) != 1 or len(shape) != 4 or shape[1] != 3 or not sized:
+        name, shape = inputs[0] if inputs else ("", [])
+        sized = all(isinstance(length, int) and 0 < length <= largest_input for length in shape[2:])
+        if len(inputs) != 1 or len(shape) != 4 or shape[1] != 3 or not sized:
             raise FileFormatError(
                 f"{path}: input {shape}: expected one input (1, 3, height, width) of fixed size, {largest_input} at "
                 "most, as a top-down pose model has"
@@ -78,13 +79,15 @@ class OnnxPose:
         count = self._outputs(np.zeros((self._height, self._width, 3)))[0].shape[0]
         self.keypoints = self._set(count, keypoints)
 
-    def _set(self, count: int, given: str | None) -> KeypointSet:
-        name = given or OF_COUNT.get(count)
+    def _set(self, count: int, declared: str | None) -> KeypointSet:
+        name = declared or SET_OF_COUNT.get(count)
         if name is None:
-            known = ", ".join(f"{name} ({number})" for number, name in OF_COUNT.items())
-            raise InputError(f"{self._path} gives {count} keypoints: expected {known}, or name their order (keypoints)")
+            known_sets = ", ".join(f"{name} ({number})" for number, name in SET_OF_COUNT.items())
+            raise InputError(
+                f"{self._path} gives {count} keypoints: expected {known_sets}, or name their order (keypoints)"
+            )
         chosen = keypoint_set(name)
-        if len(chosen) > count or (len(chosen) < count and OF_COUNT.get(count) != name):
+        if len(chosen) > count or (len(chosen) < count and SET_OF_COUNT.get(count) != name):
             raise InputError(f"{self._path} gives {count} keypoints, but {name} has {len(chosen)}")
         return chosen
 
@@ -93,7 +96,7 @@ class OnnxPose:
 
         Args:
             image: ``(height, width, 3)``, red first, bytes.
-            box: of the person.
+            box: the person's box.
         """
         import cv2
 
@@ -103,36 +106,41 @@ class OnnxPose:
         matrix = np.column_stack([scale * np.eye(2), corner + (scale - 1) / 2])  # of pixels' middles
         size = (self._width, self._height)
         crop = cv2.warpAffine(image, matrix, size, flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        place, confidence = self._decoded((crop - MEAN) / DEVIATION)
+        place, confidence = self._decode((crop - MEAN) / DEVIATION)
         count = len(self.keypoints)
         return (corner + scale * place)[:count], confidence[:count]
 
     def _scale(self, box: Box) -> float:
-        """Pixels of the image to one of the input."""
+        """Pixels of the image per pixel of the input."""
         widened = 1.25
-        width, height = (max(one, 1.0) for one in (box.right - box.left, box.lower - box.upper))
+        width, height = (max(length, 1.0) for length in (box.right - box.left, box.lower - box.upper))
         return widened * max(width / self._width, height / self._height)
 
-    def _outputs(self, given: Array) -> list[np.ndarray]:
-        """Of a normalised crop ``(height, width, 3)``: rows along x and y, or one of heat maps, without the batch."""
-        batch = given.transpose(2, 0, 1)[None].astype(np.float32)
+    def _outputs(self, crop: Array) -> list[np.ndarray]:
+        """Outputs for a normalised crop ``(height, width, 3)``: rows along x and y, or heat maps, without the batch."""
+        batch = crop.transpose(2, 0, 1)[None].astype(np.float32)
         try:
-            found = [one for one in self._session.run(None, {self._name: batch}) if isinstance(one, np.ndarray)]
-        except Exception as error:  # its exceptions share no base of their own
+            outputs = [
+                output for output in self._session.run(None, {self._name: batch}) if isinstance(output, np.ndarray)
+            ]
+        except Exception as error:  # its exceptions share no base class
             reason = str(error).partition("\n")[0]
             raise FileFormatError(
                 f"{self._path}: the model does not run ({reason}); expected one that takes {batch.shape} floats"
             ) from error
-        rows, maps = [one[0] for one in found if one.ndim == 3], [one[0] for one in found if one.ndim == 4]
+        rows, maps = (
+            [output[0] for output in outputs if output.ndim == 3],
+            [output[0] for output in outputs if output.ndim == 4],
+        )
         if len(rows) == 2 and len(rows[0]) == len(rows[1]):
             return rows
         if maps and not rows:
             return maps[:1]
-        shapes = ", ".join(str(one.shape) for one in found)
+        shapes = ", ".join(str(output.shape) for output in outputs)
         raise FileFormatError(f"{self._path}: outputs {shapes}: expected SimCC's two (1, K, bins), or heat maps")
 
-    def _decoded(self, given: Array) -> tuple[Array, Array]:
-        outputs = self._outputs(given)
+    def _decode(self, crop: Array) -> tuple[Array, Array]:
+        outputs = self._outputs(crop)
         size = np.array([self._width, self._height])
         if len(outputs) == 2:
             x, y = outputs
@@ -142,18 +150,17 @@ class OnnxPose:
 
 
 def heat_peaks(heat: np.ndarray) -> Array:
-    """Peaks ``(K, 2)`` of heat maps ``(K, h, w)``, as fractions of their size; a quarter of a cell to the warmer side.
-
-    That quarter is how the models' authors decode them (Newell et al. 2016).
+    """Peaks ``(K, 2)`` of heat maps ``(K, h, w)`` as fractions of their size, moved by a quarter of a cell to the
+    warmer side as the models' authors do (Newell et al. 2016).
     """
     count, height, width = heat.shape
     y, x = np.divmod(heat.reshape(count, -1).argmax(axis=1), width)
     which = np.arange(count)
 
-    def towards(at: np.ndarray, length: int, warm: np.ndarray) -> Array:
-        inner = (at > 0) & (at < length - 1)
-        after, before = warm[which, np.minimum(at + 1, length - 1)], warm[which, np.maximum(at - 1, 0)]
-        return np.where(inner, 0.25 * np.sign(after - before), 0.0)
+    def towards(index: np.ndarray, length: int, warm: np.ndarray) -> Array:
+        inner = (index > 0) & (index < length - 1)
+        rise = warm[which, np.minimum(index + 1, length - 1)] - warm[which, np.maximum(index - 1, 0)]
+        return np.where(inner, 0.25 * np.sign(rise), 0.0)
 
     dx, dy = towards(x, width, heat[which, y]), towards(y, height, heat[which, :, x])
     return np.column_stack([(x + 0.5 + dx) / width, (y + 0.5 + dy) / height])

@@ -1,9 +1,8 @@
-"""Everybody in a video, frame by frame: tracks tidied, left and right set right, drawn over the video if asked.
+"""People in a video: tracks are filtered, exchanged sides corrected, and poses drawn over the video on request.
 
-Left and right that a model confused in some frames are set right by the frames around them: nobody turns about in a few
-frames, so where the trunk's left and right lie the other way round than just before, one of the two is wrong. Which of
-them is decided by the majority of the frames that hang together so. The trunk of somebody who really turns is narrow in
-between, and tells nothing until it is wide again.
+A model may exchange left and right in some frames. Nobody turns round within a few frames, so where the trunk's sides
+are exchanged against the frames just before, one of the two is wrong; the majority of the connected frames decides
+which. The trunk of a person who really turns is narrow in between, and connects no frames.
 """
 
 import math
@@ -32,46 +31,46 @@ from vip_factors.sensors.detections import Detections
 from vip_factors.viz.film import draw_pose, limb_pairs
 
 WIDTHS = ("shoulder", "hip")
-# Of a vote, in squares of the trunk's length; people seen from the front or behind vote with about 0.4, those who turn
-# about within half a second with 0.1 at most.
+# Least vote, in squares of the trunk's length. People seen from the front or behind vote with about 0.4, people who
+# turn round within half a second with 0.1 at most.
 CLEAR = 0.12
 
 
-def confused(keypoints: KeypointSet, pixels: Array, confidence: Array, reach: int) -> np.ndarray:
-    """``(F,)`` in which frames of one person left and right are to be exchanged.
+def exchanged_sides(keypoints: KeypointSet, pixels: Array, confidence: Array, reach: int) -> np.ndarray:
+    """Frames ``(F,)`` of one person in which left and right are exchanged.
 
     Args:
-        keypoints: of the poses; with shoulders and hips.
+        keypoints: keypoint set of the poses, with shoulders and hips.
         pixels: ``(F, K, 2)`` of the person in successive frames.
         confidence: ``(F, K)`` in [0, 1].
-        reach: how many frames before it a frame is compared with: a quarter of a second.
+        reach: number of preceding frames to compare a frame with: a quarter of a second.
     """
     across, weight = _across(keypoints, pixels, confidence)
     sign = np.ones(len(pixels))
     start, linked = 0, 0
     for frame in range(1, len(pixels)):
-        before = slice(max(start, frame - reach), frame)
-        both = weight[before] * weight[frame]
-        votes = np.sum(both * np.sum(across[before] * across[frame], axis=-1), axis=1)
-        mean = float(np.sum(votes * sign[before]) / max(np.sum(both), 1e-9))
+        window = slice(max(start, frame - reach), frame)
+        joint_weight = weight[window] * weight[frame]
+        votes = np.sum(joint_weight * np.sum(across[window] * across[frame], axis=-1), axis=1)
+        mean = float(np.sum(votes * sign[window]) / max(np.sum(joint_weight), 1e-9))
         sign[frame] = sign[linked]
         if abs(mean) >= CLEAR:
             sign[frame], linked = np.sign(mean), frame
-        elif frame - linked >= reach:  # the end of frames that hang together
-            _settle(sign[start : linked + 1])
+        elif frame - linked >= reach:  # the end of connected frames
+            _flip_to_majority(sign[start : linked + 1])
             sign[linked + 1 : frame + 1], start, linked = 1, frame, frame
-    _settle(sign[start:])
+    _flip_to_majority(sign[start:])
     return sign < 0
 
 
-def _settle(sign: Array) -> None:
-    """The model is right more often than not."""
+def _flip_to_majority(sign: Array) -> None:
+    """Flip signs so that most are positive: the model is usually right."""
     if sign.sum() < 0:
         sign *= -1
 
 
 def _across(keypoints: KeypointSet, pixels: Array, confidence: Array) -> tuple[Array, Array]:
-    """From right to left ``(F, 2, 2)`` at shoulders and hips, in lengths of the trunk, and weights ``(F, 2)``."""
+    """Vectors from right to left ``(F, 2, 2)`` at shoulders and hips, in trunk lengths, and weights ``(F, 2)``."""
     left, right = ([keypoints.keypoints.index(f"{side}_{name}") for name in WIDTHS] for side in ("left", "right"))
     shoulders, hips = np.moveaxis((pixels[:, left] + pixels[:, right]) / 2, 1, 0)
     length = max(float(np.median(np.linalg.norm(shoulders - hips, axis=1))), 1e-9)
@@ -83,30 +82,30 @@ DEFAULT = DetectSettings()
 
 
 def frames_to_look_at(facts: VideoFacts, settings: DetectSettings) -> range:
-    """Indices of the frames from ``start_s`` to ``end_s`` (None: the video's ends), each ``every``-th."""
+    """Indices of the frames from ``start_s`` to ``end_s`` (None: the ends of the video), every ``every``-th."""
     start_s, end_s = settings.start_s, settings.end_s
     low = 0 if start_s is None else int(np.searchsorted(facts.time, start_s))
     high = len(facts) if end_s is None else int(np.searchsorted(facts.time, end_s, side="right"))
     if low >= high:
-        last = facts.time[-1]
+        last_s = facts.time[-1]
         raise InputError(
-            f"{facts.path} lasts {last:.1f} s: there is no frame from {start_s or 0:g} to "
-            f"{last if end_s is None else end_s:g} s"
+            f"{facts.path} lasts {last_s:.1f} s: there is no frame from {start_s or 0:g} to "
+            f"{last_s if end_s is None else end_s:g} s"
         )
     return range(low, high, settings.every)
 
 
 @dataclass(frozen=True)
 class VideoPoses:
-    """Poses of a video.
+    """Poses of all people in a video.
 
     Attributes:
-        facts: of the video.
-        keypoints: of the poses.
-        frames: everybody in each of the video's frames; nobody where no one looked.
-        looked: indices of the frames that were looked at.
+        facts: properties of the video.
+        keypoints: keypoint set of the poses.
+        frames: poses in each frame of the video; empty for frames without detection.
+        looked: indices of the frames with detection.
         detector: name of the model.
-        seconds: that the search took.
+        seconds: duration of the detection.
     """
 
     facts: VideoFacts
@@ -118,11 +117,11 @@ class VideoPoses:
 
     @property
     def detections(self) -> Detections:
-        """All of them as a camera's."""
-        people = [(frame, one) for frame, poses in enumerate(self.frames) for one in poses]
+        """All poses as detections of a camera."""
+        people = [(frame, pose) for frame, poses in enumerate(self.frames) for pose in poses]
         none = np.zeros((0, len(self.keypoints)))
-        confidence = np.stack([one.confidence for _, one in people]) if people else none
-        pixels = np.stack([one.pixels for _, one in people]) if people else np.zeros((*none.shape, 2))
+        confidence = np.stack([pose.confidence for _, pose in people]) if people else none
+        pixels = np.stack([pose.pixels for _, pose in people]) if people else np.zeros((*none.shape, 2))
         pixels = np.where(confidence[..., None] > 0, pixels, np.nan)
         frame = np.array([number for number, _ in people], int)
         return Detections(self.keypoints, self.facts.time, frame, pixels, confidence)
@@ -130,7 +129,7 @@ class VideoPoses:
     @property
     def tracks(self) -> list[int]:
         """Numbers of the people, in order."""
-        return sorted({one.track for people in self.frames for one in people})
+        return sorted({pose.track for people in self.frames for pose in people})
 
 
 def detect_video(
@@ -140,17 +139,17 @@ def detect_video(
     model: OnnxPose | None = None,
     progress: ProgressCallback = silent,
 ) -> VideoPoses:
-    """Poses of everybody in a video.
+    """Detect the poses of all people in a video.
 
     Args:
-        path: of the video.
-        tracker: follows people; its landmarks are the poses, if no other model is given.
-        settings: which frames to look at.
-        model: that finds the keypoints of the people followed.
+        path: the video.
+        tracker: tracks people; its landmarks are the poses if no other model is given.
+        settings: selects the frames.
+        model: pose model for the keypoints of the tracked people.
         progress: called with the fraction of frames that are done.
     """
-    least_s = 0.2  # that a track must last to be written: wrong finds last shorter, and help nobody
-    turn_s = 0.25  # in which nobody turns about
+    least_s = 0.2  # shortest track that is kept: false detections last shorter
+    turn_s = 0.25  # in which nobody turns round
     begin = perf_counter()
     facts = video_facts(path)
     looked = frames_to_look_at(facts, settings)
@@ -164,7 +163,7 @@ def detect_video(
         progress(f"looking for people in {count:,} frames", (index + 1 - looked.start) / count)
     somebody = [[pose for pose in poses if pose.track not in tracker.given_up] for poses in frames]
     rate = facts.rate / looked.step
-    least = min(math.ceil(least_s * rate), len(looked))  # a short video has no longer tracks
+    least = min(math.ceil(least_s * rate), len(looked))  # for short videos
     tidy = _tidied(somebody, keypoints, least, max(1, round(turn_s * rate)))
     return VideoPoses(facts, keypoints, tidy, looked, seconds=perf_counter() - begin)
 
@@ -178,28 +177,28 @@ def detect_people(
     overlay: Path | None = None,
     overwrite: bool = False,
 ) -> VideoPoses:
-    """Poses of everybody in a video by BlazePose, or their keypoints by another model.
+    """Detect the poses of all people in a video by BlazePose, or with keypoints of another model.
 
     Args:
-        path: of the video.
-        settings: how people are searched for, and by which models.
-        progress: called with what goes on and the fraction of it that is done.
-        out: file (.json) to write the poses to.
-        overlay: file (.mp4) for the video with the poses drawn over it.
-        overwrite: whether these may be replaced.
+        path: the video.
+        settings: frames, search and models.
+        progress: called with the current step and its fraction done.
+        out: JSON file for the poses.
+        overlay: MP4 file for the video with the poses drawn over it.
+        overwrite: whether these files may be replaced.
 
     Raises:
         InputError, FileFormatError: if the video or a model cannot be read, or a package is missing.
     """
     if settings.keypoints is not None and settings.model is None:
-        raise InputError("keypoints are given without a model: BlazePose has its own 33")
+        raise InputError("keypoints are given without a model: BlazePose has a keypoint set of its own (33)")
     for target in (out, overlay):
         if target is not None:
             check_target(target, overwrite)
     threads = settings.threads or tracks.usual_threads()
     model = OnnxPose(settings.model, threads, settings.keypoints) if settings.model is not None else None
     blazepose_models.check_interpreter()
-    files = model_files.blazepose_files(settings.blazepose, lambda told: warnings.warn(told, stacklevel=2))
+    files = model_files.blazepose_files(settings.blazepose, lambda sentence: warnings.warn(sentence, stacklevel=2))
     poses = detect_video(path, tracks.blazepose_tracker(files, settings, threads), settings, model, progress)
     if settings.model is not None:
         poses = replace(poses, detector=settings.model.name)
@@ -211,41 +210,41 @@ def detect_people(
 
 
 def write_poses(path: Path, poses: VideoPoses, overwrite: bool = False) -> None:
-    """Write them into a file (.json) as MMPose does, with the keypoints' names and the frames' times."""
+    """Write poses into a JSON file as MMPose does, with keypoint names and frame times."""
     facts = poses.facts
-    about = {
+    metadata = {
         "detector": poses.detector,
         "video": facts.path.name,
         "video_size": [facts.width, facts.height],
         "video_rate_hz": round(facts.rate, 4),
     }
-    write_mmpose(path, poses.keypoints, poses.frames, facts.time, about, overwrite)
+    write_mmpose(path, poses.keypoints, poses.frames, facts.time, metadata, overwrite)
 
 
 def _pose(track: Track, image: np.ndarray, model: OnnxPose | None) -> TrackedPose:
-    seen = track.seen
-    pixels, confidence = seen.pixels, seen.confidence
+    landmarks = track.landmarks
+    pixels, confidence = landmarks.pixels, landmarks.confidence
     height, width = image.shape[:2]
     if model is not None:
         inside = np.clip(pixels, 0, [width, height])
         pixels, confidence = model.look(image, box_around(inside))
     within = np.all((pixels >= 0) & (pixels < [width, height]), axis=1)  # beyond the image both models only guess
-    return TrackedPose(track.number, pixels, np.where(within, confidence, 0.0), seen.presence)
+    return TrackedPose(track.number, pixels, np.where(within, confidence, 0.0), landmarks.presence)
 
 
 def _tidied(
     frames: Sequence[Sequence[TrackedPose]], keypoints: KeypointSet, least: int, reach: int
 ) -> list[list[TrackedPose]]:
-    """Without tracks of less than so many frames, the others numbered from 1 as they come, sides set right."""
+    """Drop tracks of fewer than ``least`` frames, number the others from 1, and correct exchanged sides."""
     of_track: dict[int, list[tuple[int, TrackedPose]]] = defaultdict(list)
     for index, people in enumerate(frames):
-        for one in people:
-            of_track[one.track].append((index, one))
-    kept = [one for one in of_track.values() if len(one) >= least]
+        for person in people:
+            of_track[person.track].append((index, person))
+    long_tracks = [poses for poses in of_track.values() if len(poses) >= least]
     tidy: list[list[TrackedPose]] = [[] for _ in frames]
-    for number, poses in enumerate(kept, start=1):
-        pixels, confidence = (np.stack([getattr(one, name) for _, one in poses]) for name in ("pixels", "confidence"))
-        turned = confused(keypoints, pixels, confidence, reach)
+    for number, poses in enumerate(long_tracks, start=1):
+        pixels, confidence = (np.stack([getattr(pose, name) for _, pose in poses]) for name in ("pixels", "confidence"))
+        turned = exchanged_sides(keypoints, pixels, confidence, reach)
         for (index, pose), exchange in zip(poses, turned, strict=True):
             order = keypoints.mirrored if exchange else slice(None)
             tidy[index].append(TrackedPose(number, pose.pixels[order], pose.confidence[order], pose.score))
@@ -258,17 +257,17 @@ def write_overlay(
     overwrite: bool = False,
     progress: ProgressCallback = silent,
 ) -> None:
-    """Write the frames that were looked at as a video (``.mp4``), each person in a colour and with the track's number.
+    """Write the frames with detection as a video (``.mp4``), each person in a colour and with the track's number.
 
     Raises:
-        InputError: if the file exists, or this OpenCV cannot write such a video.
+        InputError: if the file exists, or OpenCV cannot write such a video.
     """
-    largest_side = 1280  # pixels of the longer side: sharp enough to judge poses by, and quick to write
+    largest_side = 1280  # of the longer side, in pixels
     import cv2
 
     facts, looked = poses.facts, poses.looked
     scale, limbs = min(1.0, largest_side / max(facts.width, facts.height)), limb_pairs(poses.keypoints)
-    size = tuple(2 * round(scale * length / 2) for length in (facts.width, facts.height))  # codecs want even numbers
+    size = tuple(2 * round(scale * length / 2) for length in (facts.width, facts.height))  # codecs need even numbers
     with atomic_path(path, overwrite) as temporary:
         code = cv2.VideoWriter.fourcc(*"mp4v")
         writer = cv2.VideoWriter(str(temporary), code, facts.rate / looked.step, size)
@@ -278,32 +277,32 @@ def write_overlay(
         try:
             for index, _, image in iterate_frames(facts.path, facts.time, looked.step, looked.start, looked.stop):
                 small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-                for one in poses.frames[index]:
-                    pixels = one.pixels * [size[0] / facts.width, size[1] / facts.height]
-                    draw_pose(small, limbs, pixels, one.confidence, one.track - 1, str(one.track))
+                for pose in poses.frames[index]:
+                    pixels = pose.pixels * [size[0] / facts.width, size[1] / facts.height]
+                    draw_pose(small, limbs, pixels, pose.confidence, pose.track - 1, str(pose.track))
                 writer.write(cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
                 count += 1
                 progress("drawing", (index + 1 - looked.start) / (looked.stop - looked.start))
         finally:
             writer.release()
-        read_back = cv2.VideoCapture(str(temporary))  # the writer tells of no error
+        read_back = cv2.VideoCapture(str(temporary))  # the writer reports no errors
         check_complete(int(read_back.get(cv2.CAP_PROP_FRAME_COUNT)), count, "frames")
         read_back.release()
 
 
 def poses_summary(poses: VideoPoses) -> list[str]:
-    """Who was found, line by line."""
+    """Summary of the detected people, line by line."""
     looked = len(poses.looked)
     counts = {number: 0 for number in poses.tracks}
     for people in poses.frames:
-        for one in people:
-            counts[one.track] += 1
+        for pose in people:
+            counts[pose.track] += 1
     speed = f", {looked / poses.seconds:.1f} frames a second" if poses.seconds > 0 else ""
     lines = [f"{looked} of {len(poses.frames)} frames of {poses.facts.path.name} looked at{speed}"]
     if not counts:
         lines.append("nobody was found")
     for number, count in counts.items():
-        seen = [index for index, people in enumerate(poses.frames) if any(one.track == number for one in people)]
-        first, last = (poses.facts.time[index] for index in (seen[0], seen[-1]))
-        lines.append(f"  person {number}: {count} frames, {first:.1f} to {last:.1f} s")
+        indices = [index for index, people in enumerate(poses.frames) if any(pose.track == number for pose in people)]
+        begin, end = (poses.facts.time[index] for index in (indices[0], indices[-1]))
+        lines.append(f"  person {number}: {count} frames, {begin:.1f} to {end:.1f} s")
     return lines

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from vip_factors.associate.features import FITTING_M, counts_for, major_joints
+from vip_factors.associate.features import FITTING_M, joint_weight_of, major_joints
 from vip_factors.associate.hypothesis import CAUCHY, LEAST_CONFIDENCE, keypoint_sigma
 from vip_factors.associate.tracklets import FURTHEST, LONGEST_GAP_S, RIVAL, keypoint_distance, person_size
 from vip_factors.body.keypoints import KeypointSet
@@ -106,7 +106,7 @@ class BodyFitter:
     def count_keypoints(self, people: People) -> None:
         """Count the keypoints of one more video frame."""
         self.sightings += np.count_nonzero(people.weight, axis=(0, 1))
-        self._joint_weight = counts_for(self.major, self.sightings)
+        self._joint_weight = joint_weight_of(self.major, self.sightings)
 
     def points(self, bodies: Sequence[BodyState], R_world_camera: Array, p_world_camera: Array) -> Array:
         """Keypoints ``(F, W, K, 3)`` in the camera's axes, metres.

@@ -63,7 +63,7 @@ def associate_cameras(
             settings.association,
             gravity_camera=gravity_in_camera(camera, detections.time),
             progress=_share_of_progress(on_progress, number, len(scene.cameras)),
-            before=previous[number].association if previous else None,
+            previous=previous[number].association if previous else None,
         )
         sightings = tuple(_sightings(association, number, detections, wearer) for number, wearer in enumerate(wearers))
         associated.append(AssociatedCamera(camera, detections, association, sightings))

@@ -45,18 +45,18 @@ def bent(one: InertialSolution, degrees: float) -> InertialSolution:
     return replace(one, state=replace(one.state, R_parent_child=R))
 
 
-def calibration_stretches(to: InertialSolution, calls: list[InertialSolution]) -> Callable[..., InertialSolution]:
-    def calibrated(one: InertialSolution, *_: object) -> InertialSolution:
+def calibration_as(to: InertialSolution, calls: list[InertialSolution]) -> Callable[..., InertialSolution]:
+    def calibrate_inertial(one: InertialSolution, *_: object) -> InertialSolution:
         calls.append(one)
         return to
 
-    return calibrated
+    return calibrate_inertial
 
 
 def test_who_is_found_is_left_as_tracked(monkeypatch: pytest.MonkeyPatch) -> None:
     alone = filmed_gestures(seconds=2.0, azimuth_deg=20.0)
     before, calls = track(alone), list[InertialSolution]()
-    monkeypatch.setattr(stage, "calibrate_inertial", calibration_stretches(before[0], calls))
+    monkeypatch.setattr(stage, "calibrate_inertial", calibration_as(before[0], calls))
     wearers, associated = stage.first_association(alone, before, QUICK, SOLVER)
     assert not calls
     assert wearers == before
@@ -65,7 +65,7 @@ def test_who_is_found_is_left_as_tracked(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest.MonkeyPatch) -> None:
     (anna, bob), calls = tracked(), list[InertialSolution]()
-    monkeypatch.setattr(stage, "calibrate_inertial", calibration_stretches(anna, calls))
+    monkeypatch.setattr(stage, "calibrate_inertial", calibration_as(anna, calls))
     wearers, associated = stage.first_association(scene(), (bent(anna, 70.0), bob), QUICK, SOLVER)
     assert any(np.array_equal(one.state.R_parent_child, bent(anna, 70.0).state.R_parent_child) for one in calls)
     np.testing.assert_array_equal(wearers[0].state.R_parent_child, anna.state.R_parent_child)
@@ -78,7 +78,7 @@ def test_who_is_not_found_is_calibrated_and_looked_for_again(monkeypatch: pytest
 
 def test_a_calibration_that_looks_less_alike_is_not_begun_with(monkeypatch: pytest.MonkeyPatch) -> None:
     anna, bob = tracked()
-    monkeypatch.setattr(stage, "calibrate_inertial", calibration_stretches(bent(anna, 12.0), []))
+    monkeypatch.setattr(stage, "calibrate_inertial", calibration_as(bent(anna, 12.0), []))
     hidden = without_detections(scene(), 0.0, 1.0, wearer=0)
     wearers, associated = stage.first_association(hidden, (anna, bob), QUICK, SOLVER)
     assert wearers[0] is anna

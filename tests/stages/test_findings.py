@@ -182,7 +182,7 @@ def watched(at_first: np.ndarray, at_last: np.ndarray) -> AssociatedCamera:
 def test_only_who_was_used_may_leap(mended: bool) -> None:
     right, exchanged = right_and_exchanged()
     each = watched(exchanged, right if mended else exchanged)
-    assert len(leaps(each.seen[0]))
+    assert len(leaps(each.sightings[0]))
     found = confirmed_leaps(each, 0, true_motion())
     if mended:
         assert not len(found)

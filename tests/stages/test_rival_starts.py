@@ -19,7 +19,7 @@ from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
 from vip_factors.simulate.staging import with_initial_pose
-from vip_factors.stages.inertial import InertialSolution, calibrated, find_start, inertial_tracker
+from vip_factors.stages.inertial import InertialSolution, calibrate_inertial, find_start, inertial_tracker
 from vip_factors.stages.inertial_model import with_contacts
 from vip_factors.stages.rival_starts import with_rivals_solved
 from vip_factors.stages.solver import Solver
@@ -45,7 +45,9 @@ def solved() -> tuple[InertialSolution, Starts]:
     frames = resample(recorded(), 10.0)
     start, starts = find_start(recorded(), frames, SETTINGS, lambda fraction: None)
     assert starts is not None
-    return calibrated(inertial_tracker(recorded(), frames, SETTINGS, solver(), start), SETTINGS, solver()), starts
+    return calibrate_inertial(
+        inertial_tracker(recorded(), frames, SETTINGS, solver(), start), SETTINGS, solver()
+    ), starts
 
 
 def decided(sensor: int, heading_deg: float) -> Starts:

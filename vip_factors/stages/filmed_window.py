@@ -186,7 +186,7 @@ class FilmedWindow:
         known: cameras of the calibration.
         start: how it began.
         settings, solver: of the window.
-        about_sensors: findings on them.
+        sensor_findings: findings about the sensors.
     """
 
     span: slice

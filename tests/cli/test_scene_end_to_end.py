@@ -89,5 +89,5 @@ def test_wearers_who_share_no_time_are_refused(run: Callable, filmed: Path, tmp_
     assert told.code == 2
     assert told.err.count("\n") == 1
     assert "'apart'" in told.err
-    assert "all wearers together" in told.err
+    assert "all wearers have" in told.err
     assert not (tmp_path / "apart.estimate.mcap").exists()

@@ -178,3 +178,20 @@ def test_further_cameras_are_calibrated_before_a_moving_one(people) -> None:
     np.testing.assert_allclose(second.known_path.R_world_camera, truth.path.R_world_camera, atol=1e-12)
     with pytest.raises(InputError, match="only that of a fixed one"):
         plain("hand-held", known_camera_pose=True)
+
+
+def test_cameras_of_any_kind_that_nobody_calibrated(people) -> None:
+    settings = SceneSettings(
+        camera="fixed", cameras=3, carried=1, known_camera_pose=False, calibrated=False, fov_deg=70.0, azimuth_deg=0.0
+    )
+    scene = simulate_scene(people, settings, seed=1)
+    assert [camera.moving for camera in scene.cameras] == [False, True, False]
+    assert [camera.known_path for camera in scene.cameras] == [None] * 3
+    assert [camera.mount for camera in scene.cameras] == [None] * 3
+    assert {camera.focal_sigma for camera in scene.cameras} == {0.25}
+    assert scene.cameras[0].model.focal[0] > 1.1 * settings.model.focal[0]
+    known = simulate_scene(people, SceneSettings(camera="fixed", cameras=3, azimuth_deg=0.0, fov_deg=70.0), seed=1)
+    for number in (0, 2):
+        np.testing.assert_array_equal(scene.cameras[number].detections.pixels, known.cameras[number].detections.pixels)
+    with pytest.raises(InputError, match="2 carried cameras: expected fewer than cameras in all"):
+        SceneSettings(cameras=2, carried=2)

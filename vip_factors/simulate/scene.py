@@ -22,7 +22,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.quaternions import interpolate_points
 from vip_factors.geometry.rotations import Array, exp, transpose
 from vip_factors.sensors.calibration import Placement, SensorCalibration, SensorSite
-from vip_factors.sensors.camera import CameraPath, VideoClock
+from vip_factors.sensors.camera import UNCALIBRATED_FOCAL_SIGMA, CameraPath, VideoClock, uncalibrated_camera
 from vip_factors.sensors.scene import CAMERA_MOUNTING_SIGMA, Camera, CameraMount, CameraTruth, Scene
 from vip_factors.simulate.dense import DenseMotion, dense_motion
 from vip_factors.simulate.detector import detect
@@ -110,14 +110,22 @@ def simulate_scene(
     wearer = np.array([worn.index(number) if number in worn else -1 for number in (*range(len(performers)), -1)])
 
     cameras, azimuth = list[Camera](), None
-    # Further cameras stand on tripods, without sensors, at known poses.
-    fixed = replace(settings, camera="fixed", camera_imu=False, known_camera_pose=True)
-    for number, one in enumerate([settings, *[fixed] * (settings.cameras - 1)]):
-        one = one if azimuth is None else replace(one, azimuth_deg=azimuth + 360.0 * number / settings.cameras)
-        body, around = _camera_body(dense, worn, one, seed)
-        azimuth = around if azimuth is None else azimuth
-        cameras.append(_film(body, people, wearer, time, one, seed, number))
+    for number, film in enumerate(_films(settings)):
+        film = film if azimuth is None else replace(film, azimuth_deg=azimuth + 360.0 * number / settings.cameras)
+        # A hand moves by itself; tripods stand as far away as they did without carried cameras.
+        own_seed = seed + number if film.camera == "hand-held" else seed
+        body, first_azimuth = _camera_body(dense, worn, film, own_seed)
+        azimuth = first_azimuth if azimuth is None else azimuth
+        cameras.append(_film(body, people, wearer, time, film, seed, number))
     return Scene(name, tuple(recordings), tuple(cameras))
+
+
+def _films(settings: SceneSettings) -> list[SceneSettings]:
+    """Settings of each camera: the first one, then the carried ones and those on tripods, all without a sensor."""
+    poses_known = settings.known_camera_pose is not False
+    tripod = replace(settings, camera="fixed", camera_imu=False, known_camera_pose=poses_known)
+    carried = replace(settings, camera="hand-held", camera_imu=False, known_camera_pose=False)
+    return [settings, *[carried] * settings.carried, *[tripod] * (settings.cameras - 1 - settings.carried)]
 
 
 def _film(
@@ -138,7 +146,11 @@ def _film(
     name = "camera" if number == 0 else f"camera_{number + 1}"
     detections = detections.shifted(-settings.time_offset_s)
     truth = CameraTruth(path, wearer[owner], pixels, calibration, VideoClock(settings.time_offset_s))
-    return Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known, truth=truth)
+    camera = Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known, truth=truth)
+    if settings.calibrated:
+        return camera
+    lens = uncalibrated_camera(settings.width, settings.height)
+    return replace(camera, model=lens, focal_sigma=UNCALIBRATED_FOCAL_SIGMA)
 
 
 def _known_pose(path: CameraPath, settings: SceneSettings, seed: int) -> CameraPath:

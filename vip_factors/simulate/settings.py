@@ -97,9 +97,14 @@ class FilmSettings:
     camera: CameraKind | None = "hand-held"
     """On a tripod, in the hands of somebody who stands, or of somebody who walks along; nothing films if None."""
     cameras: Annotated[int, Range(least=1)] = 1
-    """Cameras in all: further ones stand on tripods around the action, evenly spread, at known poses."""
+    """Cameras in all: further ones stand around the action, evenly spread, on tripods of known pose."""
+    carried: Annotated[int, Range(least=0)] = 0
+    """How many of the further cameras are in the hands of somebody who stands, at unknown poses."""
     known_camera_pose: bool | None = None
-    """Whether a fixed first camera's pose is known too; if None, if there are further cameras."""
+    """Whether a fixed first camera's pose is known too; if None, if there are further cameras. No pose is known if
+    False."""
+    calibrated: bool = True
+    """Whether the lens is known; if not, a phone's usual lens is recorded, with its uncertainty."""
     video_rate: Rate = 30.0
     """Frames per second: what phones film at, and 3DPW was."""
     width: int = 1920
@@ -129,6 +134,8 @@ class FilmSettings:
         if self.camera not in (None, "fixed", "hand-held", "walking"):
             raise InputError(f"camera '{self.camera}': expected fixed, hand-held or walking")
         check_ranges(self, zero=True)
+        if self.carried >= self.cameras:
+            raise InputError(f"{self.carried} carried cameras: expected fewer than cameras in all ({self.cameras})")
         if self.known_camera_pose and self.camera not in (None, "fixed"):
             raise InputError(f"a known pose of a {self.camera} camera: only that of a fixed one can be known")
 

@@ -24,7 +24,7 @@ NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 PYTHON = [
     page for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md")) if "```python" in page.read_text("utf-8")
 ]
-LONG = ("camera_and_drift", "factor_graph", "two_phones")  # up to half a minute each; the names in them are looked up all the same
+LONG = ("camera_and_drift", "factor_graph", "two_phones")  # up to half a minute each
 
 
 def code_cells(notebook: Path) -> list[str]:

@@ -290,16 +290,17 @@ class Estimate(Summarised):
     @property
     def all_findings(self) -> tuple[Finding, ...]:
         """What is odd about the whole and its wearers, each once; that the last stage did not settle, too."""
-        found = [*self.findings, *(finding for one in self.wearers for finding in one.findings)]
-        stages = [(one.stage.partition(",")[0], one.converged) for one in self.all_reports]  # behind a comma: windows
+        findings = [*self.findings, *(finding for wearer in self.wearers for finding in wearer.findings)]
+        # What follows a comma in a stage's name is its window.
+        stages = [(report.stage.partition(",")[0], report.converged) for report in self.all_reports]
         if stages and (stages[-1][0], False) in stages:
-            found.append(Finding("not converged", subject=stages[-1][0]))
-        return tuple(dict.fromkeys(found))
+            findings.append(Finding("not converged", subject=stages[-1][0]))
+        return tuple(dict.fromkeys(findings))
 
     @property
     def all_reports(self) -> tuple[SolveReport, ...]:
         """Those of its wearers, then its own."""
-        return (*(report for one in self.wearers for report in one.reports), *self.reports)
+        return (*(report for wearer in self.wearers for report in wearer.reports), *self.reports)
 
     @property
     def verdict(self) -> Verdict:
@@ -311,10 +312,11 @@ class Estimate(Summarised):
         """Whether it says nothing beyond the estimate of its only wearer."""
         if len(self.wearers) != 1 or self.cameras or self.detector is not None:
             return False
-        own, plain = (
-            (one.name, one.method, one.findings, dict(one.settings)) for one in (self, Estimate.of_one(self.wearers[0]))
+        words, plain = (
+            (estimate.name, estimate.method, estimate.findings, dict(estimate.settings))
+            for estimate in (self, Estimate.of_one(self.wearers[0]))
         )
-        return own == plain and not (self.reports or self.association or len(self.wearer_of_detection))
+        return words == plain and not (self.reports or self.association or len(self.wearer_of_detection))
 
     @property
     def camera(self) -> CameraEstimate | None:
@@ -327,17 +329,17 @@ class Estimate(Summarised):
         Raises:
             InputError: if there is none of that name, or no name is given and there are several.
         """
-        found = [one for one in self.wearers if name is None or one.motion.name == name]
-        if len(found) != 1:
-            names = ", ".join(f"'{one.motion.name}'" for one in self.wearers) or "none"
+        wearers = [wearer for wearer in self.wearers if name is None or wearer.motion.name == name]
+        if len(wearers) != 1:
+            names = ", ".join(f"'{wearer.motion.name}'" for wearer in self.wearers) or "none"
             asked = "one" if name is None else f"'{name}'"
             raise InputError(f"estimate '{self.name}' has {len(self.wearers)} wearers ({names}): expected {asked}")
-        return found[0]
+        return wearers[0]
 
     def summary(self) -> list[str]:
         """Verdict and findings, and each wearer in a line."""
-        wearers = (f"{one.motion.name}: {', '.join(one.summary()[1:3])}" for one in self.wearers)
-        findings = (f"{one.severity}: {one}" for one in self.all_findings)
+        wearers = (f"{wearer.motion.name}: {', '.join(wearer.summary()[1:3])}" for wearer in self.wearers)
+        findings = (f"{finding.severity}: {finding}" for finding in self.all_findings)
         return [f"estimate '{self.name}', {self.method}", *wearers, f"verdict: {self.verdict}", *findings]
 
     def joint_angles(self, wearer: str | None = None) -> JointAngles:
@@ -356,11 +358,11 @@ class Estimate(Summarised):
         Standard deviations (``…_sd_m``, ``…_sd_deg``) follow where there are any; ``…_shape_sd_deg`` is what is left of
         an angle's once its mean, where its zero lies, is removed.
         """
-        one = self.wearer(wearer)
-        columns = {"time_s": one.motion.time}
+        estimate = self.wearer(wearer)
+        columns = {"time_s": estimate.motion.time}
         if "positions" in tables:
-            columns |= _position_columns(one, FILMED if self.cameras else UNFILMED)
-        return columns | (_angle_columns(one) if "angles" in tables else {})
+            columns |= _position_columns(estimate, FILMED if self.cameras else UNFILMED)
+        return columns | (_angle_columns(estimate) if "angles" in tables else {})
 
     def to_dataframe(self, wearer: str | None = None) -> "pandas.DataFrame":
         """The columns of :meth:`columns` as a pandas table over ``time_s``; of several wearers, over ``wearer`` too.
@@ -369,7 +371,7 @@ class Estimate(Summarised):
             InputError: without pandas.
         """
         pandas = _package("pandas")
-        names = [one.motion.name for one in self.wearers] if wearer is None else [wearer]
+        names = [wearer_estimate.motion.name for wearer_estimate in self.wearers] if wearer is None else [wearer]
         frames = {name: pandas.DataFrame(self.columns(name)).set_index("time_s") for name in names}
         return frames[names[0]] if len(names) == 1 else pandas.concat(frames, names=["wearer"])
 
@@ -383,22 +385,22 @@ class Estimate(Summarised):
             InputError: without xarray.
         """
         xarray = _package("xarray")
-        each = []
-        for one in self.wearers:
-            angles, p = one.joint_angles(), one.positions()
+        datasets = []
+        for wearer in self.wearers:
+            angles, p = wearer.joint_angles(), wearer.positions()
             coordinates = {
-                "time": one.motion.time, "space": list("xyz"), "keypoints": list(JOINT_NAMES),
-                "individuals": [one.motion.name], "angles": list(angles.names),
+                "time": wearer.motion.time, "space": list("xyz"), "keypoints": list(JOINT_NAMES),
+                "individuals": [wearer.motion.name], "angles": list(angles.names),
             }  # fmt: skip
             variables = {
                 "position": (("time", "space", "keypoints", "individuals"), p.swapaxes(1, 2)[..., None]),
                 "confidence": (("time", "keypoints", "individuals"), np.full((*p.shape[:2], 1), np.nan)),
                 "joint_angle": (("time", "angles", "individuals"), angles.degrees[..., None]),
             }
-            each.append(xarray.Dataset(variables, coordinates))
-        whole = xarray.concat(each, "individuals", join="outer")
+            datasets.append(xarray.Dataset(variables, coordinates))
+        dataset = xarray.concat(datasets, "individuals", join="outer")
         fps = self.wearers[0].motion.rate
-        return whole.assign_attrs(fps=fps, time_unit="seconds", source_software="vip_factors", ds_type="poses")
+        return dataset.assign_attrs(fps=fps, time_unit="seconds", source_software="vip_factors", ds_type="poses")
 
 
 def camera_pairs(scene: Scene, estimate: Estimate) -> list[tuple[Camera, CameraEstimate]]:
@@ -446,7 +448,7 @@ def _position_columns(wearer: WearerEstimate, errors: ModelErrors) -> dict[str, 
     columns = {f"{name}_{axis}_m": p[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")}
     if wearer.covariance is not None:
         root = np.diagonal(wearer.covariance.root, axis1=1, axis2=2)[:, None]
-        bones = {one.bone for one in wearer.calibration.values()}
+        bones = {calibration.bone for calibration in wearer.calibration.values()}
         sigma = np.sqrt(root + errors.positions(bones)[:, None] ** 2)
         columns |= {
             f"{name}_{axis}_sd_m": sigma[:, j, k] for j, name in enumerate(JOINT_NAMES) for k, axis in enumerate("xyz")
@@ -456,11 +458,11 @@ def _position_columns(wearer: WearerEstimate, errors: ModelErrors) -> dict[str, 
 
 def _angle_columns(wearer: WearerEstimate) -> dict[str, Array]:
     angles = wearer.joint_angles()
-    columns = {f"{name}_deg": one for name, one in zip(angles.names, angles.degrees.T, strict=True)}
+    columns = {f"{name}_deg": values for name, values in zip(angles.names, angles.degrees.T, strict=True)}
     if wearer.covariance is not None:
         sigmas = joint_angle_sigmas(wearer.motion, wearer.covariance.joints).T
-        for angle, one in zip(angles.definitions, sigmas, strict=True):
-            if np.isfinite(one).all():
-                shape = shape_factor(angle.joint) * one
-                columns |= {f"{angle.name}_sd_deg": one, f"{angle.name}_shape_sd_deg": shape}
+        for angle, values in zip(angles.definitions, sigmas, strict=True):
+            if np.isfinite(values).all():
+                shape = shape_factor(angle.joint) * values
+                columns |= {f"{angle.name}_sd_deg": values, f"{angle.name}_shape_sd_deg": shape}
     return columns

@@ -33,14 +33,14 @@ class EstimateChunks:
     def of(cls, estimate: Estimate) -> "EstimateChunks":
         """A whole estimate as one chunk."""
         wearers, none = estimate.wearers, slice(0, 0)
-        without = tuple(replace(one, reports=()) for one in wearers)
+        without = tuple(replace(wearer, reports=()) for wearer in wearers)
         return cls(
             replace(
                 estimate,
                 cameras=tuple(camera.start for camera in estimate.cameras),
-                wearers=tuple(one.frames(none) for one in wearers),
+                wearers=tuple(wearer.frames(none) for wearer in wearers),
             ),
-            tuple(len(one.motion) for one in wearers),
+            tuple(len(wearer.motion) for wearer in wearers),
             iter([replace(estimate, wearers=without, reports=())]),
             tuple(len(camera.path) for camera in estimate.cameras),
         )
@@ -59,34 +59,35 @@ class EstimateChunks:
         """All chunks together, in memory."""
         chunks = list(self.chunks)
         head = self.closed() if self.closed is not None else self.head
-        wearers = map(_joined_wearer, head.wearers, *(one.wearers for one in chunks))
-        cameras = map(_joined_camera, head.cameras, *(one.cameras for one in chunks))
-        reports = (*head.reports, *(report for one in chunks for report in one.reports))
+        wearers = map(_joined_wearer, head.wearers, *(chunk.wearers for chunk in chunks))
+        cameras = map(_joined_camera, head.cameras, *(chunk.cameras for chunk in chunks))
+        reports = (*head.reports, *(report for chunk in chunks for report in chunk.reports))
         return replace(head, cameras=tuple(cameras), wearers=tuple(wearers), reports=reports)
 
 
 def _joined_wearer(head: WearerEstimate, *chunks: WearerEstimate) -> WearerEstimate:
     R, p = (
-        np.concatenate([getattr(one.motion, name) for one in chunks]) for name in ("R_parent_child", "p_world_pelvis")
+        np.concatenate([getattr(chunk.motion, name) for chunk in chunks])
+        for name in ("R_parent_child", "p_world_pelvis")
     )
-    covariances = [one.covariance for one in chunks if one.covariance is not None]
-    known = len(covariances) == len(chunks)
-    joints, root = ([getattr(one, name) for one in covariances] for name in ("joints", "root"))
+    covariances = [chunk.covariance for chunk in chunks if chunk.covariance is not None]
+    has_covariance = len(covariances) == len(chunks)
+    joints, root = ([getattr(covariance, name) for covariance in covariances] for name in ("joints", "root"))
     return replace(
         head,
         motion=replace(head.motion, R_parent_child=R, p_world_pelvis=p),
-        covariance=PoseCovariance(np.concatenate(joints), np.concatenate(root)) if known else None,
-        residuals={kind: np.concatenate([one.residuals[kind] for one in chunks]) for kind in head.residuals},
-        reports=(*head.reports, *(report for one in chunks for report in one.reports)),
+        covariance=PoseCovariance(np.concatenate(joints), np.concatenate(root)) if has_covariance else None,
+        residuals={kind: np.concatenate([chunk.residuals[kind] for chunk in chunks]) for kind in head.residuals},
+        reports=(*head.reports, *(report for chunk in chunks for report in chunk.reports)),
     )
 
 
 def _joined_camera(head: CameraEstimate, *chunks: CameraEstimate) -> CameraEstimate:
-    paths = [one.path for one in chunks]
-    covariances = [one.covariance for one in chunks if one.covariance is not None]
-    residuals = [one.residual_px for one in chunks if one.residual_px is not None]
-    moves = any(len(one) > 1 for one in paths)
-    together = [np.concatenate([getattr(one, name) for one in paths]) for name in vars(head.path)]
+    paths = [chunk.path for chunk in chunks]
+    covariances = [chunk.covariance for chunk in chunks if chunk.covariance is not None]
+    residuals = [chunk.residual_px for chunk in chunks if chunk.residual_px is not None]
+    moves = any(len(path) > 1 for path in paths)
+    together = [np.concatenate([getattr(path, name) for path in paths]) for name in vars(head.path)]
     return replace(
         head,
         path=CameraPath(*together) if moves else paths[0],

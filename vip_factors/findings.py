@@ -102,17 +102,17 @@ class Finding:
         if self.text:
             return self.text
         kind = KINDS[self.kind]
-        each = ", ".join(kind.each.format(name=name, value=value) for name, value in self.numbers.items())
-        names = {"subject": self.subject, "each": each, "count": len(self.numbers)}
-        told = kind.sentence.format(**{**self.numbers, **self.words, **names})
+        values = ", ".join(kind.each.format(name=name, value=value) for name, value in self.numbers.items())
+        names = {"subject": self.subject, "each": values, "count": len(self.numbers)}
+        sentence = kind.sentence.format(**{**self.numbers, **self.words, **names})
         if self.wearer:
-            told = f"wearer '{self.wearer}': {told}"
+            sentence = f"wearer '{self.wearer}': {sentence}"
         if self.camera:
-            told = f"camera '{self.camera}': {told}"
+            sentence = f"camera '{self.camera}': {sentence}"
         if self.during is not None:
-            more = f", and in {self.more_windows} more windows" if self.more_windows else ""
-            told += f" (from {self.during[0]:.0f} to {self.during[1]:.0f} s{more})"
-        return told
+            windows = f", and in {self.more_windows} more windows" if self.more_windows else ""
+            sentence += f" (from {self.during[0]:.0f} to {self.during[1]:.0f} s{windows})"
+        return sentence
 
 
 def bare(sentence: str, kind: str = TEXT) -> Finding:
@@ -145,16 +145,16 @@ class Verdict:
     deciding: tuple[str, ...] = ()
 
     def __str__(self) -> str:
-        told = f"{self.severity.upper()}, {VERDICTS[self.severity]}"
-        return f"{told}: {'; '.join(self.deciding)}" if self.deciding else told
+        text = f"{self.severity.upper()}, {VERDICTS[self.severity]}"
+        return f"{text}: {'; '.join(self.deciding)}" if self.deciding else text
 
 
 def verdict(findings: Iterable[Finding]) -> Verdict:
     """The verdict on what has these findings: as its worst; notes do not speak against it."""
-    weighty = [one for one in findings if one.severity.reaches(Severity.CARE)]
-    worst = Severity.DOUBT if any(one.severity is Severity.DOUBT for one in weighty) else Severity.CARE
-    deciding = dict.fromkeys(KINDS[one.kind].headline for one in weighty if one.severity is worst)
-    return Verdict(worst, tuple(deciding)) if weighty else Verdict(Severity.GOOD)
+    weighty = [finding for finding in findings if finding.severity.reaches(Severity.CARE)]
+    severity = Severity.DOUBT if any(finding.severity is Severity.DOUBT for finding in weighty) else Severity.CARE
+    deciding = dict.fromkeys(KINDS[finding.kind].headline for finding in weighty if finding.severity is severity)
+    return Verdict(severity, tuple(deciding)) if weighty else Verdict(Severity.GOOD)
 
 
 MOST_WAITING = 1000  # findings that nobody has taken: beyond, new ones are lost rather than memory
@@ -202,8 +202,8 @@ class FindingLog:
         """
         tally = self._tallies.setdefault(key, _Tally(finding))
         if not tally.count:
-            again = tally.told + self._repeat_after if tally.tellings >= often else -math.inf
-            tally.finding, tally.due = finding, max(now + wait, again)
+            next_report = tally.told + self._repeat_after if tally.tellings >= often else -math.inf
+            tally.finding, tally.due = finding, max(now + wait, next_report)
         tally.count += 1
         if now >= tally.due:
             self._add(tally, now)
@@ -215,9 +215,9 @@ class FindingLog:
         of the whole recording is told of a window only if that measured something more.
         """
         measured = {finding.about: finding.numbers.keys() for finding in known}
-        for about, finding in {finding.about: replace(finding, during=(start, end)) for finding in findings}.items():
-            if about not in measured or not finding.numbers.keys() <= measured[about]:
-                self.tally(about, start, partial(_in_windows, finding), wait=math.inf)
+        for subject, finding in {finding.about: replace(finding, during=(start, end)) for finding in findings}.items():
+            if subject not in measured or not finding.numbers.keys() <= measured[subject]:
+                self.tally(subject, start, partial(_in_windows, finding), wait=math.inf)
 
     def close(self) -> None:
         """Tell what was only counted."""
@@ -230,9 +230,9 @@ class FindingLog:
         for tally in self._tallies.values():
             if now >= tally.due:
                 self._add(tally, now)
-        taken = tuple(self._waiting)
+        findings = tuple(self._waiting)
         self._waiting.clear()
-        return taken
+        return findings
 
     def _add(self, tally: _Tally, now: float) -> None:
         self.add(tally.finding(tally.count))

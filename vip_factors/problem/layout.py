@@ -105,13 +105,13 @@ class StaticBlock:
         ``(3, 3)``; poses
         :class:`~vip_factors.problem.state.CameraPoses`.
         """
-        each = step.reshape(self.items, self.item_width)
+        item_steps = step.reshape(self.items, self.item_width)
         if isinstance(value, float):
             return float(value + step[0])
         if not isinstance(value, np.ndarray):
-            return value.retract(each)
+            return value.retract(item_steps)
         if self.manifold is Manifold.ROTATION:
-            return value @ exp(each.reshape(*value.shape[:-2], 3))
+            return value @ exp(item_steps.reshape(*value.shape[:-2], 3))
         return value + step.reshape(value.shape)
 
     def chart(self, coordinates: Array) -> Array:
@@ -119,10 +119,14 @@ class StaticBlock:
 
         ``X ⊞ (x + dx) = (X ⊞ x) ⊞ (chart dx)``: far from the fixed value a step and a difference of coordinates differ.
         """
-        each = coordinates.reshape(self.items, self.item_width)
+        item_coordinates = coordinates.reshape(self.items, self.item_width)
         if self.manifold.is_flat:
             return np.broadcast_to(np.eye(self.item_width), (self.items, self.item_width, self.item_width))
-        return right_jacobian(each) if self.manifold is Manifold.ROTATION else pose_right_jacobian(each)
+        return (
+            right_jacobian(item_coordinates)
+            if self.manifold is Manifold.ROTATION
+            else pose_right_jacobian(item_coordinates)
+        )
 
 
 @dataclass(frozen=True)
@@ -167,12 +171,12 @@ class Layout:
     @cached_property
     def frame_width(self) -> int:
         """Of a whole frame."""
-        return sum(one.width for one in self.chains)
+        return sum(chain.width for chain in self.chains)
 
     @cached_property
     def chain_columns(self) -> tuple[slice, ...]:
         """Of each chain in a frame's vector."""
-        return _consecutive([one.width for one in self.chains])
+        return _consecutive([chain.width for chain in self.chains])
 
     @cached_property
     def static_width(self) -> int:
@@ -184,14 +188,18 @@ class Layout:
         """Every block with its columns in the static vector; none of a kept one."""
         every = [(owner, block) for owner, blocks in self.blocks for block in blocks]
         columns = _consecutive([block.width for _, block in every])
-        return tuple((*one, own) for one, own in zip(every, columns, strict=True))
+        return tuple((*owned_block, block_columns) for owned_block, block_columns in zip(every, columns, strict=True))
 
     @cached_property
     def owners(self) -> tuple[tuple[OwnerId, slice], ...]:
         """Those that have free blocks, each with its columns in the static vector."""
         widths = [sum(block.width for block in blocks) for _, blocks in self.blocks]
         columns = _consecutive(widths)
-        return tuple((owner, own) for (owner, _), own, width in zip(self.blocks, columns, widths, strict=True) if width)
+        return tuple(
+            (owner, owner_columns)
+            for (owner, _), owner_columns, width in zip(self.blocks, columns, widths, strict=True)
+            if width
+        )
 
     @cached_property
     def _ranges(self) -> dict[tuple[OwnerId, str], tuple[ColumnRange, StaticBlock | None]]:
@@ -199,44 +207,48 @@ class Layout:
         for owner, block, columns in self.placed:
             if block.free:
                 ranges[owner, block.name] = ColumnRange(STATIC, columns.start, columns.stop), block
-        for number, one in enumerate(self.chains):
-            for name, columns in one.names.items():
-                ranges[one.owner, name] = ColumnRange(number, columns.start, columns.stop), None
+        for number, chain in enumerate(self.chains):
+            for name, columns in chain.names.items():
+                ranges[chain.owner, name] = ColumnRange(number, columns.start, columns.stop), None
         return ranges
 
     def columns_of(self, owner: OwnerId, name: str) -> ColumnRange | None:
         """Where a block's columns are; None where it does not move."""
-        found = self._ranges.get((owner, name))
-        return None if found is None else found[0]
+        entry = self._ranges.get((owner, name))
+        return None if entry is None else entry[0]
 
     def block(self, owner: OwnerId, name: str) -> StaticBlock | None:
         """A free static block."""
-        found = self._ranges.get((owner, name))
-        return None if found is None else found[1]
+        entry = self._ranges.get((owner, name))
+        return None if entry is None else entry[1]
 
     def chain_of(self, owner: OwnerId) -> int | None:
         """Number of an owner's chain; None where it has none."""
-        return next((number for number, one in enumerate(self.chains) if one.owner == owner), None)
+        return next((number for number, chain in enumerate(self.chains) if chain.owner == owner), None)
 
     def of_owners(self, owners: Collection[OwnerId]) -> "Layout":
         """The same of some owners alone."""
-        blocks = tuple((owner, own) for owner, own in self.blocks if owner in owners)
-        return Layout(tuple(one for one in self.chains if one.owner in owners), blocks)
+        blocks = tuple((owner, owned) for owner, owned in self.blocks if owner in owners)
+        return Layout(tuple(chain for chain in self.chains if chain.owner in owners), blocks)
 
     def frame_columns(self, owners: Collection[OwnerId]) -> np.ndarray:
         """Of some owners in a frame's vector."""
-        return _joined(own for one, own in zip(self.chains, self.chain_columns, strict=True) if one.owner in owners)
+        return _joined(
+            chain_columns
+            for chain, chain_columns in zip(self.chains, self.chain_columns, strict=True)
+            if chain.owner in owners
+        )
 
     def static_columns(self, owners: Collection[OwnerId]) -> np.ndarray:
         """Of some owners in the static vector."""
-        return _joined(own for owner, own in self.owners if owner in owners)
+        return _joined(owner_columns for owner, owner_columns in self.owners if owner in owners)
 
     def columns(self, owner: OwnerId, name: str) -> np.ndarray:
         """Columns of a static block in the static vector; empty where it does not move."""
-        found = self.columns_of(owner, name)
-        if found is None or found.chain != STATIC:
+        column_range = self.columns_of(owner, name)
+        if column_range is None or column_range.chain != STATIC:
             return np.zeros(0, dtype=int)
-        return np.arange(found.start, found.stop)
+        return np.arange(column_range.start, column_range.stop)
 
     def item_columns(self, owner: OwnerId, name: str, item: int) -> np.ndarray:
         """Columns of one item of a static block; empty where the block does not move."""
@@ -250,7 +262,9 @@ class Layout:
 
 
 def _joined(columns: Iterable[slice]) -> np.ndarray:
-    return np.concatenate([np.zeros(0, int), *(np.arange(one.start, one.stop) for one in columns)])
+    return np.concatenate(
+        [np.zeros(0, int), *(np.arange(column_slice.start, column_slice.stop) for column_slice in columns)]
+    )
 
 
 def _consecutive(widths: Sequence[int]) -> tuple[slice, ...]:

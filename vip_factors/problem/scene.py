@@ -150,9 +150,9 @@ class GroundView:
         """Views of single frames, one after the other; None where no foot is known to stand."""
         T, G = len(views), len(feet)
         rays, whitening, stands = np.ones((T, G, 3)), np.zeros((T, G, 3, 3)), np.zeros((T, G), bool)
-        for t, one in enumerate(views):
-            if one is not None:
-                rays[t], whitening[t], stands[t] = one.rays[0], one.whitening[0], one.stands[0]
+        for t, view in enumerate(views):
+            if view is not None:
+                rays[t], whitening[t], stands[t] = view.rays[0], view.whitening[0], view.stands[0]
         return cls(feet, rays, whitening, stands)
 
     def at_frames(self, frames: slice) -> "GroundView":
@@ -196,10 +196,10 @@ class KeypointView(Summarised):
     @cached_property
     def offsets(self) -> tuple[np.ndarray, Array]:
         """Which of the detector's offsets each point has ``(K,)``, −1 for none, and its axes' signs ``(K, 3)``."""
-        found = [offset_of(name) for name in self.names] or [(-1, 1)] * len(self.points)
-        index = np.array([number for number, _ in found], dtype=int)
-        signs = np.ones((len(found), 3))
-        signs[:, 0] = [sign for _, sign in found]
+        offsets = [offset_of(name) for name in self.names] or [(-1, 1)] * len(self.points)
+        index = np.array([number for number, _ in offsets], dtype=int)
+        signs = np.ones((len(offsets), 3))
+        signs[:, 0] = [sign for _, sign in offsets]
         return index, signs
 
     @classmethod
@@ -214,10 +214,10 @@ class KeypointView(Summarised):
     ) -> "KeypointView":
         """Views of single frames, one after the other; None of a frame that the camera did not take."""
         unseen = cls.unseen(points)
-        taken = [unseen if view is None else view for view in views]
+        frame_views = [unseen if view is None else view for view in views]
 
         def join(name: str) -> Array:
-            return np.concatenate([getattr(view, name) for view in taken])
+            return np.concatenate([getattr(view, name) for view in frame_views])
 
         return cls(
             points,
@@ -227,9 +227,9 @@ class KeypointView(Summarised):
             seen=join("seen"),
             pixels_per_second=join("pixels_per_second"),
             confidence=join("confidence"),
-            ground=None if feet is None else GroundView.joined(feet, [view.ground for view in taken]),
-            names=next((view.names for view in taken if view.names), ()),
-            frames_apart=max(view.frames_apart for view in taken),
+            ground=None if feet is None else GroundView.joined(feet, [view.ground for view in frame_views]),
+            names=next((view.names for view in frame_views if view.names), ()),
+            frames_apart=max(view.frames_apart for view in frame_views),
         )
 
     @cached_property

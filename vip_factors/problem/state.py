@@ -111,8 +111,10 @@ class WearerState(Summarised):
         turn, R = rotation_z(angle), self.R_parent_child.copy()
         R[:, 0] = turn @ R[:, 0]
         p = self.p_world_pelvis @ turn.T + (0.0 if shift is None else shift)
-        later = self.later_headings + angle
-        return replace(self, R_parent_child=R, p_world_pelvis=p, headings=self.headings + angle, later_headings=later)
+        later_headings = self.later_headings + angle
+        return replace(
+            self, R_parent_child=R, p_world_pelvis=p, headings=self.headings + angle, later_headings=later_headings
+        )
 
 
 @dataclass(frozen=True, repr=False)

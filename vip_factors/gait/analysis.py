@@ -124,14 +124,14 @@ class Gait(Summarised):
 
     def summary(self) -> list[str]:
         """How many strides there are, what told them, what is odd, and the figures that most ask for."""
-        found = f"{len(self.strides)} strides, {len(self.counted)} of them in the means; events by {self.source}"
-        lines = [f"{self.name or 'wearer'}: {found}"]
+        stride_count = f"{len(self.strides)} strides, {len(self.counted)} of them in the means; events by {self.source}"
+        lines = [f"{self.name or 'wearer'}: {stride_count}"]
         lines += [f"verdict of the estimate: {self.verdict}"] if self.verdict else []
         lines += [f"left out: {self.left_out}"] if self.left_out else []
-        lines += [f"{one.severity}: {one}" for one in self.findings]
-        for one in filter(None, map(self.figure, ("speed", "cadence", "time", "length"))):
-            mean, sigma = (f"{value:.{one.quantity.decimals}f}" for value in (one.mean, one.sigma))
-            lines.append(f"{one.quantity.words}: {mean} ± {sigma} {one.quantity.unit}, n {one.count}")
+        lines += [f"{finding.severity}: {finding}" for finding in self.findings]
+        for figure in filter(None, map(self.figure, ("speed", "cadence", "time", "length"))):
+            mean, sigma = (f"{value:.{figure.quantity.decimals}f}" for value in (figure.mean, figure.sigma))
+            lines.append(f"{figure.quantity.words}: {mean} ± {sigma} {figure.quantity.unit}, n {figure.count}")
         return lines
 
     @property
@@ -143,17 +143,19 @@ class Gait(Summarised):
     @property
     def counted(self) -> tuple[Stride, ...]:
         """Those that means are of."""
-        return tuple(one for one in self.strides if not one.left_out)
+        return tuple(stride for stride in self.strides if not stride.left_out)
 
     @property
     def left_out(self) -> str:
         """How many strides are in no mean, by reason, such as ``2 turn, 1 stop``."""
-        reasons = Counter(one.left_out for one in self.strides if one.left_out)
+        reasons = Counter(stride.left_out for stride in self.strides if stride.left_out)
         return ", ".join(f"{number} {reason}" for reason, number in reasons.most_common())
 
     def figure(self, quantity: str, side: str = "both") -> Figure | None:
         """One of the figures; None if no stride has it."""
-        return next((one for one in self.figures if (one.quantity.name, one.side) == (quantity, side)), None)
+        return next(
+            (figure for figure in self.figures if (figure.quantity.name, figure.side) == (quantity, side)), None
+        )
 
     def to_dataframe(self, table: Literal["strides", "figures", "curves"] = "strides") -> "pandas.DataFrame":
         """A pandas table, as the CSV file of that name; an :class:`InputError` without pandas or for another table."""
@@ -176,7 +178,7 @@ def gait_of(
         count: reasons for which no stride is left out of the means.
         verdict: of the estimate.
     """
-    sensors = {side: found for side in SIDES if (found := foot_sensor(estimate, recording, side)) is not None}
+    sensors = {side: site for side in SIDES if (site := foot_sensor(estimate, recording, side)) is not None}
     feet, travel = {side: events_of_motion(estimate.motion, side) for side in SIDES}, dict[str, dict[float, float]]()
     # A camera sees how far somebody came.
     stretch = None if with_camera else _stretch(estimate, recording, feet)
@@ -190,19 +192,20 @@ def gait_of(
     bones = bones_with_sensors(estimate, recording)
     measured = None if with_camera else bones
     strides = tuple(
-        _measured_values(_with_length(one, stretch, travel.get(one.side, {}).get(one.start, np.nan)), measured)
-        for one in strides_of(estimate.motion, feet)
+        _measured_values(_with_length(stride, stretch, travel.get(stride.side, {}).get(stride.start, np.nan)), measured)
+        for stride in strides_of(estimate.motion, feet)
     )
     strides = tuple(
-        replace(one, left_out="") if one.left_out in count else one for one in without_starts_and_stops(strides)
+        replace(stride, left_out="") if stride.left_out in count else stride
+        for stride in without_starts_and_stops(strides)
     )
-    counted, name = [one for one in strides if not one.left_out], name or estimate.motion.name
+    counted, name = [stride for stride in strides if not stride.left_out], name or estimate.motion.name
     legs = 0.0 if with_camera or recording is None else leg_length_sigma(recording.subject)
     by_legs = float(np.hypot(LENGTH_BY_LEGS, legs)) if stretch is None else LENGTH_BY_SHANKS
     curves = _curves(estimate, counted)
-    guessed = dict.fromkeys(one.angle for one in curves if not is_measured(measured, one.angle))
+    guessed = dict.fromkeys(curve.angle for curve in curves if not is_measured(measured, curve.angle))
     return Gait(
-        name, feet, strides, _figures(counted, by_legs), tuple(one for one in curves if one.angle not in guessed),
+        name, feet, strides, _figures(counted, by_legs), tuple(curve for curve in curves if curve.angle not in guessed),
         estimate.covariance is not None, bones,
         (*_guessed_events(name, feet, measured), *_left_out(name, list(guessed), measured)), verdict,
     )  # fmt: skip
@@ -221,14 +224,14 @@ def gaits_of(estimate: Estimate, scene: Scene | None = None, count: Collection[U
         )
     return tuple(
         gait_of(
-            one,
+            wearer,
             recording,
             "" if recording is None else recording.subject.name,
             estimate.camera is not None,
             count=count,
             verdict=str(estimate.verdict),
         )
-        for one, recording in zip(estimate.wearers, recordings, strict=True)
+        for wearer, recording in zip(estimate.wearers, recordings, strict=True)
     )
 
 
@@ -258,15 +261,17 @@ def foot_sensor(estimate: WearerEstimate, recording: Recording | None, side: str
 def shank_site(estimate: WearerEstimate, recording: Recording | None, side: str) -> SensorSite | None:
     """Of the sensor on a shank, where it was found to sit; None without one."""
     site = _site(estimate, recording, (f"{side}_knee",))
-    found = [one.posterior for one in estimate.sensor_places if site is not None and one.sensor == site.sensor]
-    return site if site is None or not found else replace(site, p_bone_sensor=found[0])
+    positions = [
+        place.posterior for place in estimate.sensor_places if site is not None and place.sensor == site.sensor
+    ]
+    return site if site is None or not positions else replace(site, p_bone_sensor=positions[0])
 
 
 def _site(estimate: WearerEstimate, recording: Recording | None, bones: Collection[str]) -> SensorSite | None:
     """The first on some bones of a sensor that was used."""
     sites = () if recording is None else recording.placement.sites
-    known = recording.imus.keys() & estimate.calibration.keys() if recording is not None else set()
-    return next((one for one in sites if one.bone in bones and one.sensor in known), None)
+    sensors = recording.imus.keys() & estimate.calibration.keys() if recording is not None else set()
+    return next((site for site in sites if site.bone in bones and site.sensor in sensors), None)
 
 
 def _stretch(estimate: WearerEstimate, recording: Recording | None, feet: Mapping[str, FootEvents]) -> float | None:
@@ -278,16 +283,20 @@ def _stretch(estimate: WearerEstimate, recording: Recording | None, feet: Mappin
         estimate, recording: of the wearer.
         feet: events by the legs, whether or not the feet have sensors: it is their motion that is stretched.
     """
-    known, counted = list[float](), [one for one in strides_of(estimate.motion, feet) if not one.left_out]
+    factors, counted = list[float](), [stride for stride in strides_of(estimate.motion, feet) if not stride.left_out]
     for side in SIDES:
         site = shank_site(estimate, recording, side)
         if site is None or recording is None:
             continue
         calibration, stream = estimate.calibration[site.sensor], recording.imus[site.sensor]
-        own = stretch_by_shank(estimate.motion, side, stream, calibration, site.p_bone_sensor, feet[side])
-        at = _by_strike(feet[side], own)
-        known += [at[one.start] for one in counted if one.side == side and np.isfinite(at[one.start])]
-    stretch = float(np.median(known)) if len(known) >= FEWEST else np.nan
+        stretch_factors = stretch_by_shank(estimate.motion, side, stream, calibration, site.p_bone_sensor, feet[side])
+        factor_by_strike = _by_strike(feet[side], stretch_factors)
+        factors += [
+            factor_by_strike[stride.start]
+            for stride in counted
+            if stride.side == side and np.isfinite(factor_by_strike[stride.start])
+        ]
+    stretch = float(np.median(factors)) if len(factors) >= FEWEST else np.nan
     return stretch if abs(stretch - 1) < MOST_STRETCH else None
 
 
@@ -309,11 +318,11 @@ def _with_length(stride: Stride, stretch: float | None, by_foot: float) -> Strid
 
 def bones_with_sensors(estimate: WearerEstimate, recording: Recording | None) -> frozenset[str] | None:
     """Names of the bones that sensors which were used sit on; None if neither estimate nor recording tells."""
-    calibrated = {one.bone for one in estimate.calibration.values() if one.bone}
-    known = frozenset(calibrated | {one.bone for one in estimate.sensor_places})
-    if not known and recording is not None:
-        return frozenset(one.bone for one in recording.placement.sites if one.sensor in estimate.sensors)
-    return known or None
+    calibrated = {calibration.bone for calibration in estimate.calibration.values() if calibration.bone}
+    bones = frozenset(calibrated | {place.bone for place in estimate.sensor_places})
+    if not bones and recording is not None:
+        return frozenset(site.bone for site in recording.placement.sites if site.sensor in estimate.sensors)
+    return bones or None
 
 
 def _is_told(quantity: str, side: str, bones: Collection[str] | None) -> bool:
@@ -321,51 +330,65 @@ def _is_told(quantity: str, side: str, bones: Collection[str] | None) -> bool:
     if bones is None or quantity not in (*OF_BOTH_LEGS, *OF_A_FOOT):
         return True
     if quantity in OF_A_FOOT:
-        return any(f"{side}_{one}" in bones for one in ("ankle", "foot"))
+        return any(f"{side}_{bone}" in bones for bone in ("ankle", "foot"))
     return frozenset(bones) >= LEGS
 
 
 def _measured_values(stride: Stride, bones: Collection[str] | None) -> Stride:
     """The stride, without values of what no sensor measured."""
-    values = {name: one if _is_told(name, stride.side, bones) else np.nan for name, one in stride.values.items()}
+    values = {name: value if _is_told(name, stride.side, bones) else np.nan for name, value in stride.values.items()}
     return replace(stride, values=values)
 
 
 def _guessed_events(name: str, feet: Mapping[str, FootEvents], bones: Collection[str] | None) -> tuple[Finding, ...]:
     """Legs tell events where feet do not: those that nothing measured say little."""
-    by_legs = any(len(one) and not one.by_sensor for one in feet.values())
+    by_legs = any(len(events) and not events.by_sensor for events in feet.values())
     return (Finding("gait by unmeasured legs", name),) if by_legs and not _is_told(OF_BOTH_LEGS[0], "", bones) else ()
 
 
 def _left_out(name: str, angles: Sequence[str], bones: Collection[str] | None) -> tuple[Finding, ...]:
     """What is told of nobody, in one finding."""
-    joints = dict.fromkeys(one.removeprefix("left_").removeprefix("right_").partition("_")[0] for one in angles)
-    figures = [one.words for one in QUANTITIES if not all(_is_told(one.name, side, bones) for side in SIDES)]
+    joints = dict.fromkeys(angle.removeprefix("left_").removeprefix("right_").partition("_")[0] for angle in angles)
+    figures = [
+        quantity.words for quantity in QUANTITIES if not all(_is_told(quantity.name, side, bones) for side in SIDES)
+    ]
     if not joints and not figures:
         return ()
     return (Finding("gait not measured", name, words={"what": ", ".join([*joints, *figures])}),)
 
 
 def _figures(strides: Sequence[Stride], by_legs: float) -> tuple[Figure, ...]:
-    found = []
+    figures = []
     for quantity in QUANTITIES:
-        sides = {side: _figure(quantity, side, [one for one in strides if one.side == side], by_legs) for side in SIDES}
-        both = _figure(quantity, "both", strides, by_legs)
-        known = {side: one for side, one in sides.items() if one is not None}
-        found += [*known.values(), *([both] if both is not None else [])]
-        if len(known) == len(SIDES):
-            left, right = (known[side] for side in SIDES)
-            random = [one.variability / np.sqrt(one.count) for one in (left, right)]  # NaN of one stride
-            own = 0.0 if quantity.name in LENGTHS else _shared(quantity, strides, by_legs) / 2
-            sigma = float(np.linalg.norm([*random, own, own]))
-            found.append(
-                Figure(quantity, "difference", min(left.count, right.count), left.mean - right.mean, np.nan, sigma)
+        sides = {
+            side: _figure(quantity, side, [stride for stride in strides if stride.side == side], by_legs)
+            for side in SIDES
+        }
+        both_sides = _figure(quantity, "both", strides, by_legs)
+        figure_by_side = {side: figure for side, figure in sides.items() if figure is not None}
+        figures += [*figure_by_side.values(), *([both_sides] if both_sides is not None else [])]
+        if len(figure_by_side) == len(SIDES):
+            left_figure, right = (figure_by_side[side] for side in SIDES)
+            random = [
+                figure.variability / np.sqrt(figure.count) for figure in (left_figure, right)
+            ]  # NaN of one stride
+            shared_share = 0.0 if quantity.name in LENGTHS else _shared(quantity, strides, by_legs) / 2
+            sigma = float(np.linalg.norm([*random, shared_share, shared_share]))
+            figures.append(
+                Figure(
+                    quantity,
+                    "difference",
+                    min(left_figure.count, right.count),
+                    left_figure.mean - right.mean,
+                    np.nan,
+                    sigma,
+                )
             )
-    return tuple(found)
+    return tuple(figures)
 
 
 def _figure(quantity: Quantity, side: str, strides: Sequence[Stride], by_legs: float) -> Figure | None:
-    values = np.array([one.values[quantity.name] for one in strides])
+    values = np.array([stride.values[quantity.name] for stride in strides])
     values = values[np.isfinite(values)]
     if not len(values):
         return None
@@ -376,12 +399,19 @@ def _figure(quantity: Quantity, side: str, strides: Sequence[Stride], by_legs: f
 
 def _shared(quantity: Quantity, strides: Sequence[Stride], by_legs: float) -> float:
     """What all strides are off by together, one standard deviation; cycles of one kind of event have none of it."""
-    name, values = quantity.name, [one.values for one in strides]
+    name, values = quantity.name, [stride.values for stride in strides]
     if name.removesuffix("_percent") in ("step_time", "stance", "swing", "double_support"):
-        return EVENT_S if quantity.unit == "s" else 100 * EVENT_S / float(np.mean([one["time"] for one in values]))
+        return (
+            EVENT_S
+            if quantity.unit == "s"
+            else 100 * EVENT_S / float(np.mean([values_of_stride["time"] for values_of_stride in values]))
+        )
     if name in ("length", "speed", "step_length"):
-        by_sensor = name != "step_length" and np.mean([one.by_sensor for one in strides]) > 0.5
-        return float(np.nanmean([one[name] for one in values]) * (LENGTH_BY_SENSOR if by_sensor else by_legs))
+        by_sensor = name != "step_length" and np.mean([stride.by_sensor for stride in strides]) > 0.5
+        return float(
+            np.nanmean([values_of_stride[name] for values_of_stride in values])
+            * (LENGTH_BY_SENSOR if by_sensor else by_legs)
+        )
     return SHARED.get(name, 0.0)
 
 
@@ -389,27 +419,27 @@ def _curves(estimate: WearerEstimate, strides: Sequence[Stride]) -> tuple[Curve,
     angles = joint_angles(estimate.motion)
     sigmas = np.zeros_like(angles.degrees)
     if estimate.covariance is not None:
-        factors = np.array([shape_factor(one.joint) for one in angles.definitions])
+        factors = np.array([shape_factor(definition.joint) for definition in angles.definitions])
         sigmas = np.nan_to_num(factors * joint_angle_sigmas(estimate.motion, estimate.covariance.joints))
     curves = []
     for side in SIDES:
-        own = [one for one in strides if one.side == side]
+        side_strides = [stride for stride in strides if stride.side == side]
         columns = [
             k for k, name in enumerate(angles.names) if not name.startswith("left_" if side == "right" else "right_")
         ]
-        if len(own) < FEWEST:
+        if len(side_strides) < FEWEST:
             continue
-        at = np.stack([one.start + CYCLE / 100 * (one.end - one.start) for one in own])
+        instants = np.stack([stride.start + CYCLE / 100 * (stride.end - stride.start) for stride in side_strides])
         values, unsure = (
-            interpolate_points(angles.time, one[:, columns], at.ravel()).reshape(*at.shape, -1)
-            for one in (np.unwrap(angles.degrees, axis=0, period=360.0), sigmas)
+            interpolate_points(angles.time, values[:, columns], instants.ravel()).reshape(*instants.shape, -1)
+            for values in (np.unwrap(angles.degrees, axis=0, period=360.0), sigmas)
         )
         turning = angles.names.index("pelvis_rotation")  # which way somebody walks is no part of it
         values[..., columns.index(turning)] -= values[..., columns.index(turning)].mean(axis=1, keepdims=True)
         spread = values.std(axis=0, ddof=1)
-        sigma = np.hypot(spread / np.sqrt(len(own)), unsure.mean(axis=0))
+        sigma = np.hypot(spread / np.sqrt(len(side_strides)), unsure.mean(axis=0))
         curves += [
-            Curve(angles.names[column], side, len(own), values[..., k].mean(axis=0), spread[:, k], sigma[:, k])
+            Curve(angles.names[column], side, len(side_strides), values[..., k].mean(axis=0), spread[:, k], sigma[:, k])
             for k, column in enumerate(columns)
         ]
     return tuple(curves)

@@ -100,15 +100,15 @@ def _swing_ends(
     time: Array, toes_up: Array, start: int, stop: int, rate: float, shares: tuple[float, float]
 ) -> tuple[float, float] | None:
     push_s, landing_s, near_s = 0.3, 0.15, 0.12  # longest from fastest push-off to swing, from swing to fastest landing
-    near, last = round(near_s * rate), len(time) - 1
+    near, last_sample = round(near_s * rate), len(time) - 1
     sign = toes_up > 0
-    rises = [k for k in range(max(start - near, 0), min(start + near, last)) if not sign[k] and sign[k + 1]]
-    falls = [k for k in range(max(stop - near, 0), min(stop + near, last)) if sign[k] and not sign[k + 1]]
+    rises = [k for k in range(max(start - near, 0), min(start + near, last_sample)) if not sign[k] and sign[k + 1]]
+    falls = [k for k in range(max(stop - near, 0), min(stop + near, last_sample)) if sign[k] and not sign[k + 1]]
     if not rises or not falls:
         return None
     rise, fall = min(rises, key=lambda k: abs(k - start)), min(falls, key=lambda k: abs(k - stop))
-    before = max(rise - round(push_s * rate), 0)
-    push = before + int(np.argmin(toes_up[before : rise + 1]))
+    push_start = max(rise - round(push_s * rate), 0)
+    push = push_start + int(np.argmin(toes_up[push_start : rise + 1]))
     landing = fall + int(np.argmin(toes_up[fall : fall + round(landing_s * rate) + 1]))
     up, down = _zero(time, toes_up, rise), _zero(time, toes_up, fall)
     off = _between(_extreme(time, -toes_up, push), up, shares[0])
@@ -123,15 +123,15 @@ def events_of_motion(motion: Motion, side: str) -> FootEvents:
     forward = forward / np.maximum(np.linalg.norm(forward, axis=1, keepdims=True), 1e-9)
     pelvis = state.p_world_joint[:, 0]
     heels, balls = (state.point(bone, point) for point in (heel, ball))
-    before, behind = (np.sum((one - pelvis)[:, :2] * forward, axis=1) for one in (heels, balls))
+    heels_ahead, behind = (np.sum((points - pelvis)[:, :2] * forward, axis=1) for points in (heels, balls))
     strike_late_s = 0.02  # after the heel was furthest before the pelvis: it goes back a little before it lands
-    strikes, offs = _peaks(motion.time, before) + strike_late_s, _peaks(motion.time, -behind)
+    strikes, offs = _peaks(motion.time, heels_ahead) + strike_late_s, _peaks(motion.time, -behind)
     off, strike = list[float](), list[float]()
-    for one in strikes:  # each with the last toe-off since the strike before
-        own = offs[(offs < one) & (offs > (strike[-1] if strike else -np.inf))]
-        if len(own):
-            off.append(float(own[-1]))
-            strike.append(float(one))
+    for strike_time in strikes:  # each with the last toe-off since the strike before
+        offs_between = offs[(offs < strike_time) & (offs > (strike[-1] if strike else -np.inf))]
+        if len(offs_between):
+            off.append(float(offs_between[-1]))
+            strike.append(float(strike_time))
     speed = np.linalg.norm(np.gradient(state.p_world_joint[:, bone], 1 / motion.rate, axis=0), axis=1)
     restless = uniform_filter1d(speed, max(1, round(REST_S * motion.rate)))
     return _events(off, strike, motion.time, restless, False)
@@ -143,22 +143,22 @@ def _peaks(time: Array, values: Array) -> Array:
     from scipy.signal import find_peaks  # late: it takes long to import
 
     least_reach_m = 0.15  # that a heel or ball goes forward and back by, against the pelvis, in a step
-    found, _ = find_peaks(values, prominence=least_reach_m)
-    return np.array([_extreme(time, values, int(k)) for k in found])
+    peaks, _ = find_peaks(values, prominence=least_reach_m)
+    return np.array([_extreme(time, values, int(k)) for k in peaks])
 
 
 def _events(off: list[float], strike: list[float], time: Array, restless: Array, by_sensor: bool) -> FootEvents:
-    rest = []
+    rests = []
     # A foot that is not seen to leave, or stands on, rests as long after its strike as in a usual stance: later it may
     # have made a step too small to be an event.
     stances = np.subtract(off[1:], strike[:-1])
     usual_s, longest_s = (float(np.median(stances)), 2 * float(np.median(stances))) if len(stances) else (1.5, 1.5)
-    for k, one in enumerate(strike):
-        until = off[k + 1] if k + 1 < len(off) and off[k + 1] < one + longest_s else one + usual_s
-        first, last = np.searchsorted(time, [one, max(until, one)])
-        last = min(last, len(time) - 1)
-        rest.append(float(time[first + np.argmin(restless[first : last + 1])]) if first < last else float(time[last]))
-    return FootEvents(np.array(off), np.array(strike), np.array(rest), by_sensor)
+    for k, strike_time in enumerate(strike):
+        rest_end = off[k + 1] if k + 1 < len(off) and off[k + 1] < strike_time + longest_s else strike_time + usual_s
+        start, end = np.searchsorted(time, [strike_time, max(rest_end, strike_time)])
+        end = min(end, len(time) - 1)
+        rests.append(float(time[start + np.argmin(restless[start : end + 1])]) if start < end else float(time[end]))
+    return FootEvents(np.array(off), np.array(strike), np.array(rests), by_sensor)
 
 
 def foot_bones(side: str) -> tuple[int, int]:
@@ -172,8 +172,8 @@ def _low_passed(values: Array, hz: float, rate: float) -> Array:
     return np.asarray(sosfiltfilt(butter(2, min(hz, 0.45 * rate), fs=rate, output="sos"), values))
 
 
-def _runs(there: np.ndarray) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], there, [False]]).astype(int)))
+def _runs(is_inside: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], is_inside, [False]]).astype(int)))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
@@ -186,10 +186,10 @@ def _extreme(time: Array, values: Array, k: int) -> float:
     """Of the parabola through a largest value and its neighbours."""
     if not 0 < k < len(values) - 1:
         return float(time[k])
-    before, top, after = values[k - 1 : k + 2]
-    bend = before - 2 * top + after
-    return float(time[k] + (0.5 * (before - after) / bend if bend < 0 else 0.0) * (time[k + 1] - time[k]))
+    previous_value, top, next_value = values[k - 1 : k + 2]
+    bend = previous_value - 2 * top + next_value
+    return float(time[k] + (0.5 * (previous_value - next_value) / bend if bend < 0 else 0.0) * (time[k + 1] - time[k]))
 
 
-def _between(first: float, last: float, share: float) -> float:
-    return float(first + share * (last - first))
+def _between(start: float, end: float, share: float) -> float:
+    return float(start + share * (end - start))

@@ -57,8 +57,8 @@ def write_gait(gaits: Sequence[Gait], folder: Path, overwrite: bool = False) -> 
         raise InputError(f"{folder} is a file: expected a folder for the tables")
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for gait, part in zip(gaits, distinct_file_names(names), strict=True):
-        begin = f"{part}." if len(gaits) > 1 else ""
+    for gait, file_name in zip(gaits, distinct_file_names(names), strict=True):
+        begin = f"{file_name}." if len(gaits) > 1 else ""
         *tables, numbers, picture = paths = [folder / f"{begin}{name}" for name in NAMES]
         for path in paths:
             check_target(path, overwrite)
@@ -93,18 +93,18 @@ def figure_table(gait: Gait) -> Table:
 
 def side_table(gait: Gait) -> Table:
     """Each quantity left, right, and their difference."""
-    numbers = {side: sum(one.side == side for one in gait.counted) for side in ("left", "right")}
+    numbers = {side: sum(stride.side == side for stride in gait.counted) for side in ("left", "right")}
     quantities: list[Row] = [("strides, n", *map(str, numbers.values()), "", str(len(gait.counted)), "")]
     for quantity in QUANTITIES:
-        both = gait.figure(quantity.name)
-        if both is None:
+        both_sides = gait.figure(quantity.name)
+        if both_sides is None:
             continue
         decimals = min(quantity.decimals, 2) if quantity.unit in ("s", "m", "m/s") else quantity.decimals
         cells: list[Cell] = [f"{quantity.words}, {_unit(quantity.unit)}"]
         for side in ("left", "right", "difference", "both"):
             figure = gait.figure(quantity.name, side)
             cells.append(UNKNOWN if figure is None else Quantity(figure.mean, figure.sigma, decimals=decimals))
-        quantities.append((*cells, Quantity(both.variability, decimals=decimals)))
+        quantities.append((*cells, Quantity(both_sides.variability, decimals=decimals)))
     return Table(("quantity", "left", "right", "left less right", "both", "from stride to stride"), quantities)
 
 
@@ -136,13 +136,13 @@ def curves_figure(gait: Gait) -> Figure | None:
     rows = -(-len(drawn) // COLUMNS)
     figure = page(COLUMNS * CELL[0] + MARGIN, rows * CELL[1] + 190)
     speed = gait.figure("speed")
-    about = "" if speed is None else f", {speed.mean:.2f} ± {speed.sigma:.2f} m/s"
-    write(figure, (30, 40), f"{gait.name}: joint angles over the cycle{about}", 20, weight="bold")
-    reference, positive = None, {one.name: one.positive for one in ANGLE_DEFINITIONS}
+    speed_text = "" if speed is None else f", {speed.mean:.2f} ± {speed.sigma:.2f} m/s"
+    write(figure, (30, 40), f"{gait.name}: joint angles over the cycle{speed_text}", 20, weight="bold")
+    reference, positive = None, {definition.name: definition.positive for definition in ANGLE_DEFINITIONS}
     for number, name in enumerate(drawn):
         row, column = divmod(number, COLUMNS)
-        left, top = MARGIN + column * CELL[0], 70 + row * CELL[1]
-        axes = panel(figure, (left, top + 40, left + CELL[0] - 80, top + CELL[1] - 40))
+        x, top = MARGIN + column * CELL[0], 70 + row * CELL[1]
+        axes = panel(figure, (x, top + 40, x + CELL[0] - 80, top + CELL[1] - 40))
         meaning = positive.get(f"left_{name}", positive.get(name, "")).partition(";")[0]
         axes.set_title(f"{name.replace('_', ' ')} (+ {meaning})", loc="left", size=14, color=INK, x=-0.12)
         axes.set_xlabel("% of the gait cycle", size=12, color=SOFT_INK)
@@ -172,7 +172,7 @@ def curves_figure(gait: Gait) -> Figure | None:
         words += f"\ngrey: {reference.people} healthy adults at {reference.speed:.2f} m/s\n{SOURCE}"
     bottom = rows * CELL[1] + 95
     for number, (side, line) in enumerate(((Side.LEFT, "solid"), (Side.RIGHT, "dashed"))):
-        strides = sum(one.side == side for one in gait.counted)
+        strides = sum(stride.side == side for stride in gait.counted)
         legend = f"{side} ({line}), n = {strides}"
         write(figure, (30 + 190 * number, bottom), legend, 15, SIDE_COLOURS[side], weight="bold")
     write(figure, (30, bottom + 12), words, 13, SOFT_INK, va="top")
@@ -227,6 +227,6 @@ def reference_at(speed: float, angle: str, curves: Iterable[ReferenceCurve] | No
     """
     plain = angle.removeprefix("left_").removeprefix("right_")
     near = [curve for curve in (references() if curves is None else curves) if curve.angle == plain]
-    best = min(near, key=lambda curve: abs(curve.speed - speed), default=None)
+    nearest = min(near, key=lambda curve: abs(curve.speed - speed), default=None)
     farthest_m_s = 0.3  # from a reference's speed: curves of another pace are no reference
-    return best if best is not None and abs(best.speed - speed) <= farthest_m_s else None
+    return nearest if nearest is not None and abs(nearest.speed - speed) <= farthest_m_s else None

@@ -25,21 +25,21 @@ LEAST_RATE_HZ = 60.0  # of samples of a foot: at 30 to 47 Hz lengths were off by
 GRAVITY = np.array([0.0, 0.0, 9.81])
 
 
-def travel_of_foot(stream: ImuStream, rest: Array) -> Array:
+def travel_of_foot(stream: ImuStream, rests: Array) -> Array:
     """Lengths ``(N-1,)`` in metres between each rest and the next, along the floor; NaN where the samples do not tell.
 
     Args:
         stream: of a sensor on the foot.
         rest: ``(N,)`` seconds.
     """
-    lengths = np.full(max(len(rest) - 1, 0), np.nan)
+    lengths = np.full(max(len(rests) - 1, 0), np.nan)
     turned = _oriented(stream) if stream.rate >= LEAST_RATE_HZ else None
     if turned is None:
         return lengths
     acceleration = _acceleration(turned)
-    for k, (first, last) in enumerate(itertools.pairwise(_samples(turned, rest))):
-        if _is_whole(turned.time[first : last + 1]):
-            lengths[k] = _travelled(turned.time[first : last + 1], acceleration[first : last + 1])
+    for k, (start, end) in enumerate(itertools.pairwise(_samples(turned, rests))):
+        if _is_whole(turned.time[start : end + 1]):
+            lengths[k] = _travelled(turned.time[start : end + 1], acceleration[start : end + 1])
     return lengths
 
 
@@ -69,20 +69,20 @@ def stretch_by_shank(
     swept = _rotated(R_world_inertial, _rotated(turned.R_inertial_sensor, np.cross(turning, p_sensor_ankle)))
     acceleration = _rotated(R_world_inertial, _acceleration(turned))
     p = interpolate_points(motion.time, motion.state.p_world_joint[:, ankle], time)
-    before = EVENT_S + 1 / turned.rate  # a strike may be later than it was found, and lies between samples
+    margin_s = EVENT_S + 1 / turned.rate  # a strike may be later than it was found, and lies between samples
     found = list[Array]()
-    for k, (first, last) in enumerate(itertools.pairwise(_samples(turned, feet.rest))):
-        landing = int(np.searchsorted(time, feet.strike[k + 1] - before, side="right")) - 1
-        way = (p[last] - p[first])[:2]
-        gained = float(np.linalg.norm(way))
-        if landing - first < 2 or gained == 0.0 or not _is_whole(time[first : last + 1]):
+    for k, (start, end) in enumerate(itertools.pairwise(_samples(turned, feet.rest))):
+        landing = int(np.searchsorted(time, feet.strike[k + 1] - margin_s, side="right")) - 1
+        path = (p[end] - p[start])[:2]
+        gained = float(np.linalg.norm(path))
+        if landing - start < 2 or gained == 0.0 or not _is_whole(time[start : end + 1]):
             continue
-        velocity = cumulative_trapezoid(acceleration[first : last + 1], time[first : last + 1], axis=0, initial=0)
-        velocity += swept[first : last + 1] - swept[first]  # of the ankle, which rests
-        swing = np.trapezoid(velocity[: landing - first + 1], time[first : landing + 1], axis=0)
-        further = (swing - (p[landing] - p[first]))[:2] @ way / gained
-        left_over = velocity[-1, :2] @ way / gained / (time[last] - time[first])
-        found.append(np.array([k, further / gained, left_over, (time[landing] - time[first]) ** 2 / 2 / gained]))
+        velocity = cumulative_trapezoid(acceleration[start : end + 1], time[start : end + 1], axis=0, initial=0)
+        velocity += swept[start : end + 1] - swept[start]  # of the ankle, which rests
+        swing = np.trapezoid(velocity[: landing - start + 1], time[start : landing + 1], axis=0)
+        further = (swing - (p[landing] - p[start]))[:2] @ path / gained
+        left_over = velocity[-1, :2] @ path / gained / (time[end] - time[start])
+        found.append(np.array([k, further / gained, left_over, (time[landing] - time[start]) ** 2 / 2 / gained]))
     if found:
         which, further_share, all_left_over, taken_share = np.stack(found, axis=1)
         factors[which.astype(int)] = 1 + further_share - np.median(all_left_over) * taken_share
@@ -110,9 +110,9 @@ def _rotated(R: Array | None, v: Array | None) -> Array:
     return (R @ v[..., None])[..., 0]
 
 
-def _samples(stream: ImuStream, at: Array) -> np.ndarray:
+def _samples(stream: ImuStream, times: Array) -> np.ndarray:
     """The first from each of some times on."""
-    return np.clip(np.searchsorted(stream.time, at), 0, len(stream) - 1)
+    return np.clip(np.searchsorted(stream.time, times), 0, len(stream) - 1)
 
 
 def _is_whole(time: Array) -> bool:
@@ -199,17 +199,17 @@ def strides_of(motion: Motion, feet: Mapping[str, FootEvents]) -> tuple[Stride, 
         motion: in a world with z up.
         feet: events by side.
     """
-    found = [stride for side in SIDES if side in feet for stride in _of_foot(_Feet(motion, side, feet))]
-    times = [one.values["time"] for one in found if not one.left_out]
+    strides = [stride for side in SIDES if side in feet for stride in _of_foot(_Feet(motion, side, feet))]
+    times = [stride.values["time"] for stride in strides if not stride.left_out]
     usual = float(np.median(times)) if times else np.inf
-    return tuple(sorted((_without_pause(one, usual) for one in found), key=lambda one: one.start))
+    return tuple(sorted((_without_pause(stride, usual) for stride in strides), key=lambda stride: stride.start))
 
 
-def _without_pause(one: Stride, usual: float) -> Stride:
+def _without_pause(stride: Stride, usual: float) -> Stride:
     pause = 1.6  # times as long as usual: somebody stood in between
-    if one.left_out or not one.values["time"] > pause * usual:
-        return one
-    return replace(one, left_out="pause")
+    if stride.left_out or not stride.values["time"] > pause * usual:
+        return stride
+    return replace(stride, left_out="pause")
 
 
 def without_starts_and_stops(strides: Sequence[Stride]) -> tuple[Stride, ...]:
@@ -218,29 +218,29 @@ def without_starts_and_stops(strides: Sequence[Stride]) -> tuple[Stride, ...]:
     A walk ends at a turn, a pause or the end of the recording. Steady strides differ in speed by some 3 %.
     """
     slow_share = 0.9  # of the median speed: it takes a walker one to three strides to reach it
-    speeds = [one.values["speed"] for one in strides if not one.left_out]
+    speeds = [stride.values["speed"] for stride in strides if not stride.left_out]
     slow = slow_share * float(np.median(speeds)) if speeds else 0.0
-    found = list(strides)
+    result = list(strides)
     for side in SIDES:
-        own = [k for k, one in enumerate(strides) if one.side == side]
-        ways: tuple[tuple[Unsteady, list[int]], ...] = (("start", own), ("stop", own[::-1]))
+        side_indices = [k for k, stride in enumerate(strides) if stride.side == side]
+        ways: tuple[tuple[Unsteady, list[int]], ...] = (("start", side_indices), ("stop", side_indices[::-1]))
         for reason, order in ways:
             is_end = True
             for k in order:
-                is_slow = found[k].values["speed"] < slow
-                if is_end and is_slow and not found[k].left_out:
-                    found[k] = replace(found[k], left_out=reason)
-                is_end = bool(found[k].left_out)
-    return tuple(found)
+                is_slow = result[k].values["speed"] < slow
+                if is_end and is_slow and not result[k].left_out:
+                    result[k] = replace(result[k], left_out=reason)
+                is_end = bool(result[k].left_out)
+    return tuple(result)
 
 
 class _Feet:
     """A foot and the other one, where they are at any time."""
 
     def __init__(self, motion: Motion, side: str, feet: Mapping[str, FootEvents]) -> None:
-        other = "right" if side == "left" else "left"
+        other_side = "right" if side == "left" else "left"
         self.side, self.events = side, feet[side]
-        self.other = feet.get(other, FootEvents(*(np.zeros(0),) * 3, by_sensor=False))
+        self.other = feet.get(other_side, FootEvents(*(np.zeros(0),) * 3, by_sensor=False))
         self._motion, state = motion, motion.state
         self.speed = np.linalg.norm(
             np.gradient(state.p_world_joint[:, foot_bones(side)[0], :2], 1 / motion.rate, axis=0), axis=1
@@ -250,7 +250,7 @@ class _Feet:
         forward = state.R_world_bone[:, sole, :, 2]
         self._tracks = {
             "ankle": state.p_world_joint[:, sole],
-            "other": state.p_world_joint[:, foot_bones(other)[0]],
+            "other": state.p_world_joint[:, foot_bones(other_side)[0]],
             "toes": state.p_world_joint[:, toes] if tip is None else state.point(tip.bone, tip.p_bone_point),
             "pitch": np.arcsin(np.clip(forward[:, 2:], -1, 1)),
             "yaw": np.unwrap(np.arctan2(forward[:, 1:2], forward[:, :1]), axis=0),
@@ -260,21 +260,21 @@ class _Feet:
     def at(self, track: str, time: float) -> Array:
         return interpolate_points(self._motion.time, self._tracks[track], np.array([time]))[0]
 
-    def fastest(self, first: float, last: float) -> float:
+    def fastest(self, start: float, end: float) -> float:
         """When between two times the foot is."""
         time = self._motion.time
-        i, j = np.searchsorted(time, [first, last])
-        return float(time[i + np.argmax(self.speed[i:j])]) if j > i else first
+        i, j = np.searchsorted(time, [start, end])
+        return float(time[i + np.argmax(self.speed[i:j])]) if j > i else start
 
 
 def _of_foot(feet: _Feet) -> Iterator[Stride]:
-    own, other = feet.events, feet.other
+    events, other_foot = feet.events, feet.other
     least_m = 0.2  # that a foot gains: less is shifting about
     longest_s = 2.5  # the slowest walks have strides of two seconds
-    for k in range(len(own) - 1):
-        start, off, end = float(own.strike[k]), float(own.off[k + 1]), float(own.strike[k + 1])
-        other_off, other_strike = _within(other.off, start, end), _within(other.strike, start, end)
-        rests = float(own.rest[k]), float(own.rest[k + 1])
+    for k in range(len(events) - 1):
+        start, off, end = float(events.strike[k]), float(events.off[k + 1]), float(events.strike[k + 1])
+        other_off, other_strike = _within(other_foot.off, start, end), _within(other_foot.strike, start, end)
+        rests = float(events.rest[k]), float(events.rest[k + 1])
         values = _times(start, off, end, other_off, other_strike)
         values |= _lengths(feet, rests, (off, end), other_strike)
         values["speed"] = values["length"] / values["time"]
@@ -295,30 +295,30 @@ def _within(times: Array, start: float, end: float) -> float:
 
 
 def _times(start: float, off: float, end: float, other_off: float, other_strike: float) -> dict[str, float]:
-    time, both = end - start, (other_off - start) + (off - other_strike)
-    found = {"time": time, "cadence": 120 / time, "step_time": end - other_strike}
-    for name, value in (("stance", off - start), ("swing", end - off), ("double_support", both)):
-        found |= {name: value, f"{name}_percent": 100 * value / time}
-    return found
+    time, double_support = end - start, (other_off - start) + (off - other_strike)
+    values = {"time": time, "cadence": 120 / time, "step_time": end - other_strike}
+    for name, value in (("stance", off - start), ("swing", end - off), ("double_support", double_support)):
+        values |= {name: value, f"{name}_percent": 100 * value / time}
+    return values
 
 
 def _lengths(
     feet: _Feet, rests: tuple[float, float], swing: tuple[float, float], other_strike: float
 ) -> dict[str, float]:
-    first, last = (feet.at("ankle", time)[:2] for time in rests)
-    way = last - first
-    gained = float(np.linalg.norm(way))
-    along = way / max(gained, 1e-9)
+    start, end = (feet.at("ankle", time)[:2] for time in rests)
+    path = end - start
+    gained = float(np.linalg.norm(path))
+    along = path / max(gained, 1e-9)
     # The other foot stands while this one swings: it is looked at in the middle of that.
-    beside = feet.at("other", float(np.mean(swing)))[:2] - first
+    offset = feet.at("other", float(np.mean(swing)))[:2] - start
     fast = feet.fastest(*swing)
     share = (fast - rests[0]) / max(rests[1] - rests[0], 1e-9)
     floor = (1 - share) * feet.at("toes", rests[0])[2] + share * feet.at("toes", rests[1])[2]
     pitch = feet.at("pitch", swing[1]) - feet.at("pitch", rests[1])
     return {
         "length": gained,
-        "width": float(abs(along[0] * beside[1] - along[1] * beside[0])),
-        "step_length": gained - float(along @ beside) if np.isfinite(other_strike) else float("nan"),
+        "width": float(abs(along[0] * offset[1] - along[1] * offset[0])),
+        "step_length": gained - float(along @ offset) if np.isfinite(other_strike) else float("nan"),
         "clearance": float(feet.at("toes", fast)[2] - floor),
         "strike_angle": float(np.rad2deg(pitch[0])),
     }

@@ -32,7 +32,11 @@ def test_every_wearer_is_on_the_picture_in_its_colour(sample: Scene, tmp_path: P
     assert 1000 < np.sum(shown[..., 0] - shown[..., 2] > 60) < 50_000  # orange
     assert 1000 < np.sum(shown[..., 2] - shown[..., 0] > 60) < 50_000  # blue
     short = tmp_path / "b.png"
-    bare = replace(sample, truth=None, wearers=tuple(replace(one, truth=None) for one in sample.wearers))
+    bare = replace(
+        sample,
+        cameras=(replace(sample.camera, truth=None),),
+        wearers=tuple(replace(one, truth=None) for one in sample.wearers),
+    )
     filmstrip(drawn_scene(bare, None), short, frames=3)  # no camera pose, no curves: detections alone
     assert cv2.imread(str(short)).shape[0] < cv2.imread(str(png)).shape[0]
 
@@ -82,7 +86,7 @@ def share_like(image: np.ndarray, colour: tuple[int, int, int], tolerance: int =
 
 
 def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> None:
-    filmstrip(drawn_wearer(scene.recording, scene.estimate, scene.camera.truth), tmp_path / "a.png")
+    filmstrip(drawn_wearer(scene.recording, scene.estimate, scene.truth), tmp_path / "a.png")
     image = cv2.imread(str(tmp_path / "a.png"))
     assert image.shape[1] == 1600
     strip = image[150:560].astype(int)  # light and shadow keep the hue
@@ -95,4 +99,4 @@ def test_both_sides_and_the_curve_are_on_the_picture(scene, tmp_path: Path) -> N
 
 def test_a_truth_alone_and_a_short_motion_can_be_drawn(scene, tmp_path: Path) -> None:
     filmstrip(drawn_wearer(scene.recording, None), tmp_path / "a.png")
-    filmstrip(drawn_wearer(None, None, scene.camera.truth.frames(slice(0, 1))), tmp_path / "b.png")
+    filmstrip(drawn_wearer(None, None, scene.truth.frames(slice(0, 1))), tmp_path / "b.png")

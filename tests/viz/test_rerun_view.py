@@ -116,7 +116,7 @@ def test_a_camera_without_frames_is_nothing_to_show(sample: Scene, tmp_path: Pat
 
 def test_rerun_reads_back_body_sensors_plots_and_text(scene, tmp_path: Path) -> None:
     rrd = tmp_path / "scene.rrd"
-    show(drawn_wearer(scene.recording, scene.estimate, scene.camera.truth), rrd)
+    show(drawn_wearer(scene.recording, scene.estimate, scene.truth), rrd)
     chunks = printed(rrd)
     for entity in (
         "/world/ann/estimate/left_knee",
@@ -149,7 +149,7 @@ def test_an_existing_file_is_kept(scene, tmp_path: Path) -> None:
 
 
 def test_a_failure_leaves_nothing_behind(scene, tmp_path: Path) -> None:
-    elsewhere = replace(scene.camera.truth, start=1000.0)
+    elsewhere = replace(scene.truth, start=1000.0)
     with pytest.raises(InputError, match="share no frame"):
         show(drawn_wearer(None, scene.estimate, elsewhere), tmp_path / "a.rrd")
     with pytest.raises(InputError, match="nothing to show"):

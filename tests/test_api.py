@@ -79,7 +79,7 @@ CLASSES = {
     "ExportSettings": "", "FixedLagTracker": "push finish", "ImportOptions": "", "ImuSample": "", "LiveEstimate": "",
     "LiveSettings": "", "Motion": "time state", "Recording": "from_arrays worn placed interval",
     "RunOptions": "", "Scene": "names cameras", "SceneSettings": "", "Settings": "",
-    "SimulateSettings": "", "Stream": "answers finish follow push push_poses take", "Subject": "", "VideoFrame": "",
+    "SimulateSettings": "", "Stream": "estimates finish follow push push_poses take", "Subject": "", "VideoFrame": "",
     "VipFactorsError": "",
 }  # fmt: skip
 

@@ -86,7 +86,7 @@ def left_for_right(recording: Recording) -> Recording:
 
 
 def told_of(recording: Recording, camera: Camera | None = None) -> list[Finding]:
-    scene = Scene("whole body", (recording,), (camera,))
+    scene = Scene("whole body", (recording,), () if camera is None else (camera,))
     return list(with_sensors_assigned(SceneInMemory(scene), Settings())[1])
 
 

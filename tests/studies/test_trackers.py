@@ -78,9 +78,9 @@ def test_every_variant_gets_its_share_of_the_truth(scene: Scene) -> None:
         if given.camera is not None:
             assert (given.camera.known_path is not None) == variant.true_camera
         if variant.true_pixels:
-            assert np.all(given.truth.wearer == 0)
+            assert np.all(given.camera.truth.wearer == 0)
             seen = given.camera.detections.confidence == 1.0
-            np.testing.assert_array_equal(given.camera.detections.pixels[seen], given.truth.pixels[seen])
+            np.testing.assert_array_equal(given.camera.detections.pixels[seen], given.camera.truth.pixels[seen])
     assert scene.wearers[0].truth is true  # the scene itself is for the evaluation
     assert [one.name for one in chosen_variants(("VIP", "IT"))] == ["VIP", "IT"]
     with pytest.raises(InputError, match="unknown variant 'VIPER': expected some of IT, VIP"):

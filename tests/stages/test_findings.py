@@ -88,7 +88,7 @@ def test_the_wrong_order_of_keypoints_is_named() -> None:
 def test_an_order_of_no_known_set_is_suspected() -> None:
     scene = with_detections(good(), lambda found: replace(found, pixels=np.roll(found.pixels, 1, axis=1)))
     estimate = smooth(scene, HASTY)
-    sentence(estimate, "'anna'", "keypoints' order")
+    sentence(estimate, "'anna'", "the order of keypoints")
     assert_imus_alone(estimate)
 
 
@@ -104,7 +104,7 @@ def test_everybody_visible_wears_no_imus() -> None:
     strangers = camera_of(two).detections.select(two.camera.truth.wearer == 1)
     scene = Scene("strangers", two.wearers[:1], (replace(camera_of(two), detections=strangers, truth=None),))
     estimate = smooth(scene, HASTY)
-    sentence(estimate, "'anna'", "none moves as the sensors", "not in the picture")
+    sentence(estimate, "'anna'", "none moves like the wearer", "not in the image")
     assert_imus_alone(estimate)
 
 

@@ -181,9 +181,7 @@ def test_further_cameras_are_calibrated_before_a_moving_one(people) -> None:
 
 
 def test_cameras_of_any_kind_that_nobody_calibrated(people) -> None:
-    settings = SceneSettings(
-        camera="fixed", cameras=3, carried=1, known_camera_pose=False, calibrated=False, fov_deg=70.0, azimuth_deg=0.0
-    )
+    settings = SceneSettings(camera="fixed", cameras=3, carried=1, calibrated=False, fov_deg=70.0, azimuth_deg=0.0)
     scene = simulate_scene(people, settings, seed=1)
     assert [camera.moving for camera in scene.cameras] == [False, True, False]
     assert [camera.known_path for camera in scene.cameras] == [None] * 3

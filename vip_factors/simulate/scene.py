@@ -122,8 +122,7 @@ def simulate_scene(
 
 def _films(settings: SceneSettings) -> list[SceneSettings]:
     """Settings of each camera: the first one, then the carried ones and those on tripods, all without a sensor."""
-    poses_known = settings.known_camera_pose is not False
-    tripod = replace(settings, camera="fixed", camera_imu=False, known_camera_pose=poses_known)
+    tripod = replace(settings, camera="fixed", camera_imu=False, known_camera_pose=settings.calibrated)
     carried = replace(settings, camera="hand-held", camera_imu=False, known_camera_pose=False)
     return [settings, *[carried] * settings.carried, *[tripod] * (settings.cameras - 1 - settings.carried)]
 

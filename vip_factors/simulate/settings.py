@@ -101,10 +101,9 @@ class FilmSettings:
     carried: Annotated[int, Range(least=0)] = 0
     """How many of the further cameras are in the hands of somebody who stands, at unknown poses."""
     known_camera_pose: bool | None = None
-    """Whether a fixed first camera's pose is known too; if None, if there are further cameras. No pose is known if
-    False."""
+    """Whether a fixed first camera's pose is known too; if None, if there are further cameras."""
     calibrated: bool = True
-    """Whether the lens is known; if not, a phone's usual lens is recorded, with its uncertainty."""
+    """Whether lenses and tripods' poses are known; if not, a phone's usual lens is recorded, with its uncertainty."""
     video_rate: Rate = 30.0
     """Frames per second: what phones film at, and 3DPW was."""
     width: int = 1920
@@ -148,7 +147,7 @@ class FilmSettings:
     def has_known_pose(self) -> bool:
         """Whether the first camera's pose is known."""
         if self.known_camera_pose is None:
-            return self.cameras > 1 and self.camera == "fixed"
+            return self.calibrated and self.cameras > 1 and self.camera == "fixed"
         return self.known_camera_pose
 
 

@@ -174,7 +174,7 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
     if given_options and not count:
         words = ", ".join(_option(name) for name in given_options)
         raise InputError(f"{words} given without --detections, the 2D poses of the video's frames")
-    for name in set(OF_EACH_CAMERA) - {OF_CARRIED_CAMERA}:
+    for name in (name for name in OF_EACH_CAMERA if name != OF_CARRIED_CAMERA):
         if len(values[name]) not in ({0, count} if name in OF_ONE_CAMERA else {0, 1, count}):
             raise InputError(
                 f"{_option(name)} is said {len(values[name])} times of {count} cameras (--detections): expected "

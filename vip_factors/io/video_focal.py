@@ -15,7 +15,10 @@ METADATA_FOCAL_SIGMA = 0.1  # of the logarithm: what filming crops differs from 
 def focal_from_metadata(path: Path, width: int, height: int) -> float | None:
     """Focal length in pixels of a video of ``width`` by ``height``; None if the file does not state it."""
     with path.open("rb") as file:
-        equivalent = next(_values(file, path.stat().st_size), None)
+        try:
+            equivalent = next(_values(file, path.stat().st_size), None)
+        except (struct.error, ValueError, RecursionError):  # a damaged file
+            return None
     if equivalent is None or not 5 < equivalent < 500:
         return None
     return STABILISATION * equivalent / FULL_FRAME_WIDTH_MM * max(width, height)
@@ -60,13 +63,10 @@ def _data(file: BinaryIO, end: int) -> Iterator[float]:
         if kind == b"data":
             form, _ = struct.unpack(">II", file.read(8))
             content = file.read(min(stop - file.tell(), LONGEST))
-            try:
-                match form:
-                    case 1:
-                        yield float(content)
-                    case 23 | 24:
-                        yield float(struct.unpack(">f" if form == 23 else ">d", content)[0])
-                    case 21 | 22 | 65 | 66 | 67 | 74 | 75 | 76 | 77 | 78:
-                        yield float(int.from_bytes(content, "big"))
-            except (ValueError, struct.error):
-                return
+            match form:
+                case 1:
+                    yield float(content)
+                case 23 | 24:
+                    yield float(struct.unpack(">f" if form == 23 else ">d", content)[0])
+                case 21 | 22 | 65 | 66 | 67 | 74 | 75 | 76 | 77 | 78:
+                    yield float(int.from_bytes(content, "big"))

@@ -8,8 +8,8 @@ from vip_factors.geometry.rotations import Array, angle_between, transpose
 from vip_factors.sensors.camera import CameraPath
 
 LONGEST_GAP_S = 0.25  # between two poses of a path; a longer one says nothing about the frames between
-FASTEST_TURN = 20.0  # rad/s: what turns or moves faster is a reset of the odometry
-FASTEST_SHIFT = 10.0  # m/s
+FASTEST_TURN = 10.0  # rad/s: a path that turns or moves faster was reset
+FASTEST_SHIFT = 5.0  # m/s; in spreads of the path a second where its scale is free
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,16 @@ class Odometry:
         R, p = poses.R_world_camera, poses.p_world_camera
         R_next, p_next = np.concatenate([R[1:], R[-1:]]), np.concatenate([p[1:], p[-1:]])
         R_camera_next, p_camera_next = transpose(R) @ R_next, np.einsum("tji,tj->ti", R, p_next - p)
-        next_index = np.searchsorted(path.time, time, side="right")
-        gap = np.diff(path.time, prepend=-np.inf, append=np.inf)[next_index]
-        has_pose = (gap <= LONGEST_GAP_S) | np.isin(time, path.time)
-        valid = has_pose & np.append(has_pose[1:], False)
-        step = np.diff(time, append=np.inf)
-        is_reset = np.linalg.norm(p_camera_next, axis=1) > FASTEST_SHIFT * step
-        is_reset |= angle_between(R_camera_next, np.eye(3)) > FASTEST_TURN * step
-        return cls(R_camera_next, p_camera_next, valid & ~is_reset, is_scale_free)
+        step, shift = np.diff(path.time), np.linalg.norm(np.diff(path.p_world_camera, axis=0), axis=1)
+        turn = angle_between(path.R_world_camera[:-1], path.R_world_camera[1:])
+        is_broken = (step > LONGEST_GAP_S) | (turn > FASTEST_TURN * step) | (shift > FASTEST_SHIFT * step)
+        # A frame is tied to the next where the path covers both and no interval between them is broken.
+        broken = np.concatenate([[0], np.cumsum(is_broken)])
+        first = np.clip(np.searchsorted(path.time, time[:-1], side="right") - 1, 0, len(broken) - 1)
+        end = np.clip(np.searchsorted(path.time, time[1:], side="left"), 0, len(broken) - 1)
+        is_covered = (time[:-1] >= path.time[0]) & (time[1:] <= path.time[-1])
+        valid = np.append(is_covered & (broken[np.maximum(end, first)] == broken[first]), False)
+        return cls(R_camera_next, p_camera_next, valid, is_scale_free)
 
     def window(self, frames: slice) -> "Odometry":
         """The motion in some consecutive frames."""

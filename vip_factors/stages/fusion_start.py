@@ -189,9 +189,10 @@ class _World:
         if problem.odometry is not None:
             camera = in_camera_axes(camera, poses)
             self.associated[number] = replace(self.associated[number], camera=camera)
-            odometry = _odometry(camera, self.time)
+            measured_path, odometry = camera.timed_odometry, _odometry(camera, self.time)
+            assert measured_path is not None
             assert odometry is not None  # only the axes changed
-            path, scale = along_odometry(odometry, poses)
+            path, scale = along_odometry(measured_path, odometry, poses)
             poses, problem = path, replace(problem, odometry=odometry)
         self.problems[number], self.paths[number] = replace(problem, prior_heading=heading), path
         poses_at_frames, mounting = CameraPoses(poses.R_world_camera, poses.p_world_camera), problem.prior_R_camera_imu

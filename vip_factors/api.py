@@ -47,11 +47,16 @@ LIVE_LIMITS = LiveSourceSettings()
 
 
 def read(path: StrPath, *then: StrPath) -> Scene:
-    """A recording or scene (.mcap) that :func:`write`, :func:`convert` or the command line made.
+    """Read a recording or scene (.mcap) that :func:`write`, :func:`convert` or the command line wrote.
 
     Args:
-        path: of the file.
-        then: parts of the same recording that follow in time, of one without a camera.
+        path: the file.
+        then: files that continue the same recording in time, without a camera.
+
+    Example:
+        >>> path = vip.write(scene, "walk.mcap")
+        >>> vip.read(path).name
+        'simulated'
     """
     from vip_factors.io.scene_building import read_scenes
 
@@ -59,7 +64,7 @@ def read(path: StrPath, *then: StrPath) -> Scene:
 
 
 def write(content: Recording | Scene | Moved, path: StrPath, overwrite: bool = False) -> Path:
-    """Write a recording, a scene or an estimate into an MCAP file, with its truth if it has one."""
+    """Write a recording, a scene or an estimate to an MCAP file, with its truth if it has one."""
     from vip_factors.io.mcap_estimate import write_estimate
     from vip_factors.io.mcap_recording import write_recording
 
@@ -77,13 +82,16 @@ def convert(
     *,
     join: Sequence[StrPath] = (),
 ) -> Scene:
-    """A sensor log of any known format as a recording: Xsens, MVNX, OpenSense, TotalCapture, ROS 2, tables …
+    """Read a sensor log as a recording: Xsens, MVNX, OpenSense, TotalCapture, ROS 2 or a table.
 
     Args:
         log: file or folder.
-        options: who wore what where, and what was held at the start.
-        cameras: what filmed the wearers, one or several: the 2D poses that a detector found, and what is known of each.
-        join: recordings (.mcap) of further wearers at the same time.
+        options: placement of the sensors, stature, initial pose and columns.
+        cameras: one or several cameras that filmed the wearers: 2D poses and the known properties of each.
+        join: recordings (.mcap) of other wearers at the same time.
+
+    Raises:
+        InputError: if a file cannot be read or contradicts the options.
     """
     from vip_factors.io.scene_building import add_cameras, join_wearers, read_log_as_scene
 
@@ -97,9 +105,14 @@ def convert(
 
 
 def sync(scene: Scene, max_offset: float = 10.0) -> Scene:
-    """The scene with the offsets between the clocks of its videos and its sensors, found from how people move.
+    """Estimate the offset between the clock of each video and the sensors' clock, from the motion of the wearers.
 
-    Offsets of up to ``max_offset`` seconds either way are looked at.
+    Args:
+        scene: wearers and cameras.
+        max_offset: largest offset that is searched, in seconds, in both directions.
+
+    Raises:
+        InputError: if the motion does not determine an offset.
     """
     from vip_factors.initialise.clock import find_clock_offset
 
@@ -112,7 +125,7 @@ def sync(scene: Scene, max_offset: float = 10.0) -> Scene:
 
 
 def with_clock(scene: Scene, clock: VideoClock, number: int = 0) -> Scene:
-    """The scene in which the video's clock of the camera of a number is so far off the sensors'."""
+    """Return the scene with another clock for the video of camera ``number``."""
     cameras = list(scene.cameras)
     cameras[number] = replace(cameras[number], clock=clock)
     return replace(scene, cameras=tuple(cameras))
@@ -126,13 +139,14 @@ def detect(
     overwrite: bool = False,
     progress: ProgressCallback = silent,
 ) -> Detections:
-    """The 2D poses of everybody in a video, followed from frame to frame: what a :class:`Camera` holds.
+    """Detect and track the 2D poses of all people in a video.
 
     Args:
         video: file (.mp4, .mov …).
-        settings: how people are searched for, and by which models.
-        out: file (.json) to write them to as well, which ``convert`` and ``run`` take.
-        progress: called with what goes on and the fraction of it that is done.
+        settings: detector and tracking.
+        out: optional file (.json) for the poses, which ``convert`` and ``run`` read.
+        overwrite: whether ``out`` may be replaced.
+        progress: callback with the name of the stage and the fraction that is done.
     """
     from vip_factors.detect.video import detect_people
 
@@ -159,20 +173,25 @@ def simulate(
     names: Sequence[str] = (),
     name: str = "simulated",
 ) -> Scene:
-    """What sensors on people would have measured, with the truth in it; and what a 2D pose detector would have found.
+    """Simulate the sensors of one or several people, and a 2D pose detector; the result holds the truth.
 
     Args:
-        motion: of each wearer.
-        placement: name of a preset: sip6, tnt10, totalcapture13 or mvn17.
-        camera: that films them; nothing films if absent.
-        seconds: of the package's own motion (20 if absent); before a camera, files are repeated or cut to it too.
-        seed: of all errors.
-        settings: camera, detector, and the errors of sensors; ``camera`` counts beside them.
-        initial_pose: that the wearers hold first.
-        pose_error_deg: how imperfectly, sigma of each joint and axis; 3 add up to 10 to 15 at the hands.
-        bystanders: people without sensors in the picture; they repeat the wearers' motions elsewhere, out of step.
-        names: of the wearers.
-        name: of the recording.
+        motion: motion of each wearer.
+        placement: preset: sip6, tnt10, totalcapture13 or mvn17.
+        camera: kind of camera; None simulates sensors only.
+        seconds: length of the package's own motion (20 by default). With a camera, files are repeated or cut to it.
+        seed: seed of all errors.
+        settings: cameras, detector and sensor errors; ``camera`` takes precedence over its camera.
+        initial_pose: pose that the wearers hold first.
+        pose_error_deg: standard deviation of each joint and axis in that pose; 3 adds up to 10 to 15 at the hands.
+        bystanders: number of people without sensors in the picture.
+        names: names of the wearers.
+        name: name of the recording.
+
+    Example:
+        >>> scene = vip.simulate("walk", "sip6", camera="hand-held", seconds=4.0, seed=1)
+        >>> len(scene.wearers), len(scene.cameras), len(scene.wearers[0].imus)
+        (1, 1, 6)
     """
     from vip_factors.sensors.calibration import preset
     from vip_factors.simulate.recording import simulate_recording
@@ -230,11 +249,16 @@ def _played(source: Played, seconds: float | None, number: int) -> Motion:
 
 
 def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
-    """How far an estimate is from the truth that a recording holds; printed, it begins with the most important.
+    """Compare an estimate with the truth of a recording; ``print`` shows the most important errors first.
 
     Args:
-        estimate: of :func:`smooth`, or a motion on the recording's clock.
-        truth: the recording with its truth.
+        estimate: result of :func:`smooth`, or a motion on the recording's clock.
+        truth: recording that holds the truth.
+
+    Example:
+        >>> (wearer,) = vip.evaluate(estimate, scene).wearers.values()
+        >>> wearer.metrics["mpjpe"].unit
+        'mm'
     """
     from vip_factors.evaluate.evaluation import evaluate_scene
 
@@ -245,13 +269,19 @@ def gait(
     estimate: Moved, recording: Recording | Scene | None = None, *, count: Collection["Unsteady"] = (),
     out: StrPath | None = None, overwrite: bool = False,
 ) -> "tuple[Gait, ...]":  # fmt: skip
-    """How each wearer walked: events, strides, figures with their ±, joint angles over the cycle.
+    """Compute gait events, strides, spatio-temporal parameters with their ±, and joint angles over the gait cycle.
 
     Args:
-        estimate: of one wearer or several.
-        recording: that it was made from: sensors on the feet tell events and lengths better than a motion does.
-        count: strides that are in the means as well: ``start``, ``stop``, ``turn``, ``pause``.
-        out: folder for tables, JSON and a picture of it, made if need be; none if absent.
+        estimate: of one or several wearers.
+        recording: the recording behind it; foot sensors give more accurate events and lengths than the motion.
+        count: unsteady strides that count in the means as well: ``start``, ``stop``, ``turn``, ``pause``.
+        out: optional folder for tables, JSON and a picture.
+        overwrite: whether files in ``out`` may be replaced.
+
+    Example:
+        >>> (walk,) = vip.gait(estimate, scene)
+        >>> sorted({stride.side for stride in walk.strides})
+        ['left', 'right']
     """
     from vip_factors.gait.analysis import gaits_of
     from vip_factors.gait.files import write_gait
@@ -265,11 +295,16 @@ def gait(
 def repetitions(
     estimate: Moved, *, out: StrPath | None = None, overwrite: bool = False
 ) -> tuple[WearerRepetitions, ...]:
-    """Squats, lunges, jumps and curls of each wearer: times, depth, tempo, ranges, symmetry, jump height, with their ±.
+    """Detect squats, lunges, jumps and curls: times, depth, tempo, ranges, symmetry and height, with ±.
 
     Args:
-        estimate: of one wearer or several.
-        out: folder for a table, JSON and a picture of it, made if need be; none if absent.
+        estimate: of one or several wearers.
+        out: optional folder for a table, JSON and a picture.
+        overwrite: whether files in ``out`` may be replaced.
+
+    Example:
+        >>> [len(wearer.repetitions) for wearer in vip.repetitions(estimate)]
+        [0]
     """
     wearers = all_repetitions(as_estimate(estimate))
     if out is not None:
@@ -282,12 +317,17 @@ def repetitions(
 def export(
     estimate: Moved, path: StrPath, settings: ExportSettings | None = None, overwrite: bool = False
 ) -> tuple[Path, ...]:
-    """Write an estimate into a file of another program; the suffix tells the format.
+    """Write an estimate to a file of another program; the suffix selects the format.
 
     Args:
-        estimate: of one wearer or several.
-        path: of the file; several wearers in a format that holds one get a file each.
-        settings: what is written.
+        estimate: of one or several wearers.
+        path: the file; formats for one person get one file per wearer.
+        settings: format options.
+        overwrite: whether files may be replaced.
+
+    Example:
+        >>> [path.name for path in vip.export(estimate, "walk.bvh")]
+        ['walk.bvh']
     """
     from vip_factors.io.export.files import export as export_file
 
@@ -305,17 +345,21 @@ def report(
     video_height: int = 480,
     video_seconds: tuple[float, float] | None = None,
 ) -> Path:
-    """Write an estimate as one HTML page for people, with a film beside it if one is wanted.
+    """Write an estimate as an HTML page to read and print, optionally with a film beside it.
 
     Args:
-        estimate: of one wearer or several.
-        path: of the page.
-        recording: what it was made from: then the page tells of sensors and video too.
-        truth: a recording whose truth counts, if it is not the one above.
-        video: a film (.mp4) is to be beside the page, of skeletons over the camera's pictures and of the room: of the
-            recording's own video, or of that in a file.
-        video_height: of the film, pixels.
-        video_seconds: first and last second of the recording that the film shows; all of it if None.
+        estimate: of one or several wearers.
+        path: the page.
+        recording: the recording behind it; the page then covers sensors and video as well.
+        truth: recording that holds the truth, if ``recording`` does not.
+        overwrite: whether files may be replaced.
+        video: True for a film (.mp4) of skeletons over the recording's own video and of the room, or a video file.
+        video_height: height of the film in pixels.
+        video_seconds: first and last second of the recording in the film; None for all of it.
+
+    Example:
+        >>> vip.report(estimate, "walk.html", scene).name
+        'walk.html'
     """
     from vip_factors.report.page import write_report
 
@@ -337,16 +381,16 @@ def stream(
     limits: LiveSourceSettings = LIVE_LIMITS,
     extra_factors: "ExtraFactors | None" = None,
 ) -> Iterator["LiveEstimate"]:
-    """The answers to a live source, as they come, until it ends: what the command ``stream`` does with it.
+    """Track a live source and yield an estimate per frame until it ends, as the command ``stream`` does.
 
     Args:
         source: recording (.mcap), ``-`` for standard input, or ``ws://host:port`` to listen there.
-        settings: of all rooms.
-        follow: another program still writes the file.
-        real_time: play a recording in its own time instead of as fast as it can be tracked.
-        token_file: with a secret that senders must have.
-        limits: of what senders may do.
-        extra_factors: makes GTSAM factors of your own.
+        settings: all settings of the tracker.
+        follow: whether another program is still writing the file.
+        real_time: whether a recording plays at its own speed rather than as fast as possible.
+        token_file: file with a secret that senders must present.
+        limits: limits for senders.
+        extra_factors: function that makes your own GTSAM factors.
     """
     from vip_factors.io.live.open import open_source, read_token
     from vip_factors.live.stream import Stream
@@ -361,13 +405,13 @@ def stream(
 
 
 def serve(worn: Recording | Scene, port: int = 8080, host: str = "127.0.0.1", token: str = "") -> "LiveServer":
-    """A web page that shows a stream's answers as they are written to it, and has them as JSON; to be closed at last.
+    """Start a web page that shows the frames of a stream and serves them as JSON; ``close`` it at the end.
 
     Args:
-        worn: who wears what, as the stream has it.
-        port: of this machine, where the page is.
-        host: address that is listened to: this machine alone, or 0.0.0.0 for those in all its networks.
-        token: that readers need; without one this machine's need none, and one is made for those of other machines.
+        worn: wearers and their sensors, as in the stream.
+        port: port of the page.
+        host: address to listen on: this machine (127.0.0.1) or all its networks (0.0.0.0).
+        token: secret for readers. Without it, readers on this machine need none, and others get a generated one.
     """
     from vip_factors.io.live_server import LiveServer
     from vip_factors.report.page import live_page
@@ -384,14 +428,19 @@ def picture(
     poses: int = 6,
     overwrite: bool = False,
 ) -> Path:
-    """Draw a filmstrip (.png): poses in a row, or frames of the video with the bodies over them.
+    """Draw a filmstrip (.png): poses in a row, or frames of the video with the bodies drawn over them.
 
     Args:
         shown: an estimate, a motion, or a recording with its truth.
-        path: of the picture.
-        recording: what an estimate was made from: sensors, video and truth are drawn too.
-        title: above the picture.
-        poses: how many, evenly over the time.
+        path: the picture.
+        recording: the recording behind an estimate; sensors, video and truth are drawn as well.
+        title: title of the picture.
+        poses: number of poses, evenly spaced in time.
+        overwrite: whether the file may be replaced.
+
+    Example:
+        >>> vip.picture(estimate, "walk.png", scene).name
+        'walk.png'
     """
     from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
     from vip_factors.viz.picture import filmstrip

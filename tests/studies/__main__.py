@@ -26,6 +26,7 @@ STUDIES = {
     "many": "many:ManyRecordings",
     "recordings": "recordings:Recordings",
     "golden": "golden:Golden",
+    "publish": "publish:Publish",
     "population": "population:Population",
     "weights": "weights:Weights",
     "tune": "tune:Tune",

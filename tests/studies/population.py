@@ -224,7 +224,7 @@ def _row(scene: PopulationScene, simulator: Path, motions: Path, folder: Path, s
 class Population(Simulated):
     """People, clips, suits and cameras drawn by lot, of a simulator that shares nothing with the package."""
 
-    half: Literal["choosing", "judging", "both"] = "judging"
+    half: Literal["choosing", "judging", "both", "neither"] = "judging"
     """Scenes of the performers for choosing weights, or of the others."""
     standing: int = 0
     """So many more scenes of the judging half each with constant errors and with those of posture: 13 sensors, T-pose,
@@ -240,7 +240,7 @@ class Population(Simulated):
     def scenes(self) -> tuple[PopulationScene, ...]:
         """All that are wanted."""
         drawn = population(self.motions)
-        halves = {"choosing": (True,), "judging": (False,), "both": (True, False)}[self.half]
+        halves = {"choosing": (True,), "judging": (False,), "both": (True, False), "neither": ()}[self.half]
         clips = sorted({one.clips[0] for one in drawn if not one.is_for_choosing})
         random = np.random.default_rng(5)
         more = [

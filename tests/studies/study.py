@@ -2,6 +2,7 @@
 
 import json
 import re
+import subprocess
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, is_dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import tyro
 
 from vip_factors.atomic import atomic_open, check_target
 from vip_factors.cli.options import Flag, Output
+from vip_factors.errors import InputError
 
 NUMBER = re.compile(r"[-+*\d]|n/a|$")
 NAN = float("nan")
@@ -125,3 +127,20 @@ def bullets(title: str, lines: Iterable[str]) -> str:
     """A list below a title; nothing if it is empty."""
     written = [f"- {line}" for line in lines]
     return "\n".join([title, *written] if title else written) if written else ""
+
+
+def commit_of_sources() -> str:
+    """The commit that is checked out.
+
+    Raises:
+        InputError: if a source file was edited since, so that no commit names the code that runs.
+    """
+    edited = _git("status", "--porcelain", "--", "vip_factors", "tests", "kernels")
+    if edited:
+        raise InputError(f"sources were edited since the last commit: commit them first\n{edited}")
+    return _git("rev-parse", "--short=10", "HEAD")
+
+
+def _git(*words: str) -> str:
+    root = Path(__file__).resolve().parents[2]
+    return subprocess.run(["git", *words], cwd=root, check=True, capture_output=True, text=True).stdout.strip()

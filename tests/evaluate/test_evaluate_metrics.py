@@ -50,7 +50,7 @@ seeds = st.integers(0, 1000)
     "metric",
     [
         metrics.mpjpe, metrics.pa_mpjpe, metrics.mpjae, metrics.local_mpjae, metrics.root_relative_mpjpe,
-        metrics.global_position_error,
+        metrics.global_position_error, metrics.sip_error, metrics.mpjpe_offsets_removed,
     ],
 )  # fmt: skip
 def test_the_truth_has_no_error(metric) -> None:
@@ -64,6 +64,24 @@ def test_aligned_errors_do_not_see_a_rigid_motion(seed: int, turn: np.ndarray, s
     elsewhere = moved(estimate, exp(turn), shift)
     for metric in (metrics.mpjpe, metrics.pa_mpjpe, metrics.mpjae):
         assert metric(elsewhere, truth) == pytest.approx(metric(estimate, truth), abs=1e-6)
+
+
+@given(seeds, st.floats(-3, 3), vectors)
+def test_the_sip_error_does_not_see_one_yaw(seed: int, yaw: float, shift: np.ndarray) -> None:
+    truth = random_motion(seed)
+    assert metrics.sip_error(moved(truth, rotation_z(yaw), shift), truth) == pytest.approx(0.0, abs=1e-5)
+    assert metrics.sip_error(bent_by(truth, "left_hip", rotation_x(0.4)), truth) > 0.1
+
+
+def test_joints_that_are_defined_elsewhere_on_the_bone_are_no_error_without_offsets() -> None:
+    """Hips 3 cm further out: an offset in the pelvis' axes that moves with it."""
+    truth = gestures(4.0)
+    offsets = truth.skeleton.p_parent_joint.copy()
+    offsets[joint_index("left_hip"), 0] += 0.03
+    offsets[joint_index("left_knee"), 0] -= 0.03
+    estimate = replace(truth, skeleton=Skeleton(offsets))
+    assert metrics.mpjpe(estimate, truth) > 2.0
+    assert metrics.mpjpe_offsets_removed(estimate, truth) < 0.7 * metrics.mpjpe(estimate, truth)
 
 
 @given(seeds, st.floats(0.5, 2.0))

@@ -274,6 +274,8 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
         "mpjpe": Metric(metrics.mpjpe(motion, truth, compared), "mm"),
         "mpjae": Metric(metrics.mpjae(motion, truth, compared), "deg"),
         "mpjae_local": Metric(metrics.local_mpjae(motion, truth, compared), "deg"),
+        "mpjpe_offsets_removed": Metric(metrics.mpjpe_offsets_removed(motion, truth, compared), "mm"),
+        "sip_error": Metric(metrics.sip_error(motion, truth, compared), "deg"),
         "pa_mpjpe": Metric(metrics.pa_mpjpe(motion, truth, compared), "mm"),
         "root_relative_mpjpe": Metric(metrics.root_relative_mpjpe(motion, truth, compared), "mm"),
         "global_position_error": Metric(metrics.global_position_error(motion, truth, compared), "cm"),

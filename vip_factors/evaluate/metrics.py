@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.skeleton import JOINT_NAMES, joint_index, joints_placed_by
+from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, joint_index, joints_placed_by
 from vip_factors.errors import InputError
 from vip_factors.geometry.poses import Alignment, align_rigid, align_similarity, align_yaw
 from vip_factors.geometry.rotations import Array, angle_between
@@ -32,6 +32,8 @@ def _both(*names: str) -> tuple[str, ...]:
 POSITION_JOINTS = (*_both("hip", "knee", "ankle"), "neck", "head", *_both("shoulder", "elbow", "wrist"))
 # MPJAE of VIP and SIP (thesis 2.5.2): 9 joints.
 ORIENTATION_JOINTS = (*_both("hip", "knee"), "neck", *_both("shoulder", "elbow"))
+# SIP error, as published by TransPose, PIP and their successors: thighs and upper arms.
+SIP_JOINTS = _both("hip", "shoulder")
 # Kaichi et al. average over 16 joints without naming them: the 14 and the ends of the trunk's two halves are ours.
 GLOBAL_JOINTS = ("pelvis", "spine3", *POSITION_JOINTS)
 FEET = _both("foot")
@@ -153,6 +155,18 @@ def mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> f
     return float(MM * error[:, compared.positions(POSITION_JOINTS)].mean())
 
 
+def mpjpe_offsets_removed(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
+    """As :func:`mpjpe`, in mm, without the mean offset of each joint in the axes of the true bone above it.
+
+    Two skeletons that define a joint at different points of a bone differ by such an offset.
+    """
+    alignment, joints = align_frames(estimate, truth, compared=compared), compared.positions(POSITION_JOINTS)
+    difference = alignment.apply(estimate.state.p_world_joint) - truth.state.p_world_joint
+    above = [max(PARENTS[joint], 0) for joint in joints]
+    offset = np.einsum("tjik,tji->tjk", truth.state.R_world_bone[:, above], difference[:, joints])
+    return float(MM * np.linalg.norm(offset - offset.mean(axis=0), axis=-1).mean())
+
+
 def pa_mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
     """As :func:`mpjpe` with scale, in mm."""
     error = position_error(estimate, truth, align_frames(estimate, truth, True, compared))
@@ -163,6 +177,21 @@ def mpjae(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> f
     """Mean angular error in degrees: world orientation of 9 bones after the alignment of :func:`mpjpe` (eq. 2.73)."""
     error = orientation_error(estimate, truth, align_frames(estimate, truth, compared=compared))
     return float(np.rad2deg(error[:, compared.orientations(ORIENTATION_JOINTS)].mean()))
+
+
+def sip_error(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:
+    """Mean angular error in degrees of thighs and upper arms in the world (SIP error), after one yaw of all frames.
+
+    NaN if the truth knows none of these bones.
+    """
+    bones = compared.orientations(SIP_JOINTS)
+    if not bones:
+        return float("nan")
+    points, reference = (
+        motion.state.p_world_joint[:, compared.positions()].reshape(-1, 3) for motion in (estimate, truth)
+    )
+    R_world_bone = align_yaw(points, reference).R_target_source @ estimate.state.R_world_bone[:, bones]
+    return float(np.rad2deg(angle_between(R_world_bone, truth.state.R_world_bone[:, bones]).mean()))
 
 
 def local_mpjae(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -> float:

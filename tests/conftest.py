@@ -1,5 +1,6 @@
 """What all tests share: the folder of real recordings, repeatable property tests, single-threaded arithmetic."""
 
+import gc
 import os
 import signal
 import sys
@@ -25,7 +26,7 @@ if sys.dont_write_bytecode:
     sys.dont_write_bytecode = False
 
 # No deadline: a first call may compile or import. In CI the same examples every time, so that red means changed code.
-settings.register_profile("default", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("default", deadline=None, max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("ci", settings.get_profile("default"), derandomize=True, database=None, print_blob=True)
 settings.load_profile("ci" if os.environ.get("CI") else "default")
 
@@ -46,6 +47,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if "data" in item.keywords:
             item.add_marker(pytest.mark.skip(reason=missing_reason()))
+
+
+def pytest_collection_finish() -> None:
+    """Keep the garbage collector from walking over all imported modules again and again."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.hookimpl(tryfirst=True)

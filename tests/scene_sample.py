@@ -63,8 +63,8 @@ def recording_of(motion: Motion, name: str, stature: float) -> Recording:
     return Recording(name, Subject(name, stature), imus, placement, "none", Truth(motion, known))
 
 
-def scene_sample(seconds: float = 2.0, moving: bool = True, noise_px: float = 0.0) -> Scene:
-    """Two wearers and one bystander, all seen in every frame; detections in the order of the three."""
+def scene_sample(seconds: float = 2.0, moving: bool = True, noise_px: float = 0.0, wearers: int = 2) -> Scene:
+    """Three people, all seen in every frame; the first ones wear sensors. Detections are in the order of the three."""
     walkers = {"ann": (1.65, (0.0, -0.9), 0.3), "bob": (1.85, (0.6, 0.7), 2.4), "stranger": (1.75, (1.5, -0.3), 1.2)}
     motions = {
         name: placed(gestures(seconds, RATE, skeleton_from_stature(stature)), at, turned, name)
@@ -78,12 +78,13 @@ def scene_sample(seconds: float = 2.0, moving: bool = True, noise_px: float = 0.
     detections = Detections(
         keypoints, time, np.repeat(np.arange(len(time)), 3), pixels + noise, np.full(pixels.shape[:2], 0.9)
     )
-    wearers = tuple(recording_of(motions[name], name, walkers[name][0]) for name in ("ann", "bob"))
-    along = path.at(wearers[0].truth.motion.time)
+    recordings = tuple(recording_of(motions[name], name, walkers[name][0]) for name in ("ann", "bob")[:wearers])
+    along = path.at(recordings[0].truth.motion.time)
     imu = ImuStream("camera", along.time, None, rotation_z(0.4) @ along.R_world_camera)
-    truth = CameraTruth(path, np.tile([0, 1, -1], len(time)), pixels, SensorCalibration(-0.4, np.eye(3)))
+    whose = [number if number < wearers else -1 for number in range(3)]
+    truth = CameraTruth(path, np.tile(whose, len(time)), pixels, SensorCalibration(-0.4, np.eye(3)))
     camera = Camera("phone", MODEL, detections, moving, CameraMount(imu), truth=truth)
-    return Scene("two of three", wearers, (camera,))
+    return Scene("two of three", recordings, (camera,))
 
 
 def estimate_of(scene: Scene, injected: Injected | None = None) -> Estimate:

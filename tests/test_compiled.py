@@ -124,8 +124,9 @@ def test_slices_where_nothing_was_measured(silent: tuple[int, ...]) -> None:
     assert_same_slices(*small_scene("moving", silent), True)
 
 
-@pytest.mark.parametrize("silent", SILENCES)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "silent"), [*(("moving", silent) for silent in SILENCES), *((kind, SILENCES[0]) for kind in KINDS[1:])]
+)
 def test_bands(kind: str, silent: tuple[int, ...]) -> None:
     """Of a frame with itself, and of what all share, what lies on and above the diagonal counts."""
     model, state = small_scene(kind, silent)

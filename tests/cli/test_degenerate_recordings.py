@@ -71,7 +71,7 @@ def test_a_recording_that_cannot_tell_a_motion_says_so(name: str) -> None:
     assert any(words in str(finding) for finding in estimate.all_findings)
 
 
-@pytest.mark.parametrize("name", ["copies", "alone", "all"])
+@pytest.mark.parametrize("name", ["copies", "alone"])
 def test_a_stream_says_the_same(run, tmp_path, name: str) -> None:
     make, severity, words = DEGENERATE[name]
     vip.write(make(), tmp_path / "made.mcap")
@@ -93,12 +93,12 @@ def test_a_recording_without_gravity_is_refused() -> None:
         vip.smooth(without_forces(set(moving().imus)), SMALL)
 
 
-def test_a_pause_of_minutes_is_reported() -> None:
+def test_a_long_pause_is_reported() -> None:
     def paused(stream: ImuStream) -> ImuStream:
-        return replace(stream, time=np.where(stream.time > 5.0, stream.time + 120.0, stream.time))
+        return replace(stream, time=np.where(stream.time > 5.0, stream.time + 40.0, stream.time))
 
     estimate = vip.smooth(changed(paused), replace(SMALL, frame_rate=5.0, calibration_rate=5.0))
-    assert any("all sensors at 5.0 s for 120.0 s" in str(finding) for finding in estimate.all_findings)
+    assert any("all sensors at 5.0 s for 40.0 s" in str(finding) for finding in estimate.all_findings)
 
 
 @pytest.mark.parametrize("seed", range(4))

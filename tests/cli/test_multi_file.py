@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from cli.conftest import SMALL
+from cli.conftest import SMALL, assert_one_sentence
 
 from vip_factors.cli import multi_file, workers
 from vip_factors.io.mcap_estimate import read_estimate, read_head
@@ -100,15 +100,14 @@ def test_what_cannot_work_is_said_before_the_work(run, folder: Path, tmp_path: P
     assert not list(folder.rglob("*.estimate.mcap"))
 
 
-def test_s3_without_credentials_is_one_sentence(tmp_path: Path) -> None:
+def test_s3_without_credentials_is_one_sentence(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("s3fs")
-    environment = {name: value for name, value in os.environ.items() if not name.startswith("AWS_")}
-    environment |= {"HOME": str(tmp_path), "AWS_EC2_METADATA_DISABLED": "true"}
-    command = [sys.executable, "-m", "vip_factors", "smooth", "s3://lab/walk.mcap"]
-    ended = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=100)
-    assert ended.returncode == 2
-    assert ended.stderr.count("\n") == 1
-    assert "s3://lab/walk.mcap cannot be reached: Unable to locate credentials" in ended.stderr
+    for name in [name for name in os.environ if name.startswith("AWS_")]:
+        monkeypatch.delenv(name)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("AWS_EC2_METADATA_DISABLED", "true")
+    ended = run("smooth", "s3://lab/walk.mcap")
+    assert_one_sentence(ended, "s3://lab/walk.mcap cannot be reached: Unable to locate credentials")
 
 
 @pytest.fixture
@@ -119,15 +118,14 @@ def port() -> Iterator[int]:
 
 
 @pytest.mark.parametrize("address", ["none.json", "address.json", "tcp://127.0.0.1:{port}", "nowhere"])
-def test_a_cluster_that_is_none_is_one_sentence(folder: Path, tmp_path: Path, address: str, port: int) -> None:
+def test_a_cluster_that_is_none_is_one_sentence(
+    run, folder: Path, tmp_path: Path, address: str, port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     pytest.importorskip("distributed")
     (tmp_path / "address.json").write_text("{}")
-    words = ["smooth", str(folder), "--cluster", address.format(port=port)]
-    command = [sys.executable, "-m", "vip_factors", *words]
-    ended = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=60)
-    assert ended.returncode == 2
-    assert ended.stderr.count("\n") == 1
-    assert "no Dask scheduler answers there" in ended.stderr
+    monkeypatch.chdir(tmp_path)
+    ended = run("smooth", folder, "--cluster", address.format(port=port))
+    assert_one_sentence(ended, "no Dask scheduler answers there")
 
 
 def start(folder: Path, temporary: Path) -> "subprocess.Popen[str]":

@@ -30,15 +30,17 @@ class Refusals:
             offline.refuse(event, arguments, self.tried.append)
 
 
-HEARD = Refusals()
+@pytest.fixture(scope="module")
+def refusals() -> Refusals:
+    return Refusals()
 
 
 @pytest.fixture
-def tried() -> Iterator[list[str]]:
-    HEARD.tried.clear()
-    HEARD.active = True
-    yield HEARD.tried
-    HEARD.active = False
+def tried(refusals: Refusals) -> Iterator[list[str]]:
+    refusals.tried.clear()
+    refusals.active = True
+    yield refusals.tried
+    refusals.active = False
 
 
 def commands(folder: Path, recording: Path, estimate: Path) -> Iterator[list[object]]:

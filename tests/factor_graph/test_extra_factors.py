@@ -77,7 +77,7 @@ def with_extra(kind: str) -> tuple[SceneProblem, SceneState]:
     return replace(problem, extra=UserTerms(many_kinds)), state
 
 
-@pytest.mark.parametrize("kind", ["moving", "standing", "known path"])
+@pytest.mark.parametrize("kind", ["moving", "known path"])
 def test_cost_and_equations_are_those_of_the_graph_with_them(kind: str) -> None:
     problem, state = with_extra(kind)
     objective = SceneObjective(problem)
@@ -95,9 +95,8 @@ def test_cost_and_equations_are_those_of_the_graph_with_them(kind: str) -> None:
     assert_same(dense(objective, state), dense_of_graph(bare))
 
 
-@pytest.mark.parametrize("kind", ["moving", "standing"])
-def test_factors_over_frames_far_apart_are_those_of_the_graph(kind: str) -> None:
-    problem, state = small_scene(kind)
+def test_factors_over_frames_far_apart_are_those_of_the_graph() -> None:
+    problem, state = small_scene("moving")
 
     def loops(time: Array, first: int) -> gtsam.NonlinearFactorGraph:
         graph = gtsam.NonlinearFactorGraph()
@@ -138,9 +137,8 @@ def test_a_range_between_two_pelvises_moves_them() -> None:
 
     with_it = replace(problem, extra=UserTerms(ranges))
     solved, _ = levenberg_marquardt(SceneObjective(with_it), state, settings)
-    without, _ = levenberg_marquardt(SceneObjective(problem), state, settings)
+    assert np.abs(distance(state) - 1.5).max() > 0.1
     assert np.abs(distance(solved) - 1.5).max() < 0.01
-    assert np.abs(distance(without) - 1.5).max() > 0.1
 
 
 @pytest.mark.parametrize("kind", ["moving", "standing"])

@@ -91,7 +91,7 @@ def test_a_truncated_stream_gives_what_came_and_one_finding(kept: int) -> None:
     assert bool(reason) == (kept % len(data) not in np.cumsum([len(one) for one in WALK]))
 
 
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(st.data())
 def test_any_message_of_the_schema_gives_a_sample_or_a_finding(data: st.DataObject) -> None:
     numbers, texts = st.floats(), st.text(max_size=5)

@@ -28,7 +28,7 @@ from vip_factors.sensors.scene import Scene, Video
 FORCE = Vector3(x=0, y=0, z=9.81)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(recordings())
 def test_round_trip_is_lossless_and_silent(tmp_path_factory: pytest.TempPathFactory, recording) -> None:
     path = tmp_path_factory.mktemp("mcap") / "r.mcap"
@@ -126,7 +126,7 @@ def test_what_is_no_mcap_file_is_refused(tmp_path: Path, content: bytes, what: s
         read_scene(tmp_path / "x.mcap")
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(scenes())
 def test_the_round_trip_of_a_scene_is_lossless_and_silent(
     tmp_path_factory: pytest.TempPathFactory, scene: Scene

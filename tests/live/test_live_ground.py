@@ -203,11 +203,11 @@ def test_a_stretch_without_the_wearer_does_not_lose_their_estimator() -> None:
     assert placed_cm(one, "newest") < 25
 
 
-@pytest.mark.parametrize("moving", [False, True])
-def test_two_cameras_of_unknown_pose_are_followed(moving: bool) -> None:
+def test_two_cameras_of_unknown_pose_are_followed() -> None:
+    """One is carried, the other stands."""
     scene = two_cameras()
     first, second = (replace(camera, known_path=None, moving=False) for camera in scene.cameras)
-    tracked = track(replace(scene, cameras=(replace(first, moving=moving), second)))
+    tracked = track(replace(scene, cameras=(replace(first, moving=True), second)))
     assert tracked.answers[-1].camera is not None
-    alone = track(replace(scene, cameras=(replace(first, moving=moving),)))
+    alone = track(replace(scene, cameras=(replace(first, moving=True),)))
     assert tracked.error_mm("smoothed") < 1.1 * alone.error_mm("smoothed")

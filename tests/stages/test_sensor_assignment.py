@@ -44,9 +44,7 @@ def test_sensors_in_their_places_are_left_there() -> None:
     assert with_sensors_assigned(source, Settings())[:2] == (source, ())
 
 
-@pytest.mark.parametrize(
-    "pair", [("left_thigh", "right_thigh"), ("left_shank", "right_shank"), ("right_thigh", "right_shank")]
-)
+@pytest.mark.parametrize("pair", [("left_shank", "right_shank"), ("right_thigh", "right_shank")])
 def test_exchanged_sensors_are_found(pair: tuple[str, str]) -> None:
     recording = mistaken(*pair)
     (found,) = exchanges_of(recording, Settings())

@@ -106,10 +106,15 @@ def nobody_calibrated(camera: str = "fixed") -> Scene:
     return replace(scene, cameras=(first, replace(second, clock=VideoClock(late))))
 
 
+@cache
+def solved(camera: str) -> Estimate:
+    return smooth(nobody_calibrated(camera), QUICK)
+
+
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
 def test_cameras_that_nobody_calibrated_are_found_together(camera: str) -> None:
     scene = filmed(camera, cameras=2, known_pose=False)
-    estimate = smooth(nobody_calibrated(camera), QUICK)
+    estimate = solved(camera)
     assert [one.name for one in estimate.cameras] == [one.name for one in scene.cameras]
     first, second = estimate.cameras
     apart = second.path.p_world_camera[0] - first.path.at(second.path.time).p_world_camera[0]
@@ -132,7 +137,7 @@ def test_cameras_that_have_no_wearer_in_common_are_not_put_into_one_world() -> N
 
 
 def test_estimates_of_several_cameras_are_read_as_they_were_written(tmp_path: Path) -> None:
-    estimate = smooth(nobody_calibrated("hand-held"), QUICK)
+    estimate = solved("hand-held")
     write_estimate(estimate, tmp_path / "e.mcap")
     read = read_estimate(tmp_path / "e.mcap")
     assert [one.name for one in read.cameras] == [one.name for one in estimate.cameras]
@@ -146,7 +151,7 @@ def test_windows_have_all_cameras() -> None:
     scene = nobody_calibrated("hand-held")
     windows = replace(QUICK.windows, window_s=1.6, overlap_s=0.6, above_s=3.0, calibration_stretches=1,
                       calibration_stretch_s=2.4)  # fmt: skip
-    whole, parts = smooth(scene, QUICK), smooth(scene, replace(QUICK, windows=windows))
+    whole, parts = solved("hand-held"), smooth(scene, replace(QUICK, windows=windows))
     assert [len(one.path) for one in parts.cameras] == [len(one.path) for one in whole.cameras]
     for one, other in zip(parts.cameras, whole.cameras, strict=True):
         assert one.model.focal[0] == pytest.approx(other.model.focal[0], rel=0.08)

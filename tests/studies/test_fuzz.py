@@ -15,7 +15,7 @@ from tests.studies.fuzz.outcome import Hang, Verdict, limited_time
 from tests.studies.fuzz.run import Case, Damage, Failure, chosen_cases
 from vip_factors.errors import InputError
 
-MUTATIONS, QUICK = 1200, 20  # of every case one
+MUTATIONS, QUICK = 400, 20  # of every case one
 
 
 def damage(

@@ -8,18 +8,17 @@ from vip_factors.atomic import atomic_open, check_target
 from vip_factors.display import one_line
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.convert import detect_format, read_log
-from vip_factors.io.convert_template_clock import PLEASE_DECLARE
-from vip_factors.io.convert_template_guess import guess
-from vip_factors.io.convert_template_units import UNIT_KEYS
 from vip_factors.io.importers.archives import unpacked
-from vip_factors.io.importers.column_map import QUANTITIES, TIME_UNITS, ColumnMap, Columns, SensorColumns
+from vip_factors.io.importers.column_guess import guess
+from vip_factors.io.importers.column_map import CHOICES, QUANTITIES, UNIT_KEYS, ColumnMap, Columns, SensorColumns
 from vip_factors.io.importers.shared import likely_sites
+from vip_factors.io.importers.unit_guess import PLEASE_DECLARE
 from vip_factors.io.typed_files import toml_text
 from vip_factors.sensors.calibration import SITES, site_axes
 
 
 class Templates(NamedTuple):
-    """Paths of what was written.
+    """Paths of the files that were written.
 
     Attributes:
         placement: where the sensors sit.
@@ -43,26 +42,26 @@ def write_templates(path: str | Path, name: Path, overwrite: bool = False, rate_
 
     Raises:
         InputError: if nothing is at the path, it is a recording of ours, or a file exists.
-        FileFormatError: if neither is its format known nor do the names of its columns tell anything.
+        FileFormatError: if its format is unknown and no column's name gives a quantity.
     """
     path = Path(path)
     stem = name.with_suffix("") if name.suffix.lower() == ".toml" else name
-    placement_file, columns_file = (stem.with_name(f"{stem.name}_{what}.toml") for what in ("placement", "columns"))
+    placement_file, columns_file = (stem.with_name(f"{stem.name}_{kind}.toml") for kind in ("placement", "columns"))
     for file in (placement_file, columns_file):
         check_target(file, overwrite)
     try:
-        known_format = detect_format(path)
+        format_name = detect_format(path)
     except FileFormatError:
-        known_format = ""
-    if known_format == "recording":
+        format_name = ""
+    if format_name == "recording":
         raise InputError(f"{path} is a recording of this package already: it needs neither columns nor places")
-    if known_format:
-        sensors, files = list(read_log(path, known_format, rate_hz=rate_hz).imus), Templates(placement_file)
+    if format_name:
+        sensors, files = list(read_log(path, format_name, rate_hz=rate_hz).imus), Templates(placement_file)
     else:
         with unpacked(path) as log:
             columns, reasons, sensors = guess(log, rate_hz)
-        asked = dict.fromkeys(reason for why in reasons.values() for reason in why if PLEASE_DECLARE in reason)
-        files = Templates(placement_file, columns_file, tuple(asked))
+        questions = [reason for phrases in reasons.values() for reason in phrases if PLEASE_DECLARE in reason]
+        files = Templates(placement_file, columns_file, tuple(dict.fromkeys(questions)))
         with atomic_open(columns_file, "w", overwrite) as stream:
             stream.write(columns_text(path, columns, reasons))
     with atomic_open(files.placement, "w", overwrite) as stream:
@@ -78,16 +77,16 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
     """A column map as TOML, what all sensors share above them."""
     entries = dict(columns.sensors) or {"": columns.common}
     first = next(iter(entries.values()))
-    one_clock = len({tuple(_time_lines(entry)) for entry in entries.values()}) == 1
+    has_one_clock = len({tuple(_time_lines(entry)) for entry in entries.values()}) == 1
     lines = [
         f"# What the columns of {one_line(str(path))} mean: a first guess from their names and numbers. Please check "
         "every line.",
         "",
-        *(_time_lines(first) if one_clock else ()),
+        *(_time_lines(first) if has_one_clock else ()),
     ]
     for quantity, keys in UNIT_KEYS.items():
         if any(getattr(entry, quantity) is not None for entry in entries.values()):
-            lines += [f"{key} = {toml_text(getattr(first, key))}  # {choices}" for key, choices in keys.items()]
+            lines += [f"{key} = {toml_text(getattr(first, key))}  # {', '.join(CHOICES[key])}" for key in keys]
     if columns.sensor_column is not None:
         lines.append(f"sensor_column = {toml_text(columns.sensor_column)}  # names the sensor of each row")
     for name, entry in entries.items():
@@ -96,64 +95,66 @@ def columns_text(path: Path, columns: ColumnMap, reasons: Mapping[str, list[str]
             lines.append(f"[sensors.{toml_text(name)}]")
         if entry.file is not None:
             lines.append(f"file = {toml_text(entry.file)}")
-        lines += () if one_clock else _time_lines(entry)
+        lines += () if has_one_clock else _time_lines(entry)
         for quantity in QUANTITIES:
-            at: Columns | None = getattr(entry, quantity)
-            if at is not None:
-                listed = toml_text(at.columns)
-                where = listed if at.file is None else f"{{ file = {toml_text(at.file)}, columns = {listed} }}"
-                lines.append(f"{quantity} = {where}")
+            located: Columns | None = getattr(entry, quantity)
+            if located is not None:
+                listed = toml_text(located.columns)
+                table = f"{{ file = {toml_text(located.file)}, columns = {listed} }}" if located.file else listed
+                lines.append(f"{quantity} = {table}")
     return "\n".join(lines) + "\n"
 
 
 def _time_lines(entry: SensorColumns) -> list[str]:
-    lines = (
-        [] if entry.counter is None else [f"counter = {toml_text(entry.counter)}  # counts packets: lost ones are gaps"]
-    )
+    lines = []
+    if entry.counter is not None:
+        lines.append(f"counter = {toml_text(entry.counter)}  # counts packets: lost ones are gaps")
     if entry.time is not None:
-        return [
-            *lines,
+        lines += [
             f"time = {toml_text(entry.time)}",
-            f'time_unit = "{entry.time_unit}"  # {", ".join(TIME_UNITS)}',
+            f'time_unit = "{entry.time_unit}"  # ' + ", ".join(CHOICES["time_unit"]),
         ]
-    if entry.rate_hz is not None:
-        return [*lines, f"rate_hz = {entry.rate_hz:g}  # as stated"]
-    return [*lines, "# No column looks like the times. Name it, or say how many samples a second there are:",
-            "# time = \"…\"", "# rate_hz = 100"]  # fmt: skip
+    elif entry.rate_hz is not None:
+        lines.append(f"rate_hz = {entry.rate_hz:g}  # as stated")
+    else:
+        lines.append("# No column looks like the times. Name it, or say how many samples a second there are:")
+        lines += ['# time = "…"', "# rate_hz = 100"]
+    return lines
+
+
+PLACEMENT_HEAD = """\
+# Where the sensors of {log} sat: a first guess from their names. Please check every line, then:
+# {command} --placement {placement}
+
+# Of the wearer; remove the # of what you know. Stature tells most of the body.
+# subject = "S01"
+# stature_m = 1.75
+# mass_kg = 70
+# sex = "female"
+# initial_pose = "n-pose"  # held at the first moment: n-pose (arms hanging) or t-pose (arms sideways)
+
+[sensors]
+"""
+PLACEMENT_END = """\
+
+# A sensor's axes are taken as the site's, within 40° or so; quarter turns are found from the motion, and
+# standing still at first or a declared pose tells the rest. Left, right, up, down, front and back are the
+# wearer's in a T-pose (arms sideways, palms down). If you know the sensor's axes well, give the rotation:
+#   "…" = { site = "left_thigh", mounting_wxyz = [1, 0, 0, 0], sigma_deg = 15 }
+# Sites:
+"""
 
 
 def placement_text(path: Path, sensors: list[str], files: Templates) -> str:
     """A placement file with the sites that the sensors' names suggest, and all sites explained."""
-    command = f"vip-factors convert {one_line(str(path))} RECORDING.mcap"
+    log, placement = one_line(str(path)), one_line(str(files.placement))
+    command = f"vip-factors convert {log} RECORDING.mcap"
     command += f" --columns {one_line(str(files.columns))}" if files.columns is not None else ""
     sites = likely_sites(sensors)
-    width = max((len(toml_text(name)) for name in sensors), default=0)
-    lines = [
-        f"# Where the sensors of {one_line(str(path))} sat: a first guess from their names. Please check every line, "
-        "then:",
-        f"# {command} --placement {one_line(str(files.placement))}",
-        "",
-        "# Of the wearer; remove the # of what you know. Stature tells most of the body.",
-        '# subject = "S01"',
-        "# stature_m = 1.75",
-        "# mass_kg = 70",
-        '# sex = "female"',
-        '# initial_pose = "n-pose"  # held at the first moment: n-pose (arms hanging) or t-pose (arms sideways)',
-        "",
-        "[sensors]",
-    ]
+    lines = []
     for name in sensors:
-        key = toml_text(name).ljust(width)
-        site = sites.get(name)
-        lines.append(f"{key} = {toml_text(site)}  # {site_axes(site)}" if site else f'# {key} = "…"  # not told')
-    lines += [
-        "",
-        "# A sensor's axes are taken as the site's, within 40° or so; quarter turns are found from the motion, and",
-        "# standing still at first or a declared pose tells the rest. Left, right, up, down, front and back are the",
-        "# wearer's in a T-pose (arms sideways, palms down). If you know the sensor's axes well, give the rotation:",
-        '#   "…" = { site = "left_thigh", mounting_wxyz = [1, 0, 0, 0], sigma_deg = 15 }',
-        "# Sites:",
-        *(f"#   {name.ljust(max(map(len, SITES)))}  {site_axes(name)}" for name in SITES),
-        "",
-    ]
-    return "\n".join(lines)
+        key, site = toml_text(name).ljust(max(len(toml_text(sensor)) for sensor in sensors)), sites.get(name)
+        lines.append(f"{key} = {toml_text(site)}  # {site_axes(site)}\n" if site else f'# {key} = "…"  # not told\n')
+    width = max(map(len, SITES))
+    lines += [PLACEMENT_END, *(f"#   {name.ljust(width)}  {site_axes(name)}\n" for name in SITES)]
+    return PLACEMENT_HEAD.format(log=log, command=command, placement=placement) + "".join(lines)

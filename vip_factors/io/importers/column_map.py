@@ -48,6 +48,11 @@ SENSES = ("sensor_to_world", "world_to_sensor")
 UPS = ("z", "y", "-z")
 UP_OR_DOWN = "z or -z"  # as gravity tells: of makers whose exports differ; no column map says it
 QUANTITIES = {"acceleration": 3, "angular_rate": 3, "quaternion": 4}
+UNIT_KEYS = {
+    "acceleration": ("acceleration_unit", "gravity"),
+    "angular_rate": ("angular_rate_unit",),
+    "quaternion": ("quaternion_order", "quaternion_sense", "world_up"),
+}
 CHOICES: dict[str, tuple[str, ...]] = {
     "time_unit": tuple(TIME_UNITS),
     "acceleration_unit": tuple(ACCELERATION_UNITS),

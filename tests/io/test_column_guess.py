@@ -2,7 +2,7 @@
 
 import pytest
 
-from vip_factors.io.column_names import meaning, meaning_of_file
+from vip_factors.io.importers.column_guess import meaning, meaning_of_file
 
 
 @pytest.mark.parametrize(

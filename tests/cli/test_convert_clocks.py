@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from conftest import assert_one_sentence
 
-from vip_factors.cli.convert import LogOptions
 from vip_factors.geometry.rotations import exp
 from vip_factors.io.mcap_recording import read_scene
+from vip_factors.io.settings import LogOptions
 
 COUNT = 300
 

@@ -4,6 +4,7 @@ import csv
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 from tests.studies.gait import (
     FIRST_PACKET,
@@ -137,11 +138,13 @@ def _geneva_columns() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _worn(placement: Mapping[str, str] | None, pose: str = "none", start_s: float | None = None) -> ImportOptions:
+def _worn(
+    placement: Mapping[str, str] | None, pose: Literal["n-pose", "none"] = "none", start_s: float | None = None
+) -> ImportOptions:
     return ImportOptions(placement=placement, stature_m=STATURE_M, initial_pose=pose, start_s=start_s)
 
 
-def _treadmill(pose: str, log: str = "Orientations.sto", said: str = "") -> RealRecording:
+def _treadmill(pose: Literal["n-pose", "none"], log: str = "Orientations.sto", said: str = "") -> RealRecording:
     """With another log its accelerometers too, two of which are mis-scaled."""
     where = "xsens_treadmill_optical"
 

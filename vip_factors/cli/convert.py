@@ -3,14 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
 from vip_factors.cli.options import UNPREFIXED, Input, Output, WritingOptions
 from vip_factors.cli.terminal import note, say, waiting
 from vip_factors.errors import InputError
-from vip_factors.io.settings import CameraOptions
+from vip_factors.io.settings import CameraOptions, LogOptions
 
 if TYPE_CHECKING:
     from vip_factors.io.convert import ImportOptions
@@ -37,44 +37,15 @@ FilmedOptions = make_dataclass(
 
 
 @dataclass(frozen=True, kw_only=True)
-class LogOptions:
+class LogArguments(LogOptions):
     """What is known of a log and its wearer."""
 
-    columns: Path | None = None
-    """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
-    sensor, in which unit."""
-    rate_hz: float | None = None
-    """Samples per second of a table or an Xsens export, if it has no times and states no rate, or wrong ones."""
-    stature_m: float | None = None
-    """Height of the wearer in metres, without shoes; if absent, an adult's stands for it, and a note says so."""
-    mass_kg: float | None = None
-    """Mass of the wearer in kilograms; it tells widths, mostly."""
-    sex: Literal["male", "female"] | None = None
-    """Whose proportions the wearer is likely to have; those of both together if absent."""
-    segment_lengths_m: dict[str, float] = field(default_factory=dict)
-    """Measured lengths in metres, such as: thigh 0.43 shank 0.42; all others follow."""
-    subject: str | None = None
-    """Name of the wearer."""
-    body: Path | None = None
-    """Body file (.toml) that vip-factors body wrote of the wearer before, instead of stature, sex and lengths."""
-    initial_pose: Literal["t-pose", "n-pose", "none"] | None = None
-    """What the wearer held at the first moment kept."""
     pose_from: Annotated[str | None, tyro.conf.arg(metavar="LOG[:SAMPLE]")] = None
-    """The initial pose was held in another log of the same sensors, or in one sample (1 is the first) of that log or of
-    this one, facing anywhere; it is put before the recording."""
-    start_s: float | None = None
-    """Seconds of the log to leave out before."""
-    end_s: float | None = None
-    """Second of the log to end at."""
-    format: str | None = None
-    """Format of the log; found by its content if absent."""
     then: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
-    """Log of the same sensors that follows in time, as a part of the same recording; the pause between them stays. May
-    be said several times."""
 
 
 @dataclass(frozen=True)
-class ConvertOptions(LogOptions, WritingOptions):
+class ConvertOptions(LogArguments, WritingOptions):
     """Bring a sensor log of any known format into a recording (MCAP): a file, a folder, or how its files' names begin.
 
     Say where the sensors sit with --placement; without it their names must tell. For tables of any other make say what

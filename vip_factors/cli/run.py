@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from vip_factors.cli.convert import ConvertOptions, LogOptions, camera_options, import_options
+from vip_factors.cli.convert import ConvertOptions, LogArguments, camera_options, import_options
 from vip_factors.cli.detect import DetectOptions
 from vip_factors.cli.options import FailOn, Flag, Output, fail_on, parse
 from vip_factors.cli.terminal import progress_bar, say
 from vip_factors.detect.settings import DetectSettings
 from vip_factors.errors import InputError
+from vip_factors.io.settings import LogOptions
 
 if TYPE_CHECKING:
     from vip_factors.cli.smooth import SmoothOptions
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class RunOptions(LogOptions):
+class RunOptions(LogArguments):
     """From a video and the sensors' log to motion, in one command: run --video walk.mp4 --log xsens/ --placement p.toml
 
     It does what these commands do, one after another, and keeps each one's file in a folder: detect, convert, sync,

@@ -1,7 +1,7 @@
 """From a foreign sensor log to a recording: which format it is, who wore it, where each sensor sits."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, TypeGuard
@@ -27,6 +27,7 @@ from vip_factors.io.log_streams import (
 )
 from vip_factors.io.mcap_reader import MAGIC
 from vip_factors.io.placement_file import INITIAL_POSES, PlacementFile, place_sensors, placement_from_file
+from vip_factors.io.settings import LogOptions
 from vip_factors.sensors.imu_stream import ImuStream, with_orientation
 from vip_factors.sensors.recording import Recording, Subject, Truth
 
@@ -53,45 +54,19 @@ NO_POSE = (
 _TOLD_FORMATS = ("table",)  # known by a column map alone
 
 
-@dataclass(frozen=True)
-class ImportOptions:
-    """What the user knows beyond the log; everything is optional, and wins over what the log says.
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions(LogOptions):
+    """Options of a conversion: what the user knows beyond the log. All are optional, and win over the log's content.
+
+    The fields of :class:`~vip_factors.io.settings.LogOptions` say of themselves what they are.
 
     Attributes:
-        format: one of :data:`FORMATS`; found by content if None.
-        columns: column map of a log that is a table, or tables, of no known format
-            (:mod:`~vip_factors.io.importers.column_map`).
-        rate_hz: samples per second of tables, in place of their times and of the rate that they state.
         placement: name of a preset, path of a placement file, or site → sensor name.
-        stature_m, mass_kg, sex, segment_lengths_m: of the wearer, as in
-            :class:`~vip_factors.sensors.recording.Subject`.
-        subject: the wearer's name.
-        initial_pose: ``"t-pose"``, ``"n-pose"`` or ``"none"``: what was held at the first moment kept.
-        pose_from: ``LOG`` or ``LOG:SAMPLE`` of the same sensors: the initial pose was held there instead
-            (:mod:`~vip_factors.io.log_streams`), and how the wearer faced then does not matter.
-        start_s, end_s: seconds of the log to keep; the recording's time 0 is at ``start_s``.
-        name: of the recording; the path's own if None.
-        then: logs of the same sensors that follow in time, as parts of the same recording; whose clocks go on, or which
-            tell their absolute start. Whatever is said of the log holds for all of them together.
-        body: body file of the wearer, as ``vip-factors body`` writes it: in the place of stature, sex and lengths.
+        name: the recording's; the path's own if None.
     """
 
-    format: str | None = None
-    columns: str | Path | None = None
-    rate_hz: float | None = None
     placement: str | Path | Mapping[str, str] | None = None
-    stature_m: float | None = None
-    mass_kg: float | None = None
-    sex: str | None = None
-    segment_lengths_m: Mapping[str, float] = field(default_factory=dict)
-    subject: str | None = None
-    initial_pose: str | None = None
-    pose_from: str | None = None
-    start_s: float | None = None
-    end_s: float | None = None
     name: str | None = None
-    body: Path | None = None
-    then: tuple[Path, ...] = ()
 
     def __post_init__(self) -> None:
         if self.format is not None and self.format not in FORMATS:

@@ -1,9 +1,9 @@
-"""What is set of cameras, of live sources and sinks, and of exported files: the command line shows it without NumPy."""
+"""Settings of logs, cameras, live sources and sinks, and exported files; the command line shows them without NumPy."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from vip_factors.ranges import MaybeRate, Range, check_ranges
 
@@ -33,6 +33,43 @@ class LiveSourceSettings:
 
 
 DEFAULT = LiveSourceSettings()
+
+
+@dataclass(frozen=True, kw_only=True)
+class LogOptions:
+    """What is known of a log and its wearer."""
+
+    columns: Path | None = None
+    """Column map (.toml) of a log that is a table, or tables, of no known format: which columns hold what, of which
+    sensor, in which unit."""
+    rate_hz: float | None = None
+    """Samples per second of a table or an Xsens export, if it has no times and states no rate, or wrong ones."""
+    stature_m: float | None = None
+    """Height of the wearer in metres, without shoes; if absent, an adult's stands for it, and a note says so."""
+    mass_kg: float | None = None
+    """Mass of the wearer in kilograms; it tells widths, mostly."""
+    sex: Literal["male", "female"] | None = None
+    """Whose proportions the wearer is likely to have; those of both together if absent."""
+    segment_lengths_m: dict[str, float] = field(default_factory=dict)
+    """Measured lengths in metres, such as: thigh 0.43 shank 0.42; all others follow."""
+    subject: str | None = None
+    """Name of the wearer."""
+    body: Path | None = None
+    """Body file (.toml) that vip-factors body wrote of the wearer before, instead of stature, sex and lengths."""
+    initial_pose: Literal["t-pose", "n-pose", "none"] | None = None
+    """What the wearer held at the first moment kept."""
+    pose_from: str | None = None
+    """The initial pose was held in another log of the same sensors, or in one sample (1 is the first) of that log or of
+    this one, facing anywhere; it is put before the recording."""
+    start_s: float | None = None
+    """Seconds of the log to leave out before."""
+    end_s: float | None = None
+    """Second of the log to end at."""
+    format: str | None = None
+    """Format of the log; found by its content if absent."""
+    then: tuple[Path, ...] = ()
+    """Log of the same sensors that follows in time, as a part of the same recording; the pause between them stays. May
+    be said several times."""
 
 
 @dataclass(frozen=True)

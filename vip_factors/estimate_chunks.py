@@ -46,7 +46,7 @@ class EstimateChunks:
         )
 
     def changed(self, change: Callable[[Estimate], Estimate]) -> "EstimateChunks":
-        """The same with a change of the head and of every chunk."""
+        """Return the chunks with a function applied to the head and to every chunk."""
         closed = self.closed
         return replace(
             self,

@@ -44,9 +44,11 @@ DEFAULT = Settings()
 
 
 def smooth(
-    source: Recording | Scene, settings: Settings = DEFAULT, progress: ProgressCallback | None = None,
+    source: Recording | Scene,
+    settings: Settings = DEFAULT,
+    progress: ProgressCallback | None = None,
     extra_factors: ExtraFactors | None = None,
-) -> Estimate:  # fmt: skip
+) -> Estimate:
     """Reconstruct a recording or a scene: of its wearers' IMUs and of what its cameras saw, or of the IMUs alone.
 
     First coarsely: the inertial tracker (IT; thesis eq. 4.10) starts the sparse inertial poser (SIP; thesis 3.3) or,
@@ -70,10 +72,13 @@ def smooth(
 
 
 def smooth_chunks(
-    source: SceneSource, settings: Settings = DEFAULT, progress: ProgressCallback | None = None,
-    extra_factors: ExtraFactors | None = None, map_fn: MapFn = map,
-) -> EstimateChunks:  # fmt: skip
-    """The same of a source that need not fit into memory: calibrated now, windows are solved as chunks are asked for.
+    source: SceneSource,
+    settings: Settings = DEFAULT,
+    progress: ProgressCallback | None = None,
+    extra_factors: ExtraFactors | None = None,
+    map_fn: MapFn = map,
+) -> EstimateChunks:
+    """Smooth a source that need not fit into memory: calibrate now, and solve windows as chunks are asked for.
 
     Args:
         source: of a scene, in memory or in a file.
@@ -89,23 +94,28 @@ def smooth_chunks(
         source, findings, starts = with_sensors_assigned(source, settings, coarse_times(source, settings))
         estimate = _smooth_all(source, findings, starts, settings, progress or silent, extra, map_fn)
 
-    def reported(part: Estimate) -> Estimate:
-        part = replace(part, findings=(*about_pauses, *part.findings))
-        return with_model_errors(part, settings) if settings.model_errors else part
+    def reported(chunk: Estimate) -> Estimate:
+        chunk = replace(chunk, findings=(*about_pauses, *chunk.findings))
+        return with_model_errors(chunk, settings) if settings.model_errors else chunk
 
     estimate = estimate.changed(reported)
     return replace(estimate, chunks=_in_one_thread(estimate.chunks))
 
 
 def _smooth_all(
-    source: SceneSource, findings: tuple[Finding, ...], starts: Sequence[WearerStart | None], settings: Settings,
-    on_progress: ProgressCallback, extra: UserTerms | None, map_fn: MapFn,
-) -> EstimateChunks:  # fmt: skip
+    source: SceneSource,
+    findings: tuple[Finding, ...],
+    starts: Sequence[WearerStart | None],
+    settings: Settings,
+    on_progress: ProgressCallback,
+    extra: UserTerms | None,
+    map_fn: MapFn,
+) -> EstimateChunks:
     """All wearers before the cameras, or each by itself where these show nobody; with ``findings`` before others."""
     if source.head.camera is not None and settings.fusion.use_camera:
         filmed = _smooth_scene(source, starts, settings, on_progress, extra, map_fn)
         if isinstance(filmed, EstimateChunks):
-            return filmed.changed(lambda part: replace(part, findings=(*findings, *part.findings)))
+            return filmed.changed(lambda chunk: replace(chunk, findings=(*findings, *chunk.findings)))
         findings = (
             *findings,
             *filmed,
@@ -115,13 +125,13 @@ def _smooth_all(
         raise InputError(
             "extra factors among several wearers need a camera that sees them: else each is in a world of its own"
         )
-    parts = []
+    estimates = []
     for recording, start in zip_longest(source.wearers, starts):
-        alone = UnfilmedSource(Scene(recording.head.name, (recording.head,)), (recording,))
-        part = _smooth_scene(alone, (start,), settings, on_progress, extra, map_fn)
-        assert isinstance(part, EstimateChunks)
-        parts.append(part)
-    return _together(source.head.name, parts, findings, settings)
+        wearer_source = UnfilmedSource(Scene(recording.head.name, (recording.head,)), (recording,))
+        estimate = _smooth_scene(wearer_source, (start,), settings, on_progress, extra, map_fn)
+        assert isinstance(estimate, EstimateChunks)
+        estimates.append(estimate)
+    return _together(source.head.name, estimates, findings, settings)
 
 
 def _smooth_scene(
@@ -145,10 +155,10 @@ def _smooth_scene(
 
 
 def _together(
-    name: str, parts: Sequence[EstimateChunks], findings: tuple[Finding, ...], settings: Settings
+    name: str, estimates: Sequence[EstimateChunks], findings: tuple[Finding, ...], settings: Settings
 ) -> EstimateChunks:
     """Estimates of wearers who have no world in common, as one."""
-    wearers = tuple(part.head.wearer() for part in parts)
+    wearers = tuple(estimate.head.wearer() for estimate in estimates)
     findings = (*findings, *(finding for wearer in wearers for finding in wearer.findings))
     if len(wearers) > 1:
         findings = (*findings, Finding("apart"))
@@ -156,11 +166,11 @@ def _together(
     ended = [Estimate.of_one(replace(wearer, reports=())) for wearer in wearers]
 
     def chunks() -> Iterator[Estimate]:
-        for several in zip_longest(*(part.chunks for part in parts)):
-            chunk = [(part or end).wearer() for part, end in zip(several, ended, strict=True)]
+        for several in zip_longest(*(estimate.chunks for estimate in estimates)):
+            chunk = [(chunk_or_end or end).wearer() for chunk_or_end, end in zip(several, ended, strict=True)]
             yield replace(head, wearers=tuple(chunk))
 
-    return EstimateChunks(head, tuple(part.frames[0] for part in parts), chunks())
+    return EstimateChunks(head, tuple(estimate.frames[0] for estimate in estimates), chunks())
 
 
 def _in_one_thread(chunks: Iterator[Estimate]) -> Iterator[Estimate]:

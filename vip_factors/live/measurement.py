@@ -118,7 +118,7 @@ class MeasuredStretch:
         """Measurements of each wearer's sensors in a solution, at all frames."""
         return tuple(
             self.imu_frames(recording.subject.name, wearer.frames.sensors)
-            for recording, wearer in zip(solution.scene.wearers, solution.fused.model.wearers, strict=True)
+            for recording, wearer in zip(solution.scene.wearers, solution.fusion.model.wearers, strict=True)
         )
 
     @cached_property

@@ -86,7 +86,7 @@ def recalibrate(
         )
         fine = replace(fine, model=replace(fine.model, wearers=wearers))
         start = tracking_start(end, coarse, fine, settings)
-        information = information_of(coarse.fused, start.problem.layout, inflation)
+        information = information_of(coarse.fusion, start.problem.layout, inflation)
         exchanges, in_place = list[Finding](), previous is not None and previous.in_place
         if stretch.seconds >= SETTLING_S:
             coarse = coarse.with_rivals_solved(batch, Solver(batch.solve, silent))

@@ -227,5 +227,5 @@ def _calibrate_on(
         return *film_findings(scene, start), *start
     solution = solve_from(start, scene, settings, solver).with_rivals_solved(settings, solver)
     if settings.floor != "none" and not solution.is_world_known:
-        solution = replace(solution, fused=with_level_floor(solution.fused, solver))
+        solution = replace(solution, fusion=with_level_floor(solution.fusion, solver))
     return Calibration(solution.on_floor(settings), corrections, sensor_findings, solver)

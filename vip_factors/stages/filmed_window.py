@@ -48,7 +48,7 @@ HEADING_DEG = 3.0
 
 @dataclass(frozen=True)
 class WearerStart:
-    """How a wearer begins a window.
+    """Start of a wearer in a window.
 
     Attributes:
         headings: as known before.
@@ -90,7 +90,7 @@ class WearerStart:
 
 @dataclass(frozen=True)
 class CameraStart:
-    """How a camera begins a window.
+    """Start of a camera in a window.
 
     Attributes:
         clock: of its video.
@@ -105,7 +105,7 @@ class CameraStart:
 
 @dataclass(frozen=True)
 class WindowStart:
-    """How a filmed window begins: wearers in their order, and cameras by name."""
+    """Start of a filmed window: wearers in their order, and cameras by name."""
 
     wearers: tuple[WearerStart, ...]
     cameras: Mapping[str, CameraStart]
@@ -121,23 +121,23 @@ class WindowStart:
         """
         time = trackers[0].model.frames.time
         usable, used = usable_cameras(associated), list[AssociatedCamera]()
-        for each in associated:
-            if any(each is one for one in usable):
-                used.append(each)
-            elif each.camera.known_path is None or not usable:
-                before = self.cameras[each.camera.name]
-                camera = camera_without_sight(each.camera, before, time, settings)
-                used += [replace(each, camera=camera)] if camera.known_path is not None else []
+        for associated_camera in associated:
+            if any(associated_camera is usable_camera for usable_camera in usable):
+                used.append(associated_camera)
+            elif associated_camera.camera.known_path is None or not usable:
+                previous = self.cameras[associated_camera.camera.name]
+                camera = camera_without_sight(associated_camera.camera, previous, time, settings)
+                used += [replace(associated_camera, camera=camera)] if camera.known_path is not None else []
         start = start_fusion(used, trackers, settings)
         wearers = []
         for number, (wearer, tracker, begin) in enumerate(zip(start.wearers, trackers, self.wearers, strict=True)):
-            seen = np.concatenate([one.sightings[number].time for one in used])
+            sighting_times = np.concatenate([association.sightings[number].time for association in used])
             model = replace(wearer.model, prior_headings=tracker.model.prior_headings)
             wearer = replace(wearer, model=model)
-            if begin.p_world_pelvis is not None and not np.any(seen <= begin.known_until):
-                wearer = _from_before(wearer, begin.p_world_pelvis, seen)
+            if begin.p_world_pelvis is not None and not np.any(sighting_times <= begin.known_until):
+                wearer = _from_before(wearer, begin.p_world_pelvis, sighting_times)
             reach = settings.windows.overlap_s
-            if not (np.any(seen <= time[0] + reach) and np.any(seen >= time[-1] - reach)):
+            if not (np.any(sighting_times <= time[0] + reach) and np.any(sighting_times >= time[-1] - reach)):
                 contact = tracker.model.settings.foot_contact
                 loose = replace(contact, sigma=settings.fusion.contact_loosening * contact.sigma)
                 wearer = replace(wearer, model=with_foot_contact(wearer.model, loose))
@@ -146,16 +146,20 @@ class WindowStart:
         return replace(start, wearers=tuple(wearers), state=state)
 
 
-def _from_before(wearer: InertialSolution, p_world_start: Array, seen: Array) -> InertialSolution:
+def _from_before(wearer: InertialSolution, p_world_start: Array, sighting_times: Array) -> InertialSolution:
     """A wearer who begins where the window before has him, and goes to where he is ``seen`` first, if he is."""
     time, p = wearer.model.frames.time, wearer.state.p_world_pelvis
-    first = float(seen.min()) if len(seen) else np.inf
-    left = np.clip((first - time) / (first - time[0]), 0.0, 1.0) if np.isfinite(first) else np.ones(len(time))
-    state = replace(wearer.state, p_world_pelvis=p + left[:, None] * (p_world_start - p[0]))
+    first_sighting = float(sighting_times.min()) if len(sighting_times) else np.inf
+    weight = (
+        np.clip((first_sighting - time) / (first_sighting - time[0]), 0.0, 1.0)
+        if np.isfinite(first_sighting)
+        else np.ones(len(time))
+    )
+    state = replace(wearer.state, p_world_pelvis=p + weight[:, None] * (p_world_start - p[0]))
     return replace(wearer, model=replace(wearer.model, is_gauge=True), state=state)
 
 
-def camera_without_sight(camera: Camera, before: CameraStart, time: Array, settings: Settings) -> Camera:
+def camera_without_sight(camera: Camera, previous: CameraStart, time: Array, settings: Settings) -> Camera:
     """A camera that sees no wearer in a window, where it was last: turned by its sensor, if it has one, and unmoved.
 
     Args:
@@ -166,12 +170,12 @@ def camera_without_sight(camera: Camera, before: CameraStart, time: Array, setti
     """
     if not camera.moving or camera.known_path is not None:
         return camera
-    there = (before.path or CameraPath(time[:1], np.eye(3)[None], np.zeros((1, 3)))).at(time)
+    path = (previous.path or CameraPath(time[:1], np.eye(3)[None], np.zeros((1, 3)))).at(time)
     valid, measured = inertial_orientations(camera_problem(camera, time, settings), len(time))
     if not valid.any():
-        return replace(camera, known_path=there)
-    turned = CameraPath(time[valid], rotation_z(before.heading) @ measured, there.p_world_camera[valid]).at(time)
-    return replace(camera, known_path=replace(there, R_world_camera=turned.R_world_camera))
+        return replace(camera, known_path=path)
+    turned = CameraPath(time[valid], rotation_z(previous.heading) @ measured, path.p_world_camera[valid]).at(time)
+    return replace(camera, known_path=replace(path, R_world_camera=turned.R_world_camera))
 
 
 @dataclass(frozen=True)
@@ -183,7 +187,7 @@ class FilmedWindow:
         frames: of each wearer at the full rate.
         solution: of its coarse frames.
         cameras: as they were given.
-        known: cameras of the calibration.
+        calibrated_cameras: cameras of the calibration.
         start: how it began.
         settings, solver: of the window.
         sensor_findings: findings about the sensors.
@@ -193,23 +197,23 @@ class FilmedWindow:
     frames: tuple[ImuFrames, ...]
     solution: SceneSolution
     cameras: tuple[Camera, ...]
-    known: "KnownCameras"
+    calibrated_cameras: "KnownCameras"
     start: WindowStart
     settings: Settings
     solver: Solver
     sensor_findings: tuple[Finding, ...]
 
     def start_at(self, frame: int) -> WindowStart:
-        """How a window begins at one of this one's frames."""
-        fused, time = self.solution.fused, self.frames[0].time
-        wearers, at, cameras = list[WearerStart](), frame - self.span.start, dict(self.start.cameras)
-        for one in fused.wearers:
-            pose, headings = at_frames(one.state, one.model.frames.time, time[at : at + 1]), Headings.of(one)
+        """Return the start of a window that begins at a frame of this one."""
+        fused, time = self.solution.fusion, self.frames[0].time
+        wearers, row, cameras = list[WearerStart](), frame - self.span.start, dict(self.start.cameras)
+        for wearer in fused.wearers:
+            pose, headings = at_frames(wearer.state, wearer.model.frames.time, time[row : row + 1]), Headings.of(wearer)
             wearers.append(WearerStart(headings, pose.R_parent_child[0], pose.p_world_pelvis[0], float(time[-1])))
-        for each, viewpoint, placed in zip(
+        for associated_camera, viewpoint, placed in zip(
             self.solution.associated, fused.model.viewpoints(fused.state), fused.placements, strict=True
         ):
-            name, state = each.camera.name, viewpoint.state
+            name, state = associated_camera.camera.name, viewpoint.state
             clock = cameras[name].clock.corrected(state.clock, state.clock_drift, viewpoint.problem.clock_middle)
             cameras[name] = CameraStart(clock, placed.path, state.heading)
         return WindowStart(tuple(wearers), cameras)
@@ -220,7 +224,7 @@ class FilmedWindow:
         Raises:
             SolveError: if its problem is not determined.
         """
-        coarse, associated, first = self.solution.fused, self.solution.associated, self.cameras[0]
+        coarse, associated, first_camera = self.solution.fusion, self.solution.associated, self.cameras[0]
         fine = self.solution.at_full_rate(self.frames, self.settings, self.solver)
         covariance = None
         if self.settings.covariance:  # with mountings as sure as they were found
@@ -228,26 +232,31 @@ class FilmedWindow:
             unsure = replace(coarse, model=replace(coarse.model, wearers=free))
             covariance = full_rate_covariance(unsure, fine, self.solver)
         wearers = decode_wearers(fine.model, fine.state, covariance)
-        seen = np.full(len(first.detections), -1)
-        if associated[0].camera.name == first.name:
-            seen = associated[0].association.wearer
+        wearer_of_detection = np.full(len(first_camera.detections), -1)
+        if associated[0].camera.name == first_camera.name:
+            wearer_of_detection = associated[0].association.wearer
         return SolvedWindow(
             self.span,
             wearers,
             tuple(self._cameras(fine, covariance)),
             tuple(map(Headings.of, coarse.wearers)),
-            first.timed_detections.time[first.detections.frame],
-            seen,
-            any(each.shows_wearer and each.camera.known_path is not None for each in associated),
+            first_camera.timed_detections.time[first_camera.detections.frame],
+            wearer_of_detection,
+            any(
+                associated_camera.shows_wearer and associated_camera.camera.known_path is not None
+                for associated_camera in associated
+            ),
             tuple(self.solver.reports),
             (*self.sensor_findings, *self._findings(fine, wearers)),
         )
 
     def _cameras(self, fine: FusionSolution, covariance: SceneCovariance | None) -> Iterator[CameraEstimate]:
-        """Of those of the calibration, each; one without a place in this window is where it was before."""
-        numbers = {each.camera.name: number for number, each in enumerate(self.solution.associated)}
+        """Return all calibrated cameras; one without a place in this window keeps its last one."""
+        numbers = {
+            associated_camera.camera.name: number for number, associated_camera in enumerate(self.solution.associated)
+        }
         time = fine.model.wearers[0].frames.time
-        for name, (placed, _) in self.known.items():
+        for name, (placed, _) in self.calibrated_cameras.items():
             start = self.start.cameras[name]
             if name in numbers:
                 yield decode_camera(name, numbers[name], fine.model, fine.state, covariance, start.clock)
@@ -255,21 +264,28 @@ class FilmedWindow:
                 moves = next(camera.moving for camera in self.cameras if camera.name == name)
                 path = start.path or placed.path
                 unseen = np.full((len(time), len(fine.model.wearers)), np.nan)
-                yield CameraEstimate(name, placed.lens, path.at(time) if moves else path, residual_px=unseen,
-                                     clock=start.clock)  # fmt: skip
+                yield CameraEstimate(
+                    name, placed.lens, path.at(time) if moves else path, residual_px=unseen, clock=start.clock
+                )
 
     def _findings(self, fine: FusionSolution, wearers: Sequence[WearerEstimate]) -> Iterator[Finding]:
-        """What is odd about the window, but for drift, which is of all of them; cameras are as they were given."""
-        given, scene = {camera.name: camera for camera in self.cameras}, self.solution.scene
-        associated = [replace(each, camera=given[each.camera.name]) for each in self.solution.associated]
+        """Return the findings of the window except drift, which concerns all windows; cameras are as declared."""
+        camera_of_name, scene = {camera.name: camera for camera in self.cameras}, self.solution.scene
+        associated = [
+            replace(associated_camera, camera=camera_of_name[associated_camera.camera.name])
+            for associated_camera in self.solution.associated
+        ]
         none = np.zeros(0)
         still = [
-            replace(wearer, calibration={
-                name: replace(sensor, heading_time=none, heading_path=none)
-                for name, sensor in wearer.calibration.items()
-            })
+            replace(
+                wearer,
+                calibration={
+                    name: replace(sensor, heading_time=none, heading_path=none)
+                    for name, sensor in wearer.calibration.items()
+                },
+            )
             for wearer in wearers
-        ]  # fmt: skip
+        ]
         yield from who_is_who(scene, associated)
         yield from quality_checks(scene, associated, fine, still)
 
@@ -294,12 +310,12 @@ def filmed_windows(
         RecordingError: for samples that cannot be used.
         SolveError: if a window's problem is not determined.
     """
-    known = KnownScene.of(calibration, calibrated, settings)
-    start, overlap = known.start, None
+    scene = KnownScene.of(calibration, calibrated, settings)
+    start, overlap = scene.start, None
     for span in plan.windows():
         if overlap is not None:
             start = overlap.start_at(span.start)
-        overlap = known.solve(source, start, plan, span, replace(solver, reports=[]))
+        overlap = scene.solve(source, start, plan, span, replace(solver, reports=[]))
         yield overlap
 
 
@@ -329,23 +345,23 @@ class KnownScene:
 
     @classmethod
     def of(cls, calibration: Calibration, calibrated: Estimate, settings: Settings) -> "KnownScene":
-        """As calibrated; ``calibrated`` says how surely."""
+        """Build the scene from a calibration; ``calibrated`` gives its standard deviations."""
         solution, scene = calibration.solution, calibration.solution.scene
-        model, state = solution.fused.model, solution.fused.state
+        model, state = solution.fusion.model, solution.fusion.state
         settings = _settings_of_windows(settings, any(camera.known_path is not None for camera in scene.cameras))
         wearers, starts = list[InertialSolution](), list[WearerStart]()
         for recording, begun, solved, estimate in zip(
-            scene.wearers, solution.wearers, solution.fused.wearers, calibrated.wearers, strict=True
+            scene.wearers, solution.wearers, solution.fusion.wearers, calibrated.wearers, strict=True
         ):
             sites = [recording.placement.site(name) for name in solved.model.frames.sensors]
-            found = [estimate.calibration[site.sensor].mounting_sigma for site in sites]
-            sigmas = [_size(sigma, site.mounting_sigma) for sigma, site in zip(found, sites, strict=True)]
+            mounting_sigmas = [estimate.calibration[site.sensor].mounting_sigma for site in sites]
+            sigmas = [_size(sigma, site.mounting_sigma) for sigma, site in zip(mounting_sigmas, sites, strict=True)]
             factors = replace(
                 begun.model.settings,
                 foot_contact=settings.factors.foot_contact,
                 heading_prior=settings.factors.heading_prior,
             )
-            known = replace(
+            calibrated_recording = replace(
                 with_fixed_calibration(with_body_of(begun.model, solved.model)),
                 free_headings=settings.calibration.estimate_headings,
                 free_pose_mean=True,
@@ -359,18 +375,20 @@ class KnownScene:
                 free_body=False,
                 is_gauge=True,
             )
-            wearers.append(InertialSolution(known, solved.state))
+            wearers.append(InertialSolution(calibrated_recording, solved.state))
             starts.append(WearerStart(Headings.of(solved)))
         cameras = {
-            each.camera.name: (placed, own.R_camera_imu)
-            for each, placed, own in zip(solution.associated, solution.fused.placements, state.cameras, strict=True)
+            associated_camera.camera.name: (placed, camera_state.R_camera_imu)
+            for associated_camera, placed, camera_state in zip(
+                solution.associated, solution.fusion.placements, state.cameras, strict=True
+            )
         }
         camera_starts = dict[str, CameraStart]()
-        for each, viewpoint, placed in zip(
-            solution.associated, model.viewpoints(state), solution.fused.placements, strict=True
+        for associated_camera, viewpoint, placed in zip(
+            solution.associated, model.viewpoints(state), solution.fusion.placements, strict=True
         ):
-            clock = estimated_clock(viewpoint.state, viewpoint.problem.clock_middle, each.camera.clock)
-            camera_starts[each.camera.name] = CameraStart(clock, placed.path)
+            clock = estimated_clock(viewpoint.state, viewpoint.problem.clock_middle, associated_camera.camera.clock)
+            camera_starts[associated_camera.camera.name] = CameraStart(clock, placed.path)
         offsets = KeypointOffsets(state.detector.keypoint_offsets, model.cameras[0].prior_offsets.sigma)
         start = WindowStart(tuple(starts), camera_starts)
         return cls(tuple(wearers), calibration.corrections, start, cameras, offsets, settings)
@@ -380,10 +398,10 @@ class KnownScene:
     ) -> FilmedWindow:
         """The coarse frames of one window."""
         time, settings = plan.time(span), self.settings
-        given = with_declared_floor(source.between(float(time[0]), float(time[-1])), settings.floor)
+        window_scene = with_declared_floor(source.between(float(time[0]), float(time[-1])), settings.floor)
         recordings, frames, trackers, findings = [], list[ImuFrames](), list[InertialSolution](), list[Finding]()
         for recording, corrections, wearer, begin in zip(
-            given.wearers, self.corrections, self.wearers, start.wearers, strict=True
+            window_scene.wearers, self.corrections, self.wearers, start.wearers, strict=True
         ):
             recording, sensor_findings = corrected_elsewhere(recording, corrections, settings)
             findings += sensor_findings
@@ -394,12 +412,12 @@ class KnownScene:
             coarse = coarser(frames[-1], plan.factor)
             model = replace(wearer.model, frames=coarse, initial_pose=declared_pose(recording, coarse, settings))
             trackers.append(begin.track(model, wearer.state, settings, solver))
-        cameras = (self._calibrated(camera, start) for camera in given.cameras if camera.name in self.cameras)
-        scene = replace(given, wearers=tuple(recordings), cameras=tuple(cameras))
+        cameras = (self._calibrated(camera, start) for camera in window_scene.cameras if camera.name in self.cameras)
+        scene = replace(window_scene, wearers=tuple(recordings), cameras=tuple(cameras))
         associated = associate_cameras(scene, trackers, settings, solver.progress_of("association"))
         solution = solve_from(start.placed(associated, trackers, settings), scene, settings, solver)
         return FilmedWindow(
-            span, tuple(frames), solution, given.cameras, self.cameras, start, settings, solver, tuple(findings)
+            span, tuple(frames), solution, window_scene.cameras, self.cameras, start, settings, solver, tuple(findings)
         )
 
     def _calibrated(self, camera: Camera, start: WindowStart) -> Camera:
@@ -414,11 +432,16 @@ class KnownScene:
 
 
 def _settings_of_windows(settings: Settings, is_world_known: bool) -> Settings:
-    """What is known is kept, and headings are as sure as the frames before have left them."""
+    """Settings of the windows: calibrated quantities stay, and headings are as certain as the last window left them."""
     fixed = replace(
-        settings.calibration, estimate_mountings=False, estimate_body=False, estimate_hinges=False,
-        estimate_places=False, estimate_sole=False, estimate_keypoints=False,
-    )  # fmt: skip
+        settings.calibration,
+        estimate_mountings=False,
+        estimate_body=False,
+        estimate_hinges=False,
+        estimate_places=False,
+        estimate_sole=False,
+        estimate_keypoints=False,
+    )
     factors, camera = settings.factors, settings.camera
     least = min(HEADING_DEG, factors.heading_prior.least_sigma_deg)
     factors = replace(factors, heading_prior=replace(factors.heading_prior, least_sigma_deg=least))

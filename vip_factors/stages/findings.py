@@ -1,4 +1,4 @@
-"""What is odd about a scene and its solution, as findings.
+"""Findings about a scene and its solution.
 
 About a wearer: bodies and motions that people hardly ever have, as wrong mountings often make them; sensors that slip
 or drift. About a camera: whom it sees, and whether the picture fits.
@@ -40,24 +40,24 @@ def quality_checks(
     scene: Scene, associated: Sequence[AssociatedCamera], fine: FusionSolution, wearers: Sequence[WearerEstimate]
 ) -> Iterator[Finding]:
     """About wearers, then about the cameras."""
-    used = [each.camera.name for each in associated]
+    used = [associated_camera.camera.name for associated_camera in associated]
     for left_out in (camera for camera in scene.cameras if camera.name not in used):
         yield Finding("camera left out", subject=left_out.name)
     for number, (recording, estimate) in enumerate(zip(scene.wearers, wearers, strict=True)):
         yield from _wearer_findings(recording, number, associated, fine, estimate)
-    for each in associated:
-        for one in _image_findings(each.camera):
-            yield in_picture_of(each.camera, scene, one)
+    for associated_camera in associated:
+        for finding in _image_findings(associated_camera.camera):
+            yield in_picture_of(associated_camera.camera, scene, finding)
 
 
-def film_findings(scene: Scene, told: Sequence[Finding]) -> tuple[Finding, ...]:
+def film_findings(scene: Scene, findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Whether the first camera's film is another session's, where it fits badly.
 
     Args:
         scene: or a stretch of it.
         told: what was found; without a kind of :data:`FITS_BADLY` in it the film is not looked at again.
     """
-    if scene.camera is None or not any(one.kind in FITS_BADLY for one in told):
+    if scene.camera is None or not any(finding.kind in FITS_BADLY for finding in findings):
         return ()
     camera = replace(scene.camera, detections=scene.camera.timed_detections)
     try:
@@ -68,8 +68,12 @@ def film_findings(scene: Scene, told: Sequence[Finding]) -> tuple[Finding, ...]:
 
 
 def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[Finding, ...]:
-    """What was odd about who is seen, before each camera."""
-    return tuple(in_picture_of(each.camera, scene, one) for each in associated for one in each.association.findings)
+    """Return the association's findings for each camera."""
+    return tuple(
+        in_picture_of(associated_camera.camera, scene, finding)
+        for associated_camera in associated
+        for finding in associated_camera.association.findings
+    )
 
 
 def in_picture_of(camera: Camera, scene: Scene, finding: Finding) -> Finding:
@@ -87,16 +91,18 @@ def _wearer_findings(
     shortly_seen = 3.0  # s: in less, people do not move enough to be told apart
     unsure_heading_deg = 15.0  # a heading no better known than this came from the straps
     wearer, frame_rate = recording.subject.name, 1 / fine.model.wearers[0].frames.step
-    views = [one.views[number] for one in fine.model.viewpoints(fine.state)]
-    seen = np.any([view.seen.any(axis=1) for view in views], axis=0)
-    if not seen.any():
-        so = "the pose is of the sensors alone, and the place relative to the others unknown"
-        yield Finding("hardly seen", wearer, words={"seen": "never seen", "so": so})
+    views = [viewpoint.views[number] for viewpoint in fine.model.viewpoints(fine.state)]
+    is_seen = np.any([view.seen.any(axis=1) for view in views], axis=0)
+    if not is_seen.any():
+        consequence = "the pose is of the sensors alone, and the place relative to the others unknown"
+        yield Finding("hardly seen", wearer, words={"seen": "never seen", "so": consequence})
         return
-    seconds = float(seen.sum()) / max(min(max(each.detections.rate for each in associated), frame_rate), 1e-9)
+    seconds = float(is_seen.sum()) / max(
+        min(max(associated_camera.detections.rate for associated_camera in associated), frame_rate), 1e-9
+    )
     if seconds < shortly_seen:
-        so = "whoever stood there likewise would do as well, so check that it is the wearer"
-        words = {"seen": f"seen for {seconds:.1f} s only", "so": so}
+        consequence = "whoever stood there likewise would do as well, so check that it is the wearer"
+        words = {"seen": f"seen for {seconds:.1f} s only", "so": consequence}
         yield Finding("hardly seen", wearer, numbers={"seconds": seconds}, words=words)
     sigmas = {name: float(np.rad2deg(sensor.heading_sigma)) for name, sensor in estimate.calibration.items()}
     unsure = {name: sigma for name, sigma in sigmas.items() if sigma > unsure_heading_deg}
@@ -116,18 +122,18 @@ def _wearer_findings(
     yield from posture_findings(wearer, recording, estimate.motion, estimate.calibration, start)
     yield from drift_findings(wearer, estimate.calibration)
     spreads = fine.measured_spreads()
-    for index, each in enumerate(associated):
+    for index, associated_camera in enumerate(associated):
         if views[index].seen.any():
-            for one in _view_findings(wearer, each, number, spreads[index][number], estimate.motion):
-                yield replace(one, camera=each.camera.name) if len(associated) > 1 else one
+            for finding in _view_findings(wearer, associated_camera, number, spreads[index][number], estimate.motion):
+                yield replace(finding, camera=associated_camera.camera.name) if len(associated) > 1 else finding
 
 
 def _view_findings(
-    wearer: str, each: AssociatedCamera, number: int, spread: float, solved: Motion
+    wearer: str, associated_camera: AssociatedCamera, number: int, spread: float, solved: Motion
 ) -> Iterator[Finding]:
-    camera = each.camera
-    known = camera.known_path is not None and not camera.moving  # a cut or another zoom shows as scatter then
-    times = confirmed_leaps(each, number, solved) if not known else ()
+    camera = associated_camera.camera
+    has_known_pose = camera.known_path is not None and not camera.moving  # a cut or another zoom shows as scatter then
+    times = confirmed_leaps(associated_camera, number, solved) if not has_known_pose else ()
     if len(times):
         yield Finding("leap", wearer, words={"times": ", ".join(f"{time:.2f}" for time in times[:5])})
     if spread > IMPLAUSIBLE_SCATTER:
@@ -137,7 +143,7 @@ def _view_findings(
 
 def _image_findings(camera: Camera) -> Iterator[Finding]:
     """Detections that do not seem to belong to the calibrated image."""
-    corner, outside, few = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of all keypoints
+    corner, outside, least_share = 0.55, 0.1, 0.02  # of the image's sides; of its sides; of all keypoints
     many_keypoints = 500  # from which on a picture of which only a corner is used is no chance
     pixels, model = camera.detections.pixels[camera.detections.seen], camera.model
     if len(pixels) < many_keypoints:
@@ -146,12 +152,12 @@ def _image_findings(camera: Camera) -> Iterator[Finding]:
     far = np.any((pixels < -outside * size) | (pixels > (1 + outside) * size), axis=1)
     low, middle, high = np.quantile(pixels, [0.001, 0.5, 0.999], axis=0)
     in_corner = np.all(high < corner * size) or np.all((high < LARGER_CORNER * size) & (middle < OFF_MIDDLE * size))
-    if far.mean() > few or in_corner:
+    if far.mean() > least_share or in_corner:
         sides = {"left": low[0], "right": high[0], "top": low[1], "bottom": high[1]}
         yield Finding("image size", numbers={**sides, "width": model.width, "height": model.height})
 
 
-def confirmed_leaps(each: AssociatedCamera, number: int, solved: Motion) -> Array:
+def confirmed_leaps(associated_camera: AssociatedCamera, number: int, solved: Motion) -> Array:
     """Instants ``(n,)`` at which a wearer leaps in a camera's picture, by the solution as by the first association.
 
     The first association's hypothesis cameras are of a skeleton whose mountings nobody knew yet. A pelvis that is
@@ -165,18 +171,22 @@ def confirmed_leaps(each: AssociatedCamera, number: int, solved: Motion) -> Arra
         number: of the wearer.
         solved: the wearer's motion.
     """
-    times = leaps(each.sightings[number])
+    times = leaps(associated_camera.sightings[number])
     if not len(times):
         return times
-    again = leaps(_sightings(each, number, solved))
-    return np.array([one for one in times if np.any(np.abs(again - one) <= LEAP_WINDOW)])
+    leap_times = leaps(_sightings(associated_camera, number, solved))
+    return np.array([time for time in times if np.any(np.abs(leap_times - time) <= LEAP_WINDOW)])
 
 
-def _sightings(each: AssociatedCamera, number: int, solved: Motion) -> Sightings:
+def _sightings(associated_camera: AssociatedCamera, number: int, solved: Motion) -> Sightings:
     """The hypothesis cameras of the detections that the estimate was made from, of the solved skeleton."""
-    own = each.detections.select(each.association.wearer == number)
-    found = hypotheses(own, each.camera.model.normalise(own.pixels), [wearer_points(solved, own.keypoints, own.time)])
-    return Sightings(own.time[found.frame], found.R_camera_world, found.p_camera_pelvis)
+    detections = associated_camera.detections.select(associated_camera.association.wearer == number)
+    fitted = hypotheses(
+        detections,
+        associated_camera.camera.model.normalise(detections.pixels),
+        [wearer_points(solved, detections.keypoints, detections.time)],
+    )
+    return Sightings(detections.time[fitted.frame], fitted.R_camera_world, fitted.p_camera_pelvis)
 
 
 MOST, MUCH = 0.5, 0.3  # of the frames, or of the sensors
@@ -203,16 +213,18 @@ def turned_findings(wearer: str, recording: Recording, start: Array, calibration
     settles how they sit, so that is a note.
     """
     least_sensors = 3  # of which half are odd: of two sensors one is no majority
-    found = np.stack([one.R_bone_sensor for one in calibration.values()])
-    turned, kind = angle_between(start, found), "placement contradicted"
+    mountings = np.stack([sensor.R_bone_sensor for sensor in calibration.values()])
+    turned, kind = angle_between(start, mountings), "placement contradicted"
     declared = "their straps" if recording.initial_pose == "none" else "the declared pose"
-    if recording.initial_pose == "none" and not np.any(turned > TURNED) and len(found) >= least_sensors:
-        placed = angle_between(np.stack([recording.placement.site(name).R_bone_sensor for name in calibration]), found)
+    if recording.initial_pose == "none" and not np.any(turned > TURNED) and len(mountings) >= least_sensors:
+        placed = angle_between(
+            np.stack([recording.placement.site(name).R_bone_sensor for name in calibration]), mountings
+        )
         turned, kind = np.where(np.mean(placed > TURNED) >= MOST, placed, 0.0), "mountings estimated"
     far = {name: float(np.rad2deg(by)) for name, by in zip(calibration, turned, strict=True) if by > TURNED}
     if far:
-        each = ", ".join(f"{name} by {degrees:.0f}°" for name, degrees in far.items())
-        words = {"declared": declared, "reason": f"the motion turns {each} on their bones"}
+        turns = ", ".join(f"{name} by {degrees:.0f}°" for name, degrees in far.items())
+        words = {"declared": declared, "reason": f"the motion turns {turns} on their bones"}
         yield Finding(kind, wearer, numbers=far, words=words)
 
 
@@ -231,8 +243,8 @@ def crossed_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
     """Thighs that are crossed through much of a motion: ankles are by people who stand at ease, dance or sit."""
     crossed = 0.05  # m, of knees past one another: hips whose zeros are 7° off make as much of thighs side by side
     body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
-    left, right = (body.p_world_joint[:, joint_index(f"{side}_knee")] for side in ("left", "right"))
-    across = np.einsum("ti,ti->t", left - right, body.R_world_bone[:, 0, :, 0])
+    left_knee, right = (body.p_world_joint[:, joint_index(f"{side}_knee")] for side in ("left", "right"))
+    across = np.einsum("ti,ti->t", left_knee - right, body.R_world_bone[:, 0, :, 0])
     share = float(np.mean(across < -crossed))
     if share > MUCH:
         posture, check = "are crossed above the knees", f"if they were not, {CHECK_SITES}"
@@ -243,9 +255,9 @@ def limit_findings(wearer: str, motion: Motion, bones: set[str]) -> Iterator[Fin
     """Ankles and elbows that are bent further than they go most of the time, under sensors of the limb below."""
     at_limit = np.deg2rad(3.0)  # beyond what joints do: those of people who stand and walk stay well within
     vectors = joint_vector(motion.R_parent_child).reshape(len(motion.R_parent_child), -1, 3)
-    beyond = np.abs(load_joint_limits().violation(joint_vector(motion.R_parent_child))).reshape(vectors.shape)
+    excess = np.abs(load_joint_limits().violation(joint_vector(motion.R_parent_child))).reshape(vectors.shape)
     for joint in (f"{side}_{name}" for side in ("left", "right") for name in ("ankle", "elbow")):
-        share = float(np.mean(beyond[:, joint_index(joint) - 1].max(axis=1) > at_limit))
+        share = float(np.mean(excess[:, joint_index(joint) - 1].max(axis=1) > at_limit))
         if joint in bones and share > MUCH:
             side, name = joint.split("_")
             check = "does the sensor below it sit as the placement has it, and was the declared pose held, if any?"
@@ -257,7 +269,7 @@ CHECK_SITES = "check which sensor sits where and, if one was declared, that the 
 
 
 def _posture(kind: str, wearer: str, subject: str, posture: str, share: float, check: str) -> Finding:
-    """What the body does in a share of the frames, and what to check."""
+    """Return the finding about a posture held in a share of the frames, and what to check."""
     words = {"posture": f"{posture} in {100 * share:.0f} % of the frames", "check": check}
     return Finding(kind, wearer, subject=subject, numbers={"percent": 100 * share}, words=words)
 
@@ -269,16 +281,16 @@ KNEE_TURNED_DEG = 9.0
 
 
 def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> Iterator[Finding]:
-    """Of a wearer of whom a stature was told."""
+    """Return the finding about the body of a wearer with a declared stature."""
     least_scale = 0.02  # of a body: less is within what a stature, told by its wearer, is off
     if not body.names:
         return
-    told, numbers = list[str](), dict[str, float]()
+    phrases, numbers = list[str](), dict[str, float]()
     scale, sigma = common_scale(body)
     if abs(scale) > max(UNLIKELY * sigma, least_scale):  # a wrong stature or zoom changes all lengths alike
         usual = "an adult's" if stature_m is None else f"one of {stature_m:.2f} m"
         percent, larger = abs(100 * scale), "larger" if scale > 0 else "smaller"
-        told.append(
+        phrases.append(
             f"all lengths: together they ask for a body {percent:.0f} % {larger} than {usual}: check the stature, and "
             "the camera's calibration (another zoom?)"
         )
@@ -287,17 +299,17 @@ def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> I
         scale = 0.0
     expected, sigmas = (1 + scale) * body.prior, np.sqrt(np.diag(body.prior_covariance))
     unlikely = [
-        f"{name} {1e3 * found:.0f} mm (expected {1e3 * prior:.0f} ± {1e3 * sigma:.0f})"
-        for name, found, prior, sigma in zip(body.names, body.posterior, expected, sigmas, strict=True)
-        if abs(found - prior) > UNLIKELY * sigma
+        f"{name} {1e3 * length:.0f} mm (expected {1e3 * prior:.0f} ± {1e3 * sigma:.0f})"
+        for name, length, prior, sigma in zip(body.names, body.posterior, expected, sigmas, strict=True)
+        if abs(length - prior) > UNLIKELY * sigma
     ]
     if unlikely:
-        told.append(
+        phrases.append(
             f"{', '.join(unlikely)}: either the wearer is built so, or the sensors there sit elsewhere than the "
             "placement has them"
         )
-    if told:
-        yield Finding("body size", wearer, numbers=numbers, words={"lengths": "; and about ".join(told)})
+    if phrases:
+        yield Finding("body size", wearer, numbers=numbers, words={"lengths": "; and about ".join(phrases)})
 
 
 def knee_findings(wearer: str, motion: Motion, on: Mapping[str, str]) -> Iterator[Finding]:

@@ -1,4 +1,4 @@
-"""Where the floor is, and which feet a camera saw standing on it.
+"""Height of the floor, and standing feet as a camera sees them.
 
 A camera that was found knows of no floor, so the world's zero goes under the soles that stand. A camera that stands may
 have been found tilted, and is turned until the floor is level. Before a camera of known pose the floor is declared, and
@@ -39,7 +39,7 @@ SLOPED, UNEVEN_M = np.deg2rad(3.0), 0.05  # from which on it is told: 5 cm to th
 
 @dataclass(frozen=True)
 class Floor:
-    """Where soles rest.
+    """Plane on which soles rest.
 
     Attributes:
         height, sigma: the median in metres, and its standard deviation.
@@ -56,33 +56,33 @@ class Floor:
 
     @property
     def slope(self) -> float:
-        """How steep the plane is, radians."""
+        """Slope of the plane in radians."""
         return float(np.arctan(np.linalg.norm(self.gradient)))
 
     def findings(self, is_declared: bool) -> Iterator[Finding]:
-        """What is odd about it, where z = 0 is declared to be the floor, and where it is put under the soles."""
+        """Return the finding about the floor: z = 0 is declared, and soles rest elsewhere."""
         height, sigma = 100 * self.height, 100 * self.sigma
-        told, numbers = list[str](), dict[str, float]()
+        phrases, numbers = list[str](), dict[str, float]()
         if is_declared and abs(self.height) > max(UNSURE_M, 2 * self.sigma):
-            told.append(
+            phrases.append(
                 f"soles stand {height:+.0f} cm (± {sigma:.0f}) from the floor that the camera's known pose tells"
             )
             numbers["height_cm"] = height
         if not is_declared and self.sigma > UNSURE_M:
-            told.append(
+            phrases.append(
                 f"the height of the floor is uncertain by {sigma:.0f} cm: soles stand at different heights (stairs, "
                 "jumps, a slope), or hardly stand"
             )
             numbers["sigma_cm"] = sigma
         if self.uneven > UNEVEN_M or self.slope > max(SLOPED, 3 * self.slope_sigma):
             slope, sigma = np.rad2deg([self.slope, self.slope_sigma]).tolist()
-            told.append(
+            phrases.append(
                 f"soles rest at heights that differ by ± {100 * self.uneven:.0f} cm, on ground that rises by "
                 f"{slope:.0f}° (± {sigma:.0f}): steps, stairs or a slope, or a camera that is not where it seems"
             )
             numbers |= {"uneven_cm": 100 * self.uneven, "slope_deg": slope}
-        if told:
-            yield Finding("floor", numbers=numbers, words={"what": "; ".join(told)})
+        if phrases:
+            yield Finding("floor", numbers=numbers, words={"what": "; ".join(phrases)})
 
 
 def floor_under(models: Sequence[WearerProblem], states: Sequence[WearerState]) -> Floor | None:
@@ -167,10 +167,18 @@ def levelled(models: Sequence[WearerProblem], state: SceneState) -> SceneState |
     if floor is None or not 2 * floor.slope_sigma < floor.slope < SLOPED:
         return None
     x, y = floor.gradient / np.linalg.norm(floor.gradient) * floor.slope
-    turn, about = exp(np.array([-y, x, 0.0])), state.cameras[0].poses.p_world_camera[0]
-    wearers = tuple(replace(one, p_world_pelvis=about + (one.p_world_pelvis - about) @ turn.T) for one in state.wearers)
+    turn, p_world_camera = exp(np.array([-y, x, 0.0])), state.cameras[0].poses.p_world_camera[0]
+    wearers = tuple(
+        replace(wearer, p_world_pelvis=p_world_camera + (wearer.p_world_pelvis - p_world_camera) @ turn.T)
+        for wearer in state.wearers
+    )
     cameras = tuple(
-        replace(camera, poses=CameraPoses(turn @ poses.R_world_camera, about + (poses.p_world_camera - about) @ turn.T))
+        replace(
+            camera,
+            poses=CameraPoses(
+                turn @ poses.R_world_camera, p_world_camera + (poses.p_world_camera - p_world_camera) @ turn.T
+            ),
+        )
         for camera in state.cameras
         for poses in [camera.poses]
     )
@@ -187,15 +195,15 @@ def on_floor(
         floor: as the settings have it; ``"none"`` leaves everything where it is.
         is_declared: whether a camera's pose is known: the floor is at z = 0 then, and stays there.
     """
-    found = None if floor == "none" else floor_under(models, state.wearers)
-    if found is None:
+    height = None if floor == "none" else floor_under(models, state.wearers)
+    if height is None:
         return state, ()
     if not is_declared:
-        shift = np.array([0.0, 0.0, -found.height])
-        wearers = tuple(replace(one, p_world_pelvis=one.p_world_pelvis + shift) for one in state.wearers)
+        shift = np.array([0.0, 0.0, -height.height])
+        wearers = tuple(replace(wearer, p_world_pelvis=wearer.p_world_pelvis + shift) for wearer in state.wearers)
         cameras = tuple(replace(camera, poses=camera.poses.shifted(shift)) for camera in state.cameras)
         state = replace(state, wearers=wearers, cameras=cameras)
-    return state, (*found.findings(is_declared), *distance_findings(models, state))
+    return state, (*height.findings(is_declared), *distance_findings(models, state))
 
 
 def distance_findings(models: Sequence[WearerProblem], state: SceneState) -> Iterator[Finding]:
@@ -205,25 +213,25 @@ def distance_findings(models: Sequence[WearerProblem], state: SceneState) -> Ite
     camera's height over the distance between the two.
     """
     unsure_distance_m = 0.15  # between two wearers, from which on it is told: half a step
-    first, *others = (_on_its_ray(model, state, number) for number, model in enumerate(models))
-    for model, other in zip(models[1:], others, strict=True):
-        if first is None or other is None:
+    reference, *distances = (_on_its_ray(model, state, number) for number, model in enumerate(models))
+    for model, distance in zip(models[1:], distances, strict=True):
+        if reference is None or distance is None:
             continue
-        nearer, sigma = first[0] - other[0], float(np.hypot(first[1], other[1]))
+        nearer, sigma = reference[0] - distance[0], float(np.hypot(reference[1], distance[1]))
         if max(abs(nearer) - 2 * sigma, sigma) > unsure_distance_m:
             numbers = {"metres": nearer, "sigma": sigma}
             yield Finding("distance of wearers", models[0].name, subject=model.name, numbers=numbers)
 
 
 def _on_its_ray(model: WearerProblem, state: SceneState, number: int) -> tuple[float, float] | None:
-    """How much nearer to the camera one wearer stands than soles on z = 0 would, in metres, and how sure that is."""
+    """Distance in metres by which a wearer stands nearer to the camera than soles on z = 0 would, and its sigma."""
     least_height_m = 0.1  # of a camera over the floor, below which its rays hardly fall
-    own = state.wearers[number]
-    floor = floor_under([model], [own])
+    wearer = state.wearers[number]
+    floor = floor_under([model], [wearer])
     if floor is None:
         return None
     p_camera_world = state.cameras[0].poses.p_world_camera
-    away = float(np.median(np.linalg.norm((own.p_world_pelvis - p_camera_world)[:, :2], axis=1)))
+    away = float(np.median(np.linalg.norm((wearer.p_world_pelvis - p_camera_world)[:, :2], axis=1)))
     slope = away / max(abs(float(np.median(p_camera_world[:, 2])) - floor.height), least_height_m)
     return slope * floor.height, slope * float(np.hypot(floor.sigma, SOLE_M))
 
@@ -244,9 +252,15 @@ def seen_feet(keypoints: KeypointSet, skeleton: Skeleton) -> tuple[tuple[Foot, .
 
 
 def seen_standing(
-    model: WearerProblem, state: WearerState, camera: CameraState, keypoints: KeypointSet, view: KeypointView,
-    lens: CameraModel, path_known: bool, settings: GroundContactSettings,
-) -> GroundView:  # fmt: skip
+    model: WearerProblem,
+    state: WearerState,
+    camera: CameraState,
+    keypoints: KeypointSet,
+    view: KeypointView,
+    lens: CameraModel,
+    path_known: bool,
+    settings: GroundContactSettings,
+) -> GroundView:
     """The ground contacts of one wearer before one camera, over a whole recording."""
     feet, columns = seen_feet(keypoints, model.skeleton)
     confidence = standing_confidence(model, state, feet, path_known, settings)
@@ -259,7 +273,7 @@ def seen_standing(
 def standing_confidence(
     model: WearerProblem, state: WearerState, feet: tuple[Foot, ...], path_known: bool, settings: GroundContactSettings
 ) -> Array:
-    """How surely each foot ``(T, G)`` stands on the ground; by its sensor up to two, by the joint state up to one.
+    """Confidence that each foot ``(T, G)`` stands: up to two by its sensor, up to one by the joint state.
 
     Without a known path, of a camera say, contact shows in the pose alone. A foot without a sensor counts as at rest
     only while it is the lower one.
@@ -275,20 +289,27 @@ def standing_confidence(
 
 
 def joint_state_confidence(skeleton: Skeleton, body: BodyState, feet: tuple[Foot, ...], step: float) -> Array:
-    """How surely each foot ``(T, G)`` of a placed body stands on the floor, in [0, 1]: it neither moves nor is high."""
+    """Confidence in [0, 1] that each foot ``(T, G)`` of a placed body stands on the floor: it is low and still."""
     floor_band = 0.15  # m over the floor: jumps and stairs are higher, a root path before its last solve is as wrong
     points, lowest = contact_points(skeleton), _lowest(body, feet)
-    each = contact_confidence(body, points, step)
+    confidence = contact_confidence(body, points, step)
     bones = np.array([bone for bone, _ in points])
-    surest = np.stack([each[:, bones == foot.bone].max(axis=1) for foot in feet], axis=1)
+    surest = np.stack([confidence[:, bones == foot.bone].max(axis=1) for foot in feet], axis=1)
     return np.asarray(surest * np.exp(-0.5 * (np.maximum(lowest, 0.0) / floor_band) ** 2))
 
 
 def ground_view(
-    view: KeypointView, feet: tuple[Foot, ...], columns: list[int], confidence: Array, body: BodyState,
-    sole: float, camera: CameraPoses, model: CameraModel, settings: GroundContactSettings,
-) -> GroundView:  # fmt: skip
-    """Where the rays of standing feet meet the floor.
+    view: KeypointView,
+    feet: tuple[Foot, ...],
+    columns: list[int],
+    confidence: Array,
+    body: BodyState,
+    sole: float,
+    camera: CameraPoses,
+    model: CameraModel,
+    settings: GroundContactSettings,
+) -> GroundView:
+    """Intersections of the rays of standing feet with the floor.
 
     Args:
         view: of one wearer, from one camera.
@@ -300,13 +321,13 @@ def ground_view(
         model: its intrinsics.
         settings: of the factor.
     """
-    seen = view.seen[:, columns]
-    sureness = confidence * np.where(seen, view.confidence[:, columns], 0.0)
+    is_seen = view.seen[:, columns]
+    sureness = confidence * np.where(is_seen, view.confidence[:, columns], 0.0)
     # Weighed by pixels, the keypoint's sigma has the detector's confidence in it already.
     weight = sureness if settings.weighing is Weighing.DISTANCE else confidence
-    rays, whitening = pixel_rays(model, view.pixels[:, columns]), np.zeros((*seen.shape, 3, 3))
+    rays, whitening = pixel_rays(model, view.pixels[:, columns]), np.zeros((*is_seen.shape, 3, 3))
     least_sureness = 0.05  # below it nothing is left to say
-    stands = seen & (sureness >= least_sureness)
+    stands = is_seen & (sureness >= least_sureness)
     for g, foot in enumerate(feet):
         _, height = foot.ankle(body, sole)
         stands[:, g] &= rays_meet_floor(height, camera, rays[:, g])
@@ -321,7 +342,7 @@ def ground_view(
 def foot_acceleration_confidence(
     body: BodyState, feet: tuple[Foot, ...], free_acceleration: Array, settings: GroundContactSettings
 ) -> Array:
-    """How surely each foot ``(T, G)`` of a placed body stands, up to two, by :func:`free_accelerations`."""
+    """Confidence that each foot ``(T, G)`` of a placed body stands, up to two, by :func:`free_accelerations`."""
     return acceleration_confidence(free_acceleration, _lowest(body, feet), settings)
 
 

@@ -53,10 +53,10 @@ class FusionSolution:
     findings: tuple[Finding, ...] = ()
 
     def measured_spreads(self) -> tuple[tuple[float, ...], ...]:
-        """How each camera's detections of each wearer scatter about the solution, in OKS sigmas."""
+        """Spread of each camera's detections of each wearer about the solution, in OKS sigmas."""
         if not all(camera.settings.reprojection.adaptive for camera in self.model.cameras):
             return self.spreads
-        wearers = [WearerEvaluation(number, one.model, one.state) for number, one in enumerate(self.wearers)]
+        wearers = [WearerEvaluation(number, wearer.model, wearer.state) for number, wearer in enumerate(self.wearers)]
         viewpoints = self.model.viewpoints(self.state)
         return tuple(
             _scatter_before(camera, wearers, spreads, self.state.detector)
@@ -75,8 +75,8 @@ class FusionSolution:
     def _clock_moved(self, camera: Viewpoint) -> float:
         """Seconds, the most by which the solution puts a video's clock forward beyond where it was seen with."""
         (offset, drift), state = camera.views[0].clock, camera.state
-        since = self.model.wearers[0].frames.time[[0, -1]] - camera.problem.clock_middle
-        return float(np.max(np.abs(seconds_late(state.clock - offset, state.clock_drift - drift, since, 0.0))))
+        elapsed = self.model.wearers[0].frames.time[[0, -1]] - camera.problem.clock_middle
+        return float(np.max(np.abs(seconds_late(state.clock - offset, state.clock_drift - drift, elapsed, 0.0))))
 
     @property
     def wearers(self) -> tuple[InertialSolution, ...]:
@@ -90,7 +90,7 @@ class FusionSolution:
 
     @property
     def placements(self) -> tuple[CameraPlacement, ...]:
-        """Where cameras were; the path of one that stands still is a single instant."""
+        """Paths of the cameras; a standing camera's has one instant."""
         time, placements = self.model.wearers[0].frames.time, list[CameraPlacement]()
         for camera in self.model.viewpoints(self.state):
             poses = camera.state.poses
@@ -103,29 +103,31 @@ class FusionSolution:
 def _scatter_before(
     camera: Viewpoint, wearers: Sequence[WearerEvaluation], spreads: Sequence[float], detector: DetectorState
 ) -> tuple[float, ...]:
-    found = []
+    scatter_ratios = []
     for view, wearer, spread in zip(camera.views, wearers, spreads, strict=True):
-        at = ViewEvaluation(wearer, camera_owner(0), camera.problem, camera.state, view, detector.keypoint_offsets)
-        residual = whitened_reprojections(at)
-        found.append(scatter(residual, view, spread))
-    return tuple(found)
+        evaluation = ViewEvaluation(
+            wearer, camera_owner(0), camera.problem, camera.state, view, detector.keypoint_offsets
+        )
+        residual = whitened_reprojections(evaluation)
+        scatter_ratios.append(scatter(residual, view, spread))
+    return tuple(scatter_ratios)
 
 
 def fuse(
     initial: FusionStart,
-    before: FusionSolution | None,
+    previous: FusionSolution | None,
     associated: Sequence[AssociatedCamera],
     settings: CommonSettings,
     solver: Solver,
 ) -> FusionSolution:
     """Everything free, on the coarse frames; ``before`` is the round before this one."""
-    start = fusion_problem(initial, before, associated, settings, solver.extra)
+    start = fusion_problem(initial, previous, associated, settings, solver.extra)
     solved = solver.solve(SceneObjective(start.model), start.state, "video-inertial fusion")
     return with_found_bodies(replace(start, state=solved))
 
 
 def with_found_bodies(solution: FusionSolution) -> FusionSolution:
-    """The same with the bodies that were found in the place of those that were supposed."""
+    """Return the problem with estimated bodies in place of the assumed ones."""
     wearers = tuple(wearer.model.with_body(wearer.state.body) for wearer in solution.wearers)
     states = tuple(replace(state, body=np.zeros_like(state.body)) for state in solution.state.wearers)
     return replace(
@@ -134,7 +136,7 @@ def with_found_bodies(solution: FusionSolution) -> FusionSolution:
 
 
 def with_level_floor(solution: FusionSolution, solver: Solver) -> FusionSolution:
-    """The same before its standing cameras of unknown pose turned upright by the floor: calibration follows.
+    """Return the problem with standing cameras of unknown pose levelled by the floor; calibration follows.
 
     Pictures hardly tell 1–2° of a camera's tilt from mountings and bodies that are bent to fit; soles that rest do,
     where wearers come and go. A camera's own sensor knows better, and so does who says that the floor is not level.
@@ -147,31 +149,31 @@ def with_level_floor(solution: FusionSolution, solver: Solver) -> FusionSolution
     if state is None:
         return solution
     wearers = tuple(
-        replace(one, p_world_start=own.p_world_pelvis[one.frames.beginnings].squeeze())
-        for one, own in zip(model.wearers, state.wearers, strict=True)
+        replace(problem, p_world_start=wearer.p_world_pelvis[problem.frames.beginnings].squeeze())
+        for problem, wearer in zip(model.wearers, state.wearers, strict=True)
     )
     model = replace(model, wearers=wearers)
     state = solver.solve(SceneObjective(_with_cameras_held(model)), state, "level floor")
     return with_found_bodies(replace(solution, model=model, state=state))
 
 
-def with_body_of(model: WearerProblem, other: WearerProblem) -> WearerProblem:
+def with_body_of(model: WearerProblem, source: WearerProblem) -> WearerProblem:
     """A wearer's problem with the body of an earlier one."""
-    return replace(model, skeleton=other.skeleton, variation=other.variation, sensors=other.sensors)
+    return replace(model, skeleton=source.skeleton, variation=source.variation, sensors=source.sensors)
 
 
 def fusion_problem(
     initial: FusionStart,
-    before: FusionSolution | None,
+    previous: FusionSolution | None,
     associated: Sequence[AssociatedCamera],
     settings: CommonSettings,
     extra: ExtraTerms | None = None,
 ) -> FusionSolution:
     """The problem of :func:`fuse`, and where it starts."""
-    start = before.state if before else initial.state
+    start = previous.state if previous else initial.state
     usual = (settings.camera.reprojection.spread,) * len(start.wearers)
-    spreads = before.measured_spreads() if before else (usual,) * len(associated)
-    known, calibration, wearers = before is not None, settings.calibration, list[WearerProblem]()
+    spreads = previous.measured_spreads() if previous else (usual,) * len(associated)
+    is_refined, calibration, wearers = previous is not None, settings.calibration, list[WearerProblem]()
     for number, (wearer, state) in enumerate(zip(initial.wearers, start.wearers, strict=True)):
         model = replace(  # with all free that only a camera shows
             wearer.model,
@@ -179,10 +181,10 @@ def fusion_problem(
             free_places=calibration.estimate_places,
             free_sole=calibration.estimate_sole,
         )
-        if before is not None:
-            model = with_estimated_drift(with_body_of(model, before.model.wearers[number]), state)
-        wearers.append(with_contacts(model, state, path_known=known))
-    scene = _scene_model(tuple(wearers), initial.cameras, start, associated, spreads, path_known=known)
+        if previous is not None:
+            model = with_estimated_drift(with_body_of(model, previous.model.wearers[number]), state)
+        wearers.append(with_contacts(model, state, path_known=is_refined))
+    scene = _scene_model(tuple(wearers), initial.cameras, start, associated, spreads, path_known=is_refined)
     return FusionSolution(replace(scene, extra=extra, free_keypoints=calibration.estimate_keypoints), start, spreads)
 
 
@@ -208,8 +210,8 @@ def fuse_finely(
         together = SceneObjective(_with_cameras_held(model))
         return replace(start, model=model, state=solver.solve(together, state, "full rate"))
     for number, wearer in enumerate(model.wearers):
-        alone = SceneObjective(_one_wearer(model, number)), replace(state, wearers=(state.wearers[number],))
-        refined = solver.solve(*alone, f"full rate, {wearer.name}")
+        objective = SceneObjective(_one_wearer(model, number)), replace(state, wearers=(state.wearers[number],))
+        refined = solver.solve(*objective, f"full rate, {wearer.name}")
         states[number] = refined.wearers[0]
     return replace(start, model=model, state=replace(state, wearers=tuple(states)))
 
@@ -222,17 +224,17 @@ def fusion_problem_on_frames(
     settings: CommonSettings,
 ) -> FusionSolution:
     """The problem on each wearer's ``frames``, with headings, mountings and mean poses kept, and where to start."""
-    before, time = coarse.model.wearers[0].frames.time, frames[0].time
+    coarse_time, time = coarse.model.wearers[0].frames.time, frames[0].time
     contact = settings.factors.foot_contact
     contact = replace(contact, sigma=settings.fusion.contact_tightening * contact.sigma)
     wearers, states = [], []
     for measured, inertial, solved in zip(frames, initial.wearers, coarse.wearers, strict=True):
-        states.append(at_frames(solved.state, before, time))
+        states.append(at_frames(solved.state, coarse_time, time))
         planted = with_foot_contact(with_body_of(inertial.model, solved.model), contact)
         wearers.append(with_contacts(on_frames_with_fixed_calibration(planted, measured), states[-1], True))
     cameras, paths = list[CameraProblem](), list[CameraState]()
-    for each, filming, placed in zip(associated, coarse.state.cameras, coarse.placements, strict=True):
-        camera = replace(camera_problem(each.camera, time, settings), free_clock=False, focal_sigma=0.0)
+    for associated_camera, filming, placed in zip(associated, coarse.state.cameras, coarse.placements, strict=True):
+        camera = replace(camera_problem(associated_camera.camera, time, settings), free_clock=False, focal_sigma=0.0)
         camera = replace(camera, prior_heading=filming.heading)
         if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
             camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
@@ -268,34 +270,51 @@ def _at_instants(camera: CameraState, path: CameraPath, time: Array) -> CameraSt
 
 
 def _scene_model(
-    wearers: tuple[WearerProblem, ...], cameras: Sequence[CameraProblem], state: SceneState,
-    associated: Sequence[AssociatedCamera], spreads: Sequence[Sequence[float]], path_known: bool,
-) -> SceneProblem:  # fmt: skip
+    wearers: tuple[WearerProblem, ...],
+    cameras: Sequence[CameraProblem],
+    state: SceneState,
+    associated: Sequence[AssociatedCamera],
+    spreads: Sequence[Sequence[float]],
+    path_known: bool,
+) -> SceneProblem:
     """The scene's problem: what each camera saw, put onto the frames."""
     views = tuple(
-        _views(wearers, Viewpoint(camera, own, ()), state.wearers, each, spread, path_known)
-        for camera, own, each, spread in zip(cameras, state.cameras, associated, spreads, strict=True)
+        _views(wearers, Viewpoint(camera, camera_state, ()), state.wearers, associated_camera, spread, path_known)
+        for camera, camera_state, associated_camera, spread in zip(
+            cameras, state.cameras, associated, spreads, strict=True
+        )
     )
     return SceneProblem(wearers, tuple(cameras), views)
 
 
 def _views(
-    wearers: Sequence[WearerProblem], camera: Viewpoint, states: Sequence[WearerState], each: AssociatedCamera,
-    spreads: Sequence[float], path_known: bool,
-) -> tuple[KeypointView, ...]:  # fmt: skip
+    wearers: Sequence[WearerProblem],
+    camera: Viewpoint,
+    states: Sequence[WearerState],
+    associated_camera: AssociatedCamera,
+    spreads: Sequence[float],
+    path_known: bool,
+) -> tuple[KeypointView, ...]:
     lens, settings, views = camera.lens, camera.problem.settings, list[KeypointView]()
-    keypoints, clock = each.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
-    detections = each.detections.timed(estimated_clock(camera.state, camera.problem.clock_middle))
+    keypoints, clock = associated_camera.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
+    detections = associated_camera.detections.timed(estimated_clock(camera.state, camera.problem.clock_middle))
     for number, (wearer, state) in enumerate(zip(wearers, states, strict=True)):
         body = wearer.skeleton
         view = keypoint_view(
-            detections, each.association.wearer == number, body, wearer.frames.time,
-            image_scale(body, state, camera.state, lens), spreads[number], settings.reprojection,
-            predicted_pixels(keypoints, body, state, camera.state, lens) if path_known else None, lens.width,
-        )  # fmt: skip
+            detections,
+            associated_camera.association.wearer == number,
+            body,
+            wearer.frames.time,
+            image_scale(body, state, camera.state, lens),
+            spreads[number],
+            settings.reprojection,
+            predicted_pixels(keypoints, body, state, camera.state, lens) if path_known else None,
+            lens.width,
+        )
         if settings.ground_contact.use and not camera.problem.free_pose:
-            ground = seen_standing(wearer, state, camera.state, keypoints, view, lens, path_known,
-                                   settings.ground_contact)  # fmt: skip
+            ground = seen_standing(
+                wearer, state, camera.state, keypoints, view, lens, path_known, settings.ground_contact
+            )
             view = replace(view, ground=ground)
         views.append(replace(view, clock=clock))
     return tuple(views)
@@ -312,7 +331,7 @@ def fuse_in_rounds(
     on_progress, associated = solver.progress_of("association"), initial.associated
     solution = fuse(initial, None, associated, settings, solver)
     # Whom no camera shows is not to be found by a guess
-    rounds = settings.fusion.rounds if any(each.shows_wearer for each in associated) else 1
+    rounds = settings.fusion.rounds if any(associated_camera.shows_wearer for associated_camera in associated) else 1
     for _ in range(rounds - 1):
         associated = associate_cameras_again(associated, solution.placements, solution.motions, settings, on_progress)
         solution = fuse(initial, solution, associated, settings, solver)
@@ -324,44 +343,57 @@ def fuse_in_rounds(
 
 
 def _reconsidered(
-    initial: FusionStart, solution: FusionSolution, associated: Sequence[AssociatedCamera], settings: CommonSettings,
+    initial: FusionStart,
+    solution: FusionSolution,
+    associated: Sequence[AssociatedCamera],
+    settings: CommonSettings,
     solver: Solver,
-) -> FusionSolution:  # fmt: skip
+) -> FusionSolution:
     """The better of a solution and, if something ended far from where it is likely, of one that began with that held.
 
     Many frames of one posture may lead a mounting or a hinge's axis from where a single statement had it into another
     valley, from which no way leads back. Where both stand, findings say so.
     """
     cautious = [_with_unlikely_fixed(wearer.model, wearer.state) for wearer in solution.wearers]
-    if all(one is own for one, own in zip(cautious, solution.model.wearers, strict=True)):
+    if all(
+        cautious_model is wearer_model
+        for cautious_model, wearer_model in zip(cautious, solution.model.wearers, strict=True)
+    ):
         return solution
     likely = [
-        replace(one, model=replace(one.model, mounting_sigma=held.mounting_sigma, free_hinges=held.free_hinges))
-        for one, held in zip(initial.wearers, cautious, strict=True)
+        replace(
+            wearer,
+            model=replace(
+                wearer.model, mounting_sigma=cautious_model.mounting_sigma, free_hinges=cautious_model.free_hinges
+            ),
+        )
+        for wearer, cautious_model in zip(initial.wearers, cautious, strict=True)
     ]
-    other = fuse(replace(initial, wearers=tuple(likely)), None, associated, settings, solver)
-    other = fuse(initial, other, associated, settings, solver)
-    (cost, best), (rival_cost, rival) = sorted(
-        ((_cost(one, solution), one) for one in (solution, other)), key=lambda pair: pair[0]
+    alternative = fuse(replace(initial, wearers=tuple(likely)), None, associated, settings, solver)
+    alternative = fuse(initial, alternative, associated, settings, solver)
+    (cost, solution_kept), (rival_cost, rival) = sorted(
+        ((_cost(candidate, solution), candidate) for candidate in (solution, alternative)), key=lambda pair: pair[0]
     )
     if rival_cost - cost > SETTLED_NATS:
-        return best
-    return replace(best, findings=tuple(_rival_findings(best, rival, rival_cost - cost)))
+        return solution_kept
+    return replace(solution_kept, findings=tuple(_rival_findings(solution_kept, rival, rival_cost - cost)))
 
 
-def _rival_findings(best: FusionSolution, rival: FusionSolution, margin: float) -> Iterator[Finding]:
-    """Of each wearer the sensors that two solutions turn by more than 60° against each other; ``margin`` nats apart."""
-    for model, one, other in zip(best.model.wearers, best.state.wearers, rival.state.wearers, strict=True):
-        turned = np.rad2deg(angle_between(one.R_bone_sensor, other.R_bone_sensor))
+def _rival_findings(solution: FusionSolution, rival: FusionSolution, margin: float) -> Iterator[Finding]:
+    """List the sensors that two solutions turn by more than 60°; ``margin`` is their difference in nats."""
+    for model, wearer, rival_wearer in zip(
+        solution.model.wearers, solution.state.wearers, rival.state.wearers, strict=True
+    ):
+        turned = np.rad2deg(angle_between(wearer.R_bone_sensor, rival_wearer.R_bone_sensor))
         far = {
             sensor: float(by)
             for sensor, by in zip(model.frames.sensors, turned, strict=True)
             if by > np.rad2deg(TURNED)
         }
         if far:
-            each = ", ".join(f"{sensor} by {degrees:.0f}°" for sensor, degrees in far.items())
+            turns = ", ".join(f"{sensor} by {degrees:.0f}°" for sensor, degrees in far.items())
             reason = (
-                f"another calibration, which turns {each} on their bones, explains the recording only "
+                f"another calibration, which turns {turns} on their bones, explains the recording only "
                 f"{np.exp(margin):.1f} times less well"
             )
             yield Finding("not settled", model.name, subject="how sensors sat", numbers=far, words={"reason": reason})
@@ -377,10 +409,13 @@ def _with_unlikely_fixed(model: WearerProblem, state: WearerState) -> WearerProb
     return replace(model, mounting_sigma=np.where(turned, HELD, model.mounting_sigma), free_hinges=not axes.any())
 
 
-def _cost(one: FusionSolution, other: FusionSolution) -> float:
-    """Of a solution, with its detections believed as much as in another."""
+def _cost(solution: FusionSolution, reference: FusionSolution) -> float:
+    """Cost of a solution, with the detection sigmas of another."""
     believed = tuple(
-        tuple(replace(view, sigma=theirs.sigma) for view, theirs in zip(views, others, strict=True))
-        for views, others in zip(one.model.views, other.model.views, strict=True)
+        tuple(
+            replace(view, sigma=reference_view.sigma)
+            for view, reference_view in zip(views, reference_views, strict=True)
+        )
+        for views, reference_views in zip(solution.model.views, reference.model.views, strict=True)
     )
-    return sum(SceneObjective(replace(one.model, views=believed)).cost(one.state).values())
+    return sum(SceneObjective(replace(solution.model, views=believed)).cost(solution.state).values())

@@ -56,26 +56,28 @@ class FusionStart:
     associated: tuple[AssociatedCamera, ...]
 
     def without_camera(self, number: int) -> "FusionStart":
-        """The same without the camera of a number."""
+        """Return the start without the camera of a number."""
 
-        def others(cameras: Sequence[T]) -> tuple[T, ...]:
+        def without_number(cameras: Sequence[T]) -> tuple[T, ...]:
             return (*cameras[:number], *cameras[number + 1 :])
 
-        state = replace(self.state, cameras=others(self.state.cameras))
-        return replace(self, cameras=others(self.cameras), state=state, associated=others(self.associated))
+        state = replace(self.state, cameras=without_number(self.state.cameras))
+        return replace(
+            self, cameras=without_number(self.cameras), state=state, associated=without_number(self.associated)
+        )
 
 
 def camera_problem(camera: Camera, time: Array, settings: CommonSettings) -> CameraProblem:
-    """What the camera brings to the problem at the frames ``time`` ``(T,)``."""
+    """Build a camera's part of the problem at the frames ``time`` ``(T,)``."""
     mount = camera.mount
-    known = camera.known_path is not None
+    has_known_pose = camera.known_path is not None
     problem = CameraProblem(
         camera.model,
         camera.moving,
-        not known,
+        not has_known_pose,
         free_clock=settings.fusion.estimate_clock,
         clock_middle=middle_time(camera),
-        focal_sigma=camera.focal_sigma if settings.calibration.estimate_lens and not known else 0.0,
+        focal_sigma=camera.focal_sigma if settings.calibration.estimate_lens and not has_known_pose else 0.0,
         settings=settings.camera,
         learned_offsets=prior_offsets(camera, settings.camera.keypoint_offset),
         odometry=_odometry(camera, time),
@@ -112,13 +114,20 @@ def start_fusion(
         settings: of all rooms.
     """
     time = wearers[0].model.frames.time
-    world = _World.of(associated, [_anchored(one, [each.camera for each in associated], settings) for one in wearers],
-                      [camera_problem(each.camera, time, settings) for each in associated], time)  # fmt: skip
+    world = _World.of(
+        associated,
+        [
+            _anchored(wearer, [associated_camera.camera for associated_camera in associated], settings)
+            for wearer in wearers
+        ],
+        [camera_problem(associated_camera.camera, time, settings) for associated_camera in associated],
+        time,
+    )
     world.place_by_known_cameras()
     while (pair := world.next_pair()) is not None:
         world.place_camera(*pair)
     scene = SceneState(
-        tuple(one.state for one in world.wearers),
+        tuple(wearer.state for wearer in world.wearers),
         tuple(world.states[number] for number in range(len(associated))),
         DetectorState(world.problems[0].prior_offsets.mean),
     )
@@ -150,18 +159,31 @@ class _World:
 
     @classmethod
     def of(
-        cls, associated: Sequence[AssociatedCamera], wearers: list[InertialSolution], problems: list[CameraProblem],
+        cls,
+        associated: Sequence[AssociatedCamera],
+        wearers: list[InertialSolution],
+        problems: list[CameraProblem],
         time: Array,
-    ) -> "_World":  # fmt: skip
-        """With nobody in it."""
-        return cls(list(associated), wearers, problems, [list(each.sightings) for each in associated], time)
+    ) -> "_World":
+        """Build a world in which no wearer is placed yet."""
+        return cls(
+            list(associated),
+            wearers,
+            problems,
+            [list(associated_camera.sightings) for associated_camera in associated],
+            time,
+        )
 
     def place_by_known_cameras(self) -> None:
         """Put in the wearers whom cameras of known pose saw."""
-        known = [each for each in self.associated if each.camera.known_path is not None]
+        known_cameras = [
+            associated_camera
+            for associated_camera in self.associated
+            if associated_camera.camera.known_path is not None
+        ]
         for number in range(len(self.wearers)):
-            if any(len(each.sightings[number]) for each in known):
-                look = _sightings_of_known(known, number)
+            if any(len(associated_camera.sightings[number]) for associated_camera in known_cameras):
+                look = _sightings_of_known(known_cameras, number)
                 self._settle(number, look, is_gauge=False)
 
     def next_pair(self) -> tuple[int, int] | None:
@@ -182,9 +204,9 @@ class _World:
 
     def place_camera(self, number: int, wearer: int) -> None:
         """Put in a camera by a wearer, and the wearers whom it saw and nobody has put in yet."""
-        camera, seen = self.associated[number].camera, self.seen[number]
-        problem = _with_found_mounting(camera, self.problems[number], seen[wearer])
-        path, heading = _first_path(camera, problem, self.wearers[wearer], seen[wearer], self.time)
+        camera, sightings = self.associated[number].camera, self.seen[number]
+        problem = _with_found_mounting(camera, self.problems[number], sightings[wearer])
+        path, heading = _first_path(camera, problem, self.wearers[wearer], sightings[wearer], self.time)
         poses, scale = path if len(path) == 1 and not camera.moving else path.at(self.time), 1.0
         if problem.odometry is not None:
             camera = in_camera_axes(camera, poses)
@@ -197,12 +219,12 @@ class _World:
         self.problems[number], self.paths[number] = replace(problem, prior_heading=heading), path
         poses_at_frames, mounting = CameraPoses(poses.R_world_camera, poses.p_world_camera), problem.prior_R_camera_imu
         self.states[number] = CameraState(poses_at_frames, heading, mounting, path_scale=float(np.log(scale)))
-        for other in set(range(len(self.wearers))) - self.settled:
-            is_gauge = other == wearer and camera.known_path is None
+        for wearer_number in set(range(len(self.wearers))) - self.settled:
+            is_gauge = wearer_number == wearer and camera.known_path is None
             if is_gauge and camera.moving and problem.odometry is None:
-                self.settled.add(other)  # the camera was placed by this very path
+                self.settled.add(wearer_number)  # the camera was placed by this very path
             else:
-                self._settle(other, (path, seen[other]), is_gauge)
+                self._settle(wearer_number, (path, sightings[wearer_number]), is_gauge)
 
     def _settle(self, number: int, look: tuple[CameraPath, Sightings], is_gauge: bool) -> None:
         """Put in a wearer by what a camera in the world saw of him; one whom it never saw stays outside."""
@@ -215,28 +237,28 @@ class _World:
             sightings[number] = sightings[number].turned(turn)
 
 
-def _with_found_mounting(camera: Camera, problem: CameraProblem, seen: Sightings) -> CameraProblem:
-    """How the sensor sits on the camera by what it saw of a wearer, if nobody told; that is hardly believed."""
+def _with_found_mounting(camera: Camera, problem: CameraProblem, sightings: Sightings) -> CameraProblem:
+    """Estimate the mounting of a camera's IMU from sightings of a wearer, with a wide prior, if none is declared."""
     if problem.imu is None or camera.mount is None or camera.mount.is_declared:
         return problem
     valid, time = problem.imu.orientation_valid[:, 0], problem.imu.time
-    inside = (seen.time >= time[0]) & (seen.time <= time[-1])
+    inside = (sightings.time >= time[0]) & (sightings.time <= time[-1])
     if not valid.any() or not inside.any():
         return problem
-    at = seen.time[inside]
-    R_world_camera = transpose(seen.R_camera_world[inside])
+    instants = sightings.time[inside]
+    R_world_camera = transpose(sightings.R_camera_world[inside])
     if camera.known_path is not None:
-        R_world_camera = camera.known_path.at(at).R_world_camera
-    R_inertial_imu = interpolate_rotations(time[valid], problem.imu.R_inertial_sensor[valid, 0], at)
+        R_world_camera = camera.known_path.at(instants).R_world_camera
+    R_inertial_imu = interpolate_rotations(time[valid], problem.imu.R_inertial_sensor[valid, 0], instants)
     return replace(problem, prior_R_camera_imu=camera_mounting(R_world_camera, R_inertial_imu)[0])
 
 
 def _sightings_of_known(cameras: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:
-    """What the cameras of known pose saw of a wearer."""
+    """Sightings of a wearer by the cameras of known pose."""
     looks = [
-        (each.camera.known_path, each.sightings[wearer])
-        for each in cameras
-        if each.camera.known_path is not None and len(each.sightings[wearer])
+        (associated_camera.camera.known_path, associated_camera.sightings[wearer])
+        for associated_camera in cameras
+        if associated_camera.camera.known_path is not None and len(associated_camera.sightings[wearer])
     ]
     return looks[0] if len(looks) == 1 else together(looks)
 
@@ -252,20 +274,20 @@ def _anchored(inertial: InertialSolution, cameras: Sequence[Camera], settings: C
 
 
 def _first_path(
-    camera: Camera, problem: CameraProblem, inertial: InertialSolution, seen: Sightings, time: Array
+    camera: Camera, problem: CameraProblem, inertial: InertialSolution, sightings: Sightings, time: Array
 ) -> tuple[CameraPath, float]:
     """The camera's path in the first wearer's world (or the known one in its own), and its IMU's heading."""
     if camera.known_path is not None:
-        known = camera.known_path if not camera.moving else camera.known_path.at(time)
-        return known, _heading_on(known.at(time), problem)
-    root = interpolate_points(time, inertial.state.p_world_pelvis, seen.time)
+        known_path = camera.known_path if not camera.moving else camera.known_path.at(time)
+        return known_path, _heading_on(known_path.at(time), problem)
+    root = interpolate_points(time, inertial.state.p_world_pelvis, sightings.time)
     if not camera.moving:
-        path = standing_camera(seen, root)
+        path = standing_camera(sightings, root)
         return path, _heading_on(path.at(time), problem)
     valid, measured = inertial_orientations(problem, len(time))
     if valid.any():
-        return carried_camera(seen, root, time, interpolate_rotations(time[valid], measured, time))
-    path = moving_camera(seen, root, time)
+        return carried_camera(sightings, root, time, interpolate_rotations(time[valid], measured, time))
+    path = moving_camera(sightings, root, time)
     return path, _heading_on(path, problem)
 
 
@@ -300,7 +322,7 @@ def _placed(
 
 
 def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointOffsets:
-    """What was found of a camera's detector before, or learnt of others where a file is named; else its family's.
+    """Return the prior on a camera's keypoint offsets: estimated before, learned from a file, or its keypoint set's.
 
     Raises:
         FileFormatError, InputError: for a file that is none, or knows nothing of the camera's keypoints.

@@ -43,8 +43,8 @@ def pauses_of(streams: Mapping[str, ImuStream]) -> tuple[Pause, ...]:
     pauses = list[Pause]()
     for start, end, name in sorted(gaps):
         if pauses and start - pauses[-1].end < LEAST_S:
-            last = pauses[-1]
-            pauses[-1] = Pause(last.start, max(last.end, end), last.silent | {name})
+            previous = pauses[-1]
+            pauses[-1] = Pause(previous.start, max(previous.end, end), previous.silent | {name})
         else:
             pauses.append(Pause(start, end, frozenset({name})))
     begin = min((float(stream.time[0]) for stream in streams.values()), default=0.0)
@@ -79,13 +79,13 @@ def silences_of(recording: RecordingSource) -> tuple[Pause, ...]:
     """Times of some seconds in which no sensor measured anything; the samples are read a minute at a time."""
     minute = 60.0
     start, end = recording.interval
-    last, silences = start, list[Pause]()
+    since, silences = start, list[Pause]()
     for begin in np.arange(start, end, minute):
         streams = recording.between(float(begin), float(begin + minute)).values()
-        time = np.unique(np.concatenate([[last], *(stream.time for stream in streams)]))
-        for before in np.flatnonzero(np.diff(time) > LEAST_S):
-            silences.append(Pause(float(time[before]), float(time[before + 1]), frozenset(recording.sensors)))
-        last = float(time[-1])
+        time = np.unique(np.concatenate([[since], *(stream.time for stream in streams)]))
+        for row in np.flatnonzero(np.diff(time) > LEAST_S):
+            silences.append(Pause(float(time[row]), float(time[row + 1]), frozenset(recording.sensors)))
+        since = float(time[-1])
     return tuple(silences)
 
 
@@ -143,39 +143,45 @@ def headings_after_pauses(
     if len(sensors) < 2 or not recording.pauses or not options.estimate_headings or options.from_truth:
         return np.zeros((0, 2)), calibration.headings[None]
     stretches = _stretches(recording, recording.interval)
-    first = _compared(recording, stretches)
+    reference = _compared(recording, stretches)
     headings = np.tile(calibration.headings, (len(stretches), 1))
-    for order, before in ((range(first + 1, len(stretches)), -1), (range(first - 1, -1, -1), 1)):
+    for order, neighbour in ((range(reference + 1, len(stretches)), -1), (range(reference - 1, -1, -1), 1)):
         for number in order:
-            near = replace(calibration, headings=headings[number + before], R_world_bone=None)
+            near = replace(calibration, headings=headings[number + neighbour], R_world_bone=None)
             headings[number] = _headings_in(recording, sensors, stretches[number], near, settings)
     differences = zip(recording.pauses, np.diff(headings, axis=0), strict=True)
     jumps = np.stack([_jumps(pause, sensors, jumped) for pause, jumped in differences])
     path = np.vstack([np.zeros(len(sensors)), np.cumsum(jumps, axis=0)])
     steps = np.flatnonzero(jumps.any(axis=1))
     edges = np.array([(pause.start, pause.end) for pause in recording.pauses])
-    return edges[steps], (calibration.headings + path - path[first])[np.r_[0, steps + 1]]
+    return edges[steps], (calibration.headings + path - path[reference])[np.r_[0, steps + 1]]
 
 
 def _headings_in(
-    recording: Recording, sensors: Sequence[str], stretch: Array, before: InitialCalibration, settings: CommonSettings
+    recording: Recording,
+    sensors: Sequence[str],
+    stretch: Array,
+    neighbour_calibration: InitialCalibration,
+    settings: CommonSettings,
 ) -> Array:
     """Headings ``(S,)`` that explain a stretch, seconds from and until; those ``before`` where those do as well."""
     start, end = stretch.tolist()
     time = np.arange(start, end, 1 / START_RATE)
     frames = frames_of(streams_between(recording.imus, sensors, start, end), sensors, time)
-    turn = rotation_z(before.headings)
+    turn = rotation_z(neighbour_calibration.headings)
     frames = replace(
         frames,
         R_inertial_sensor=turn @ frames.R_inertial_sensor,
         specific_force_inertial=np.einsum("sij,tsj->tsi", turn, frames.specific_force_inertial),
     )
     search = start_search(recording, frames, settings, known_mountings=True)
-    same = InitialCalibration(np.zeros(len(sensors)), np.full(len(sensors), np.inf), before.R_bone_sensor)
+    same = InitialCalibration(
+        np.zeros(len(sensors)), np.full(len(sensors), np.inf), neighbour_calibration.R_bone_sensor
+    )
     turned = wrap_angle(search.best(same, same.R_bone_sensor).best.calibration.headings)
     jumped = replace(same, headings=np.where(np.abs(turned) > JUMP, turned, 0.0))
     sure = search.cost(same) - search.cost(jumped) > SURE
-    return before.headings + sure * turned
+    return neighbour_calibration.headings + sure * turned
 
 
 def _jumps(pause: Pause, sensors: Sequence[str], jumped: Array) -> Array:
@@ -184,14 +190,14 @@ def _jumps(pause: Pause, sensors: Sequence[str], jumped: Array) -> Array:
     Most sensors that measured on, or of all most sensors, are taken to have kept their headings.
     """
     silent = np.array([name in pause.silent for name in sensors])
-    against = jumped if silent.all() else jumped[~silent]
-    moved = np.abs(wrap_angle(jumped - against[:, None])) > JUMP
-    jumps = wrap_angle(jumped - against[int(np.argmin(moved.sum(axis=1)))])
+    reference = jumped if silent.all() else jumped[~silent]
+    moved = np.abs(wrap_angle(jumped - reference[:, None])) > JUMP
+    jumps = wrap_angle(jumped - reference[int(np.argmin(moved.sum(axis=1)))])
     return np.where(silent & (np.abs(jumps) > JUMP), jumps, 0.0)
 
 
 def jump_findings(wearer: str, calibration: Mapping[str, SensorCalibration], restarts: Array) -> Iterator[Finding]:
-    """Of headings that an estimate has stepping over pauses, ``(P, 2)`` seconds."""
+    """Return findings about headings that step over pauses ``(P, 2)`` in seconds."""
     far = dict[str, float]()
     for pause in restarts:
         jumps = {name: float(np.abs(np.diff(sensor.heading_at(pause))[0])) for name, sensor in calibration.items()}

@@ -66,7 +66,7 @@ def filmed_estimate(
     Bodies, and how sure what is shared is, are of the calibrating frames.
     """
     solution, solver = calibration.solution, calibration.solver
-    scene, coarse, associated = solution.scene, solution.fused, solution.associated
+    scene, coarse, associated = solution.scene, solution.fusion, solution.associated
     fine = coarse if frames is None else solution.at_full_rate(frames, settings, solver)
     covariance = full_rate_covariance(coarse, fine, solver) if settings.covariance and frames is not None else None
     shared = SharedCovariance.at(coarse.model, coarse.state) if covariance is None else covariance.shared
@@ -81,15 +81,22 @@ def filmed_estimate(
     )
     cameras = tuple(
         camera_with_sigmas(
-            decode_camera(each.camera.name, number, fine.model, fine.state, covariance, each.camera.clock),
+            decode_camera(
+                associated_camera.camera.name,
+                number,
+                fine.model,
+                fine.state,
+                covariance,
+                associated_camera.camera.clock,
+            ),
             number,
             shared,
         )
-        for number, each in enumerate(associated)
+        for number, associated_camera in enumerate(associated)
     )
-    given = np.full(len(scene.cameras[0].detections), -1)
+    wearer_of_detection = np.full(len(scene.cameras[0].detections), -1)
     if associated[0].camera is scene.cameras[0]:  # else it shows nobody
-        given = associated[0].association.wearer
+        wearer_of_detection = associated[0].association.wearer
     findings = [
         *who_is_who(scene, associated),
         *_undetermined(shared, "all headings, mountings and the camera"),
@@ -97,13 +104,13 @@ def filmed_estimate(
         *quality_checks(scene, associated, fine, wearers),
         *(
             finding
-            for one, own in zip(coarse.model.wearers, wearers, strict=True)
-            for finding in jump_findings(one.name, own.calibration, one.restarts)
+            for coarse_model, wearer in zip(coarse.model.wearers, wearers, strict=True)
+            for finding in jump_findings(coarse_model.name, wearer.calibration, coarse_model.restarts)
         ),
         *(
-            in_picture_of(each.camera, scene, finding)
-            for each, one in zip(associated, cameras, strict=True)
-            for finding in clock_findings(each.camera, one)
+            in_picture_of(associated_camera.camera, scene, finding)
+            for associated_camera, camera in zip(associated, cameras, strict=True)
+            for finding in clock_findings(associated_camera.camera, camera)
         ),
     ]
     findings = [
@@ -113,9 +120,17 @@ def filmed_estimate(
         *solution.start_findings(),
     ]
     return Estimate(
-        scene.name, "VIP", wearers, cameras, given, tuple(solver.reports), (*film_findings(scene, findings), *findings),
-        flatten(settings), detector_estimate(coarse, shared), association_cues(scene.names, associated[0].association),
-    )  # fmt: skip
+        scene.name,
+        "VIP",
+        wearers,
+        cameras,
+        wearer_of_detection,
+        tuple(solver.reports),
+        (*film_findings(scene, findings), *findings),
+        flatten(settings),
+        detector_estimate(coarse, shared),
+        association_cues(scene.names, associated[0].association),
+    )
 
 
 def unfilmed_estimate(calibration: Calibration, settings: Settings, fine: WearerEstimate | None = None) -> Estimate:
@@ -155,25 +170,25 @@ def _undetermined(shared: SharedCovariance, subject: str) -> Iterator[Finding]:
 
 
 def association_cues(names: Sequence[str], association: Association) -> tuple[str, ...]:
-    """A sentence for each wearer: by what they were told from others in the picture."""
-    found = [association.wearer == number for number in range(len(names))]
+    """Describe for each wearer what identifies it in the picture."""
     by_place = association.by_place if len(association.by_place) else np.zeros(len(association.wearer), bool)
     clothes = "clothes had a say" if association.by_clothes else "clothes had none"
-    return tuple(
-        f"{name} was told by motion in {np.sum(own & ~by_place)} detections and by place in {np.sum(own & by_place)}; "
-        + clothes
-        for name, own in zip(names, found, strict=True)
-    )
+    sentences = []
+    for number, name in enumerate(names):
+        is_labelled = association.wearer == number
+        placed, moved = np.sum(is_labelled & by_place), np.sum(is_labelled & ~by_place)
+        sentences.append(f"{name} was told by motion in {moved} detections and by place in {placed}; {clothes}")
+    return tuple(sentences)
 
 
 def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
     """The estimate as it is told: with the models' share of standard deviations, which nothing before this sees."""
-    filmed = bool(estimate.cameras)
-    errors = FILMED if filmed else UNFILMED
+    is_filmed = bool(estimate.cameras)
+    errors = FILMED if is_filmed else UNFILMED
     wearers, findings = list[WearerEstimate](), list(estimate.findings)
     for wearer in estimate.wearers:
         bones = {sensor.bone for sensor in wearer.calibration.values()}
-        limits = tuple(precision_findings(wearer.motion.name, bones, len(wearer.calibration), filmed))
+        limits = tuple(precision_findings(wearer.motion.name, bones, len(wearer.calibration), is_filmed))
         wearer = replace(wearer, findings=(*wearer.findings, *limits))
         wearers.append(_with_model_errors(wearer, errors, settings))
         findings += limits
@@ -183,29 +198,29 @@ def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
 LEG_BONES = {"hip": "thighs", "knee": "shanks"}  # by the joint above
 
 
-def precision_findings(wearer: str, bones: Set[str], sensors: int, filmed: bool) -> Iterator[Finding]:
+def precision_findings(wearer: str, bones: Set[str], sensors: int, is_filmed: bool) -> Iterator[Finding]:
     """Sensors and cameras that cannot tell as much as GOOD promises, were nothing wrong at all.
 
     Args:
         wearer: name of the wearer.
         bones: names of the bones that have a sensor.
         sensors: how many there are.
-        filmed: whether a camera sees the wearer.
+        is_filmed: whether a camera sees the wearer.
     """
     # M, what GOOD promises of where joints are: on the mean over those of the limbs, along each axis
-    good_joints, errors = 0.03, FILMED if filmed else UNFILMED
+    good_joints, errors = 0.03, FILMED if is_filmed else UNFILMED
     # Legs count if a leg has a sensor, arms if an arm has one; all limbs if none has. Trunk and tips are not promised.
     limbs = worn_limbs(bones) or LIMBS.values()
     joints = [joint_index(f"{side}_{joint}") for limb in limbs for joint in limb[1:-1] for side in SIDES]
     off = float(errors.positions(bones)[joints].mean())
     unmeasured = [name for joint, name in LEG_BONES.items() if not {f"left_{joint}", f"right_{joint}"} <= bones]
-    told = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > good_joints else []
-    told += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
-    if told:
-        better = ["a camera"] * (not filmed) + ["a sensor on every limb's bone"] * (filmed or bool(unmeasured))
-        verb = "tells" if sensors == 1 and not filmed else "tell"
-        words = {"limit": f"{verb} {' and '.join(told)} only", "better": " and ".join(better)}
-        subject = f"{count(sensors, 'sensor')} and {'a' if filmed else 'no'} camera"
+    limits = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > good_joints else []
+    limits += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
+    if limits:
+        better = ["a camera"] * (not is_filmed) + ["a sensor on every limb's bone"] * (is_filmed or bool(unmeasured))
+        verb = "tells" if sensors == 1 and not is_filmed else "tell"
+        words = {"limit": f"{verb} {' and '.join(limits)} only", "better": " and ".join(better)}
+        subject = f"{count(sensors, 'sensor')} and {'a' if is_filmed else 'no'} camera"
         yield Finding("limited set-up", wearer, subject=subject, words=words)
 
 
@@ -223,20 +238,26 @@ def told_calibration(
     """Headings and mountings as they are told: with the models' share of their standard deviations."""
     by_convention = 1.5 * GAUGE_SIGMA  # as sure is only the world's own
     sensors = list(calibration.values())
-    heading = np.array([one.heading_sigma for one in sensors])
+    heading = np.array([sensor.heading_sigma for sensor in sensors])
     heading = np.hypot(heading, np.where(heading <= by_convention, 0.0, errors.heading)).tolist()
-    theirs = errors.mounting[np.array([joint_index(one.bone) for one in sensors], int), None]
-    mounting = np.hypot(np.array([one.mounting_sigma for one in sensors]).reshape(-1, 3), theirs)
+    bone_errors = errors.mounting[np.array([joint_index(sensor.bone) for sensor in sensors], int), None]
+    mounting = np.hypot(np.array([sensor.mounting_sigma for sensor in sensors]).reshape(-1, 3), bone_errors)
     return {
         name: SensorCalibration(
-            one.heading, one.R_bone_sensor, heading[s], mounting[s], one.heading_time, one.heading_path, one.bone
+            sensor.heading,
+            sensor.R_bone_sensor,
+            heading[s],
+            mounting[s],
+            sensor.heading_time,
+            sensor.heading_path,
+            sensor.bone,
         )
-        for s, (name, one) in enumerate(calibration.items())
+        for s, (name, sensor) in enumerate(calibration.items())
     }
 
 
 def full_rate_covariance(coarse: FusionSolution, fine: FusionSolution, solver: Solver) -> SceneCovariance | None:
-    """How sure the poses of the full rate are: as sure as those of the nearest coarse frame; None if not determined.
+    """Covariance of the full-rate poses, that of the nearest coarse frame; None if not determined.
 
     There headings and mountings are free: at the full rate they are kept, as if they were known.
     """
@@ -261,15 +282,18 @@ def body_estimate(solution: FusionSolution, number: int, shared: SharedCovarianc
     model, hinges = solution.model.wearers[number], solution.state.wearers[number].hinges
 
     def covariance(block: str, size: int) -> Array:
-        known = shared.of(OwnerId(Owner.WEARER, number), block)
-        return np.full((size, size), np.nan) if known is None else known
+        marginals = shared.of(OwnerId(Owner.WEARER, number), block)
+        return np.full((size, size), np.nan) if marginals is None else marginals
 
-    found, before = tuple[HingeEstimate, ...](), tuple[HingeEstimate, ...]()
+    hinge_axes, prior_hinges = tuple[HingeEstimate, ...](), tuple[HingeEstimate, ...]()
     if model.free_hinges:
-        found, before = hinge_estimates(hinges, covariance("hinges", len(hinges))), model.hinge_prior.hinges()
+        hinge_axes, prior_hinges = (
+            hinge_estimates(hinges, covariance("hinges", len(hinges))),
+            model.hinge_prior.hinges(),
+        )
     if not model.body_moves or model.variation is None:
         nothing, square = np.zeros(0), np.zeros((0, 0))
-        return BodyEstimate((), nothing, nothing, square, square, found, before) if found else None
+        return BodyEstimate((), nothing, nothing, square, square, hinge_axes, prior_hinges) if hinge_axes else None
     lengths, whitening = lengths_of(model.skeleton), model.variation.whitening
     prior = np.array(np.linalg.inv(whitening.T @ whitening), dtype=float)
     return BodyEstimate(
@@ -278,15 +302,15 @@ def body_estimate(solution: FusionSolution, number: int, shared: SharedCovarianc
         lengths,
         prior,
         covariance("body", len(LENGTHS)),
-        found,
-        before,
+        hinge_axes,
+        prior_hinges,
     )
 
 
 def sensor_position_estimates(
     solution: FusionSolution, number: int, shared: SharedCovariance
 ) -> tuple[SensorPlaceEstimate, ...]:
-    """Of one wearer's sensors; none if they were no variables.
+    """Estimated positions of one wearer's sensors; empty if they were not variables.
 
     Args:
         solution: whose bodies were found and are the problem's.
@@ -296,14 +320,14 @@ def sensor_position_estimates(
     model = solution.model.wearers[number]
     if not model.free_places:
         return ()
-    points, found = model.sensor_points, solution.state.wearers[number].sensor_positions
-    sigmas = _shaped(shared.sigmas(OwnerId(Owner.WEARER, number), "sensor_positions"), found)
+    points, positions = model.sensor_points, solution.state.wearers[number].sensor_positions
+    sigmas = _shaped(shared.sigmas(OwnerId(Owner.WEARER, number), "sensor_positions"), positions)
     whitening = np.linalg.inv(sensor_position_whitening(model))
     prior_sigmas = np.sqrt(np.einsum("sij,sij->si", whitening, whitening))
     return tuple(
         SensorPlaceEstimate(sensor, JOINT_NAMES[bone], prior, prior + change, prior_sigma, sigma)
         for sensor, bone, prior, change, prior_sigma, sigma in zip(
-            model.frames.sensors, points.bones, points.p_bone_point, found, prior_sigmas, sigmas, strict=True
+            model.frames.sensors, points.bones, points.p_bone_point, positions, prior_sigmas, sigmas, strict=True
         )
     )
 
@@ -312,10 +336,10 @@ def detector_estimate(solution: FusionSolution, shared: SharedCovariance) -> Det
     """The detector's keypoint offsets; None if they were no variables."""
     if not solution.model.free_keypoints:
         return None
-    found = solution.state.detector.keypoint_offsets
+    offsets = solution.state.detector.keypoint_offsets
     prior = solution.model.cameras[0].prior_offsets
-    sigma = _shaped(shared.sigmas(DETECTOR, "keypoint_offsets"), found)
-    return DetectorEstimate(OFFSET_KEYPOINTS, prior.mean, found, prior.sigma, sigma)
+    sigma = _shaped(shared.sigmas(DETECTOR, "keypoint_offsets"), offsets)
+    return DetectorEstimate(OFFSET_KEYPOINTS, prior.mean, offsets, prior.sigma, sigma)
 
 
 def _shaped(sigmas: Array | None, values: Array) -> Array:

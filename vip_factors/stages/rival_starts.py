@@ -32,10 +32,15 @@ SIGMAS = 2.0  # standard deviations of the solution: two ends that are closer to
 
 
 def with_rivals_solved(
-    starts: Starts | None, problem: SceneProblem, state: SceneState, number: int, recording: Recording,
-    settings: CommonSettings, solver: Solver,
-) -> Starts | None:  # fmt: skip
-    """How sure a start is, once the solutions of its rivals are known: doubtful are sensors whose bones they move.
+    starts: Starts | None,
+    problem: SceneProblem,
+    state: SceneState,
+    number: int,
+    recording: Recording,
+    settings: CommonSettings,
+    solver: Solver,
+) -> Starts | None:
+    """Solve from rival starts; sensors whose bones then differ from the solution are doubtful.
 
     Args:
         starts: of a wearer; None where none were looked for.
@@ -49,14 +54,14 @@ def with_rivals_solved(
     doubtful, margins = set[int](), dict[float, str]()
     covariance = SharedCovariance.at(problem, state)
     for rival in starts.rivals:
-        own = replace(solver, reports=[])
+        quiet_solver = replace(solver, reports=[])
         try:
-            end = _solved_from(rival, problem, state, number, recording, settings, own)
+            end = _solved_from(rival, problem, state, number, recording, settings, quiet_solver)
         except SolveError:  # then it explains nothing
             continue
-        apart = np.flatnonzero(_bones_apart(problem, number, state, end, covariance) > 1)
-        if len(apart):
-            doubtful |= set(apart.tolist())
+        contradicting = np.flatnonzero(_bones_apart(problem, number, state, end, covariance) > 1)
+        if len(contradicting):
+            doubtful |= set(contradicting.tolist())
             margins[rival.cost - starts.best.cost] = rival.hypothesis
     if not doubtful:
         return replace(starts, doubtful=(), rivals=())
@@ -65,21 +70,32 @@ def with_rivals_solved(
 
 
 def _solved_from(
-    rival: Start, problem: SceneProblem, state: SceneState, number: int, recording: Recording,
-    settings: CommonSettings, solver: Solver,
-) -> SceneState:  # fmt: skip
-    """Where the problem ends if one wearer starts as a rival start has him, in the solution's world."""
+    rival: Start,
+    problem: SceneProblem,
+    state: SceneState,
+    number: int,
+    recording: Recording,
+    settings: CommonSettings,
+    solver: Solver,
+) -> SceneState:
+    """Solve the problem with one wearer at a rival start, placed in the solution's world."""
     model, solved = problem.wearers[number], state.wearers[number]
     tracked = inertial_tracker(recording, model.frames, settings, solver, replace(rival.calibration, R_world_bone=None))
     begin = tracked.state.turned(robust_mean_angle(wrap_angle(solved.headings - tracked.state.headings)))
     model = replace(
-        model, prior_headings=begin.headings, prior_R_bone_sensor=begin.R_bone_sensor, restarts=tracked.model.restarts,
+        model,
+        prior_headings=begin.headings,
+        prior_R_bone_sensor=begin.R_bone_sensor,
+        restarts=tracked.model.restarts,
         heading_times=tracked.model.heading_times,
-    )  # fmt: skip
+    )
     begin = replace(
-        solved, R_parent_child=begin.R_parent_child, headings=begin.headings, later_headings=begin.later_headings,
+        solved,
+        R_parent_child=begin.R_parent_child,
+        headings=begin.headings,
+        later_headings=begin.later_headings,
         R_bone_sensor=begin.R_bone_sensor,
-    )  # fmt: skip
+    )
     wearers, states = list(problem.wearers), list(state.wearers)
     wearers[number], states[number] = model, begin
     problem, state = replace(problem, wearers=tuple(wearers)), replace(state, wearers=tuple(states))
@@ -87,7 +103,7 @@ def _solved_from(
 
 
 def _bones_apart(
-    problem: SceneProblem, number: int, one: SceneState, other: SceneState, covariance: SharedCovariance
+    problem: SceneProblem, number: int, solution: SceneState, rival: SceneState, covariance: SharedCovariance
 ) -> Array:
     """``(S,)`` turns between two motions of the bones with sensors, but for a turn of the world.
 
@@ -95,13 +111,15 @@ def _bones_apart(
     """
     model = problem.wearers[number]
     bones = [sensor.bone for sensor in model.sensors]
-    R, S = (motion_of(model, each.wearers[number]).state.R_world_bone[:, bones] for each in (one, other))
-    turns = np.array([robust_mean_angle(each) for each in yaw_of(S @ transpose(R)).T])
-    R_world_sensor = R @ one.wearers[number].R_bone_sensor
+    R, S = (
+        motion_of(model, scene_state.wearers[number]).state.R_world_bone[:, bones] for scene_state in (solution, rival)
+    )
+    turns = np.array([robust_mean_angle(yaws) for yaws in yaw_of(S @ transpose(R)).T])
+    R_world_sensor = R @ solution.wearers[number].R_bone_sensor
     turned = rotation_z(robust_mean_angle(turns)) @ R
     alike = APART**2 * np.eye(3) + SIGMAS**2 * _bone_covariance(number, R_world_sensor, covariance)
-    apart = np.einsum("...ji,...j->...i", R_world_sensor, log(S @ transpose(turned)))
-    squares = np.einsum("...i,...i", apart, np.linalg.solve(alike, apart[..., None])[..., 0])
+    difference = np.einsum("...ji,...j->...i", R_world_sensor, log(S @ transpose(turned)))
+    squares = np.einsum("...i,...i", difference, np.linalg.solve(alike, difference[..., None])[..., 0])
     return np.asarray(np.sqrt(squares).mean(axis=0))
 
 

@@ -33,7 +33,7 @@ class SceneSolution:
     Attributes:
         scene: the scene with corrected sensors.
         wearers: initial solution of each wearer, in one world in front of cameras, otherwise in its own.
-        fused: solution of all wearers and cameras together.
+        fusion: solution of all wearers and cameras together.
         start: start of the fusion; None if no camera shows a wearer.
         associated: usable cameras with the wearer of each detection.
         floor_findings: findings about the floor.
@@ -41,7 +41,7 @@ class SceneSolution:
 
     scene: Scene
     wearers: tuple[InertialSolution, ...]
-    fused: FusionSolution
+    fusion: FusionSolution
     start: FusionStart | None = None
     associated: tuple[AssociatedCamera, ...] = ()
     floor_findings: tuple[Finding, ...] = ()
@@ -65,7 +65,7 @@ class SceneSolution:
 
     def with_rivals_solved(self, settings: CommonSettings, solver: Solver) -> "SceneSolution":
         """Drop rival starts that lead to the same motion."""
-        model, state = self.fused.model, self.fused.state
+        model, state = self.fusion.model, self.fusion.state
         return replace(
             self,
             wearers=tuple(
@@ -78,9 +78,9 @@ class SceneSolution:
 
     def on_floor(self, settings: CommonSettings) -> "SceneSolution":
         """Move the solution so that its floor is at z = 0."""
-        fused = self.fused
-        state, findings = on_floor(fused.model.wearers, fused.state, settings.floor, self.is_world_known)
-        return replace(self, fused=replace(fused, state=state), floor_findings=findings)
+        fusion = self.fusion
+        state, findings = on_floor(fusion.model.wearers, fusion.state, settings.floor, self.is_world_known)
+        return replace(self, fusion=replace(fusion, state=state), floor_findings=findings)
 
     def frames_at(self, time: Array) -> tuple[ImuFrames, ...]:
         """Frames of each wearer's sensors at the instants ``time`` ``(T,)``."""
@@ -92,9 +92,9 @@ class SceneSolution:
     def problem_on(self, frames: Sequence[ImuFrames], settings: CommonSettings) -> FusionSolution:
         """Build the problem on other ``frames`` of each wearer with fixed shared variables, and its initial state."""
         if self.start is not None:
-            return fusion_problem_on_frames(self.start, self.fused, self.associated, frames, settings)
+            return fusion_problem_on_frames(self.start, self.fusion, self.associated, frames, settings)
         models, states = [], []
-        for coarse, measured in zip(self.fused.wearers, frames, strict=True):
+        for coarse, measured in zip(self.fusion.wearers, frames, strict=True):
             states.append(at_frames(coarse.state, coarse.model.frames.time, measured.time))
             models.append(with_contacts(on_frames_with_fixed_calibration(coarse.model, measured), states[-1]))
         return FusionSolution(unfilmed_problem(models), SceneState.unfilmed(states), ())
@@ -106,7 +106,7 @@ class SceneSolution:
             SolveError: if the problem is not determined.
         """
         assert self.start is not None
-        return fuse_finely(self.start, self.fused, self.associated, frames, settings, solver)
+        return fuse_finely(self.start, self.fusion, self.associated, frames, settings, solver)
 
     def start_findings(self) -> Iterator[Finding]:
         """Report sensors with too few samples and starts that the data do not determine."""
@@ -138,11 +138,11 @@ def start_before_cameras(
     return start_fusion(usable, trackers, settings) if usable else who_is_who(scene, associated)
 
 
-def _misfit(fused: FusionSolution) -> int | None:
+def _misfit(fusion: FusionSolution) -> int | None:
     """Index of a camera that fits the wearers badly while another one fits; None if there is none."""
     spreads = [
         float(np.mean([spread for spread, view in zip(camera_spreads, views, strict=True) if view.seen.any()] or [0.0]))
-        for camera_spreads, views in zip(fused.measured_spreads(), fused.model.views, strict=True)
+        for camera_spreads, views in zip(fusion.measured_spreads(), fusion.model.views, strict=True)
     ]
     worst_camera = int(np.argmax(spreads)) if len(spreads) > 1 else 0
     return worst_camera if len(spreads) > 1 and spreads[worst_camera] > IMPLAUSIBLE_SCATTER > min(spreads) else None
@@ -154,8 +154,8 @@ def solve_from(start: FusionStart, scene: Scene, settings: CommonSettings, solve
     Raises:
         SolveError: if the problem is not determined.
     """
-    fused, associated = fuse_in_rounds(start, settings, solver)
-    misfit = _misfit(fused)
+    fusion, associated = fuse_in_rounds(start, settings, solver)
+    misfit = _misfit(fusion)
     if misfit is not None:
         return solve_from(start.without_camera(misfit), scene, settings, solver)
-    return SceneSolution(scene, start.wearers, fused, start, associated)
+    return SceneSolution(scene, start.wearers, fusion, start, associated)

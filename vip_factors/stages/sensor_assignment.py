@@ -65,28 +65,28 @@ def with_sensors_assigned(
         return source, (), ()
     starts = list[WearerStart | None]()
     placements, findings, exchanges = list[Placement](), list[Finding](), 0
-    for one, time in zip_longest(source.wearers, times):
-        start, end = interval_between_pauses(one.head, one.interval)
-        until = min(end, start + SECONDS)
-        spare = (end - until) / 2
-        head = replace(one.head, imus=dict(one.between(start + spare, end - spare)), pauses=())
-        found = exchanges_of(head, settings)
-        placement = exchanged(head.placement, head.placed, found)
-        beginning = replace(head, imus=dict(one.between(start, until))) if spare else head
+    for wearer, time in zip_longest(source.wearers, times):
+        start, end = interval_between_pauses(wearer.head, wearer.interval)
+        last_time = min(end, start + SECONDS)
+        spare = (end - last_time) / 2
+        head = replace(wearer.head, imus=dict(wearer.between(start + spare, end - spare)), pauses=())
+        likely_exchanges = exchanges_of(head, settings)
+        placement = exchanged(head.placement, head.placed, likely_exchanges)
+        beginning = replace(head, imus=dict(wearer.between(start, last_time))) if spare else head
         filmed = settings.fusion.use_camera and source.head.camera is not None
-        camera = source.between(start, until).camera if filmed else None
+        camera = source.between(start, last_time).camera if filmed else None
         beginning = replace(beginning, placement=placement)
-        is_whole = not spare and not one.head.pauses
+        is_whole = not spare and not wearer.head.pauses
         pose, sides, begun = against_declared(beginning, camera, settings, time if is_whole else None)
-        starts.append(None if sides is not None or (found and not settings.assign) else begun)
+        starts.append(None if sides is not None or (likely_exchanges and not settings.assign) else begun)
         if pose is not None:
             findings.append(pose)
         if sides is not None:
-            found = (*found, sides)
-        findings += [exchange_finding(head, exchange, settings.assign) for exchange in found]
+            likely_exchanges = (*likely_exchanges, sides)
+        findings += [exchange_finding(head, exchange, settings.assign) for exchange in likely_exchanges]
         findings += _on_one_bone(head)
-        placements.append(exchanged(head.placement, head.placed, found))
-        exchanges += len(found)
+        placements.append(exchanged(head.placement, head.placed, likely_exchanges))
+        exchanges += len(likely_exchanges)
     if exchanges and settings.assign:
         source = ReplacedSource(source, tuple(placements))
     return source, tuple(findings), tuple(starts)
@@ -96,7 +96,7 @@ def exchanges_of(recording: Recording, settings: Settings, least: float = LEAST_
     """Exchanges of placed sensors, by their numbers, that explain a recording better, by ``least`` nats."""
     if len(recording.placed) < 2:
         return ()
-    links = [(one.parent, one.child) for one in placed_links(recording, settings) if one.p_parent is not None]
+    links = [(link.parent, link.child) for link in placed_links(recording, settings) if link.p_parent is not None]
     signals = [joint_signal(recording.imus[name]) for name in recording.placed]
     return exchanged_sensors(signals, links, least)
 
@@ -115,7 +115,7 @@ def _on_one_bone(recording: Recording) -> Iterator[Finding]:
         if above is None or below is None:
             continue
         streams = [recording.imus[site.sensor] for site in (above, below)]
-        time = np.arange(max(one.time[0] for one in streams), min(one.time[-1] for one in streams), step)
+        time = np.arange(max(stream.time[0] for stream in streams), min(stream.time[-1] for stream in streams), step)
         frames = resample_streams(streams, time)
         R = frames.R_inertial_sensor[frames.orientation_valid.all(axis=1)]
         if len(R) < LEAST_SAMPLES + TURN_FRAMES:
@@ -124,19 +124,25 @@ def _on_one_bone(recording: Recording) -> Iterator[Finding]:
         if spread < least_bend and rate > least_rate:
             pair = f"{_named(above, recording)} and {_named(below, recording)}"
             yield Finding(
-                "two on one bone", recording.subject.name, subject=below.sensor,
-                numbers={"spread": float(np.rad2deg(spread))}, words={"pair": pair},
-            )  # fmt: skip
+                "two on one bone",
+                recording.subject.name,
+                subject=below.sensor,
+                numbers={"spread": float(np.rad2deg(spread))},
+                words={"pair": pair},
+            )
 
 
 def placed_links(recording: Recording, settings: Settings) -> tuple[Link, ...]:
     """The tree of a recording's placed sensors, by their numbers."""
     sites = [recording.placement.site(name) for name in recording.placed]
     return sensor_tree(
-        [site.bone_index for site in sites], np.stack([site.p_bone_sensor for site in sites]),
-        recording.subject.body(), load_pose_prior(), load_joint_limits(),
+        [site.bone_index for site in sites],
+        np.stack([site.p_bone_sensor for site in sites]),
+        recording.subject.body(),
+        load_pose_prior(),
+        load_joint_limits(),
         BONE_SIGMA,
-    )  # fmt: skip
+    )
 
 
 def exchange_finding(
@@ -145,15 +151,15 @@ def exchange_finding(
     """Two sensors in each other's places; whether they are exchanged, and what to do if not."""
 
     def pair(numbers: tuple[int, int]) -> str:
-        one, other = (recording.placement.site(recording.placed[number]) for number in numbers)
-        return f"{_named(one, recording)} and {_named(other, recording)}"
+        first_site, second_site = (recording.placement.site(recording.placed[number]) for number in numbers)
+        return f"{_named(first_site, recording)} and {_named(second_site, recording)}"
 
     words = {
         "pair": pair(exchange.sensors),
-        "rivals": "".join(f", or {pair(one)}" for one in exchange.rivals),
+        "rivals": "".join(f", or {pair(rival)}" for rival in exchange.rivals),
         "done": "the first two are taken for one another" if done else advice,
     }
-    words["pair"] += "".join(f", {pair(one)}" for one in exchange.others)
+    words["pair"] += "".join(f", {pair(sensors)}" for sensors in exchange.others)
     words["evidence"] = exchange.evidence or "bones that share a joint are accelerated alike there"
     numbers = {"nats": exchange.nats}
     subject = recording.placed[exchange.sensors[0]]
@@ -181,8 +187,8 @@ class ReplacedRecording:
     @property
     def sensors(self) -> tuple[str, ...]:
         """Names of the placed sensors that have samples."""
-        own = self.source.sensors
-        return tuple(site.sensor for site in self.placement.sites if site.sensor in own)
+        measured = self.source.sensors
+        return tuple(site.sensor for site in self.placement.sites if site.sensor in measured)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -190,7 +196,7 @@ class ReplacedRecording:
         return self.source.interval
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """What was measured from one instant to another."""
+        """Return the samples between two instants."""
         return self.source.between(start, end)
 
 
@@ -208,7 +214,7 @@ class ReplacedSource:
 
     @cached_property
     def wearers(self) -> tuple[RecordingSource, ...]:
-        """The recordings."""
+        """Recordings with their other placements."""
         return tuple(map(ReplacedRecording, self.source.wearers, self.placements))
 
     @property
@@ -217,16 +223,16 @@ class ReplacedSource:
         return self.source.video_start
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """What was measured from one instant to another."""
+        """Return the scene between two instants."""
         return self._placed(self.source.between(start, end))
 
     def detected(self, start: float, end: float) -> int:
-        """How many people were detected between two instants."""
+        """Count the detections between two instants."""
         return self.source.detected(start, end)
 
     def _placed(self, scene: Scene) -> Scene:
         wearers = zip(scene.wearers, self.placements, strict=True)
-        return replace(scene, wearers=tuple(replace(one, placement=placement) for one, placement in wearers))
+        return replace(scene, wearers=tuple(replace(wearer, placement=placement) for wearer, placement in wearers))
 
 
 SHOWN = {"legs": ("knee", "ankle", "heel", "toe"), "arms": ("elbow", "wrist")}  # keypoints that their sensors move
@@ -273,7 +279,7 @@ def against_declared(
     Returns:
         The other pose, the exchange, and the start with neither, where it was looked for.
     """
-    if any(one.R_inertial_sensor is None for one in recording.imus.values()):
+    if any(stream.R_inertial_sensor is None for stream in recording.imus.values()):
         return None, None, None
     pairs, time = dict(_pairs(recording)), _times(recording, settings) if time is None else time
     if not pairs or len(time) < LEAST_FRAMES:
@@ -285,19 +291,21 @@ def against_declared(
         return None, None, None
     begun, as_declared = WearerStart(time, calibration, starts), starts.best
     least = LEAST_NATS
-    likeliest = [_likeliest(recording, limbs, own, looked, as_declared, settings) for limbs, own in pairs.items()]
-    together = sum(one.gain for one in likeliest)
-    found = [one for one in likeliest if one.gain >= least] or (likeliest if together >= least else [])
-    nats = sum(one.gain for one in found)
+    likeliest = [
+        _likeliest(recording, limbs, limb_pairs, looked, as_declared, settings) for limbs, limb_pairs in pairs.items()
+    ]
+    together = sum(sides.gain for sides in likeliest)
+    exchanged_sides = [sides for sides in likeliest if sides.gain >= least] or (likeliest if together >= least else [])
+    nats = sum(sides.gain for sides in exchanged_sides)
     if "arms" in pairs and recording.initial_pose in POSES:
-        other = next(pose for pose in POSES if pose != recording.initial_pose)
-        gain = as_declared.cost - _start(replace(recording, initial_pose=other), looked, settings).cost
+        other_pose = next(pose for pose in POSES if pose != recording.initial_pose)
+        gain = as_declared.cost - _start(replace(recording, initial_pose=other_pose), looked, settings).cost
         if gain >= max(least, nats):  # arms that hang where they were to be held out, or the other way round
-            words = {"declared": recording.initial_pose, "better": other}
+            words = {"declared": recording.initial_pose, "better": other_pose}
             return Finding("other pose", recording.subject.name, numbers={"nats": gain}, words=words), None, begun
-    if found:
-        return None, _exchange(found, LIKELIER, nats), begun
-    doubtful = [one for one in likeliest if one.gain > -least]
+    if exchanged_sides:
+        return None, _exchange(exchanged_sides, LIKELIER, nats), begun
+    doubtful = [sides for sides in likeliest if sides.gain > -least]
     if camera is None or not doubtful:
         return None, None, begun
     detections = _sampled(camera.timed_detections, time)
@@ -305,35 +313,43 @@ def against_declared(
 
 
 def _likeliest(
-    recording: Recording, limbs: str, pairs: Sequence[Pair], looked: tuple[ImuFrames, ImuFrames], as_placed: Start,
+    recording: Recording,
+    limbs: str,
+    pairs: Sequence[Pair],
+    looked: tuple[ImuFrames, ImuFrames],
+    as_placed: Start,
     settings: Settings,
-) -> _Sides:  # fmt: skip
+) -> _Sides:
     """All pairs of a limb exchanged, or one of them where no accelerations of neighbours tell that."""
     choices = [tuple(pairs)]
     if len(pairs) > 1 and all(recording.imus[name].specific_force is None for name in recording.placed):
         choices += [(pair,) for pair in pairs]
-    found = []
-    for own in choices:
-        other = _with(recording, own)
-        start = _start(other, looked, settings)
-        found.append(_Sides(limbs, own, other, start, as_placed.cost - start.cost))
-    return max(found, key=lambda one: one.gain)
+    candidates = []
+    for exchanged_pairs in choices:
+        candidate = _with(recording, exchanged_pairs)
+        start = _start(candidate, looked, settings)
+        candidates.append(_Sides(limbs, exchanged_pairs, candidate, start, as_placed.cost - start.cost))
+    return max(candidates, key=lambda sides: sides.gain)
 
 
-def _exchange(found: Sequence[_Sides], evidence: str, nats: float = 0.0) -> Exchange:
-    first, *others = (pair for one in found for pair in one.pairs)
-    return Exchange(first, nats, (), tuple(others), evidence)
+def _exchange(exchanged_sides: Sequence[_Sides], evidence: str, nats: float = 0.0) -> Exchange:
+    main_pair, *further_pairs = (pair for sides in exchanged_sides for pair in sides.pairs)
+    return Exchange(main_pair, nats, (), tuple(further_pairs), evidence)
 
 
 def _pairs(recording: Recording) -> Iterator[tuple[str, list[Pair]]]:
     """By limbs, numbers of the sensors of left and right bones."""
-    at = {recording.placement.site(name).bone: number for number, name in enumerate(recording.placed)}
+    number_of_bone = {recording.placement.site(name).bone: number for number, name in enumerate(recording.placed)}
     for limbs, bones in LIMBS.items():
-        own = [
-            (at[f"left_{bone}"], at[f"right_{bone}"]) for bone in bones if {f"left_{bone}", f"right_{bone}"} <= set(at)
+        limb_pairs = [
+            (number_of_bone[f"left_{bone}"], number_of_bone[f"right_{bone}"])
+            for bone in bones
+            if {f"left_{bone}", f"right_{bone}"} <= set(number_of_bone)
         ]
-        if len(own) == 1 or (own and recording.initial_pose != "none"):  # without a pose the search takes seconds
-            yield limbs, own
+        if len(limb_pairs) == 1 or (
+            limb_pairs and recording.initial_pose != "none"
+        ):  # without a pose the search takes seconds
+            yield limbs, limb_pairs
 
 
 def _with(recording: Recording, pairs: Sequence[Pair]) -> Recording:
@@ -355,39 +371,49 @@ def _start(recording: Recording, looked: tuple[ImuFrames, ImuFrames], settings: 
 
 
 def _seen_exchange(
-    recording: Recording, as_placed: Start, doubtful: Sequence[_Sides], detections: Detections, camera: Camera,
+    recording: Recording,
+    as_placed: Start,
+    doubtful: Sequence[_Sides],
+    detections: Detections,
+    camera: Camera,
     settings: Settings,
-) -> Exchange | None:  # fmt: skip
+) -> Exchange | None:
     """The limbs that lie much better on the keypoints with their sides exchanged."""
     if len(detections.time) < LEAST_FRAMES:
         return None
     streams = [replace(recording.imus[name], specific_force=None) for name in recording.placed]
     frames = resample_streams(streams, detections.time)
-    before = _misfits(recording, as_placed, frames, detections, camera, settings)
-    found, ratios = [], []
-    for one in doubtful:
-        now, then = (
-            before[one.limbs],
-            _misfits(one.recording, one.start, frames, detections, camera, settings)[one.limbs],
+    misfits_as_placed = _misfits(recording, as_placed, frames, detections, camera, settings)
+    exchanged_sides, ratios = [], []
+    for sides in doubtful:
+        misfit, exchanged_misfit = (
+            misfits_as_placed[sides.limbs],
+            _misfits(sides.recording, sides.start, frames, detections, camera, settings)[sides.limbs],
         )
-        rows = _best_rows(detections.frame, np.minimum(now, then))  # of several people the one whom either fits best
-        now, then = now[rows], then[rows]
-        telling = np.abs(np.log(then / now)) > TELLING  # who stands still looks the same
+        rows = _best_rows(
+            detections.frame, np.minimum(misfit, exchanged_misfit)
+        )  # of several people the one whom either fits best
+        misfit, exchanged_misfit = misfit[rows], exchanged_misfit[rows]
+        telling = np.abs(np.log(exchanged_misfit / misfit)) > TELLING  # who stands still looks the same
         if telling.sum() < LEAST_FRAMES:
             continue
-        ratio = float(np.median(then) / np.median(now))
-        if ratio < BETTER and np.mean(then[telling] < now[telling]) > SHARE:
-            found.append(one)
+        ratio = float(np.median(exchanged_misfit) / np.median(misfit))
+        if ratio < BETTER and np.mean(exchanged_misfit[telling] < misfit[telling]) > SHARE:
+            exchanged_sides.append(sides)
             ratios.append(100 * ratio)
     missed = " and ".join(f"{ratio:.0f} %" for ratio in ratios)
-    return _exchange(found, f"they miss the picture by {missed} of what they miss it by as placed") if found else None
+    return (
+        _exchange(exchanged_sides, f"they miss the picture by {missed} of what they miss it by as placed")
+        if exchanged_sides
+        else None
+    )
 
 
 def _sampled(detections: Detections, time: Array) -> Detections:
     """The detections of some video frames within the time looked at, and of these frames alone."""
     sample = 150  # video frames looked at: the inertial tracker is run at these instants alone
-    own = detections.time[detections.frame]
-    frames = np.unique(detections.frame[(own > time[0]) & (own < time[-1])])
+    frame_time = detections.time[detections.frame]
+    frames = np.unique(detections.frame[(frame_time > time[0]) & (frame_time < time[-1])])
     if len(frames) > sample:
         frames = frames[np.linspace(0, len(frames) - 1, sample).astype(int)]
     chosen = detections.select(np.isin(detections.frame, frames))
@@ -395,7 +421,7 @@ def _sampled(detections: Detections, time: Array) -> Detections:
 
 
 def _best_rows(frame: np.ndarray, cost: Array) -> np.ndarray:
-    """Of each video frame the row of least cost."""
+    """Row of least cost in each video frame."""
     order = np.lexsort((cost, frame))
     return order[np.r_[True, np.diff(frame[order]) > 0]]
 
@@ -414,22 +440,25 @@ def _misfits(
     tracked = inertial_tracker(unposed, frames, settings, solver, start.calibration)
     skeleton, R = tracked.model.skeleton, tracked.state.R_parent_child
     body = forward_kinematics(skeleton, R, np.zeros((len(R), 3)))
-    landmarks = [(k, one) for k, one in enumerate(detections.keypoints.on_body(skeleton)) if one is not None]
+    landmarks = [
+        (k, landmark) for k, landmark in enumerate(detections.keypoints.on_body(skeleton)) if landmark is not None
+    ]
     p_world_keypoint = np.full((len(R), len(detections.keypoints), 3), np.nan)
     p_world_keypoint[:, [k for k, _ in landmarks]] = body.points(
-        np.array([one.bone for _, one in landmarks]), np.stack([one.p_bone_point for _, one in landmarks])
+        np.array([landmark.bone for _, landmark in landmarks]),
+        np.stack([landmark.p_bone_point for _, landmark in landmarks]),
     )
     points = WearerPoints(p_world_keypoint, body.p_world_joint[:, 0], R[:, 0], np.ones(len(R), bool))
-    found = hypotheses(detections, camera.model.normalise(detections.pixels), [points])
-    sigma, weight = keypoint_sigma(detections.keypoints), used_confidence(detections)[found.detection]
-    square = np.sum(found.error**2, axis=-1) / sigma**2
+    fitted = hypotheses(detections, camera.model.normalise(detections.pixels), [points])
+    sigma, weight = keypoint_sigma(detections.keypoints), used_confidence(detections)[fitted.detection]
+    square = np.sum(fitted.error**2, axis=-1) / sigma**2
     misfits = {}
     for limbs, names in SHOWN.items():
-        is_shown = np.array([any(name in each for name in names) for each in detections.keypoints.keypoints])
-        own = is_shown & np.isfinite(square)
-        off = np.sum(np.where(own, weight * np.log1p(np.where(own, square, 0.0) / CAUCHY**2), 0.0), axis=1)
+        is_shown = np.array([any(name in keypoint for name in names) for keypoint in detections.keypoints.keypoints])
+        is_used = is_shown & np.isfinite(square)
+        off = np.sum(np.where(is_used, weight * np.log1p(np.where(is_used, square, 0.0) / CAUCHY**2), 0.0), axis=1)
         misfit = np.full(len(detections), refused)
-        seen = np.where(own, weight, 0.0).sum(axis=1)
-        misfit[found.detection[seen > 0]] = off[seen > 0] / seen[seen > 0]
+        total_weight = np.where(is_used, weight, 0.0).sum(axis=1)
+        misfit[fitted.detection[total_weight > 0]] = off[total_weight > 0] / total_weight[total_weight > 0]
         misfits[limbs] = misfit
     return misfits

@@ -25,12 +25,12 @@ Corrections = Mapping[str, "SensorCorrection"]
 
 def check_scene(scene: Scene, settings: Settings) -> tuple[Scene, tuple[Corrections, ...], tuple[Finding, ...]]:
     """The scene with all wearers' sensors put right, by what each wearer's were, and what was found."""
-    found = [sensor_corrections(one, between_pauses(one), settings) for one in scene.wearers]
-    wearers = tuple(_corrected(one, right) for one, (right, _) in zip(scene.wearers, found, strict=True))
+    checked = [sensor_corrections(recording, between_pauses(recording), settings) for recording in scene.wearers]
+    wearers = tuple(_corrected(recording, right) for recording, (right, _) in zip(scene.wearers, checked, strict=True))
     return (
         replace(scene, wearers=wearers),
-        tuple(right for right, _ in found),
-        tuple(finding for _, own in found for finding in own),
+        tuple(right for right, _ in checked),
+        tuple(finding for _, findings in checked for finding in findings),
     )
 
 
@@ -44,19 +44,21 @@ def corrected_elsewhere(
     recording: Recording, corrections: Corrections, settings: Settings
 ) -> tuple[Recording, tuple[Finding, ...]]:
     """A stretch put right by what another showed; in it accelerometers are looked over by themselves."""
-    known = {name: replace(one, ends=()) for name, one in corrections.items()}
+    settled = {name: replace(correction, ends=()) for name, correction in corrections.items()}
     clocks = replace(settings.sensor_clocks, check=False)
-    return checked(_corrected(recording, known), replace(settings, sensor_clocks=clocks))
+    return checked(_corrected(recording, settled), replace(settings, sensor_clocks=clocks))
 
 
 def _corrected(recording: Recording, corrections: Corrections) -> Recording:
-    imus = {name: corrections[name].of(one) if name in corrections else one for name, one in recording.imus.items()}
+    imus = {
+        name: corrections[name].of(stream) if name in corrections else stream for name, stream in recording.imus.items()
+    }
     return replace(recording, imus=imus)
 
 
 @dataclass(frozen=True)
 class SensorCorrection:
-    """What puts a sensor's samples right.
+    """Correction of a sensor's samples.
 
     Attributes:
         ends: axes and values of specific force at the ends of its range: such samples measured none.
@@ -113,20 +115,20 @@ class CorrectedSamples:
         return self.source.interval
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """What was measured from one instant to another."""
-        spare = max((abs(one.late) for one in self.corrections.values()), default=0.0)
-        found = {}
+        """Return the corrected samples between two instants."""
+        spare = max((abs(correction.late) for correction in self.corrections.values()), default=0.0)
+        streams = {}
         for name, stream in self.source.between(start - spare, end + spare).items():
             right = self.corrections[name].of(stream) if name in self.corrections else stream
             if np.count_nonzero((right.time >= start) & (right.time <= end)) >= LEAST_SAMPLES:
-                found[name] = right.cut(start, end) if spare else right
-        return found
+                streams[name] = right.cut(start, end) if spare else right
+        return streams
 
 
 def sensor_corrections(
     recording: Recording, clocks: Recording, settings: Settings
 ) -> tuple[dict[str, SensorCorrection], tuple[Finding, ...]]:
-    """What puts the placed sensors right that are not, by name, and what was found.
+    """Return corrections of the placed sensors by name, and the findings about them.
 
     Args:
         recording: that accelerometers are looked over in; its times need not be those of the samples.
@@ -144,24 +146,28 @@ def sensor_corrections(
         for name in recording.placed:
             if (seconds := longest_repeat(recording.imus[name])) > stuck_s:
                 findings.append(Finding("sensor stuck", wearer, subject=name, numbers={"seconds": seconds}))
-            correction, found = _accelerometer(wearer, recording.imus[name])
-            if found:
+            correction, accelerometer_findings = _accelerometer(wearer, recording.imus[name])
+            if accelerometer_findings:
                 corrections[name] = correction
-            findings += found
+            findings += accelerometer_findings
         right = {
-            name: corrections[name].of(one) if name in corrections else one for name, one in recording.imus.items()
+            name: corrections[name].of(stream) if name in corrections else stream
+            for name, stream in recording.imus.items()
         }
         if is_sign_opposite(replace(recording, imus=right), settings):
             for name in recording.placed:
                 corrections[name] = replace(corrections.get(name, SensorCorrection()), is_mirrored=True)
             findings.append(Finding("acceleration turned round", wearer))
     if settings.sensor_clocks.check:
-        right = {name: corrections[name].of(one) if name in corrections else one for name, one in clocks.imus.items()}
+        right = {
+            name: corrections[name].of(stream) if name in corrections else stream
+            for name, stream in clocks.imus.items()
+        }
         delays, step = _delays(replace(clocks, imus=right), settings)
-        for one in delays:
-            name = clocks.placed[one.sensor]
-            if settings.sensor_clocks.correct and one.rival is None:
-                corrections[name] = replace(corrections.get(name, SensorCorrection()), late=one.seconds)
+        for delay in delays:
+            name = clocks.placed[delay.sensor]
+            if settings.sensor_clocks.correct and delay.rival is None:
+                corrections[name] = replace(corrections.get(name, SensorCorrection()), late=delay.seconds)
         findings += _about_clocks(wearer, clocks.placed, delays, settings.sensor_clocks)
         if step is not None:
             sensor, late = step
@@ -176,7 +182,7 @@ def sensor_corrections(
 
 
 def _refuse_inverted(recording: Recording) -> None:
-    """Of one sensor it may be chance, of half of them it is the file's convention."""
+    """Refuse inverted accelerometers: one may be chance, half of them are the file's convention."""
     names = [name for name in recording.placed if force_in_wrong_axes(recording.imus[name]) == INVERTED]
     if len(names) > len(recording.placed) / 2:
         raise RecordingError(
@@ -187,18 +193,18 @@ def _refuse_inverted(recording: Recording) -> None:
 
 
 def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, list[Finding]]:
-    findings, told, numbers = list[Finding](), list[str](), dict[str, float]()
+    findings, problems, numbers = list[Finding](), list[str](), dict[str, float]()
     correction = SensorCorrection(range_ends(stream))
     if correction.ends:
         largest = max(abs(end) for _, end in correction.ends)
         numbers["clipped"] = float(np.count_nonzero(clipped_samples(stream, correction.ends)))
-        told.append(
+        problems.append(
             f"stands at the end of its range ({largest:.0f} m/s²) in {numbers['clipped']:.0f} samples: "
             "those are left out"
         )
     if stream.specific_force is not None and (spikes := np.count_nonzero(~stream.force_measured_mask)):
         numbers["spikes"] = float(spikes)
-        told.append(f"gives more than {FORCE_LIMIT:.0f} m/s² in {spikes} samples: those are left out")
+        problems.append(f"gives more than {FORCE_LIMIT:.0f} m/s² in {spikes} samples: those are left out")
     axis = force_in_wrong_axes(stream)
     if axis is not None and axis != INVERTED:
         findings.append(Finding("accelerometer axis", wearer, subject=stream.name, words={"axis": axis}))
@@ -208,16 +214,16 @@ def _accelerometer(wearer: str, stream: ImuStream) -> tuple[SensorCorrection, li
     if measured is not None and not _has_gravity(measured[0]):
         correction = SensorCorrection(has_force=False)
         numbers["gravity"] = 9.81 * measured[0]
-        told.append(f"measures gravity as {numbers['gravity']:.2f} m/s²: its accelerations are not used")
+        problems.append(f"measures gravity as {numbers['gravity']:.2f} m/s²: its accelerations are not used")
     elif measured is not None and is_scale_wrong(*measured):
         correction = replace(correction, scale=measured[0])
         numbers |= {"gravity": 9.81 * correction.scale, "percent": 100 * (correction.scale - 1)}
         advice = "was it given in g?" if abs(numbers["gravity"] - 1) < 0.1 else "calibrate it"
-        told.append(
+        problems.append(
             f"measures gravity as {numbers['gravity']:.2f} m/s², {numbers['percent']:+.0f} %: scaled to 9.81; {advice}"
         )
-    if told:
-        words = {"what": ", and ".join(told)}
+    if problems:
+        words = {"what": ", and ".join(problems)}
         findings.append(Finding("accelerometer corrected", wearer, subject=stream.name, numbers=numbers, words=words))
     return correction, findings
 
@@ -267,11 +273,11 @@ def copied_sensors(frames: ImuFrames) -> list[tuple[str, ...]]:
     return [tuple(frames.sensors[sensor] for sensor in group) for group in groups if len(group) > 1]
 
 
-def _is_copy(frames: ImuFrames, first: int, second: int) -> bool:
-    both = frames.orientation_valid[:, first] & frames.orientation_valid[:, second]
-    R, rounding = frames.R_inertial_sensor[both], 1e-9
-    moves = len(R) > 1 and np.ptp(R[:, first], axis=0).max() > rounding
-    return bool(moves and np.abs(R[:, first] - R[:, second]).max() < rounding)
+def _is_copy(frames: ImuFrames, number: int, second: int) -> bool:
+    are_valid = frames.orientation_valid[:, number] & frames.orientation_valid[:, second]
+    R, rounding = frames.R_inertial_sensor[are_valid], 1e-9
+    moves = len(R) > 1 and np.ptp(R[:, number], axis=0).max() > rounding
+    return bool(moves and np.abs(R[:, number] - R[:, second]).max() < rounding)
 
 
 def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay, ...], tuple[int, float] | None]:
@@ -291,11 +297,11 @@ def _about_clocks(
         late = "behind" if delay.seconds > 0 else "ahead of"
         off = f"seems {numbers['off_ms']:.0f} ± {numbers['sigma_ms']:.0f} ms {late}"
         if delay.rival is not None:
-            kind, against, done = "clocks disagree", f"that of '{names[delay.rival]}'", "nothing tells which is off"
+            kind, reference, done = "clocks disagree", f"that of '{names[delay.rival]}'", "nothing tells which is off"
         else:
-            kind, against = "clock corrected", "those of its fellows"
+            kind, reference = "clock corrected", "those of its fellows"
             done = "its times are shifted by as much" if settings.correct else "it is left so"
-        yield _clock_finding(kind, wearer, names[delay.sensor], f"{off} {against}", done, numbers)
+        yield _clock_finding(kind, wearer, names[delay.sensor], f"{off} {reference}", done, numbers)
 
 
 def _clock_finding(kind: str, wearer: str, sensor: str, off: str, done: str, numbers: Mapping[str, float]) -> Finding:
@@ -304,7 +310,7 @@ def _clock_finding(kind: str, wearer: str, sensor: str, off: str, done: str, num
 
 
 def accelerometer_scale(stream: ImuStream) -> tuple[float, float] | None:
-    """What gravity measures, of what it is, and the standard deviation of that.
+    """Ratio of measured to true gravity, and its standard deviation.
 
     From the mean specific force along the vertical: over a long time nobody accelerates.
 
@@ -345,16 +351,16 @@ def force_in_wrong_axes(stream: ImuStream) -> str | None:
     """
     if stream.specific_force is None or stream.R_inertial_sensor is None or len(stream) < 2:
         return None
-    known = stream.force_measured_mask
-    R, force = stream.R_inertial_sensor[known], stream.specific_force[known]
+    is_measured = stream.force_measured_mask
+    R, force = stream.R_inertial_sensor[is_measured], stream.specific_force[is_measured]
     if _leaning(R, force) < LEANING:
         return None
-    found = {
+    errors = {
         axis: _leaning(R, force * np.where(np.arange(3) == number, -1.0, 1.0)) for number, axis in enumerate("xyz")
     }
-    found[INVERTED] = _leaning(transpose(R), force)
-    best = min(found, key=lambda one: found[one])
-    return best if found[best] < UPRIGHT else None
+    errors[INVERTED] = _leaning(transpose(R), force)
+    best_axes = min(errors, key=lambda axes: errors[axes])
+    return best_axes if errors[best_axes] < UPRIGHT else None
 
 
 def _leaning(R: Array, force: Array) -> float:
@@ -383,8 +389,8 @@ def clipped_samples(stream: ImuStream, ends: Sequence[tuple[int, float]]) -> np.
     if stream.specific_force is None:
         return clipped
     for number, end in ends:
-        for first, last in _runs(stream.specific_force[:, number], end):
-            clipped[first:last] = True
+        for first_row, last_row in _runs(stream.specific_force[:, number], end):
+            clipped[first_row:last_row] = True
     return clipped
 
 
@@ -399,8 +405,12 @@ def _runs(axis: Array, end: float) -> list[tuple[int, int]]:
 def longest_repeat(stream: ImuStream) -> float:
     """Seconds of the longest stretch in which a stream gives the very same values."""
     measured = [
-        one for one in (stream.R_inertial_sensor, stream.specific_force, stream.angular_rate) if one is not None
+        signal
+        for signal in (stream.R_inertial_sensor, stream.specific_force, stream.angular_rate)
+        if signal is not None
     ]
-    same = np.logical_and.reduce([np.all(np.diff(one.reshape(len(one), -1), axis=0) == 0, axis=1) for one in measured])
+    same = np.logical_and.reduce(
+        [np.all(np.diff(signal.reshape(len(signal), -1), axis=0) == 0, axis=1) for signal in measured]
+    )
     starts, ends = np.flatnonzero(np.diff(np.r_[False, same, False].astype(int))).reshape(-1, 2).T
     return float(np.max(stream.time[ends] - stream.time[starts], initial=0.0))

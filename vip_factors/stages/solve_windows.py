@@ -57,19 +57,21 @@ def solve_windows(
         RecordingError: for samples that cannot be used.
         SolveError: if a window's problem is not determined.
     """
-    own = replace(calibration.solver, on_progress=silent, reports=[])
+    quiet_solver = replace(calibration.solver, on_progress=silent, reports=[])
     if not calibration.is_filmed:
         recording = CorrectedSamples(source.wearers[0], calibration.corrections[0])
         yield from _unfilmed_windows(recording, calibration, plan, settings, map_fn)
     elif plan.uses_all_frames:
-        yield from _windows_of_solution(calibration.solution, plan, settings, own, map_fn)
+        yield from _windows_of_solution(calibration.solution, plan, settings, quiet_solver, map_fn)
     else:
         is_carried = all(camera.moving and camera.known_path is None for camera in source.head.cameras)
-        before = None
-        for window in map_fn(FilmedWindow.solved, filmed_windows(source, calibration, calibrated, plan, settings, own)):
-            if before is not None and is_carried and not window.is_placed:
-                window = moved(window, before, settings.factors.floor_contact.use)
-            before = window
+        previous = None
+        for window in map_fn(
+            FilmedWindow.solved, filmed_windows(source, calibration, calibrated, plan, settings, quiet_solver)
+        ):
+            if previous is not None and is_carried and not window.is_placed:
+                window = moved(window, previous, settings.factors.floor_contact.use)
+            previous = window
             yield window
 
 
@@ -98,16 +100,16 @@ def _unfilmed_windows(
     measured = ((span, _frames(recording, shared.model.frames.sensors, plan.time(span))) for span in plan.windows())
     # Without samples, which need not be sent elsewhere
     solution = replace(solution, scene=SceneInMemory(solution.scene).head)
-    before, has_floor = None, settings.acceleration and shared.model.has_floor
+    previous, has_floor = None, settings.acceleration and shared.model.has_floor
     for span, window in zip(
         plan.windows(), map_fn(partial(_solve_unfilmed, solution, plan, settings, solver), measured), strict=True
     ):
-        if before is None:
-            before = window
+        if previous is None:
+            previous = window
         else:
-            window = window or _as_last_seen(shared, recording, plan.time(span), span, before, settings)
-            before = moved(window, before, has_floor)
-        yield before
+            window = window or _as_last_seen(shared, recording, plan.time(span), span, previous, settings)
+            previous = moved(window, previous, has_floor)
+        yield previous
 
 
 def _frames(recording: RecordingSource, sensors: Sequence[str], time: Array) -> ImuFrames:
@@ -134,7 +136,7 @@ def _solve_unfilmed(
     else:
         (wearer,) = solution.wearers
         model, state = frame_by_frame(wearer.model), wearer.state
-    solved = SceneSolution.unfilmed(solution.scene, [InertialSolution(model, state)]).fused
+    solved = SceneSolution.unfilmed(solution.scene, [InertialSolution(model, state)]).fusion
     covariance = scene_covariance(solved.model, solved.state, solver) if settings.covariance else None
     poses = None if covariance is None else covariance.wearers[0]
     estimate = decode(method_of(model, settings), model, state, poses, flatten(settings))
@@ -160,13 +162,17 @@ def _tracked_afresh(
 
 
 def _as_last_seen(
-    shared: InertialSolution, recording: RecordingSource, time: Array, span: slice, before: SolvedWindow,
+    shared: InertialSolution,
+    recording: RecordingSource,
+    time: Array,
+    span: slice,
+    previous: SolvedWindow,
     settings: Settings,
-) -> SolvedWindow:  # fmt: skip
+) -> SolvedWindow:
     """A window in which nobody measured anything: the wearer stays as at its first frame, which the one before has."""
     walking_speed, T = 1.4, len(time)  # m/s, unseen
-    last = before.wearers[0].motion.frames(slice(span.start - before.frames.start, None))
-    R, p_world = np.tile(last.R_parent_child[:1], (T, 1, 1, 1)), np.tile(last.p_world_pelvis[:1], (T, 1))
+    overlap = previous.wearers[0].motion.frames(slice(span.start - previous.frames.start, None))
+    R, p_world = np.tile(overlap.R_parent_child[:1], (T, 1, 1, 1)), np.tile(overlap.p_world_pelvis[:1], (T, 1))
     model = replace(shared.model, frames=_frames(recording, recording.sensors, time), initial_pose=None)
     state, covariance = replace(shared.state, R_parent_child=R, p_world_pelvis=p_world), None
     if settings.covariance:  # turned in any way, and gone as far as people walk
@@ -180,7 +186,7 @@ def _windows_of_solution(
     solution: SceneSolution, plan: WindowPlan, settings: Settings, solver: Solver, map_fn: MapFn
 ) -> Iterator[SolvedWindow]:
     """Windows of a filmed scene that start from the solution of all coarse frames and are in its world."""
-    fused = solution.fused
+    fused = solution.fusion
     covariance = scene_covariance(fused.model, fused.state, solver) if settings.covariance else None
     measured = ((span, solution.frames_at(plan.time(span))) for span in plan.windows())
     sent = replace(solution, scene=SceneInMemory(solution.scene).head)
@@ -188,15 +194,20 @@ def _windows_of_solution(
 
 
 def _solve_finely(
-    solution: SceneSolution, settings: Settings, solver: Solver, covariance: SceneCovariance | None,
+    solution: SceneSolution,
+    settings: Settings,
+    solver: Solver,
+    covariance: SceneCovariance | None,
     window: tuple[slice, tuple[ImuFrames, ...]],
-) -> SolvedWindow:  # fmt: skip
+) -> SolvedWindow:
     (span, frames), solver = window, replace(solver, reports=[])
     fine = solution.at_full_rate(frames, settings, solver)
-    nearest = None if covariance is None else at_nearest(covariance, solution.fused, frames[0].time)
+    nearest = None if covariance is None else at_nearest(covariance, solution.fusion, frames[0].time)
     cameras = tuple(
-        decode_camera(each.camera.name, number, fine.model, fine.state, nearest, each.camera.clock)
-        for number, each in enumerate(solution.associated)
+        decode_camera(
+            associated_camera.camera.name, number, fine.model, fine.state, nearest, associated_camera.camera.clock
+        )
+        for number, associated_camera in enumerate(solution.associated)
     )
     wearers = decode_wearers(fine.model, fine.state, nearest)
     return SolvedWindow(span, wearers, cameras, reports=tuple(solver.reports))

@@ -1,4 +1,4 @@
-"""What the camera saw of each wearer, put onto the estimate's frames."""
+"""Detections of each wearer, resampled onto the estimate's frames."""
 
 import numpy as np
 from scipy.ndimage import uniform_filter1d
@@ -23,9 +23,16 @@ SPEED_REACH = 0.15  # s before and after: a step's swing is thrice as long
 
 
 def keypoint_view(
-    detections: Detections, chosen: np.ndarray, skeleton: Skeleton, time: Array, scale: Array, spread: float,
-    settings: ReprojectionSettings, predicted: Array | None = None, image_width: float = PAPERS_WIDTH,
-) -> KeypointView:  # fmt: skip
+    detections: Detections,
+    chosen: np.ndarray,
+    skeleton: Skeleton,
+    time: Array,
+    scale: Array,
+    spread: float,
+    settings: ReprojectionSettings,
+    predicted: Array | None = None,
+    image_width: float = PAPERS_WIDTH,
+) -> KeypointView:
     """One wearer's keypoints at the frames.
 
     Args:
@@ -43,27 +50,34 @@ def keypoint_view(
     track, confidence = _track(detections, chosen)
     track, confidence = track[:, used], confidence[:, used]
     pixels, sureness = _at_frames(detections.time, track, confidence, time)
-    seen = (sureness >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=2)
+    is_seen = (sureness >= settings.least_confidence) & np.all(np.isfinite(pixels), axis=2)
     oks = detections.keypoints.sigmas[used]
     if settings.biweight.use and predicted is not None:
         weight = adaptive_biweight(pixels, predicted, oks, scale, image_width, settings.biweight)
-        seen, sureness = seen & (weight > 0), sureness * weight
-    sureness = np.where(seen, np.minimum(sureness, 1.0), 0.0)
+        is_seen, sureness = is_seen & (weight > 0), sureness * weight
+    sureness = np.where(is_seen, np.minimum(sureness, 1.0), 0.0)
     metre = scale[:, None] / (AREA_OF_HEIGHT * stature_of(skeleton))
-    sigma, oks_px = pixel_sigma(oks * scale[:, None], sureness, seen, spread, metre, settings)
+    sigma, oks_px = pixel_sigma(oks * scale[:, None], sureness, is_seen, spread, metre, settings)
     speed = _speed(detections.time, track, time)
     names = tuple(detections.keypoints.keypoints[k] for k in used)
-    apart = max(1.0, _period(detections.time) / _period(time)) if len(time) > 1 else 1.0
+    frames_apart = max(1.0, _period(detections.time) / _period(time)) if len(time) > 1 else 1.0
     return KeypointView(
-        points, np.where(seen[..., None], pixels, 0.0), sigma, oks_px, seen, speed, sureness, names=names,
-        frames_apart=apart,
-    )  # fmt: skip
+        points,
+        np.where(is_seen[..., None], pixels, 0.0),
+        sigma,
+        oks_px,
+        is_seen,
+        speed,
+        sureness,
+        names=names,
+        frames_apart=frames_apart,
+    )
 
 
 def predicted_pixels(
     keypoints: KeypointSet, skeleton: Skeleton, wearer: WearerState, camera: CameraState, model: CameraModel
 ) -> Array:
-    """Where a camera would see the keypoints on a wearer's body at the frames, ``(T, K, 2)``."""
+    """Project the keypoints on a wearer's body at the frames, ``(T, K, 2)`` pixels."""
     body = forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
     poses = camera.at_frames(slice(0, len(body.p_world_joint)))
     _, points = points_on_body(keypoints, skeleton)
@@ -72,9 +86,13 @@ def predicted_pixels(
 
 
 def pixel_sigma(
-    size: Array, confidence: Array, seen: np.ndarray, spread: float, metre: Array | float,
+    size: Array,
+    confidence: Array,
+    is_seen: np.ndarray,
+    spread: float,
+    metre: Array | float,
     settings: ReprojectionSettings,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array]:
     """Standard deviations of keypoints in pixels, and in pixels one OKS sigma as sure as the detector is; else one.
 
     Args:
@@ -89,7 +107,7 @@ def pixel_sigma(
         unsure = 1 / np.sqrt(np.minimum(confidence, 1.0))
     scattered = unsure * (settings.persistence * spread * size if settings.fixed_px is None else settings.fixed_px)
     sigma = np.hypot(np.maximum(scattered, settings.least_px), settings.point_sigma * metre)
-    return np.where(seen, sigma, 1.0), np.where(seen, size * unsure, 1.0)
+    return np.where(is_seen, sigma, 1.0), np.where(is_seen, size * unsure, 1.0)
 
 
 def image_scale(skeleton: Skeleton, wearer: WearerState, camera: CameraState, model: CameraModel) -> Array:
@@ -103,7 +121,7 @@ def image_scale(skeleton: Skeleton, wearer: WearerState, camera: CameraState, mo
 
 
 def scatter(residual: Array, view: KeypointView, otherwise: float) -> float:
-    """How the detections really scatter about the skeleton, in OKS sigmas: robustly, and per image axis.
+    """Robust spread of the detections about the skeleton per image axis, in OKS sigmas.
 
     Args:
         residual: ``(T, K, 2)`` whitened by the view's sigmas.
@@ -129,9 +147,9 @@ def _track(detections: Detections, chosen: np.ndarray) -> tuple[Array, Array]:
     F, K = len(detections.time), len(detections.keypoints)
     pixels, confidence = np.full((F, K, 2), np.nan), np.zeros((F, K))
     rows = np.flatnonzero(chosen)
-    frames, seen = detections.frame[rows], detections.seen[rows]
-    pixels[frames] = np.where(seen[..., None], detections.pixels[rows], np.nan)
-    confidence[frames] = np.where(seen, detections.confidence[rows], 0.0)
+    frames, is_seen = detections.frame[rows], detections.seen[rows]
+    pixels[frames] = np.where(is_seen[..., None], detections.pixels[rows], np.nan)
+    confidence[frames] = np.where(is_seen, detections.confidence[rows], 0.0)
     return pixels, confidence
 
 
@@ -145,17 +163,17 @@ def _at_frames(video: Array, pixels: Array, confidence: Array, time: Array) -> t
     bridged_gaps = 1.5  # video frame periods over which a keypoint is interpolated
     same_instant = 2e-3  # s: a video frame so near to a frame of the estimate is taken as it is
     period = _period(video)
-    left = np.clip(np.searchsorted(video, time, side="right") - 1, 0, max(len(video) - 2, 0))
-    right = np.minimum(left + 1, len(video) - 1)
-    nearest = np.where(np.abs(video[right] - time) < np.abs(video[left] - time), right, left)
-    share = np.clip((time - video[left]) / np.maximum(video[right] - video[left], 1e-9), 0.0, 1.0)[:, None]
+    row = np.clip(np.searchsorted(video, time, side="right") - 1, 0, max(len(video) - 2, 0))
+    right = np.minimum(row + 1, len(video) - 1)
+    nearest = np.where(np.abs(video[right] - time) < np.abs(video[row] - time), right, row)
+    share = np.clip((time - video[row]) / np.maximum(video[right] - video[row], 1e-9), 0.0, 1.0)[:, None]
     exact = np.abs(video[nearest] - time) <= same_instant
-    bridged = (video[right] - video[left] <= bridged_gaps * period) & (time >= video[0]) & (time <= video[-1])
-    at = (1 - share)[..., None] * pixels[left] + share[..., None] * pixels[right]
-    sure = np.where(bridged[:, None], np.minimum(confidence[left], confidence[right]), 0.0)
-    at = np.where(exact[:, None, None], pixels[nearest], at)
+    bridged = (video[right] - video[row] <= bridged_gaps * period) & (time >= video[0]) & (time <= video[-1])
+    interpolated = (1 - share)[..., None] * pixels[row] + share[..., None] * pixels[right]
+    sure = np.where(bridged[:, None], np.minimum(confidence[row], confidence[right]), 0.0)
+    interpolated = np.where(exact[:, None, None], pixels[nearest], interpolated)
     sure = np.where(exact[:, None], confidence[nearest], sure)
-    return at, np.where(_spoken_to(video, time, nearest)[:, None], sure, 0.0)
+    return interpolated, np.where(_spoken_to(video, time, nearest)[:, None], sure, 0.0)
 
 
 def _spoken_to(video: Array, time: Array, nearest: np.ndarray) -> np.ndarray:
@@ -167,7 +185,7 @@ def _spoken_to(video: Array, time: Array, nearest: np.ndarray) -> np.ndarray:
 
 
 def _speed(video: Array, pixels: Array, time: Array) -> Array:
-    """How fast the keypoints move at the frames, ``(T, K, 2)`` pixels per second; zero where that is not known.
+    """Speed of the keypoints at the frames, ``(T, K, 2)`` pixels per second; zero where unknown.
 
     The slope of a straight line through the video frames within ``SPEED_REACH`` of each: the difference of two noisy
     detections would mostly be noise, and what is regressed on noise comes out too small.
@@ -176,17 +194,17 @@ def _speed(video: Array, pixels: Array, time: Array) -> Array:
         return np.zeros((len(time), *pixels.shape[1:]))
     period = _period(video)
     size = 2 * max(1, round(SPEED_REACH / period)) + 1
-    known = np.isfinite(pixels)
-    p = np.where(known, pixels, 0.0)
-    t = np.where(known, (video - video[0])[:, None, None], 0.0)
+    is_measured = np.isfinite(pixels)
+    p = np.where(is_measured, pixels, 0.0)
+    t = np.where(is_measured, (video - video[0])[:, None, None], 0.0)
 
     def mean(values: Array) -> Array:
         return np.asarray(uniform_filter1d(values, size, axis=0, mode="constant"))
 
-    share = np.maximum(mean(known.astype(float)), 1e-9)
+    share = np.maximum(mean(is_measured.astype(float)), 1e-9)
     mean_t, mean_p = mean(t) / share, mean(p) / share
     spread = mean(t * t) / share - mean_t**2
-    enough = (spread > (0.5 * period) ** 2) & known
-    slope = np.where(enough, (mean(t * p) / share - mean_t * mean_p) / np.where(enough, spread, 1.0), 0.0)
+    is_spread = (spread > (0.5 * period) ** 2) & is_measured
+    slope = np.where(is_spread, (mean(t * p) / share - mean_t * mean_p) / np.where(is_spread, spread, 1.0), 0.0)
     nearest = np.clip(np.searchsorted((video[1:] + video[:-1]) / 2, time), 0, len(video) - 1)
     return np.asarray(slope[nearest])

@@ -28,7 +28,7 @@ from vip_factors.stages.windows import WindowPlan
 
 @dataclass(frozen=True)
 class Headings:
-    """Of a wearer's sensors, over some time.
+    """Headings of a wearer's sensors over time.
 
     Attributes:
         time: ``(K,)`` seconds; linear in between, and beyond them as at the nearest.
@@ -40,7 +40,7 @@ class Headings:
 
     @classmethod
     def of(cls, wearer: InertialSolution) -> "Headings":
-        """Those of a solution; constant ones are those of the middle of its frames."""
+        """Return the headings of a solution; constant ones stand at the middle of its frames."""
         model, state = wearer.model, wearer.state
         time = model.heading_times if model.headings_drift else np.atleast_1d(np.mean(model.frames.time[[0, -1]]))
         return cls(time, state.heading_path[: len(time)])
@@ -78,47 +78,56 @@ class SolvedWindow:
 
     def within(self, frames: slice) -> "SolvedWindow":
         """Some of the window's frames; who is who is still of all."""
-        own = slice(frames.start - self.frames.start, frames.stop - self.frames.start)
-        cameras = tuple(camera.frames(own) for camera in self.cameras)
-        return replace(self, frames=frames, wearers=tuple(one.frames(own) for one in self.wearers), cameras=cameras)
+        rows = slice(frames.start - self.frames.start, frames.stop - self.frames.start)
+        cameras = tuple(camera.frames(rows) for camera in self.cameras)
+        return replace(
+            self, frames=frames, wearers=tuple(wearer.frames(rows) for wearer in self.wearers), cameras=cameras
+        )
 
     def numbered(self, number: int) -> "SolvedWindow":
-        """The same with reports that tell the window's number, counted from 0."""
+        """Return the window with solve reports that name its number, counted from 0."""
 
         def with_number(reports: tuple[SolveReport, ...]) -> tuple[SolveReport, ...]:
-            return tuple(replace(one, stage=f"{one.stage}, window {number + 1}") for one in reports)
+            return tuple(
+                replace(solve_report, stage=f"{solve_report.stage}, window {number + 1}") for solve_report in reports
+            )
 
-        wearers = tuple(replace(one, reports=with_number(one.reports)) for one in self.wearers)
+        wearers = tuple(replace(wearer, reports=with_number(wearer.reports)) for wearer in self.wearers)
         return replace(self, wearers=wearers, reports=with_number(self.reports))
 
 
-def overlap_middle(before: SolvedWindow, window: SolvedWindow) -> slice:
+def overlap_middle(previous: SolvedWindow, window: SolvedWindow) -> slice:
     """The frames in which one passes over into the next."""
     # Of an overlap, at either end, where a window still misses what lies beyond; in between they meet
     end_effect = 0.4
-    first, last = window.frames.start, before.frames.stop
-    settled = int((last - first) * end_effect)
-    return slice(first + settled, last - settled)
+    start, stop = window.frames.start, previous.frames.stop
+    settled = int((stop - start) * end_effect)
+    return slice(start + settled, stop - settled)
 
 
-def moved(window: SolvedWindow, before: SolvedWindow, has_floor: bool) -> SolvedWindow:
+def moved(window: SolvedWindow, previous: SolvedWindow, has_floor: bool) -> SolvedWindow:
     """A window whose world is its own in the world of the one before, by where both have wearers and camera.
 
     Worlds differ by a shift; before a carried camera, by a turn about the vertical too, for its headings are found
     anew. On a floor, that is at the same height.
     """
-    frames = overlap_middle(before, window)
-    other, own = before.within(frames), window.within(frames)
-    wearers = list(zip(other.wearers, own.wearers, strict=True))
-    positions = [(one.motion.p_world_pelvis, two.motion.p_world_pelvis) for one, two in wearers]
-    yaw, cameras = 0.0, [(one.path, two.path) for one, two in zip(other.cameras, own.cameras, strict=True)]
+    frames = overlap_middle(previous, window)
+    previous_part, current = previous.within(frames), window.within(frames)
+    wearers = list(zip(previous_part.wearers, current.wearers, strict=True))
+    positions = [(pair.motion.p_world_pelvis, two.motion.p_world_pelvis) for pair, two in wearers]
+    yaw, cameras = (
+        0.0,
+        [(pair.path, two.path) for pair, two in zip(previous_part.cameras, current.cameras, strict=True)],
+    )
     if cameras:
-        turns = [(one.motion.R_parent_child[:, 0], two.motion.R_parent_child[:, 0]) for one, two in wearers]
-        turns += [(one.R_world_camera, two.R_world_camera) for one, two in cameras]
-        yaw = robust_mean_angle(np.concatenate([yaw_of(there @ transpose(here)) for there, here in turns]))
-        positions += [(one.p_world_camera, two.p_world_camera) for one, two in cameras]
+        turns = [(pair.motion.R_parent_child[:, 0], two.motion.R_parent_child[:, 0]) for pair, two in wearers]
+        turns += [(pair.R_world_camera, two.R_world_camera) for pair, two in cameras]
+        yaw = robust_mean_angle(
+            np.concatenate([yaw_of(R_target @ transpose(R_source)) for R_target, R_source in turns])
+        )
+        positions += [(pair.p_world_camera, two.p_world_camera) for pair, two in cameras]
     turn = rotation_z(yaw)
-    shifts = np.concatenate([there - here @ turn.T for there, here in positions])
+    shifts = np.concatenate([p_target - p_source @ turn.T for p_target, p_source in positions])
     shift = np.median(shifts, axis=0) if cameras else np.mean(shifts, axis=0)
     if has_floor:
         shift[2] = 0.0
@@ -126,21 +135,21 @@ def moved(window: SolvedWindow, before: SolvedWindow, has_floor: bool) -> Solved
     return replace(
         window,
         wearers=tuple(
-            _turned(one, yaw, shift, _unsureness(first, second, middle, has_floor))
-            for one, (first, second) in zip(window.wearers, wearers, strict=True)
+            _turned(wearer, yaw, shift, _unsureness(target, second, middle, has_floor))
+            for wearer, (target, second) in zip(window.wearers, wearers, strict=True)
         ),
         cameras=tuple(_turned_camera(camera, yaw, shift) for camera in window.cameras),
-        headings=tuple(replace(one, path=one.path + yaw) for one in window.headings),
+        headings=tuple(replace(headings, path=headings.path + yaw) for headings in window.headings),
     )
 
 
 @dataclass
 class SceneSummary:
-    """What windows find of a whole scene, as they go by.
+    """Results of windows that concern the whole scene, collected window by window.
 
     Attributes:
         source, plan: of the scene.
-        known: findings that the calibrating frames tell.
+        calibration_findings: findings about the calibrating frames.
         log: of the windows' findings beside them.
         headings: by window, of each wearer.
         clocks: by window, of each camera, seconds of its video in the window's middle, and how late it is there.
@@ -149,7 +158,7 @@ class SceneSummary:
 
     source: SceneSource
     plan: WindowPlan
-    known: tuple[Finding, ...]
+    calibration_findings: tuple[Finding, ...]
     log: FindingLog = field(default_factory=FindingLog)
     headings: list[tuple[Headings, ...]] = field(default_factory=list)
     clocks: list[list[tuple[float, float]]] = field(default_factory=list)
@@ -159,15 +168,17 @@ class SceneSummary:
     def of(cls, source: SceneSource, plan: WindowPlan, calibrated: Estimate) -> "SceneSummary":
         """Before the first window, given the estimate of the calibrating frames."""
         of_windows = ("heading drift", "video clock")  # no frames of them all tell these
-        return cls(source, plan, tuple(one for one in calibrated.findings if one.kind not in of_windows))
+        return cls(source, plan, tuple(finding for finding in calibrated.findings if finding.kind not in of_windows))
 
     def add(self, window: SolvedWindow) -> None:
-        """What one more window found."""
+        """Add the results of a window."""
         start, end = self.plan.time(window.frames)[[0, -1]].tolist()
-        self.log.add_window(window.findings, start, end, self.known)
+        self.log.add_window(window.findings, start, end, self.calibration_findings)
         self.headings.append(window.headings)
-        middles = [((start + end) / 2 - one.clock.offset) / (1 + one.clock.drift) for one in window.cameras]
-        self.clocks.append([(at, one.clock.late(at)) for at, one in zip(middles, window.cameras, strict=True)])
+        middles = [((start + end) / 2 - camera.clock.offset) / (1 + camera.clock.drift) for camera in window.cameras]
+        self.clocks.append(
+            [(time, camera.clock.late(time)) for time, camera in zip(middles, window.cameras, strict=True)]
+        )
 
     def completed(self, head: Estimate) -> Estimate:
         """The head of the estimate, after all windows."""
@@ -175,28 +186,35 @@ class SceneSummary:
             replace(wearer, calibration=_calibration(wearer, headings))
             for wearer, headings in zip(head.wearers, zip(*self.headings, strict=True), strict=True)
         )
-        plan, last = self.plan, float(self.plan.time(slice(self.plan.frames - 1, self.plan.frames))[0])
-        unseen = (-np.inf, plan.start), (float(np.nextafter(last, np.inf)), np.inf)
-        before, after = (np.full(self.source.detected(*interval), -1) for interval in unseen)
+        plan, last_time = self.plan, float(self.plan.time(slice(self.plan.frames - 1, self.plan.frames))[0])
+        unseen = (-np.inf, plan.start), (float(np.nextafter(last_time, np.inf)), np.inf)
+        detections_before, detections_after = (np.full(self.source.detected(*interval), -1) for interval in unseen)
         clocks = list[Finding]()
-        given = {camera.name: camera for camera in self.source.head.cameras}
-        for one, found in zip(head.cameras, zip(*self.clocks, strict=True), strict=True):
-            own = clock_findings(given[one.name], _with_clock(one, found), (plan.start, last))
-            clocks += [replace(finding, camera=one.name if len(given) > 1 else "") for finding in own]
+        camera_of_name = {camera.name: camera for camera in self.source.head.cameras}
+        for camera, clock_samples in zip(head.cameras, zip(*self.clocks, strict=True), strict=True):
+            camera_findings = clock_findings(
+                camera_of_name[camera.name], _with_clock(camera, clock_samples), (plan.start, last_time)
+            )
+            clocks += [
+                replace(finding, camera=camera.name if len(camera_of_name) > 1 else "") for finding in camera_findings
+            ]
         self.log.close()
-        drifts = [finding for one in wearers for finding in drift_findings(one.motion.name, one.calibration)]
+        drifts = [finding for wearer in wearers for finding in drift_findings(wearer.motion.name, wearer.calibration)]
         return replace(
             head,
             wearers=wearers,
-            wearer_of_detection=np.concatenate([before, *self.labels, after]).astype(int),
-            findings=(*self.known, *self.log.take(), *drifts, *clocks),
+            wearer_of_detection=np.concatenate([detections_before, *self.labels, detections_after]).astype(int),
+            findings=(*self.calibration_findings, *self.log.take(), *drifts, *clocks),
         )
 
 
 def join(
-    windows: Iterator[SolvedWindow], calibrated: Estimate, source: SceneSource, plan: WindowPlan,
+    windows: Iterator[SolvedWindow],
+    calibrated: Estimate,
+    source: SceneSource,
+    plan: WindowPlan,
     on_progress: ProgressCallback,
-) -> EstimateChunks:  # fmt: skip
+) -> EstimateChunks:
     """The estimate of windows in one world, in chunks.
 
     Args:
@@ -206,7 +224,7 @@ def join(
         on_progress: called with the name of the stage and the fraction of it done.
     """
     none = [wearer.frames(slice(0, 0)) for wearer in calibrated.wearers]
-    wearers = [replace(one, motion=replace(one.motion, rate=plan.rate, start=plan.start)) for one in none]
+    wearers = [replace(wearer, motion=replace(wearer.motion, rate=plan.rate, start=plan.start)) for wearer in none]
     frames, moving = (plan.frames,) * len(wearers), [camera.name for camera in source.head.cameras if camera.moving]
     head = replace(calibrated, name=source.head.name)
     head = replace(head, cameras=tuple(camera.start for camera in head.cameras), wearers=tuple(wearers))
@@ -220,9 +238,12 @@ def join(
 
 
 def chunks_of(
-    windows: Iterable[SolvedWindow], head: Estimate, plan: WindowPlan, on_progress: ProgressCallback,
+    windows: Iterable[SolvedWindow],
+    head: Estimate,
+    plan: WindowPlan,
+    on_progress: ProgressCallback,
     summary: SceneSummary | None = None,
-) -> Iterator[Estimate]:  # fmt: skip
+) -> Iterator[Estimate]:
     """The estimate chunk by chunk; two windows at a time are in memory.
 
     Args:
@@ -231,92 +252,98 @@ def chunks_of(
         summary: told what windows find of the whole scene, if they do.
     """
     on_progress("windows", 0.0)
-    count, before, done, begin = len(plan.windows()), None, 0, -np.inf
+    count, previous, done, begin = len(plan.windows()), None, 0, -np.inf
     for number, window in enumerate(windows):
         on_progress("windows", (number + 1) / count)
         window = window.numbered(number)
         if summary is not None:
             summary.add(window)
-        if before is not None:
-            meeting = overlap_middle(before, window)
+        if previous is not None:
+            meeting = overlap_middle(previous, window)
             boundary = float(window.wearers[0].motion.time[meeting.start - window.frames.start])
-            yield _chunk(before.within(slice(done, meeting.start)), begin, boundary, head, summary)
-            yield _chunk(_between(before.within(meeting), window.within(meeting)), boundary, boundary, head, summary)
+            yield _chunk(previous.within(slice(done, meeting.start)), begin, boundary, head, summary)
+            yield _chunk(_between(previous.within(meeting), window.within(meeting)), boundary, boundary, head, summary)
             done, begin = meeting.stop, boundary
-        before = window
-    assert before is not None
-    yield _chunk(before.within(slice(done, before.frames.stop)), begin, np.inf, head, summary)
+        previous = window
+    assert previous is not None
+    yield _chunk(previous.within(slice(done, previous.frames.stop)), begin, np.inf, head, summary)
 
 
 def _chunk(window: SolvedWindow, start: float, end: float, head: Estimate, summary: SceneSummary | None) -> Estimate:
-    """Of all its frames; who is who in the video from one instant to another."""
+    """Return a chunk with its own frames and the labels of the detections between two instants."""
     labels, wearers = window.wearer_of_detection[(window.detected_at >= start) & (window.detected_at < end)], []
     if summary is not None:
         summary.labels.append(labels)
-    for whole, one in zip(head.wearers, window.wearers, strict=True):
-        begin, rate = whole.motion.start + window.frames.start / whole.motion.rate, whole.motion.rate
+    for wearer_head, wearer in zip(head.wearers, window.wearers, strict=True):
+        begin, rate = wearer_head.motion.start + window.frames.start / wearer_head.motion.rate, wearer_head.motion.rate
         motion = replace(
-            whole.motion, R_parent_child=one.motion.R_parent_child, p_world_pelvis=one.motion.p_world_pelvis
+            wearer_head.motion, R_parent_child=wearer.motion.R_parent_child, p_world_pelvis=wearer.motion.p_world_pelvis
         )
         motion = replace(motion, start=begin, rate=rate)
         wearers.append(
-            replace(whole, motion=motion, covariance=one.covariance, residuals=one.residuals, reports=one.reports)
+            replace(
+                wearer_head,
+                motion=motion,
+                covariance=wearer.covariance,
+                residuals=wearer.residuals,
+                reports=wearer.reports,
+            )
         )
     return replace(
         head, cameras=window.cameras, wearers=tuple(wearers), wearer_of_detection=labels, reports=window.reports
     )
 
 
-def _between(one: SolvedWindow, other: SolvedWindow) -> SolvedWindow:
+def _between(previous: SolvedWindow, window: SolvedWindow) -> SolvedWindow:
     """The frames of an overlap, of which the first are nearly as in one window, and the last as in the other."""
-    count = one.frames.stop - one.frames.start
+    count = previous.frames.stop - previous.frames.start
     share = np.linspace(0, 1, count + 2)[1:-1]
-    wearers = tuple(_estimate_between(*two, share) for two in zip(one.wearers, other.wearers, strict=True))
-    cameras = tuple(_camera_between(*two, share) for two in zip(one.cameras, other.cameras, strict=True))
-    return replace(one, wearers=wearers, cameras=cameras, reports=())
+    wearers = tuple(_estimate_between(*two, share) for two in zip(previous.wearers, window.wearers, strict=True))
+    cameras = tuple(_camera_between(*two, share) for two in zip(previous.cameras, window.cameras, strict=True))
+    return replace(previous, wearers=wearers, cameras=cameras, reports=())
 
 
-def _estimate_between(one: WearerEstimate, other: WearerEstimate, share: Array) -> WearerEstimate:
-    first, second = one.motion, other.motion
+def _estimate_between(previous: WearerEstimate, wearer: WearerEstimate, share: Array) -> WearerEstimate:
+    earlier_motion, second = previous.motion, wearer.motion
     motion = replace(
-        first,
-        R_parent_child=_turns_between(first.R_parent_child, second.R_parent_child, share),
-        p_world_pelvis=_values_between(first.p_world_pelvis, second.p_world_pelvis, share),
+        earlier_motion,
+        R_parent_child=_turns_between(earlier_motion.R_parent_child, second.R_parent_child, share),
+        p_world_pelvis=_values_between(earlier_motion.p_world_pelvis, second.p_world_pelvis, share),
     )
-    covariance = one.covariance
-    if covariance is not None and other.covariance is not None:
+    covariance = previous.covariance
+    if covariance is not None and wearer.covariance is not None:
         covariance = PoseCovariance(
-            _values_between(covariance.joints, other.covariance.joints, share),
-            _values_between(covariance.root, other.covariance.root, share),
+            _values_between(covariance.joints, wearer.covariance.joints, share),
+            _values_between(covariance.root, wearer.covariance.root, share),
         )
     nearer = (share < 0.5)[:, None]
-    residuals = {kind: np.where(nearer, values, other.residuals[kind]) for kind, values in one.residuals.items()}
-    return replace(one, motion=motion, covariance=covariance, residuals=residuals, reports=())
+    residuals = {kind: np.where(nearer, values, wearer.residuals[kind]) for kind, values in previous.residuals.items()}
+    return replace(previous, motion=motion, covariance=covariance, residuals=residuals, reports=())
 
 
-def _camera_between(one: CameraEstimate, other: CameraEstimate, share: Array) -> CameraEstimate:
-    first, second, covariance, residual = one.path, other.path, one.covariance, one.residual_px
-    if len(first) == len(share) == len(second):
-        first = CameraPath(
-            first.time,
-            _turns_between(first.R_world_camera, second.R_world_camera, share),
-            _values_between(first.p_world_camera, second.p_world_camera, share),
+def _camera_between(previous: CameraEstimate, camera: CameraEstimate, share: Array) -> CameraEstimate:
+    earlier_path, second, covariance, residual = previous.path, camera.path, previous.covariance, previous.residual_px
+    if len(earlier_path) == len(share) == len(second):
+        earlier_path = CameraPath(
+            earlier_path.time,
+            _turns_between(earlier_path.R_world_camera, second.R_world_camera, share),
+            _values_between(earlier_path.p_world_camera, second.p_world_camera, share),
         )
-        if covariance is not None and other.covariance is not None:
-            covariance = _values_between(covariance, other.covariance, share)
-    if residual is not None and other.residual_px is not None:
-        residual = np.where((share < 0.5)[:, None], residual, other.residual_px)
-    return replace(one, path=first, covariance=covariance, residual_px=residual)
+        if covariance is not None and camera.covariance is not None:
+            covariance = _values_between(covariance, camera.covariance, share)
+    if residual is not None and camera.residual_px is not None:
+        residual = np.where((share < 0.5)[:, None], residual, camera.residual_px)
+    return replace(previous, path=earlier_path, covariance=covariance, residual_px=residual)
 
 
-def _turns_between(one: Array, other: Array, share: Array) -> Array:
+def _turns_between(R_earlier: Array, R_later: Array, share: Array) -> Array:
     """Rotations ``(T, ..., 3, 3)``, each its share of the way from one to the other."""
-    share = share.reshape(-1, *(1,) * (one.ndim - 2))
-    return one @ exp(share * log(transpose(one) @ other))
+    share = share.reshape(-1, *(1,) * (R_earlier.ndim - 2))
+    return R_earlier @ exp(share * log(transpose(R_earlier) @ R_later))
 
 
-def _values_between(one: Array, other: Array, share: Array) -> Array:
-    return one + share.reshape(-1, *(1,) * (one.ndim - 1)) * (other - one)
+def _values_between(start_values: Array, end_values: Array, share: Array) -> Array:
+    return start_values + share.reshape(-1, *(1,) * (start_values.ndim - 1)) * (end_values - start_values)
 
 
 def _turned_camera(camera: CameraEstimate, yaw: float, shift: Array) -> CameraEstimate:
@@ -333,8 +360,8 @@ def _turned(estimate: WearerEstimate, yaw: float, shift: Array, unsure: Array) -
     R[:, 0] = turn @ R[:, 0]
     moved = replace(motion, R_parent_child=R, p_world_pelvis=motion.p_world_pelvis @ turn.T + shift)
     calibration = {
-        name: replace(one, heading=one.heading + yaw, heading_path=one.heading_path + yaw)
-        for name, one in estimate.calibration.items()
+        name: replace(sensor, heading=sensor.heading + yaw, heading_path=sensor.heading_path + yaw)
+        for name, sensor in estimate.calibration.items()
     }
     covariance = estimate.covariance
     if covariance is not None:
@@ -342,12 +369,12 @@ def _turned(estimate: WearerEstimate, yaw: float, shift: Array, unsure: Array) -
     return replace(estimate, motion=moved, calibration=calibration, covariance=covariance)
 
 
-def _unsureness(before: WearerEstimate, own: WearerEstimate, middle: int, has_floor: bool) -> Array:
-    """What the one before is less sure of a wearer's place, ``(3, 3)`` m²."""
+def _unsureness(previous: WearerEstimate, wearer: WearerEstimate, middle: int, has_floor: bool) -> Array:
+    """Additional covariance ``(3, 3)`` of a wearer's position in the previous window, m²."""
     added = np.zeros((3, 3))
-    if before.covariance is not None and own.covariance is not None:
+    if previous.covariance is not None and wearer.covariance is not None:
         axes = slice(0, 2 if has_floor else 3)
-        added[axes, axes] = (before.covariance.root - own.covariance.root)[middle, axes, axes]
+        added[axes, axes] = (previous.covariance.root - wearer.covariance.root)[middle, axes, axes]
     return added
 
 
@@ -363,10 +390,16 @@ def _with_clock(camera: CameraEstimate, clocks: Sequence[tuple[float, float]]) -
 
 def _calibration(wearer: WearerEstimate, headings: Sequence[Headings]) -> dict[str, SensorCalibration]:
     """Headings over all windows: each has its own until the next one begins."""
-    kept = [own.time < after.time[0] for own, after in itertools.pairwise(headings)]
-    kept.append(np.ones(len(headings[-1].time), bool))
-    time = np.concatenate([own.time[which] for own, which in zip(headings, kept, strict=True)])
-    paths = np.concatenate([own.path[which] for own, which in zip(headings, kept, strict=True)])
+    is_kept = [
+        headings_of_window.time < following.time[0] for headings_of_window, following in itertools.pairwise(headings)
+    ]
+    is_kept.append(np.ones(len(headings[-1].time), bool))
+    time = np.concatenate(
+        [headings_of_window.time[which] for headings_of_window, which in zip(headings, is_kept, strict=True)]
+    )
+    paths = np.concatenate(
+        [headings_of_window.path[which] for headings_of_window, which in zip(headings, is_kept, strict=True)]
+    )
     calibration = {}
     for sensor, path in zip(wearer.sensors, paths.T, strict=True):
         heading = float(wrap_angle(path[0]))

@@ -195,7 +195,7 @@ struct Acceleration {
     }
 };
 
-// terms/floor_contact.py, and terms/floor_contact.py: of points that the sole puts down, their velocity and their height
+// terms/foot_contact.py, and terms/floor_contact.py: of points that the sole puts down, their velocity and their height
 struct Contact {
     MovingPoints points;
     In<2> confidence;
@@ -313,7 +313,7 @@ struct Reprojection {
     }
 };
 
-// terms/joints.py
+// terms/pose_prior.py
 struct PosePrior {
     BodySums& sums;
     In<4> R;  // of joints in their parents
@@ -333,7 +333,7 @@ struct PosePrior {
     }
 };
 
-// terms/joints.py
+// terms/smoothness.py
 struct Smoothness {
     BodySums& sums;
     In<4> R;
@@ -359,7 +359,7 @@ struct Smoothness {
     }
 };
 
-// terms/joints.py
+// terms/joint_limit.py
 struct JointLimit {
     BodySums& sums;
     In<4> R;
@@ -438,7 +438,7 @@ struct Camera {
     }
 };
 
-// terms/camera_imu.py; chart (1, 3, 3) of the mounting, or none
+// terms/camera_orientation.py; chart (1, 3, 3) of the mounting, or none
 struct CameraOrientation {
     Camera camera;
     In<2> mounting;
@@ -465,7 +465,7 @@ struct CameraOrientation {
     }
 };
 
-// terms/camera_imu.py
+// terms/camera_acceleration.py
 struct CameraAcceleration {
     Camera camera;
     In<1> place;
@@ -498,7 +498,7 @@ struct CameraAcceleration {
     }
 };
 
-// terms/camera_motion.py
+// terms/camera_velocity.py
 struct CameraVelocity {
     Camera camera;
     double step;

@@ -21,8 +21,8 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames
 from vip_factors.terms.acceleration import GRAVITY
-from vip_factors.terms.camera_motion import camera_velocity_sigmas
-from vip_factors.terms.headings import heading_sigmas
+from vip_factors.terms.camera_velocity import camera_velocity_sigmas
+from vip_factors.terms.heading_prior import heading_sigmas
 
 SQUARE = RobustLoss()
 LENS = CameraModel(1920, 1080, (1660.0, 1660.0), (960.0, 540.0))

@@ -21,7 +21,7 @@ from vip_factors.problem.layout import STATIC, Layout, Owner, OwnerId
 from vip_factors.problem.variables import DETECTOR, ROWS
 from vip_factors.problem.wearer import BodyPoints
 from vip_factors.solve.slices import REACH, Blocks
-from vip_factors.terms.camera_motion import camera_velocity_sigmas
+from vip_factors.terms.camera_velocity import camera_velocity_sigmas
 from vip_factors.terms.equations import Evaluation, Term
 from vip_factors.terms.evaluation import CameraEvaluation, ViewEvaluation, WearerEvaluation
 from vip_factors.terms.hinge import hinge_sigmas, hinges_of_rows

@@ -27,7 +27,7 @@ from vip_factors.problem.wearer import WearerProblem
 from vip_factors.solve.band import Band, BandElimination, Multipliers, Shape, inverse_of_square
 from vip_factors.solve.nested_dissection import Chain, NestedElimination
 from vip_factors.solve.slices import Blocks
-from vip_factors.terms.headings import step_sigmas
+from vip_factors.terms.heading_walk import step_sigmas
 
 THREADS = min(4, os.cpu_count() or 1)  # sum ahead of the elimination; more would compete for the interpreter
 UNKNOWN = 1e8  # rad² or m²: variance above which a variable counts as undetermined

@@ -48,9 +48,9 @@ from vip_factors.stages.inertial_model import method_of, with_contacts, with_inf
 from vip_factors.stages.pauses import jump_findings
 from vip_factors.stages.solver import Solver
 from vip_factors.tables import count
-from vip_factors.terms.headings import GAUGE_SIGMA
+from vip_factors.terms.heading_prior import GAUGE_SIGMA
 from vip_factors.terms.registry import unfilmed_problem
-from vip_factors.terms.static_priors import sensor_position_whitening
+from vip_factors.terms.sensor_position import sensor_position_whitening
 
 
 def calibrated_estimate(calibration: Calibration, settings: Settings) -> Estimate:

@@ -14,7 +14,7 @@ from vip_factors.geometry.rotations import log, transpose
 from vip_factors.terms.acceleration import SECOND_DIFFERENCE
 from vip_factors.terms.equations import DenseEquations, DifferenceEquations, JacobianBlock, Term
 from vip_factors.terms.evaluation import WearerEvaluation
-from vip_factors.terms.joints import turn_jacobians
+from vip_factors.terms.smoothness import turn_jacobians
 
 
 def root_equations(wearer: WearerEvaluation, stretch: slice) -> Iterator[DifferenceEquations]:

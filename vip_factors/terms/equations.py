@@ -187,12 +187,6 @@ def prior_equations(
     yield DenseEquations(first_frame, residual[None], 1.0, loss, lambda: (block,))
 
 
-def scalar_prior(owner: OwnerId, block: str, value: float, sigma: float) -> Iterator[DenseEquations]:
-    """Build the equation of a prior with mean zero on a block of one number."""
-    root = np.full((1, 1), 1 / sigma)
-    yield from prior_equations(JacobianBlock(owner, block, root[None, None]), root * value)
-
-
 class Evaluation(Protocol):
     """Part of a problem at a state: the argument of a term."""
 

@@ -291,8 +291,10 @@ def test_the_page_says_what_the_stream_waits_for_and_why_angles_of_six_sensors_a
         assert "waiting for a sender" not in live
         assert "<li>left knee: no sensor on left thigh</li>" in live
         assert "a second of samples of head, pelvis, left_forearm" in live
-        stream.communicate(timeout=60)
+        _, told_last = stream.communicate(timeout=60)
         assert (sender.wait(), stream.returncode) == (0, 0)
+        assert "verdict: " in told_last
+        assert "DOUBT" not in told_last
 
 
 def free_port() -> int:

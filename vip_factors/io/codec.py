@@ -53,6 +53,7 @@ if TYPE_CHECKING:
 NS_PER_S = 1_000_000_000
 LATEST_NS = 2**63  # 2262: what a signed number of 64 bits holds
 UNIT = re.compile("_(m2?|rad2?|s|hz)$")  # at the end of a field's name
+Convert = Callable[[Any], Any]
 M = TypeVar("M", bound="Message")
 T = TypeVar("T")
 
@@ -130,16 +131,17 @@ class Codec(Generic[M, T]):
             raise TypeError(f"{message.DESCRIPTOR.name} has no {', '.join(sorted(unknown))}")
         declared = dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
         defaults = {attribute.name: attribute.default for attribute in declared if attribute.init}
-        self._fields: list[tuple[str, str, Callable[[Any], Any]]] = []
-        self._read: list[tuple[str, str, Callable[[M, str], Any]]] = []
+        self._writers: list[tuple[str, str, Convert]] = []
+        self._readers: list[tuple[str, str, Convert, bool]] = []  # and whether an absent field is None
         for field in message.DESCRIPTOR.fields:
-            bare_name = UNIT.sub("", field.name)
+            bare_name, nested = UNIT.sub("", field.name), field.message_type
             usual = bare_name if bare_name in defaults or hasattr(kind, bare_name) else field.name
             attribute = (names or {}).get(field.name, field.name if field.name in defaults else usual)
-            self._fields.append((field.name, attribute, _writer(field)))
-            read = self._reader(field, defaults[attribute] is None) if attribute in defaults else None
-            if read is not None:
-                self._read.append((field.name, attribute, read))
+            write, read = _conversions(field)
+            self._writers.append((field.name, attribute, write))
+            if attribute in defaults and read is not None:
+                is_optional = field.has_presence and (nested is None or defaults[attribute] is None)
+                self._readers.append((field.name, attribute, read, is_optional))
         self.of_message.setdefault(message.DESCRIPTOR.full_name, self)
 
     def encode(self, value: Any, **given: Any) -> M:
@@ -147,7 +149,7 @@ class Codec(Generic[M, T]):
         if self._more is not None:
             given = self._more(value) | given
         content = {}
-        for name, attribute, write in self._fields:
+        for name, attribute, write in self._writers:
             attribute_value = given[attribute] if attribute in given else getattr(value, attribute, None)
             if attribute_value is not None:
                 content[name] = write(attribute_value)
@@ -160,53 +162,28 @@ class Codec(Generic[M, T]):
             FileFormatError: for another number of numbers than expected.
             InputError: for a rotation that is none.
         """
-        read = {attribute: value(message, name) for name, attribute, value in self._read}
-        return read if self._mend is None else self._mend(message, read)
+        values = dict[str, Any]()
+        for name, attribute, read, is_optional in self._readers:
+            is_absent = is_optional and not message.HasField(name)
+            values[attribute] = None if is_absent else read(getattr(message, name))
+            if name in self._shapes:
+                values[attribute] = self._shaped(message, name, values[attribute])
+        return values if self._mend is None else self._mend(message, values)
 
     def decode(self, message: M) -> T:
         """The object of a message; raises as :meth:`values`, and for what no such object can be."""
         return self.kind(**self.values(message))
 
-    def _reader(self, field: FieldDescriptor, may_be_absent: bool) -> Callable[[M, str], Any] | None:
-        """From a message and the name of the field to the attribute; None if its message has no codec."""
-        shape = self._shapes.get(field.name)
-        if shape is not None:
-            return lambda message, name: self._array(message, name, shape)
-        is_repeated, nested = _is_repeated(field), field.message_type
-        if nested is not None and nested.GetOptions().map_entry:
-            return lambda message, name: dict(getattr(message, name))
-        if nested is not None:
-            if nested.full_name in _CONVERTERS:
-                _, convert = _CONVERTERS[nested.full_name]
-            elif nested.full_name in self.of_message:
-                convert = self.of_message[nested.full_name].decode
-            else:
-                return None
-            if is_repeated:
-                return lambda message, name: tuple(map(convert, getattr(message, name)))
-            if may_be_absent:
-                return lambda message, name: convert(getattr(message, name)) if message.HasField(name) else None
-            return lambda message, name: convert(getattr(message, name))
-        if is_repeated and field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
-            return lambda message, name: tuple(getattr(message, name))
-        if is_repeated:
-            dtype = int if field.cpp_type in _INTEGERS else float
-            return lambda message, name: np.array(getattr(message, name), dtype=dtype)
-        if field.has_presence:
-            return lambda message, name: getattr(message, name) if message.HasField(name) else None
-        return getattr
-
-    def _array(self, message: M, name: str, axes: tuple[str, ...]) -> Array:
-        shape = tuple(len(getattr(message, axis)) for axis in axes)
-        values = getattr(message, name)
+    def _shaped(self, message: M, name: str, values: Array) -> Array:
+        shape = tuple(len(getattr(message, axis)) for axis in self._shapes[name])
         if len(values) != prod(shape):
             raise FileFormatError(
                 f"{self.message.DESCRIPTOR.name} has {len(values)} numbers of {name}: expected {prod(shape)}"
             )
-        return np.array(values, float).reshape(shape)
+        return values.reshape(shape)
 
 
-_CONVERTERS: dict[str, tuple[Callable[[Any], Any], Callable[[Any], Any]]] = {
+_CONVERTERS: dict[str, tuple[Convert, Convert]] = {
     Vector3.DESCRIPTOR.full_name: (vector_message, vector),
     QuaternionWxyz.DESCRIPTOR.full_name: (rotation_message, rotation),
     Timestamp.DESCRIPTOR.full_name: (_timestamp, time_ns_of),
@@ -225,28 +202,40 @@ def _is_repeated(field: FieldDescriptor) -> bool:
     return bool(field.label == FieldDescriptor.LABEL_REPEATED)  # of Protobuf before 6.31
 
 
-def _writer(field: FieldDescriptor) -> Callable[[Any], Any]:
-    """From an attribute's value to what the constructor of the message takes."""
+def _conversions(field: FieldDescriptor) -> tuple[Convert, Convert | None]:
+    """From an attribute to what the message's constructor takes, and from the field back; None if it is not read."""
     is_repeated, nested = _is_repeated(field), field.message_type
     if nested is not None and nested.GetOptions().map_entry:
-        return dict
+        return dict, dict
     if nested is not None:
-        if nested.full_name in _CONVERTERS:
-            return _CONVERTERS[nested.full_name][0]
-
-        def encode(value: Any) -> Any:
-            return value if hasattr(value, "DESCRIPTOR") else Codec.of_message[nested.full_name].encode(value)
-
-        return (lambda values: list(map(encode, values))) if is_repeated else encode
+        write, read = _CONVERTERS.get(nested.full_name) or _nested_conversions(nested.full_name)
+        if not is_repeated:
+            return write, read
+        return lambda values: list(map(write, values)), read and (lambda messages: tuple(map(read, messages)))
     if is_repeated and field.cpp_type == FieldDescriptor.CPPTYPE_STRING:
-        return list
+        return list, tuple
     if is_repeated:
-        return lambda values: np.asarray(values).ravel().tolist()
-    if field.cpp_type in (FieldDescriptor.CPPTYPE_DOUBLE, FieldDescriptor.CPPTYPE_FLOAT):
-        return float
-    if field.cpp_type == FieldDescriptor.CPPTYPE_BOOL:
-        return bool
-    return int if field.cpp_type in _INTEGERS else lambda value: value
+        dtype = int if field.cpp_type in _INTEGERS else float
+        return lambda values: np.asarray(values).ravel().tolist(), lambda values: np.array(values, dtype=dtype)
+    kinds: dict[int, Convert] = {
+        FieldDescriptor.CPPTYPE_DOUBLE: float,
+        FieldDescriptor.CPPTYPE_FLOAT: float,
+        FieldDescriptor.CPPTYPE_BOOL: bool,
+    } | dict.fromkeys(_INTEGERS, int)
+    return kinds.get(field.cpp_type, _unchanged), _unchanged
+
+
+def _nested_conversions(name: str) -> tuple[Convert, Convert | None]:
+    """Of messages that a codec stands for; one that is declared later writes, but does not read."""
+    codec = Codec.of_message.get(name)
+    return (
+        lambda value: value if hasattr(value, "DESCRIPTOR") else Codec.of_message[name].encode(value),
+        None if codec is None else codec.decode,
+    )
+
+
+def _unchanged(value: Any) -> Any:
+    return value
 
 
 def _joints_and_landmarks(skeleton: Skeleton) -> dict[str, Any]:

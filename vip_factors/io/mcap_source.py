@@ -37,32 +37,31 @@ from vip_factors.sensors.sources import (
     streams_between,
 )
 
-TRUTH = "/truth/"
 ESTIMATE, CAMERA = "/estimate/", "/camera/"
 CAMERA_SCHEMAS = ("foxglove.CameraCalibration", "foxglove.PoseInFrame")  # not its images
-COUNTED_S = 60.0  # of detections read at once where they are only counted
-INDEXED_S = 1e-5  # the same, where the index stands for the samples: what rounding makes of it
+COUNTED_S = 60.0  # of detections read at once to count them
+INDEXED_S = 1e-5  # between the time of a sample and that of its message, where only rounding sets them apart
 CLOCK_SLACK_S = 0.5  # between the time of a sample and that at which it was logged
 
 
 @dataclass(frozen=True)
 class WearerFile(RecordingInMemory):
-    """One wearer's recording in an MCAP file; ``recording`` has of each sensor the first and the last sample alone.
+    """One wearer's recording in an MCAP file; ``recording`` holds the first and the last sample of each sensor.
 
     Attributes:
         file: the MCAP file.
-        prefix: what the wearer's topics begin with.
+        prefix: of the wearer's topics.
     """
 
     file: McapByTime
     prefix: str
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Mapping[str, ImuStream]:
-        """What was measured from one instant to another."""
+        """Samples with ``start <= time <= end``."""
         return self.among(self.file.between(*_logged(self.head.start_ns, start, end)), start, end)
 
     def among(self, contents: McapContents, start: float, end: float) -> Mapping[str, ImuStream]:
-        """The same among messages that were read already."""
+        """Samples with ``start <= time <= end`` among messages that were read."""
         path, topics = self.file.contents.path, self.prefix + IMU
         channels = [messages for messages in contents.messages.values() if messages.channel.topic.startswith(topics)]
         with naming(path):
@@ -74,7 +73,7 @@ class WearerFile(RecordingInMemory):
 class SceneFile(UnfilmedSource):
     """A scene with a camera in an MCAP file.
 
-    Its ``scene`` has of each camera the first and the last video frame, and such samples of the sensors on them.
+    Its ``scene`` holds the first and the last video frame of each camera, and such samples of its sensor.
 
     Attributes:
         file: the MCAP file.
@@ -86,7 +85,7 @@ class SceneFile(UnfilmedSource):
     topics: tuple[CameraTopics, ...]
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
-        """What was measured from one instant to another."""
+        """Measurements with ``start <= time <= end``."""
         reach = start - MARGIN_S, end + MARGIN_S
         contents = self._contents(*reach)
         wearers = tuple(replace(source.head, imus=source.among(contents, *reach)) for source in self.sources)
@@ -98,7 +97,7 @@ class SceneFile(UnfilmedSource):
         return self._scene(wearers, cameras)
 
     def detected(self, start: float, end: float) -> int:
-        """How many people were detected between two instants."""
+        """Number of the first camera's detections in ``start <= time < end``."""
         camera = self.scene.cameras[0]
         time, clock = camera.timed_detections.time, camera.clock
         if not len(time):
@@ -115,7 +114,7 @@ class SceneFile(UnfilmedSource):
         return self.file.between(*_logged(self.scene.start_ns, start, end))
 
     def _camera(self, camera: Camera, camera_topics: CameraTopics, topics: Topics, start: float, end: float) -> Camera:
-        """One camera with what it filmed between two instants, and what the sensor on it measured."""
+        """A camera with its frames from ``start`` to ``end`` seconds, and the samples of the sensor on it."""
         info = Topics(self.file.contents).all(camera_topics("info"), CameraInfo)[-1]
         frames = topics.all(camera_topics("detections"), Detections2D)
         for frame in reversed(frames):
@@ -130,37 +129,38 @@ class SceneFile(UnfilmedSource):
 
 
 def _logged(start_ns: int, start: float, end: float) -> tuple[int, int]:
-    """Log times, nanoseconds, between which everything lies that was measured from one instant to another."""
+    """Log times in nanoseconds between which all measurements from ``start`` to ``end`` seconds lie."""
     first_ns = 0 if start == -np.inf else start_ns + round((start - CLOCK_SLACK_S) * NS_PER_S)
     last_ns = np.iinfo(np.int64).max if end == np.inf else start_ns + round((end + CLOCK_SLACK_S) * NS_PER_S)
     return max(first_ns, 0), int(last_ns)
 
 
 def open_source(paths: Sequence[str | os.PathLike[str]], longer_than_s: float) -> SceneSource:
-    """What files hold that are parts of one recording: read by time if it is longer than so many seconds and can be so.
+    """Open files that are parts of one recording; one longer than ``longer_than_s`` is read by time where possible.
 
-    What cannot is read at once: a file without an index (``mcap recover`` makes one), or whose messages were logged at
-    other times than the samples', or whose first samples are not whole; parts of which one has a camera.
+    It is read at once if a file has no index (``mcap recover`` makes one), if its messages were logged at other times
+    than the samples', if its first samples are incomplete, or if one of several parts has a camera.
 
     Raises:
         InputError: if there is no such file.
         FileFormatError: if it is no MCAP file, holds nothing of a recording, or files are not parts of one recording.
     """
     summaries = [read_summary(path) for path in paths] if np.isfinite(longer_than_s) else []
-    is_long = bool(summaries) and _logged_s(summaries) > longer_than_s
-    with warnings.catch_warnings(record=True) as warned:
+    source = None
+    with warnings.catch_warnings(record=True) as caught_warnings:
         warnings.simplefilter("always")
-        sources = [_by_time(path, summary) for path, summary in zip(paths, summaries, strict=True)] if is_long else []
-        source = _together([part for part in sources if part is not None], paths)
+        if summaries and _logged_s(summaries) > longer_than_s:
+            files = [_indexed_file(path, summary) for path, summary in zip(paths, summaries, strict=True)]
+            source = _joined_source(files, paths)
     if source is None or not any(wearer.interval[1] - wearer.interval[0] > longer_than_s for wearer in source.wearers):
         return SceneInMemory(read_scenes([Path(path) for path in paths]))
-    for warning in warned:  # else they come again as the files are read at once
+    for warning in caught_warnings:  # reading at once repeats them
         warnings.warn(warning.message, stacklevel=2)
     return source
 
 
 def _logged_s(summaries: Sequence[Summary | None]) -> float:
-    """Seconds from the first to the last message of files, and a little; infinite where one of them does not say."""
+    """Seconds from the first to the last message of files, with slack; infinite where a file does not state them."""
     statistics = [summary.statistics for summary in summaries if summary is not None and summary.statistics is not None]
     if len(statistics) < len(summaries):
         return np.inf
@@ -169,45 +169,51 @@ def _logged_s(summaries: Sequence[Summary | None]) -> float:
     return (end_ns - start_ns) / NS_PER_S + 2 * CLOCK_SLACK_S
 
 
-def _together(sources: Sequence[UnfilmedSource], paths: Sequence[str | os.PathLike[str]]) -> UnfilmedSource | None:
-    """Parts of one recording as one source; None if one of them is missing, or has a camera beside others."""
-    if len(sources) < len(paths) or (len(sources) > 1 and any(part.scene.cameras for part in sources)):
-        return None
-    if len(sources) == 1:
-        return sources[0]
-    wearers = join_wearers([part.wearers for part in sources], [str(path) for path in paths])
-    return UnfilmedSource(Scene(sources[0].scene.name, tuple(wearer.head for wearer in wearers)), wearers)
+def _indexed_file(path: str | os.PathLike[str], summary: Summary | None) -> McapByTime | None:
+    return McapByTime.open(path, summary, _comes_once, _comes_in_time)
 
 
-def _by_time(path: str | os.PathLike[str], summary: Summary | None) -> UnfilmedSource | None:
-    """The scene in an MCAP file, to be read by time; None if it cannot be read so."""
-    file = McapByTime.open(path, summary, _comes_once, _comes_in_time)
-    if file is None or file.log_times() is None:
+def _joined_source(
+    files: Sequence[McapByTime | None], paths: Sequence[str | os.PathLike[str]]
+) -> UnfilmedSource | None:
+    """Parts of one recording as one source; None if a part cannot be read by time, or one of several has a camera."""
+    sources = [None if file is None or file.log_times() is None else _source_of(file) for file in files]
+    parts = [source for source in sources if source is not None]
+    if len(parts) < len(files) or (len(parts) > 1 and any(source.scene.cameras for source in parts)):
         return None
-    of_file = Topics(file.contents)
-    info = of_file.last(SCENE_INFO, SceneInfo)
+    if len(parts) == 1:
+        return parts[0]
+    wearers = join_wearers([source.wearers for source in parts], [str(path) for path in paths])
+    return UnfilmedSource(Scene(parts[0].scene.name, tuple(wearer.head for wearer in wearers)), wearers)
+
+
+def _source_of(file: McapByTime, has_truth: bool = False) -> UnfilmedSource | None:
+    """The scene in a file, without the frames of a truth; None if it cannot be read by time."""
+    contents, topics = file.contents, Topics(file.contents)
+    info = topics.last(SCENE_INFO, SceneInfo)
     try:
-        with naming(of_file.path):
+        with naming(contents.path):
             wearers = tuple(
-                WearerFile(recording_of(file.contents, prefix, has_truth=False), file, prefix)
-                for prefix in wearer_prefixes(file.contents, info)
+                WearerFile(recording_of(contents, prefix, has_truth), file, prefix)
+                for prefix in wearer_prefixes(contents, info)
             )
-            if not wearers or not _is_logged_in_time(file.contents, wearers[0].head.start_ns):
+            if not wearers or not _is_logged_in_time(contents, wearers[0].head.start_ns):
                 return None
-    except RecordingError:  # what the ends lack the rest may have
+    except RecordingError:  # other samples may have what the first and the last lack
         return None
     heads = tuple(wearer.head for wearer in wearers)
     name = heads[0].name if info is None else info.name
-    if not any(topic.startswith(CAMERA) for topic in file.contents.topics):
+    if not any(topic.startswith(CAMERA) for topic in contents.topics):
         return UnfilmedSource(Scene(name, heads), wearers)
-    topics = [FIRST_CAMERA, *(CameraTopics(prefix) for prefix in (() if info is None else info.further_camera_topics))]
-    with warnings.catch_warnings(), naming(of_file.path):
-        warnings.simplefilter("ignore")  # of video frames there are two; whoever reads all of it says what is lost
-        cameras = [camera_of(of_file, camera_topics, heads[0].start_ns, has_truth=False) for camera_topics in topics]
+    prefixes = () if info is None else info.further_camera_topics
+    camera_topics = (FIRST_CAMERA, *map(CameraTopics, prefixes))
+    with warnings.catch_warnings(), naming(contents.path):
+        warnings.simplefilter("ignore")  # about video frames, of which two were read
+        cameras = [camera_of(topics, topic_of, heads[0].start_ns, has_truth=False) for topic_of in camera_topics]
     complete = tuple(camera for camera in cameras if camera is not None)
-    if len(complete) < len(topics):
+    if len(complete) < len(cameras):
         return None
-    return SceneFile(Scene(name, heads, complete), wearers, file, tuple(topics))
+    return SceneFile(Scene(name, heads, complete), wearers, file, camera_topics)
 
 
 def _is_logged_in_time(contents: McapContents, start_ns: int) -> bool:
@@ -230,12 +236,12 @@ def _is_logged_in_time(contents: McapContents, start_ns: int) -> bool:
 
 @dataclass(frozen=True)
 class RecordingIndex:
-    """What the index of a file tells of a recording whose samples were not read.
+    """A recording whose samples were not read, by the index of its file.
 
     Attributes:
         head: the recording, with the first and the last sample of each sensor, and a truth without frames.
         time: by sensor, of its samples ``(N,)``, seconds.
-        truth_frames: how many there are.
+        truth_frames: number of the truth's frames.
     """
 
     head: Recording
@@ -244,61 +250,47 @@ class RecordingIndex:
 
 
 def indexed_recording(path: str | os.PathLike[str], longer_than_s: float) -> RecordingIndex | None:
-    """One wearer's recording without a camera by its file's index, if it is longer than so many seconds.
+    """One wearer's recording without a camera by its file's index, if it is longer than ``longer_than_s``.
 
-    None where that does not tell: the file has no index, was logged at other times than the samples', or holds more.
+    None if the file has no index, was logged at other times than the samples', or holds more.
 
     Raises:
         InputError: if there is no such file.
     """
     summary = read_summary(path)
-    if _logged_s([summary]) <= longer_than_s:
+    file = _indexed_file(path, summary) if _logged_s([summary]) > longer_than_s else None
+    log_times = None if file is None else file.log_times()
+    if file is None or log_times is None:
         return None
-    file = McapByTime.open(path, summary, _is_told, lambda channel: is_ours(channel, ImuSample))
-    if file is None:
+    contents = file.contents
+    if any(topic.startswith((ESTIMATE, CAMERA)) for topic in contents.topics):
         return None
-    contents, log_times = file.contents, file.log_times()
-    if log_times is None or any(topic.startswith((ESTIMATE, CAMERA)) for topic in contents.topics):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", ".* frames are left")  # of the truth, whose frames were not read
+        source = _source_of(file, has_truth=True)
+    wearers = () if source is None else source.wearers
+    if len(wearers) != 1 or not isinstance(wearers[0], WearerFile):
         return None
-    prefixes = wearer_prefixes(contents, Topics(contents).last(SCENE_INFO, SceneInfo))
-    if len(prefixes) != 1:
-        return None
-    try:
-        with warnings.catch_warnings(), naming(Path(path)):
-            warnings.filterwarnings("ignore", ".* frames are left")  # of the truth, whose frames were not read
-            head = recording_of(contents, prefixes[0])
-    except RecordingError:
-        return None
-    time, truth_frames = dict[str, Array](), 0
-    for number, own_times in log_times.items():
+    head, time, truth_frames = wearers[0].recording, dict[str, Array](), 0
+    for number, times_ns in log_times.items():
         messages = contents.messages[number]
-        if messages.channel.topic == prefixes[0] + TRUTH_POSE:
-            truth_frames = len(own_times)
+        if messages.channel.topic.endswith(TRUTH_POSE):
+            truth_frames = len(times_ns)
         if not is_ours(messages.channel, ImuSample):
             continue
         (stream,) = read_streams(contents.path, [messages], head.start_ns).values()
-        logged_s = (own_times - head.start_ns) / NS_PER_S
-        if len(stream) < len(messages.data):
-            return None
-        if np.any(np.diff(logged_s) <= 0) or not np.allclose(
-            stream.time, logged_s[[0, -1]][-len(stream) :], 0, INDEXED_S
-        ):
+        logged_s = (times_ns - head.start_ns) / NS_PER_S
+        ends = logged_s[[0, -1]][-len(stream) :]
+        if np.any(np.diff(logged_s) <= 0) or not np.allclose(stream.time, ends, 0, INDEXED_S):
             return None
         time[stream.name] = logged_s
     return RecordingIndex(head, time, truth_frames)
 
 
-def _is_told(channel: McapChannel) -> bool:
-    is_left_out = channel.topic.startswith((ESTIMATE, CAMERA)) or any(
-        is_ours(channel, kind) for kind in (ImuSample, BodyPose)
-    )
-    return is_ours(channel) and not is_left_out
-
-
 def _comes_once(channel: McapChannel) -> bool:
-    is_left_out = channel.topic.startswith(ESTIMATE) or TRUTH in channel.topic or _comes_in_time(channel)
-    of_camera = channel.topic.startswith(CAMERA) and channel.schema_name in CAMERA_SCHEMAS
-    return (is_ours(channel) or of_camera) and not is_left_out
+    is_of_camera = channel.topic.startswith(CAMERA) and channel.schema_name in CAMERA_SCHEMAS
+    is_of_frames = _comes_in_time(channel) or is_ours(channel, BodyPose)
+    return (is_ours(channel) or is_of_camera) and not is_of_frames and not channel.topic.startswith(ESTIMATE)
 
 
 def _comes_in_time(channel: McapChannel) -> bool:

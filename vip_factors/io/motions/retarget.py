@@ -16,7 +16,7 @@ from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion, local_rotations
 from vip_factors.body.skeleton import JOINT_COUNT, JOINT_NAMES, PARENTS, Landmark, Skeleton, joint_index
 from vip_factors.errors import InputError
-from vip_factors.geometry.rotations import Array, angle_between, exp, rotation_x
+from vip_factors.geometry.rotations import Array, angle_between, rotation_between, rotation_x
 from vip_factors.io.motions.skeleton_maps import SkeletonMap, SourceClip, find_map
 
 # Units that files use, in metres, and the statures that tell them apart: the ranges do not overlap.
@@ -25,8 +25,11 @@ PLAUSIBLE_STATURE_M = (1.2, 2.2)
 
 # Fractions of stature that files' skeletons are sized by (Drillis & Contini 1966): their makers used such tables too.
 LIMB_LENGTHS = {
-    ("hip", "knee"): 0.245, ("knee", "ankle"): 0.246, ("shoulder", "elbow"): 0.186, ("elbow", "wrist"): 0.146,
-}  # fmt: skip
+    ("hip", "knee"): 0.245,
+    ("knee", "ankle"): 0.246,
+    ("shoulder", "elbow"): 0.186,
+    ("elbow", "wrist"): 0.146,
+}
 TRUNK_LENGTH = 0.318  # mid hip to neck
 
 # T-pose directions of the long bones: bone → (joint at its far end, direction in body axes).
@@ -90,7 +93,7 @@ def _standing(clip: SourceClip, table: SkeletonMap) -> tuple[SourceClip, Skeleto
     if not table.directions:
         return clip, table
     directions = [table.directions.get(name.upper(), DOWN) for name in clip.names]
-    R_stand_hang = np.array([_between(np.array(DOWN), np.array(direction)) for direction in directions])
+    R_stand_hang = rotation_between(DOWN, directions)
     p_rest = clip.p_rest.copy()
     for node, parent in enumerate(clip.parents):
         if parent >= 0:
@@ -110,10 +113,7 @@ def _standing(clip: SourceClip, table: SkeletonMap) -> tuple[SourceClip, Skeleto
 
 
 def _nearest_axis(vector: Array) -> Array:
-    axis = np.zeros(3)
-    largest = int(np.argmax(np.abs(vector)))
-    axis[largest] = np.sign(vector[largest])
-    return axis
+    return np.sign(vector) * (np.arange(3) == np.argmax(np.abs(vector)))
 
 
 def _body_from_source_axes(clip: SourceClip, table: SkeletonMap) -> Array:
@@ -152,15 +152,6 @@ def _unit_of(stature: float, path: str) -> float:
     )
 
 
-def _between(a: Array, b: Array) -> Array:
-    """The smallest rotation that takes direction ``a`` onto direction ``b``."""
-    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
-    axis = np.cross(a, b)
-    sine = np.linalg.norm(axis)
-    angle = np.arctan2(sine, a @ b)
-    return exp(axis * (angle / sine)) if sine > 1e-9 else np.eye(3)
-
-
 def _rest_corrections(clip: SourceClip, table: SkeletonMap) -> Array:
     """``C`` ``(24, 3, 3)`` of each bone: from our T-pose to the source's rest pose."""
     C = np.broadcast_to(np.eye(3), (JOINT_COUNT, 3, 3)).copy()
@@ -178,13 +169,13 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap) -> Array:
             start, end = limb, AIMS[limb][0]
         if end in nodes and start in nodes:
             bone = clip.rest(nodes[end]) - clip.rest(nodes[start])
-            C[joint] = _between(np.array(direction), bone) if np.linalg.norm(bone) > 0 else C[PARENTS[joint]]
+            C[joint] = rotation_between(direction, bone) if np.linalg.norm(bone) > 0 else C[PARENTS[joint]]
             if name.endswith("_wrist") and angle_between(C[joint], C[PARENTS[joint]]) > STRANGE_HAND:
                 C[joint] = C[PARENTS[joint]]
         elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes and not table.straight:
             # The foot stands flat on the floor at rest, so its slope is its shape; only its toeing-out is a turn.
             foot = clip.rest(nodes[f"{name[:-6]}_foot"]) - clip.rest(nodes[name])
-            C[joint] = _between(np.array([0.0, 0.0, 1.0]), np.array([foot[0], 0.0, foot[2]]))
+            C[joint] = rotation_between((0.0, 0.0, 1.0), (foot[0], 0.0, foot[2]))
         elif name.endswith(("_wrist", "_hand", "_foot")):
             C[joint] = C[PARENTS[joint]]
     arms = [

@@ -1,7 +1,4 @@
-"""A motion as its file tells it, and which node of a foreign skeleton is which joint of ours: a table a family.
-
-And the other way, the names of our 24 bones in other programs: what retargeting tools map by themselves.
-"""
+"""Clips of foreign skeletons, a table of their nodes by our joints for each family, and our bones' names elsewhere."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -13,52 +10,42 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.settings import BoneNames
 
-_SMPL = (
-    "pelvis", "spine1", "spine2", "spine3", "neck", "head",
-    "hip", "knee", "ankle", "foot", "collar", "shoulder", "elbow", "wrist", "hand",
-)  # fmt: skip
-_HUMANIK = (
-    "Hips", "Spine", "Spine1", "Spine2", "Neck", "Head",
-    "UpLeg", "Leg", "Foot", "ToeBase", "Shoulder", "Arm", "ForeArm", "Hand", "HandMiddle1",
-)  # fmt: skip
+_TRUNK, _LIMBS = "pelvis spine1 spine2 spine3 neck head", "hip knee ankle foot collar shoulder elbow wrist hand"
+_SMPL = f"{_TRUNK} {_LIMBS}".split()
+_HUMANIK = "Hips Spine Spine1 Spine2 Neck Head UpLeg Leg Foot ToeBase Shoulder Arm ForeArm Hand HandMiddle1"
 _UNITY = (
-    "Hips", "Spine", "Chest", "UpperChest", "Neck", "Head",
-    "UpperLeg", "LowerLeg", "Foot", "Toes", "Shoulder", "UpperArm", "LowerArm", "Hand", "MiddleProximal",
-)  # fmt: skip
+    "Hips Spine Chest UpperChest Neck Head UpperLeg LowerLeg Foot Toes Shoulder UpperArm LowerArm Hand MiddleProximal"
+)
 _UNREAL = (
-    "pelvis", "spine_01", "spine_02", "spine_03", "neck_01", "head",
-    "thigh", "calf", "foot", "ball", "clavicle", "upperarm", "lowerarm", "hand", "middle_01",
-)  # fmt: skip
-_BY_NAMES = {
+    "pelvis spine_01 spine_02 spine_03 neck_01 head thigh calf foot ball clavicle upperarm lowerarm hand middle_01"
+)
+_BONE_NAMES = {
     BoneNames.HUMANIK: (_HUMANIK, "{bone}", "{side}{bone}"),
     BoneNames.MIXAMO: (_HUMANIK, "mixamorig:{bone}", "mixamorig:{side}{bone}"),
     BoneNames.UNITY: (_UNITY, "{bone}", "{side}{bone}"),
     BoneNames.UNREAL: (_UNREAL, "{bone}", "{bone}_{letter}"),
 }
-# Without these there is no body to speak of; any other joint can be filled in from human proportions.
-REQUIRED = (
-    "pelvis", "neck", "left_hip", "left_knee", "left_ankle", "left_shoulder", "left_elbow", "left_wrist",
-    "right_hip", "right_knee", "right_ankle", "right_shoulder", "right_elbow", "right_wrist",
-)  # fmt: skip
+_LIMBS_NEEDED = [joint for joint in _LIMBS.split() if joint not in ("foot", "collar", "hand")]
+REQUIRED = ("pelvis", "neck", *(f"{side}_{joint}" for side in ("left", "right") for joint in _LIMBS_NEEDED))
+"""Joints that every source has; human proportions stand in for any other."""
 
 
 @dataclass(frozen=True)
 class SkeletonMap:
-    """One family of skeletons.
+    """Family of skeletons.
 
     Attributes:
         name: what people call the family.
         joints: our joint → its node, whose position and rotation are taken.
         landmarks: our landmark → its node.
-        exact: the rest pose is ours already, so that no bone direction is to be corrected.
+        exact: the rest pose is ours, and no bone direction is corrected.
         straight: the rest pose stands for straight legs (along the shanks) and arms (along the upper arms), although
             the figure's are a little bent.
         settle_s: seconds after a rest pose put before the take during which the converter blends from it.
-        arms_turned_deg: how far the bones of the arms are turned about their long axis against ours, whose elbows bend
-            about y: the hinges of a source are lined up with these.
+        arms_turned_deg: turn of the arms' bones about their long axis against ours, whose elbows bend about y.
         bones: our joint → the node whose rotation is taken, where that is another: in a chain that begins at the head,
             the node at a joint has the rotation of the bone below.
-        directions: node → where its bone points, in the file's axes, when somebody stands, in files that let all bones
+        directions: node → direction of its bone when somebody stands, in the file's axes, in files whose bones all
             hang down at rest.
     """
 
@@ -73,92 +60,79 @@ class SkeletonMap:
     directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
-# Elbows of the CMU database, originals and conversions alike, turn about (0.0 … 0.1, 0.87, −0.50) of the upper arm:
-# over 99.9 % of their turning in every clip looked at.
-CMU_ARMS_TURNED_DEG = -30.0
-
-
 def both_sides(table: Mapping[str, str], left: str, right: str) -> dict[str, str]:
     """Entries of both sides: ``{}`` in a node's name stands for the side."""
     sides = (("left", left), ("right", right))
     return {f"{side}_{joint}": node.format(prefix) for joint, node in table.items() for side, prefix in sides}
 
 
+def _table(joints: str, nodes: str) -> dict[str, str]:
+    return dict(zip(joints.split(), nodes.split(), strict=True))
+
+
 CGSPEED = SkeletonMap(
     "cgspeed (Daz figures)",
-    {"pelvis": "hip", "spine1": "abdomen", "spine2": "chest", "neck": "neck", "head": "head"}
-    | both_sides(
-        {
-            "hip": "{}Thigh", "knee": "{}Shin", "ankle": "{}Foot", "foot": "{}Foot/end", "collar": "{}Collar",
-            "shoulder": "{}Shldr", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}Mid1",
-        }, "l", "r",
-    ),
+    _table("pelvis spine1 spine2 neck head", "hip abdomen chest neck head")
+    | both_sides(_table(_LIMBS, "{}Thigh {}Shin {}Foot {}Foot/end {}Collar {}Shldr {}ForeArm {}Hand {}Mid1"), "l", "r"),
     both_sides({"fingertip": "{}Mid2/end"}, "l", "r"),
     # This figure rests with forearms bent by 17° and knees by 7.6°, and against the CMU originals of subjects 02 and 03
     # (twelve clips) the elbows and knees of all frames are bent by as much more: its rest pose was taken for a T-pose.
-    # With limbs taken for straight, knees and the bend of elbows agree within 2° in the mean. Whether the straight leg
-    # lies along the shank or upright is less certain. Along the shank, hips and ankles are flexed right within 5°
-    # (mostly 2°) for subject 02 but 8° to 12° off, in opposite senses, for subject 03; upright, 4° to 11° and 1° to 6°.
+    # With straight limbs, knees and the bend of elbows agree within 2° in the mean. With the straight leg along the
+    # shank, hips and ankles agree within 5° for subject 02, 8° to 12° for subject 03; upright, 4° to 11° and 1° to 6°.
     straight=True,
-    arms_turned_deg=CMU_ARMS_TURNED_DEG,
+    # Elbows of the CMU database, originals and conversions alike, turn about (0.0 … 0.1, 0.87, −0.50) of the upper arm.
+    arms_turned_deg=-30.0,
     settle_s=0.1,  # against the CMU originals, the blend (with its overshoot) is over after 0.1 s
-)  # fmt: skip
-
+)
 MVN = SkeletonMap(
     "Xsens MVN",
-    {
-        "pelvis": "Hips", "spine1": "Chest", "spine2": "Chest3", "spine3": "Chest4", "neck": "Neck", "head": "Head",
-    } | both_sides(
-        {
-            "hip": "{}Hip", "knee": "{}Knee", "ankle": "{}Ankle", "foot": "{}Toe", "collar": "{}Collar",
-            "shoulder": "{}Shoulder", "elbow": "{}Elbow", "wrist": "{}Wrist",
-        }, "Left", "Right",
+    _table(_TRUNK, "Hips Chest Chest3 Chest4 Neck Head")
+    | both_sides(
+        _table(_LIMBS.removesuffix(" hand"), "{}Hip {}Knee {}Ankle {}Toe {}Collar {}Shoulder {}Elbow {}Wrist"),
+        "Left",
+        "Right",
     ),
     {"head_top": "Head/end"} | both_sides({"toe_tip": "{}Toe/end", "fingertip": "{}Wrist/end"}, "Left", "Right"),
-)  # fmt: skip
-
-_ARMS_AND_LEGS = both_sides(
-    {
-        "hip": "{}UpLeg", "knee": "{}Leg", "ankle": "{}Foot", "foot": "{}ToeBase", "collar": "{}Shoulder",
-        "shoulder": "{}Arm", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}HandMiddle1",
-    }, "Left", "Right",
-)  # fmt: skip
+)
 MOTIONBUILDER = SkeletonMap(
     "MotionBuilder, Mixamo, Vicon",
-    {"pelvis": "Hips", "spine1": "Spine", "spine2": "Spine1", "spine3": "Spine2", "neck": "Neck", "head": "Head"}
-    | _ARMS_AND_LEGS,
+    _table(_TRUNK, "Hips Spine Spine1 Spine2 Neck Head")
+    | both_sides(
+        _table(_LIMBS, "{}UpLeg {}Leg {}Foot {}ToeBase {}Shoulder {}Arm {}ForeArm {}Hand {}HandMiddle1"),
+        "Left",
+        "Right",
+    ),
     {"head_top": "Head/end"} | both_sides({"toe_tip": "{}ToeBase/end"}, "Left", "Right"),
 )
-
 SMPL = SkeletonMap(
     "SMPL",
     {name: name for name in JOINT_NAMES},
-    {"head_top": "head/end"}
-    | both_sides({"toe_tip": "{}_foot/end", "fingertip": "{}_hand/end"}, "left", "right"),
+    {"head_top": "head/end"} | both_sides({"toe_tip": "{}_foot/end", "fingertip": "{}_hand/end"}, "left", "right"),
     exact=True,
-)  # fmt: skip
-
+)
 # SlimeVR's server, versions 0 and 1: its skeleton begins between the eyes, and whoever stands looks along −z.
 SLIMEVR = SkeletonMap(
     "SlimeVR",
-    {
-        "pelvis": "LEFT_HIP", "spine1": "HIP", "spine2": "WAIST", "spine3": "CHEST", "neck": "UPPER_CHEST",
-        "head": "NECK",
-    } | both_sides(
-        {
-            "hip": "{}_UPPER_LEG", "knee": "{}_LOWER_LEG", "ankle": "{}_FOOT", "foot": "{}_FOOT/end",
-            "shoulder": "{}_UPPER_ARM", "elbow": "{}_LOWER_ARM", "wrist": "{}_HAND",
-        }, "LEFT", "RIGHT",
+    _table(_TRUNK, "LEFT_HIP HIP WAIST CHEST UPPER_CHEST NECK")
+    | both_sides(
+        _table(
+            "hip knee ankle foot shoulder elbow wrist",
+            "{}_UPPER_LEG {}_LOWER_LEG {}_FOOT {}_FOOT/end {}_UPPER_ARM {}_LOWER_ARM {}_HAND",
+        ),
+        "LEFT",
+        "RIGHT",
     ),
-    bones={
-        "pelvis": "HIP", "spine1": "WAIST", "spine2": "CHEST", "spine3": "UPPER_CHEST", "neck": "NECK", "head": "HEAD",
-        "left_foot": "LEFT_FOOT", "right_foot": "RIGHT_FOOT",
-    },
+    bones=_table(f"{_TRUNK} left_foot right_foot", "HIP WAIST CHEST UPPER_CHEST NECK HEAD LEFT_FOOT RIGHT_FOOT"),
     directions={
-        "HEAD": (0, 0, 1), "LEFT_HIP": (-1, 0, 0), "RIGHT_HIP": (1, 0, 0), "LEFT_FOOT": (0, 0, -1),
-        "RIGHT_FOOT": (0, 0, -1), "LEFT_SHOULDER": (-0.9, -0.4, 0), "RIGHT_SHOULDER": (0.9, -0.4, 0),
+        "HEAD": (0, 0, 1),
+        "LEFT_HIP": (-1, 0, 0),
+        "RIGHT_HIP": (1, 0, 0),
+        "LEFT_FOOT": (0, 0, -1),
+        "RIGHT_FOOT": (0, 0, -1),
+        "LEFT_SHOULDER": (-0.9, -0.4, 0),
+        "RIGHT_SHOULDER": (0.9, -0.4, 0),
     },
-)  # fmt: skip
+)
 
 MAPS = (SMPL, CGSPEED, MVN, MOTIONBUILDER, SLIMEVR)
 
@@ -263,8 +237,8 @@ def bone_names(names: BoneNames) -> tuple[str, ...]:
     """Names of the 24 bones, in the order of the joints."""
     if names is BoneNames.SMPL:
         return JOINT_NAMES
-    bones, middle, limb = _BY_NAMES[names]
-    bone_of = dict(zip(_SMPL, bones, strict=True))
+    bones, middle, limb = _BONE_NAMES[names]
+    bone_of = dict(zip(_SMPL, bones.split(), strict=True))
     return tuple(
         (limb if side else middle).format(bone=bone_of[kind], side=side.capitalize(), letter=side[:1])
         for side, _, kind in (joint.rpartition("_") for joint in JOINT_NAMES)

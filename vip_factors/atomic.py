@@ -94,7 +94,7 @@ def check_target(path: str | os.PathLike[str], overwrite: bool = False) -> Path:
 
 
 def partial_path(path: Path) -> Path:
-    """Where a stream's file is written until it is complete: ``walk.rrd`` → ``walk.partial.rrd``."""
+    """Path of a stream's file until it is complete: ``walk.rrd`` → ``walk.partial.rrd``."""
     return path.with_name(f"{path.stem}.partial{path.suffix}")
 
 

@@ -10,9 +10,20 @@ import numpy as np
 
 UNKNOWN = "\u2013"  # a dash
 MM = 1e3
-BONES = {"hip": "thigh", "knee": "shank", "ankle": "foot", "shoulder": "upper arm", "elbow": "forearm", "wrist": "hand",
-         "foot": "toes", "hand": "fingers", "collar": "collar bone", "spine1": "lower back", "spine2": "middle back",
-         "spine3": "chest"}  # fmt: skip
+BONES = {
+    "hip": "thigh",
+    "knee": "shank",
+    "ankle": "foot",
+    "shoulder": "upper arm",
+    "elbow": "forearm",
+    "wrist": "hand",
+    "foot": "toes",
+    "hand": "fingers",
+    "collar": "collar bone",
+    "spine1": "lower back",
+    "spine2": "middle back",
+    "spine3": "chest",
+}
 
 
 @dataclass(frozen=True)
@@ -66,17 +77,17 @@ class Table:
 
 
 def facts(title: str, *rows: Row) -> Table:
-    """Labels and their facts."""
+    """Make a table of labels and their facts."""
     return Table((), rows, title, words=2)
 
 
 def count(number: int, noun: str) -> str:
-    """``1 sensor``, ``13 sensors``."""
+    """Format a number with its noun: ``1 sensor``, ``13 sensors``."""
     return f"{number} {noun if number == 1 else noun + 's'}"
 
 
 def joint_words(name: str) -> str:
-    """``left_knee`` → ``left knee``."""
+    """Format a joint's name in words: ``left_knee`` → ``left knee``."""
     return name.replace("_", " ")
 
 
@@ -87,7 +98,7 @@ def bone_words(bone: str) -> str:
 
 
 def degrees(radians: float, sigma: float = math.nan) -> Quantity:
-    """Angle with one decimal."""
+    """Make a quantity in degrees, with one decimal, from radians."""
     return Quantity(math.degrees(radians), math.degrees(sigma), "°", 1)
 
 
@@ -111,7 +122,7 @@ def markdown(table: Table) -> list[str]:
 
 
 def json_text(value: object, decimals: int | None = None) -> str:
-    """As JSON: a number that is not finite is null, and what is None or empty is left out.
+    """Format a value as JSON: a number that is not finite is null, and None or an empty mapping is left out.
 
     Args:
         value: mappings, sequences and arrays of numbers and text.

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp
-from vip_factors.io.camera_path_file import read_camera_path
+from vip_factors.io.camera_file import read_camera_path
 
 
 @given(seed=st.integers(0, 2**16), start=st.floats(0, 1.7e9), comma=st.booleans())

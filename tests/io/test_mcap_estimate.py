@@ -186,5 +186,5 @@ def test_more_reprojection_errors_than_there_can_be_are_not_made_room_for(tmp_pa
         copy_messages(tmp_path / "whole.mcap", writer._writer)
         info = CameraEstimateInfo(name="phone", has_residuals=True, wearers=2, residual_frames=10**9)
         writer.write(CAMERA + INFO, info, 0)
-    with pytest.raises(FileFormatError, match=r"e\.mcap: tells of reprojection errors in \d+ frames of \d wearers"):
+    with pytest.raises(FileFormatError, match=r"e\.mcap: reprojection errors in \d+ frames of \d wearers"):
         read_estimate(tmp_path / "e.mcap")

@@ -1,4 +1,4 @@
-"""A small TOML file that holds one person's body as it was found: what the next recording of that person starts from.
+"""TOML files with one person's estimated body, from which that person's next recording starts.
 
 ::
 
@@ -40,7 +40,6 @@ from vip_factors.body.skeleton import JOINT_NAMES, PARENTS, Landmark, Skeleton, 
 from vip_factors.errors import InputError, nearest
 from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.placement_file import PlacementFile
 from vip_factors.io.typed_files import Number, Vector, check_keys, correlation_matrix, read_toml, toml_text
 from vip_factors.sensors.calibration import SensorSite
 from vip_factors.sensors.recording import Recording, Subject
@@ -67,7 +66,7 @@ class BodyFile:
 
 
 def body_of_estimate(estimate: WearerEstimate, source: str) -> BodyFile:
-    """The body that an estimate found; ``source`` names where the estimate is from."""
+    """The body of an estimate from the file ``source``."""
     body, who = estimate.body, estimate.motion.name
     if body is None or not body.names:
         raise InputError(
@@ -180,11 +179,11 @@ def _length_prior(path: Path, content: _Content, skeleton: Skeleton) -> LengthPr
         raise InputError(f"{path}: correlations of {', '.join(rows) or 'nothing'}: expected one row for each length")
     rounding = 0.002  # m: the table of lengths is for people
     for name, metres in zip(LENGTHS, lengths_of(skeleton), strict=True):
-        told = lengths[name].found_m if name in lengths else None
-        if told is not None and abs(told - metres) > rounding:
+        length = lengths[name].found_m if name in lengths else None
+        if length is not None and abs(length - metres) > rounding:
             raise InputError(
-                f"{path}: lengths.{name}.found_m is {told:g}, where the skeleton has {metres:.4f}: expected the same; "
-                "change the joints in [skeleton], on both sides, and the length with them"
+                f"{path}: lengths.{name}.found_m is {length:g}, where the skeleton has {metres:.4f}: expected the "
+                "same; change the joints in [skeleton], on both sides, and the length with them"
             )
     matrix = correlation_matrix(path, "correlations", [rows[name] for name in lengths])
     sigma = np.array([length.sigma_m for length in lengths.values()])
@@ -232,19 +231,24 @@ def _hinge_estimate(path: Path, joint: str, table: _Hinge) -> HingeEstimate:
     return HingeEstimate(joint, variables, sigma[:, None] * matrix * sigma)
 
 
-def subject_with(body: BodyFile, given: PlacementFile) -> Subject:
-    """The wearer with a body; name and mass are those that were given, if they were."""
-    name, stature = given.subject or body.name, stature_of(body.skeleton)
+def subject_with(body: BodyFile, name: str | None, mass_kg: float | None, sex: str | None) -> Subject:
+    """The wearer with a body; ``name`` defaults to the body's."""
     return Subject(
-        name, stature, given.mass_kg, given.sex, skeleton=body.skeleton, length_prior=body.lengths, hinges=body.hinges
+        name or body.name,
+        stature_of(body.skeleton),
+        mass_kg,
+        sex,
+        skeleton=body.skeleton,
+        length_prior=body.lengths,
+        hinges=body.hinges,
     )
 
 
 def with_body(recording: Recording, body: BodyFile) -> Recording:
-    """The recording with the body in the place of what it said of the wearer's; truth and samples stay."""
-    before = recording.subject
-    subject = subject_with(body, PlacementFile(before.name, mass_kg=before.mass_kg, sex=before.sex))
-    sites = tuple(_moved_site(site, before.body(), body.skeleton) for site in recording.placement.sites)
+    """The recording with another body of the wearer; truth and samples stay."""
+    wearer = recording.subject
+    subject = subject_with(body, wearer.name, wearer.mass_kg, wearer.sex)
+    sites = tuple(_moved_site(site, wearer.body(), body.skeleton) for site in recording.placement.sites)
     return replace(recording, subject=subject, placement=replace(recording.placement, sites=sites))
 
 
@@ -262,11 +266,11 @@ def scene_with_body(scene: Scene, body: BodyFile, path: Path) -> Scene:
     return replace(scene, wearers=tuple(wearers))
 
 
-def _moved_site(site: SensorSite, before: Skeleton, after: Skeleton) -> SensorSite:
-    """Sensors along limbs keep their share of them."""
+def _moved_site(site: SensorSite, skeleton: Skeleton, new_skeleton: Skeleton) -> SensorSite:
+    """The site on a new skeleton; a sensor keeps its share of a limb's length."""
     for child in STRETCHED:
         if PARENTS[child] == site.bone_index:
-            old, new = before.p_parent_joint[child], after.p_parent_joint[child]
+            old, new = skeleton.p_parent_joint[child], new_skeleton.p_parent_joint[child]
             share = float(np.clip(site.p_bone_sensor @ old / (old @ old), 0.0, 1.0))
             return replace(site, p_bone_sensor=site.p_bone_sensor + share * (new - old))
     return site

@@ -1,7 +1,7 @@
-"""Intrinsics of a camera from views of a flat board (Zhang 2000, as OpenCV does it), and where it stood over the floor.
+"""Intrinsics of a camera from views of a flat board (Zhang 2000, by OpenCV), and its pose over the floor.
 
-The images come from a video, evenly spread. Which of them are used matters more than how many: the sharpest
-of those that differ. Views that do not fit the rest are left out, and what the views cannot determine is said.
+The images come from a video, evenly spread; the sharpest of those that differ are used. Views that do not fit are left
+out, and warnings name what the views do not determine.
 """
 
 from collections.abc import Callable, Sequence
@@ -68,8 +68,8 @@ class Checkerboard:
 
         # The sector-based detector (Duda & Frese 2018): subpixel by itself, and certain about what is no board.
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
-        found, corners = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
-        if not found:
+        is_complete, corners = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
+        if not is_complete:
             return None
         points, pixels = _grid(self.columns, self.rows, self.square_m), corners.reshape(-1, 2).astype(float)
         if not self.looks_alike_turned and self._begins_white(grey, points, pixels):
@@ -102,23 +102,24 @@ def _sharpness(grey: np.ndarray, pixels: Array) -> float:
     """Energy of the second derivative over that of the image, where the board is."""
     import cv2
 
-    (left, top), (right, bottom) = np.floor(pixels.min(axis=0)).astype(int), np.ceil(pixels.max(axis=0)).astype(int)
-    there = grey[max(top, 0) : bottom + 1, max(left, 0) : right + 1]
-    return float(cv2.Laplacian(there, cv2.CV_64F).var() / max(float(there.var()), 1.0))
+    x, y = np.maximum(np.floor(pixels.min(axis=0)).astype(int), 0)
+    x_end, y_end = np.ceil(pixels.max(axis=0)).astype(int) + 1
+    board = grey[y:y_end, x:x_end]
+    return float(cv2.Laplacian(board, cv2.CV_64F).var() / max(float(board.var()), 1.0))
 
 
 @dataclass(frozen=True)
 class CameraCalibration:
-    """What was found.
+    """Intrinsics with their uncertainty.
 
     Attributes:
         model: the intrinsics.
         sigma: standard deviations of fx, fy, cx, cy in pixels, ``(4,)``; the distortion's, ``(D,)``.
         rms_px: root mean square reprojection error of all corners used.
         views: names of the used views, with their errors in pixels.
-        left_out: names of views that did not fit, with their errors.
+        left_out: names of views that do not fit, with their errors.
         coverage: share of the image that corners reach.
-        warnings: sentences about what is not well determined.
+        warnings: sentences about poorly determined quantities.
     """
 
     model: CameraModel
@@ -222,10 +223,10 @@ def _chosen_views(views: Sequence[BoardView], size: tuple[int, int]) -> list[Boa
             break
         # A blurred view counts as nearer than it is, so that of its neighbours the sharpest comes first.
         worth = np.where(far, np.minimum(nearest, 1.0) * np.sqrt(sharpness), -1.0)
-        best = int(np.argmax(worth))
-        chosen.append(best)
+        view = int(np.argmax(worth))
+        chosen.append(view)
         for either_way in (outlines, turned):
-            nearest = np.minimum(nearest, np.linalg.norm(either_way[best] - outlines, axis=2).mean(axis=1))
+            nearest = np.minimum(nearest, np.linalg.norm(either_way[view] - outlines, axis=2).mean(axis=1))
     return [views[index] for index in sorted(chosen)]
 
 

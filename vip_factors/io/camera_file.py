@@ -1,4 +1,4 @@
-"""A small TOML file that says what a camera is like, and where it stood over the floor if that is known.
+"""Camera files: TOML files with a camera's intrinsics, and its pose over the floor if that is known.
 
 ::
 
@@ -19,10 +19,9 @@
     rms_px = 0.21
 
 ``focal_sigma`` is the relative standard deviation of a focal length that was not calibrated; without it the lens is
-taken as calibrated. The floor's frame has its z axis up, against gravity; the camera's axes are OpenCV's. The table
-``[calibration]`` says how the numbers were found and is read by people only. OpenCV's own files (``camera_matrix``) are
-read too, and of Pose2Sim's calibration, a table for each camera of a lab, the one that is named after a colon:
-``Calib.toml:cam_01``.
+calibrated. The floor's frame has its z axis up, against gravity; the camera's axes are OpenCV's. People alone read
+``[calibration]``. OpenCV's files (``camera_matrix``) are read too, and one camera of Pose2Sim's calibration, named
+after a colon: ``Calib.toml:cam_01``.
 """
 
 import re
@@ -35,9 +34,20 @@ import numpy as np
 
 from vip_factors.atomic import atomic_open
 from vip_factors.errors import FileFormatError, InputError, nearest
+from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, exp, nearest_rotation
-from vip_factors.io.typed_files import Matrix, Number, Vector, convert, read_json, read_text, read_toml, toml_text
-from vip_factors.sensors.camera import CameraModel
+from vip_factors.io.typed_files import (
+    MOST_MOTION_BYTES,
+    Matrix,
+    Number,
+    Vector,
+    convert,
+    read_json,
+    read_text,
+    read_toml,
+    toml_text,
+)
+from vip_factors.sensors.camera import CameraModel, CameraPath
 
 OPENCV_SUFFIXES = (".yaml", ".yml", ".xml", ".json")
 MATRIX = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "mtx", "K")
@@ -159,8 +169,36 @@ def write_camera_file(
         file.write("\n".join(lines) + "\n")
 
 
+def read_camera_path(path: Path) -> CameraPath:
+    """Read poses ``T_world_camera`` in increasing order of time from a TUM file, as SLAM programs write.
+
+    Its rows are ``time x y z qx qy qz qw``, seconds and metres; lines that begin with ``#`` are comments.
+
+    Raises:
+        FileFormatError: for a row of another form, or fewer than two poses.
+        InputError: for a quaternion that is not of unit length.
+    """
+    columns, rows = "time x y z qx qy qz qw", list[list[float]]()
+    text = read_text(path, "a camera's path (TUM)", most_bytes=MOST_MOTION_BYTES)
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#")[0].replace(",", " ").split()
+        try:
+            row = list(map(float, words))
+        except ValueError:
+            row = []
+        if words and (len(row) != 8 or not np.all(np.isfinite(row))):
+            raise FileFormatError(f"{path}, line {number}: expected eight numbers: {columns}")
+        rows += [row] if words else []
+    poses = np.array(rows).reshape(-1, 8)
+    time, first_rows = np.unique(poses[:, 0], return_index=True)
+    if len(time) < 2:
+        raise FileFormatError(f"{path}: {len(time)} poses: expected the camera's path, one row a pose: {columns}")
+    R_world_camera = matrix_from_quaternion(poses[first_rows, 4:], Order.XYZW)
+    return CameraPath(time, R_world_camera, poses[first_rows, 1:4])
+
+
 def _toml_camera(path: Path) -> tuple[str, _Camera | _Pose2SimCamera]:
-    """Read the camera of a TOML file, and what to call it in complaints."""
+    """Read the camera of a TOML file, and its name in messages."""
     name = ""
     if not path.is_file() and ":" in path.name:
         stem, _, name = path.name.rpartition(":")
@@ -239,10 +277,9 @@ def _may_be_deep(text: str) -> bool:
 
     That takes some 20,000 levels: brackets and tags are counted, and what YAML nests in one line without brackets.
     """
-    in_line = (re.split(r"[,\[\]{}]", line) for line in text.splitlines() if not line.lstrip().startswith("#"))
-    return sum(map(text.count, "[{<")) > 2000 or any(
-        part.count(":") + part.count("-") > 50 for parts in in_line for part in parts
-    )
+    lines = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
+    pieces = re.split(r"[,\[\]{}\n]", lines)
+    return sum(map(text.count, "[{<")) > 2000 or any(piece.count(":") + piece.count("-") > 50 for piece in pieces)
 
 
 def _storage_numbers(path: Path) -> Numbers:

@@ -1,4 +1,4 @@
-"""Dataclasses to Protobuf messages and back, declared instead of written out field by field.
+"""Declared conversions between dataclasses and Protobuf messages.
 
 A :class:`Codec` says which message stands for which class. A field holds the attribute of its name, with or without a
 unit behind it, or the one that is declared. How a value is written follows from the type of its field (data_schemas):
@@ -99,18 +99,18 @@ def _timestamp(time_ns: int) -> Timestamp:
 
 
 class Codec(Generic[M, T]):
-    """How objects of one class are written as messages of one type, and read back.
+    """Conversion between objects of one class and messages of one type.
 
-    Attributes that the class has not got (fields of a message that only other programs read, or that belong to
-    something else) are given to :meth:`encode`, or made by ``more``; they are not read back.
+    Attributes that the class does not have (fields of a message that only other programs read, or that belong to
+    other objects) are arguments of :meth:`encode` or results of ``encode_hook``; they are not read back.
 
     Args:
         message: class of the messages.
-        kind: class of the objects, a dataclass; of another class, ``mend`` makes the arguments.
-        names: attribute by field, where it is not of the field's name.
-        more: further attributes of an object, where they are no attributes of it or differ from what is written.
-        shapes: of repeated numbers, an axis as long as each of these fields; without it one axis.
-        mend: what was read, and its message, to the attributes; where it is not as it was written.
+        kind: class of the objects, a dataclass; for another class, ``decode_hook`` makes the arguments.
+        names: attribute by field, where their names differ.
+        encode_hook: makes further attributes from an object.
+        shapes: of repeated numbers, an axis as long as each of these fields; one axis by default.
+        decode_hook: makes the attributes from a message and the values that were read from it.
     """
 
     of_message: ClassVar[dict[str, "Codec[Any, Any]"]] = {}  # by full name; the codecs of nested messages
@@ -121,11 +121,17 @@ class Codec(Generic[M, T]):
         kind: type[T],
         names: Mapping[str, str] | None = None,
         *,
-        more: Callable[[Any], dict[str, Any]] | None = None,
+        encode_hook: Callable[[Any], dict[str, Any]] | None = None,
         shapes: Mapping[str, tuple[str, ...]] | None = None,
-        mend: Callable[[M, dict[str, Any]], dict[str, Any]] | None = None,
+        decode_hook: Callable[[M, dict[str, Any]], dict[str, Any]] | None = None,
     ) -> None:
-        self.message, self.kind, self._more, self._mend, self._shapes = message, kind, more, mend, shapes or {}
+        self.message, self.kind, self._encode_hook, self._decode_hook, self._shapes = (
+            message,
+            kind,
+            encode_hook,
+            decode_hook,
+            shapes or {},
+        )
         unknown = ({*(names or {})} | {*self._shapes}) - {field.name for field in message.DESCRIPTOR.fields}
         if unknown:
             raise TypeError(f"{message.DESCRIPTOR.name} has no {', '.join(sorted(unknown))}")
@@ -144,19 +150,19 @@ class Codec(Generic[M, T]):
                 self._readers.append((field.name, attribute, read, is_optional))
         self.of_message.setdefault(message.DESCRIPTOR.full_name, self)
 
-    def encode(self, value: Any, **given: Any) -> M:
-        """The message of an object, or of any other that has the attributes; those given come before its own."""
-        if self._more is not None:
-            given = self._more(value) | given
+    def encode(self, value: Any, **attributes: Any) -> M:
+        """The message of an object with such attributes; ``attributes`` complete or replace its own."""
+        if self._encode_hook is not None:
+            attributes = self._encode_hook(value) | attributes
         content = {}
         for name, attribute, write in self._writers:
-            attribute_value = given[attribute] if attribute in given else getattr(value, attribute, None)
+            attribute_value = attributes[attribute] if attribute in attributes else getattr(value, attribute, None)
             if attribute_value is not None:
                 content[name] = write(attribute_value)
         return self.message(**content)
 
     def values(self, message: M) -> dict[str, Any]:
-        """What a message says of an object, by attribute.
+        """The attributes of a message's object.
 
         Raises:
             FileFormatError: for another number of numbers than expected.
@@ -168,7 +174,7 @@ class Codec(Generic[M, T]):
             values[attribute] = None if is_absent else read(getattr(message, name))
             if name in self._shapes:
                 values[attribute] = self._shaped(message, name, values[attribute])
-        return values if self._mend is None else self._mend(message, values)
+        return values if self._decode_hook is None else self._decode_hook(message, values)
 
     def decode(self, message: M) -> T:
         """The object of a message; raises as :meth:`values`, and for what no such object can be."""
@@ -226,7 +232,7 @@ def _conversions(field: FieldDescriptor) -> tuple[Convert, Convert | None]:
 
 
 def _nested_conversions(name: str) -> tuple[Convert, Convert | None]:
-    """Of messages that a codec stands for; one that is declared later writes, but does not read."""
+    """Conversions by the codec of a nested message; a codec that is declared later is only written."""
     codec = Codec.of_message.get(name)
     return (
         lambda value: value if hasattr(value, "DESCRIPTOR") else Codec.of_message[name].encode(value),
@@ -271,7 +277,7 @@ def _subject(message: subject_pb2.Subject, read: dict[str, Any]) -> dict[str, An
     return read | {"stature_m": message.stature_m or None, "skeleton": skeleton}  # absent is zero
 
 
-SKELETON = Codec(subject_pb2.Skeleton, Skeleton, more=_joints_and_landmarks, mend=_skeleton)
+SKELETON = Codec(subject_pb2.Skeleton, Skeleton, encode_hook=_joints_and_landmarks, decode_hook=_skeleton)
 Codec(
     subject_pb2.LengthPrior,
     LengthPrior,
@@ -288,8 +294,8 @@ SUBJECT = Codec(
     subject_pb2.Subject,
     Subject,
     {"skeleton": "given_or_likely"},
-    more=lambda subject: {"given_or_likely": subject.body(), "skeleton_given": subject.skeleton is not None},
-    mend=_subject,
+    encode_hook=lambda subject: {"given_or_likely": subject.body(), "skeleton_given": subject.skeleton is not None},
+    decode_hook=_subject,
 )
 Codec(SensorPlacement.Site, SensorSite, {"mounting_wxyz": "R_bone_sensor"})
 PLACEMENT = Codec(SensorPlacement, Placement, {"preset": "name"})
@@ -308,14 +314,14 @@ _SENSOR = Codec(CalibrationEstimate.Sensor, SensorCalibration, {"mounting_wxyz":
 CALIBRATION = Codec[CalibrationEstimate, Calibration](
     CalibrationEstimate,
     dict,
-    more=lambda sensors: {"sensors": [_SENSOR.encode(sensor, sensor=name) for name, sensor in sensors.items()]},
-    mend=lambda message, read: {sensor.sensor: _SENSOR.decode(sensor) for sensor in message.sensors},
+    encode_hook=lambda sensors: {"sensors": [_SENSOR.encode(sensor, sensor=name) for name, sensor in sensors.items()]},
+    decode_hook=lambda message, read: {sensor.sensor: _SENSOR.decode(sensor) for sensor in message.sensors},
 )
 """Headings and mountings of all sensors."""
 Codec(estimate_info_pb2.SolveReport.Iteration, Iteration)
 Codec(estimate_info_pb2.SensorPlaceEstimate, SensorPlaceEstimate, {"found_m": "posterior"})
 Codec(estimate_info_pb2.StartChoice, StartChoice)
-MOTION = Codec(body_pose_pb2.MotionInfo, Motion, more=lambda motion: {"frames": len(motion)})
+MOTION = Codec(body_pose_pb2.MotionInfo, Motion, encode_hook=lambda motion: {"frames": len(motion)})
 REPORT = Codec(estimate_info_pb2.SolveReport, SolveReport)
 
 _PLACE = {"prior_m": "prior", "found_m": "posterior", "prior_sigma_m": "prior_sigma", "sigma_m": "sigma"}
@@ -338,4 +344,4 @@ def _keypoints(message: estimate_info_pb2.DetectorEstimate, read: dict[str, Any]
     return {"keypoints": tuple(row.keypoint for row in rows), **columns}
 
 
-Codec(estimate_info_pb2.DetectorEstimate, DetectorEstimate, more=_keypoint_messages, mend=_keypoints)
+Codec(estimate_info_pb2.DetectorEstimate, DetectorEstimate, encode_hook=_keypoint_messages, decode_hook=_keypoints)

@@ -211,7 +211,7 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
         subject = Subject(given.subject or options.name or path.stem, stature, given.mass_kg, given.sex, lengths)
         notes += [subject.body_note] if subject.body_note else []
     else:
-        subject = subject_with(body, given)
+        subject = subject_with(body, given.subject, given.mass_kg, given.sex)
         notes.append(f"body of '{body.name}' from {options.body}, whatever stature and lengths were told")
     log = replace(log, imus=after_pose(log.imus, held, notes) if held else _oriented(log.imus, notes))
     said = options.placement

@@ -34,7 +34,7 @@ Numbers = list[float | None]
 
 
 class DetectionsWarning(UserWarning):
-    """Something in a file of 2D poses was guessed or changed, and what it was."""
+    """Guess or change made in reading a file of 2D poses."""
 
 
 def warn(path: Path, sentence: str) -> None:
@@ -44,17 +44,17 @@ def warn(path: Path, sentence: str) -> None:
 
 @dataclass
 class DetectedPeople:
-    """People as a file lists them.
+    """People in a file.
 
     Attributes:
         path: of the file or folder.
-        first_number: what the format calls the first frame of a video.
-        listed: numbers of all frames that the file speaks of, those without people included.
+        first_number: number of a video's first frame in the format.
+        listed: numbers of all frames in the file, those without people included.
         numbers: the frame's number of each person.
         rows: each person's keypoints, flat ``(3 J,)``: x, y, confidence.
-        where: of each person, as a complaint names it.
-        names: the keypoints' names in order, if the file tells them.
-        time: seconds of each listed frame by its number, if the file tells them.
+        where: place of each person in the file, for messages.
+        names: the keypoints' names in order, if the file states them.
+        time: seconds of each listed frame by its number, if the file states them.
     """
 
     path: Path
@@ -67,7 +67,7 @@ class DetectedPeople:
     time: dict[int, float] = field(default_factory=dict)
 
     def add(self, number: int, keypoints: Numbers, where: str) -> None:
-        """One person of one frame: x, y, confidence of every keypoint, None where there is none."""
+        """Add one person of one frame: x, y, confidence of every keypoint, None where there is none."""
         if len(keypoints) % 3:
             raise FileFormatError(
                 f"{where}: keypoints are {len(keypoints)} numbers: expected x, y, confidence of every keypoint"
@@ -126,7 +126,7 @@ class _MmposeFile(msgspec.Struct, frozen=True):
 
 
 def read_people(path: Path) -> DetectedPeople:
-    """Everybody in all frames of a file or folder of any known format.
+    """Read everybody in all frames of a file or folder of any known format.
 
     Raises:
         InputError: if there is nothing at the path, or a person, frame or file is not of its form.
@@ -138,16 +138,16 @@ def read_people(path: Path) -> DetectedPeople:
         return _folder(path)
     if path.suffix.lower() == ".json":
         content = _content(path)
-        first = content[0] if isinstance(content, list) and content else None
+        entry = content[0] if isinstance(content, list) and content else None
         if _is_openpose(content):
             return _frames_of_files(path, [(path, path.name, content)])
         if isinstance(content, dict) and content and all(map(_is_openpose, content.values())):
             return _frames_of_files(path, [(path, name, frame) for name, frame in content.items()])
         if _has(content, "instance_info"):
             return _mmpose(path, convert(path, "", content, _MmposeFile))
-        if _has(first, "instances"):
+        if _has(entry, "instances"):
             return _mmpose(path, _MmposeFile(convert(path, "", content, list[_Frame])))
-        if _has(first, "image_id"):
+        if _has(entry, "image_id"):
             return _results(path, convert(path, "", content, list[_Result]))
         if content == []:
             raise FileFormatError(f"{path}: expected people; the list is empty")

@@ -1,7 +1,7 @@
-"""2D poses of a detector's program as detections; and writing our own detector's, as MMPose does.
+"""Files of 2D poses: those of detectors' programs as detections, and our own detector's, in MMPose's format.
 
-What we write has more than MMPose's own fields: ``meta_info`` says what the keypoint set is called and how the poses
-were found, a frame has ``time_s`` and an instance ``track_id``.
+Beyond MMPose's fields, ``meta_info`` names the keypoint set and describes the detector, a frame has ``time_s`` and an
+instance ``track_id``.
 """
 
 import json
@@ -25,12 +25,12 @@ FRACTION = 1.5  # no image is so small: coordinates up to here are fractions of 
 SPREAD = 0.99  # share of confidences that shall not exceed one
 # Whole-body orders begin with one of ours: COCO-WholeBody, Halpe.
 WHOLE_BODY = {133: "coco17", 136: "halpe26"}
-# Points that lie close together on everybody, in whatever pose: what tells one order from another.
-CLOSE = (
-    ("nose", "left_eye"), ("nose", "right_eye"), ("left_eye", "left_ear"), ("right_eye", "right_ear"),
-    ("left_ankle", "left_heel"), ("right_ankle", "right_heel"), ("left_heel", "left_big_toe"),
-    ("right_heel", "right_big_toe"),
-)  # fmt: skip
+# Points that lie close together on everybody, in any pose: they tell orders of keypoints apart.
+CLOSE = tuple(
+    (pair[0] if pair[0] == "nose" else f"{side}_{pair[0]}", f"{side}_{pair[1]}")
+    for pair in (("nose", "eye"), ("eye", "ear"), ("ankle", "heel"), ("heel", "big_toe"))
+    for side in ("left", "right")
+)
 PLAUSIBLE_CLOSE = 0.15  # of a person's extent in the image; 0.03 in the right order, 0.43 and more in the other
 
 
@@ -43,13 +43,13 @@ def read_detections(
 ) -> Detections:
     """Everybody that a 2D pose detector found in a video, times on the video's own clock (its first frame at 0 s).
 
-    The format is told by content. A point with confidence 0, at (0, 0) or not finite was not found; people without
+    The content determines the format. A point with confidence 0, at (0, 0) or not finite is missing; people without
     any point are left out. Confidences that exceed one (heat maps) are scaled so that 99 % of them do not, and the
-    rest are cut off there. A guess is told as a :class:`DetectionsWarning`.
+    rest are cut off there. A :class:`DetectionsWarning` reports a guess.
 
     Args:
         path: of OpenPose's folder, or AlphaPose's, MMPose's or COCO's file.
-        rate: video frames per second; None for the times that the file itself tells, as ours do.
+        rate: video frames per second; None for the times in the file, which ours have.
         keypoints: name of the keypoint set; by the number of keypoints if None.
         frames: number of frames of the video; up to the last one with people (or listed) if None.
         first_frame: number that the video's first frame has in the file; the format's usual one if None.
@@ -63,12 +63,12 @@ def read_detections(
     if rate is not None and (not rate > 0 or not np.isfinite(rate)):
         raise InputError(f"video rate {rate} Hz: expected a positive number of frames per second")
     people = read_people(path)
-    first = people.first_number if first_frame is None else first_frame
-    count = _frame_count(people, first, frames)
+    first_number = people.first_number if first_frame is None else first_frame
+    count = _frame_count(people, first_number, frames)
     rows = _rows(people)
     chosen = _which_keypoints(people, rows, keypoints) if len(rows) else keypoint_set(keypoints or "coco17")
     rows = rows[:, : len(chosen)] if len(rows) else np.zeros((0, len(chosen), 3))
-    frame = np.array(people.numbers, dtype=int) - first
+    frame = np.array(people.numbers, dtype=int) - first_number
     order = np.argsort(frame, kind="stable")
     pixels, confidence = _cleaned(rows[order])
     someone = np.any(confidence > 0, axis=1)
@@ -77,37 +77,37 @@ def read_detections(
             f"{path}: coordinates lie between {np.nanmin(pixels):.2f} and {np.nanmax(pixels):.2f}: expected pixels, "
             "not fractions of the image; have the detector write pixels (OpenPose: --keypoint_scale 0)"
         )
-    time = np.arange(count) / rate if rate is not None else _times(people, first, count)
+    time = np.arange(count) / rate if rate is not None else _times(people, first_number, count)
     return Detections(chosen, time, frame[order][someone], pixels[someone], confidence[someone])
 
 
-def _times(people: DetectedPeople, first: int, count: int) -> Array:
-    """``(count,)`` seconds of the frames, as the file tells them."""
-    missing = [number for number in range(first, first + count) if number not in people.time]
-    if missing or not count:
+def _times(people: DetectedPeople, first_number: int, count: int) -> Array:
+    """``(count,)`` seconds of the frames, from the file."""
+    numbers = range(first_number, first_number + count)
+    if not count or not all(number in people.time for number in numbers):
         raise InputError(
             f"{people.path}: 2D poses come without times: give the video's rate in Hz, or the video itself"
         )
-    time = np.array([people.time[number] for number in range(first, first + count)])
+    time = np.array([people.time[number] for number in numbers])
     if np.any(np.diff(time) <= 0):
         raise FileFormatError(f"{people.path}: times of the frames do not increase: give the video's rate in Hz")
     return time
 
 
-def _frame_count(people: DetectedPeople, first: int, frames: int | None) -> int:
+def _frame_count(people: DetectedPeople, first_number: int, frames: int | None) -> int:
     if not people.listed:
         return frames or 0
     low, high = min(people.listed), max(people.listed)
-    if low < first:
-        raise InputError(f"{people.path}: frame {low} lies before the first frame, {first} (first_frame)")
-    if high - first >= MOST_FRAMES:
+    if low < first_number:
+        raise InputError(f"{people.path}: frame {low} lies before the first frame, {first_number} (first_frame)")
+    if high - first_number >= MOST_FRAMES:
         raise FileFormatError(f"{people.path}: frame number {high}: expected the numbers of a video's frames")
-    if frames is not None and high - first >= frames:
+    if frames is not None and high - first_number >= frames:
         raise InputError(
             f"{people.path}: there are people in frame {high}, but the video has {frames} frames: it is shorter than "
             "its detections; give the video that they were made from"
         )
-    return high - first + 1 if frames is None else frames
+    return high - first_number + 1 if frames is None else frames
 
 
 def _rows(people: DetectedPeople) -> Array:
@@ -135,36 +135,39 @@ def _cleaned(rows: Array) -> tuple[Array, Array]:
     return pixels, np.minimum(confidence / max(1.0, highest), 1.0)
 
 
-def _which_keypoints(people: DetectedPeople, rows: Array, given: str | None) -> KeypointSet:
-    """The keypoint set of people ``(N, J, 3)``: the one given, else by their number and by how they look."""
+def _which_keypoints(people: DetectedPeople, rows: Array, requested: str | None) -> KeypointSet:
+    """The keypoint set of people ``(N, J, 3)``: the requested one, or by number and distances of the keypoints."""
     path, count = people.path, rows.shape[1]
     of_count = [name for name, keypoints in KEYPOINT_SETS.items() if len(keypoints) == count]
     whole_body = WHOLE_BODY.get(count)
-    name = given or whole_body or next(iter(of_count), None)
+    name = requested or whole_body or next(iter(of_count), None)
     if name is None or (len(keypoint_set(name)) != count and name != whole_body):
-        known = ", ".join(f"{name} ({len(keypoints)})" for name, keypoints in KEYPOINT_SETS.items())
-        told = ": no known set has as many" if given is None else f", but {given} has {len(keypoint_set(given))}"
-        raise FileFormatError(f"{path}: people have {count} keypoints{told}: known are {known}")
+        sets = ", ".join(f"{name} ({len(keypoints)})" for name, keypoints in KEYPOINT_SETS.items())
+        reason = ": no known set has as many" if requested is None else f", but {name} has {len(keypoint_set(name))}"
+        raise FileFormatError(f"{path}: people have {count} keypoints{reason}: known are {sets}")
     chosen = keypoint_set(name)
-    if given is None and whole_body is not None:
+    if requested is None and whole_body is not None:
         warn(path, f"of {count} whole-body keypoints, the first {len(chosen)} are read, as {name}")
     _check_names(path, chosen, people.names[: len(chosen)])
     if len(of_count) < 2:
         return chosen
     # Of sets with as many keypoints, the one in which eyes are at noses and heels at ankles.
-    apart = {name: _apart(keypoint_set(name), rows) for name in of_count}
-    best = min(apart, key=apart.__getitem__)
-    is_plausible = apart[name] < PLAUSIBLE_CLOSE
-    if best == name or is_plausible or apart[best] >= PLAUSIBLE_CLOSE:
-        if given is None and not is_plausible:
-            others = ", ".join(other for other in of_count if other != name)
-            warn(path, f"{count} keypoints are taken as {name}; if they are {others}, say so (keypoints)")
+    distances = {name: _close_distance(keypoint_set(name), rows) for name in of_count}
+    nearest_name = min(distances, key=distances.__getitem__)
+    is_plausible = distances[name] < PLAUSIBLE_CLOSE
+    if nearest_name == name or is_plausible or distances[nearest_name] >= PLAUSIBLE_CLOSE:
+        if requested is None and not is_plausible:
+            alternatives = ", ".join(alternative for alternative in of_count if alternative != name)
+            warn(path, f"{count} keypoints are taken as {name}; if they are {alternatives}, say so (keypoints)")
         return chosen
-    if given is not None:
-        warn(path, f"read as {given}, as asked, but people look like {best}: eyes and heels are in the wrong places")
+    if requested is not None:
+        warn(
+            path,
+            f"read as {name}, as asked, but people look like {nearest_name}: eyes and heels are in the wrong places",
+        )
         return chosen
-    warn(path, f"{count} keypoints are taken as {best}, not {name}: so eyes are at noses and heels at ankles")
-    return keypoint_set(best)
+    warn(path, f"{count} keypoints are taken as {nearest_name}, not {name}: so eyes are at noses and heels at ankles")
+    return keypoint_set(nearest_name)
 
 
 def _check_names(path: Path, chosen: KeypointSet, names: tuple[str, ...]) -> None:
@@ -181,16 +184,15 @@ def _check_names(path: Path, chosen: KeypointSet, names: tuple[str, ...]) -> Non
         )
 
 
-def _apart(keypoints: KeypointSet, rows: Array) -> float:
-    """Median distance of points that should lie close together, in extents of their person; infinite if unseen."""
-    seen = np.all(np.isfinite(rows), axis=-1) & (rows[..., 2] > 0)
-    points = np.where(seen[..., None], rows[..., :2], np.nan)
-    enough = seen.sum(axis=1) > rows.shape[1] // 2
-    points = points[enough]
+def _close_distance(keypoints: KeypointSet, rows: Array) -> float:
+    """Median distance of points that should lie close together, in extents of their person; infinite without any."""
+    is_detected = np.all(np.isfinite(rows), axis=-1) & (rows[..., 2] > 0)
+    points = np.where(is_detected[..., None], rows[..., :2], np.nan)
+    points = points[is_detected.sum(axis=1) > rows.shape[1] // 2]
     if not len(points):
         return np.inf
     extent = np.linalg.norm(np.nanmax(points, axis=1) - np.nanmin(points, axis=1), axis=-1)
-    index = {name: at for at, name in enumerate(keypoints.keypoints)}
+    index = {name: number for number, name in enumerate(keypoints.keypoints)}
     pairs = [(index[a], index[b]) for a, b in CLOSE if a in index and b in index]
     distance = np.array([np.linalg.norm(points[:, a] - points[:, b], axis=-1) / extent for a, b in pairs])
     return float(np.nanmedian(distance)) if np.any(np.isfinite(distance)) else np.inf
@@ -218,12 +220,12 @@ def write_mmpose(
     keypoints: KeypointSet,
     frames: Sequence[Sequence[TrackedPose]],
     time: Array,
-    about: Mapping[str, Any],
+    metadata: Mapping[str, Any],
     overwrite: bool = False,
 ) -> None:
     """Write the poses of all ``F`` frames of a video, frames without people included, whole or not at all.
 
-    ``time`` is ``(F,)`` seconds of the frames after the first; ``about`` tells people of the video, the model …
+    ``time`` is ``(F,)`` seconds of the frames after the first; ``metadata`` describes the video, the model …
 
     Raises:
         InputError: if the file exists, or its folder is missing or read-only.
@@ -232,7 +234,7 @@ def write_mmpose(
         "dataset_name": keypoints.name,
         "num_keypoints": len(keypoints),
         "keypoint_id2name": {str(index): name for index, name in enumerate(keypoints.keypoints)},
-        **about,
+        **metadata,
     }
     with atomic_open(path, "w", overwrite) as file:
         file.write(f'{{"meta_info": {json.dumps(meta)},\n"instance_info": [\n')

@@ -1,4 +1,4 @@
-"""What belongs to a camera, as messages: Foxglove's for intrinsics, poses and images, ours for the rest."""
+"""Messages of cameras: Foxglove's for intrinsics, poses and images, ours for the rest."""
 
 import os
 from collections.abc import Iterable, Iterator, Sequence
@@ -85,14 +85,6 @@ def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
     return CameraPath(time, matrix_from_quaternion(xyzw, Order.XYZW), p_world_camera)
 
 
-@dataclass(frozen=True)
-class DetectionTruth:
-    """Of every detection: ``(N,)`` the wearer behind it (−1 for nobody), ``(N, K, 2)`` its true pixels if known."""
-
-    wearer: np.ndarray
-    pixels: Array | None
-
-
 def detection_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: int) -> Iterator[TimedMessage]:
     """One message a video frame, serialised, in the order of time."""
     times_ns = nanoseconds(camera.timed_detections.time, start_ns)
@@ -117,8 +109,13 @@ def _frames(detections: Detections, truth: CameraTruth | None) -> Iterator[Detec
         yield message
 
 
-def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[Detections, DetectionTruth | None]:
-    """The detections of their messages; frames lost in between count as frames without people."""
+def detections_of(
+    info: CameraInfo, messages: Sequence[Detections2D]
+) -> tuple[Detections, np.ndarray | None, Array | None]:
+    """Detections of messages, their true wearers ``(N,)`` (−1 for nobody) and true pixels ``(N, K, 2)``, where known.
+
+    Frames lost in between become frames without people.
+    """
     keypoints = keypoint_set_of(info)
     K = len(keypoints)
     last_frame, most_frames = max((message.frame for message in messages), default=0), 20_000_000  # 9 h at 600 Hz
@@ -147,16 +144,16 @@ def detections_of(info: CameraInfo, messages: Sequence[Detections2D]) -> tuple[D
         _torso_colours([person for _, person in people]),
     )
     if not all(person.HasField("truth_wearer") for _, person in people):
-        return detections, None
+        return detections, None, None
     wearer = np.array([person.truth_wearer for _, person in people], dtype=int)
-    pixels = [person.truth_pixels for _, person in people]
-    if any(len(of_person) != 2 * K for of_person in pixels):
-        return detections, DetectionTruth(wearer, None)
-    return detections, DetectionTruth(wearer, np.array(pixels, dtype=float).reshape(-1, K, 2))
+    if any(len(person.truth_pixels) != 2 * K for _, person in people):
+        return detections, wearer, None
+    pixels = np.array([person.truth_pixels for _, person in people], dtype=float)
+    return detections, wearer, pixels.reshape(-1, K, 2)
 
 
 def _torso_colours(people: Sequence[Detections2D.Person]) -> Array | None:
-    """Shares ``(N, B)``, NaN where not seen; None if nobody has any."""
+    """Shares ``(N, B)``, NaN without an observation; None if nobody has any."""
     sizes = {len(person.torso_colour) for person in people} - {0}
     if not sizes:
         return None
@@ -175,7 +172,7 @@ def keypoint_set_of(info: CameraInfo) -> KeypointSet:
 
 
 def _filled(frames: np.ndarray, time: Array) -> Array:
-    """Times of all frames: those lost lie between their neighbours', or before the first at the same rate."""
+    """Times of all frames; lost ones are interpolated, or precede the first at the same rate."""
     if not len(frames) or len(frames) == frames[-1] + 1:
         return time
     every = np.arange(frames[-1] + 1)
@@ -189,22 +186,28 @@ MOUNT = Codec(CameraInfo.Mount, CameraMount, {"mounting_wxyz": "R_camera_imu"})
 
 
 def clock_fields(value: Any) -> dict[str, float]:
-    """The clock of a video, as messages of a camera have it."""
+    """The clock of a video as fields of a message."""
     return {"time_offset_s": value.clock.offset, "time_drift": value.clock.drift}
 
 
 def with_clock(message: Any, read: dict[str, Any]) -> dict[str, Any]:
-    """What was read of a camera, and the clock of its video."""
+    """Attributes of a camera with the clock of its video."""
     return read | {"clock": VideoClock(message.time_offset_s, message.time_drift)}
 
 
-HEAD = Codec(CameraInfo, Camera, {"mount": "mounting", "video": "images"}, more=clock_fields, mend=with_clock)
+HEAD = Codec(
+    CameraInfo,
+    Camera,
+    {"mount": "mounting", "video": "images"},
+    encode_hook=clock_fields,
+    decode_hook=with_clock,
+)
 """Everything but intrinsics, detections, samples and images."""
-TRUTH = Codec(CameraInfo, CameraTruth, more=clock_fields, mend=with_clock)
+TRUTH = Codec(CameraInfo, CameraTruth, encode_hook=clock_fields, decode_hook=with_clock)
 
 
 def camera_info_message(camera: Camera, **attributes: Any) -> CameraInfo:
-    """What a camera is, and the keypoints of its detector; with the attributes given besides."""
+    """The message about a camera and the keypoints of its detector; ``attributes`` complete or replace its own."""
     poses = 0 if camera.known_path is None else len(camera.known_path)
     attributes["mounting"] = None if camera.mount is None else MOUNT.encode(camera.mount, imu=camera.mount.imu.name)
     keypoints = camera.keypoints
@@ -264,13 +267,13 @@ def _stored_path(video: Path, mcap_path: Path) -> str:
 
 @dataclass(frozen=True)
 class CameraTopics:
-    """Where one camera's messages are: those of the first are below ``/camera``, others' below ``/camera/<name>``."""
+    """Topics of a camera: below ``/camera`` for the first, ``/camera/<name>`` for the others."""
 
     prefix: str = "/camera"
 
     @classmethod
     def of(cls, name: str) -> "CameraTopics":
-        """Those of a further camera."""
+        """Topics of a further camera."""
         return cls("/camera/" + name.replace("%", "%25").replace("/", "%2F"))
 
     def __call__(self, what: str) -> str:
@@ -278,24 +281,23 @@ class CameraTopics:
         return f"{self.prefix}/{what}"
 
     def truth(self, what: str) -> str:
-        """The topic of what is known: info, pose or calibration."""
+        """The topic of the true info, pose or calibration."""
         return f"/truth{self.prefix}/{what}"
 
 
 def camera_messages(
     writer: MessageWriter, topics: CameraTopics, camera: Camera, start_ns: int, path: Path
 ) -> list[Iterable[TimedMessage]]:
-    """Write what comes once; returned is what comes in time."""
+    """Write what comes once, and return the messages of samples and frames."""
     writer.write(topics("info"), _recorded_info(camera, path), start_ns)
     writer.write(topics("calibration"), intrinsics_message(camera.model, camera.name, start_ns), start_ns)
     streams: list[Iterable[TimedMessage]] = [
         detection_messages(writer, topics("detections"), camera, start_ns),
         image_messages(writer, topics("image"), camera, start_ns),
     ]
-    if camera.known_path is not None:
-        streams.append(path_messages(writer, topics("pose"), camera.known_path, start_ns))
-    if camera.odometry is not None:
-        streams.append(path_messages(writer, topics("odometry"), camera.odometry, start_ns))
+    for topic, camera_path in (("pose", camera.known_path), ("odometry", camera.odometry)):
+        if camera_path is not None:
+            streams.append(path_messages(writer, topics(topic), camera_path, start_ns))
     if camera.mount is not None:
         streams.append(sample_messages(writer, topics("imu"), camera.mount.imu, start_ns))
     truth = camera.truth
@@ -326,7 +328,7 @@ def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int, has_truth: 
     frames = topics.all(topic_of("detections"), Detections2D)
     if len(frames) < info.frames:
         warn(path, f"camera '{info.name}': {len(frames)} of {info.frames} video frames are left")
-    detections, wearers = detections_of(info, frames)
+    detections, wearer, pixels = detections_of(info, frames)
     images = topics.all(topic_of("image"), CompressedImage)
     return Camera(
         model=intrinsics_of(intrinsics),
@@ -335,7 +337,7 @@ def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int, has_truth: 
         known_path=path_of(topics.all(topic_of("pose"), PoseInFrame), start_ns),
         odometry=path_of(topics.all(topic_of("odometry"), PoseInFrame), start_ns),
         video=video_of(info.video, images, path) if info.HasField("video") else None,
-        truth=_truth_of(topics, topic_of, start_ns, wearers) if has_truth and wearers is not None else None,
+        truth=None if not has_truth or wearer is None else _truth_of(topics, topic_of, start_ns, wearer, pixels),
         **HEAD.values(info),
     )
 
@@ -350,8 +352,10 @@ def _mount_left(topics: Topics, topic_of: CameraTopics, info: CameraInfo, start_
     return mount_of(info.mount, streams[info.mount.imu])
 
 
-def _truth_of(topics: Topics, topic_of: CameraTopics, start_ns: int, wearers: DetectionTruth) -> CameraTruth | None:
-    """What a file knows of a camera and of who is who before it; None if it does not, or too little is left."""
+def _truth_of(
+    topics: Topics, topic_of: CameraTopics, start_ns: int, wearer: np.ndarray, pixels: Array | None
+) -> CameraTruth | None:
+    """A camera's truth with the true wearer of each detection; None if the file has none, or not enough of it."""
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
     info = topics.last(topic_of.truth("info"), CameraInfo)
@@ -364,5 +368,5 @@ def _truth_of(topics: Topics, topic_of: CameraTopics, start_ns: int, wearers: De
     if len(poses) < info.known_poses:
         warn(topics.path, f"{len(poses)} of {info.known_poses} true poses of the camera are left")
     calibration = topics.object(topic_of.truth("calibration"), CALIBRATION) or {}
-    pixels = wearers.pixels if info.has_true_pixels else None
-    return CameraTruth(poses, wearers.wearer, pixels, next(iter(calibration.values()), None), **TRUTH.values(info))
+    true_pixels = pixels if info.has_true_pixels else None
+    return CameraTruth(poses, wearer, true_pixels, next(iter(calibration.values()), None), **TRUTH.values(info))

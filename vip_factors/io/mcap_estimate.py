@@ -85,35 +85,35 @@ HEAD = Codec(
     EstimateInfo,
     WearerEstimate,
     {"start": "start_ns", "start_choice": "start", "motion": "motion_info"},
-    more=lambda estimate: {"residual_kinds": list(estimate.residuals)} | _findings(estimate),
-    mend=lambda message, read: read | _findings_of(message),
+    encode_hook=lambda estimate: {"residual_kinds": list(estimate.residuals)} | _findings(estimate),
+    decode_hook=lambda message, read: read | _findings_of(message),
 )
 """An estimate of a wearer without its frames; the absolute time of its t = 0 and the motion's message are given."""
 SCENE_HEAD = Codec(
     EstimateInfo,
     Estimate,
     {"start": "start_ns"},
-    more=_findings,
-    mend=lambda message, read: read | _findings_of(message),
+    encode_hook=_findings,
+    decode_hook=lambda message, read: read | _findings_of(message),
 )
 """What an estimate is as a whole; its start and what its wearers' topics begin with are given."""
-CAMERA_HEAD = Codec(CameraEstimateInfo, CameraEstimate, more=clock_fields, mend=_with_clock)
+CAMERA_HEAD = Codec(CameraEstimateInfo, CameraEstimate, encode_hook=clock_fields, decode_hook=_with_clock)
 """What a camera's estimate is; how many poses and residuals there are is given."""
 
 
 def _cameras(contents: McapContents) -> list[str]:
-    """What the topics of each camera begin with: of the first one, then of the others in the order of their names."""
+    """Prefixes of the cameras' topics: the first camera's, then the others' in the order of their names."""
     infos = (topic for topic in contents.topics if topic.startswith(FURTHER_CAMERA) and topic.endswith(INFO))
     return [CAMERA, *sorted(topic.removesuffix(INFO) for topic in infos)]
 
 
 def _is_of_frames(topic: str) -> bool:
-    """Whether messages are of frames, or say of a camera how many poses follow."""
+    """Whether messages belong to frames, or state the number of a camera's poses."""
     return topic.endswith((POSE, RESIDUALS)) or (topic.startswith(CAMERA) and topic.endswith(INFO))
 
 
 def is_read(channel: McapChannel) -> bool:
-    """Whether a channel is of an estimate, and not for viewers alone."""
+    """Whether a channel belongs to an estimate, and not to viewers alone."""
     shown = channel.topic.endswith((TRANSFORMS, CAMERA_PATH))
     return channel.topic.startswith(ESTIMATE) and not shown
 
@@ -142,7 +142,7 @@ def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
 
 
 def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
-    """What an estimate says of the whole, without its frames, and how many these are, of all wearers."""
+    """An estimate without its frames, and the number of frames of all wearers."""
     contents = read_few(path, lambda channel: is_read(channel) and not _is_of_frames(channel.topic))
     with warnings.catch_warnings():  # that frames are missing
         warnings.simplefilter("ignore")
@@ -163,7 +163,7 @@ def read_start(path: str | os.PathLike[str]) -> tuple[int, float]:
 
 
 def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
-    """One wearer's estimate, of the messages below the topic ``prefix``."""
+    """One wearer's estimate, from the messages below the topic ``prefix``."""
     path, topics = contents.path, Topics(contents, prefix)
     info = topics.last(INFO, EstimateInfo)
     if info is None or not info.HasField("motion"):
@@ -188,7 +188,7 @@ def _wearer_of(contents: McapContents, prefix: str = SINGLE) -> WearerEstimate:
 
 
 def _camera(contents: McapContents, prefix: str) -> CameraEstimate | None:
-    """A camera's estimate, of the messages below the topic ``prefix``."""
+    """A camera's estimate, from the messages below the topic ``prefix``."""
     from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 
     topics = Topics(contents, prefix)
@@ -275,7 +275,7 @@ def _check_residuals(estimate: WearerEstimate) -> None:
 
 
 def _wearer_prefixes(estimate: Estimate) -> list[str]:
-    """What each wearer's topics begin with: the motion's name, or where two have the same, their numbers."""
+    """Prefixes of the wearers' topics: by the motions' names, or by numbers if two have the same name."""
     names = [wearer.motion.name for wearer in estimate.wearers]
     if len(set(names)) < len(names):
         names = [str(number) for number in range(len(names))]

@@ -1,4 +1,4 @@
-"""What there is of every sample or frame, to and from messages, quickly: samples of IMUs, poses, residuals.
+"""Messages of every sample or frame, written and read fast: samples of IMUs, poses, residuals.
 
 A motion is there as Foxglove's transforms of all joints too, which viewers of MCAP files show and nobody reads back.
 """
@@ -40,7 +40,7 @@ def sample_messages(writer: MessageWriter, topic: str, stream: ImuStream, start_
 
 
 def _samples(stream: ImuStream) -> Iterator[ImuSample]:
-    """One message, filled anew for every sample."""
+    """Messages of all samples, in one reused object."""
     absent: list[None] = [None] * len(stream)
     R = stream.R_inertial_sensor
     force = absent if stream.specific_force is None else stream.specific_force.tolist()
@@ -56,7 +56,7 @@ def _samples(stream: ImuStream) -> Iterator[ImuSample]:
 def fill_sample(
     message: ImuSample, force: list[float] | None, wxyz: list[float] | None, rate: list[float] | None = None
 ) -> None:
-    """What was measured into a message; what is None is left out."""
+    """Fill a message with measurements; None is left out."""
     for values, vector in ((force, message.specific_force), (rate, message.angular_rate)):
         if values is not None:
             vector.x, vector.y, vector.z = values
@@ -131,7 +131,7 @@ def pose_messages(
     covariance: PoseCovariance | None = None,
     first_frame: int = 0,
 ) -> Iterator[TimedMessage]:
-    """The frames of a motion, serialised, in the order of time; the first of them has the number ``first``."""
+    """The frames of a motion, serialised, in the order of time, numbered from ``first_frame``."""
     wxyz = quaternion_from_matrix(motion.R_parent_child, Order.WXYZ).reshape(len(motion), 4 * JOINT_COUNT)
     messages = (
         BodyPose(
@@ -149,7 +149,7 @@ def pose_messages(
 def motion_of(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> tuple[Motion, PoseCovariance | None]:
     """The motion of its messages, and its covariance if all frames have one.
 
-    The last pose is held over gaps, of which a warning tells; before a gap that is too long for that the motion ends.
+    The last pose is held over gaps, with a warning; before a longer gap the motion ends.
     """
     poses = _held_over_gaps(path, info, poses)
     frames = len(poses)
@@ -197,7 +197,7 @@ def _rows(what: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
 def residual_messages(
     writer: MessageWriter, topic: str, time: Array, residuals: Mapping[str, Array], start_ns: int, first_frame: int = 0
 ) -> Iterator[TimedMessage]:
-    """The residuals of frames at ``time`` ``(T,)``, serialised; the first of them has the number ``first``."""
+    """The residuals of frames at ``time`` ``(T,)`` s, serialised, numbered from ``first_frame``."""
     messages = (
         Residuals(
             frame=first_frame + row,
@@ -216,7 +216,7 @@ def camera_pose_messages(
     covariance: Array | None = None,
     first_frame: int = 0,
 ) -> Iterator[TimedMessage]:
-    """The poses of a camera, serialised, in the order of time; the first of them has the number ``first``."""
+    """The poses of a camera, serialised, in the order of time, numbered from ``first_frame``."""
     times_ns = nanoseconds(path.time, start_ns)
     return writer.stamped(topic, CameraPose, times_ns, camera_poses(path, start_ns, covariance, first_frame))
 
@@ -272,11 +272,11 @@ def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence
     """``(T, wearers)``; NaN where a frame's message is lost."""
     if not info.has_residuals:
         return None
-    most = 20_000_000  # nine hours at 60 Hz, of ten wearers
-    if info.residual_frames * info.wearers > most:
+    largest_size = 20_000_000  # nine hours at 60 Hz, ten wearers
+    if info.residual_frames * info.wearers > largest_size:
         raise FileFormatError(
-            f"{path}: tells of reprojection errors in {info.residual_frames} frames of {info.wearers} wearers: "
-            f"expected {most:,} at most; the file is damaged, copy it again"
+            f"{path}: reprojection errors in {info.residual_frames} frames of {info.wearers} wearers: expected "
+            f"{largest_size:,} at most; the file is damaged, copy it again"
         )
     return residuals_of((REPROJECTION,), info.wearers, messages, info.residual_frames)[REPROJECTION]
 
@@ -307,5 +307,5 @@ def transform_messages(writer: MessageWriter, topic: str, motion: Motion, start_
 
 
 def shown_step(motion: Motion) -> int:
-    """Every so-manieth frame is shown."""
+    """Step between the frames for viewers."""
     return max(1, ceil(motion.rate / SHOWN_HZ - 1e-9))

@@ -1,4 +1,4 @@
-"""The messages of an MCAP file by topic: read with what they mean, and written."""
+"""The messages of an MCAP file by topic, read and written."""
 
 import warnings
 from collections.abc import Iterable, Iterator
@@ -61,7 +61,7 @@ class Topics:
 
     Args:
         contents: of the file.
-        prefix: what every topic that is asked for begins with.
+        prefix: of every topic in calls.
     """
 
     def __init__(self, contents: McapContents, prefix: str = "") -> None:
@@ -71,7 +71,7 @@ class Topics:
             self._channels.setdefault(messages.channel.topic, []).append(messages)
 
     def channels(self, topic: str, message_class: "type[Message]") -> list[McapMessages]:
-        """The channels of a topic that carry these messages: one, unless several programs wrote the file."""
+        """The channels of a topic with these messages: a single one, unless several programs wrote the file."""
         channels = self._channels.get(self._prefix + topic, ())
         return [messages for messages in channels if is_ours(messages.channel, message_class)]
 
@@ -81,7 +81,7 @@ class Topics:
         return [message for messages in channels for message in parsed(self.path, messages, message_class)]
 
     def last(self, topic: str, message_class: type[M]) -> M | None:
-        """The last of them: of what comes several times the last one counts."""
+        """The last message of one kind on one topic, which replaces those before it."""
         messages = self.all(topic, message_class)
         return messages[-1] if messages else None
 
@@ -90,19 +90,19 @@ class Topics:
         return tuple(codec.decode(message) for message in self.all(topic, codec.message))
 
     def object(self, topic: str, codec: Codec[Any, T]) -> T | None:
-        """The object of the last of them."""
+        """The object of the last message on a topic."""
         message = self.last(topic, codec.message)
         return None if message is None else codec.decode(message)
 
 
 def warn(path: Path, sentence: str) -> None:
-    """Say what of a file was left out."""
+    """Warn about a part of a file that is left out."""
     warnings.warn(McapWarning(f"{path}: {sentence}"), stacklevel=3)
 
 
 @contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Put the file's name before the message of whatever is wrong with its contents."""
+    """Put the file's name before the messages of errors about its contents."""
     try:
         yield
     except InputError as error:
@@ -152,30 +152,30 @@ class MessageWriter:
         return self._channels[topic]
 
     def write(self, topic: str, message: "Message", time_ns: int) -> None:
-        """One message of any kind."""
+        """Write one message of any kind."""
         self.add(self.channel(topic, type(message)), time_ns, message.SerializeToString())
 
     def add(self, channel: int, time_ns: int, data: bytes) -> None:
-        """One serialised message. Log times are unsigned: what lies before the epoch is logged at 0."""
+        """Write one serialised message. Log times are unsigned: times before the epoch become 0."""
         time_ns = max(time_ns, 0)
         self._writer.add_message(channel, time_ns, data, time_ns, next(self._sequence) & 0xFFFFFFFF)
 
     def stamped(
         self, topic: str, message_class: "type[M]", times_ns: Iterable[int], messages: "Iterable[M]"
     ) -> Iterator[TimedMessage]:
-        """Messages on one topic in the order of time, with their timestamps, serialised; one may be filled anew."""
+        """Serialise messages of one topic in the order of time, with timestamps; they may be one reused object."""
         channel = self.channel(topic, message_class)
         for time_ns, message in zip(times_ns, messages, strict=True):
             set_timestamp(message.timestamp, time_ns)
             yield time_ns, channel, message.SerializeToString()
 
     def add_in_order(self, *streams: Iterable[TimedMessage]) -> None:
-        """Messages of several streams, each in the order of time, interleaved: a cut then ends all at one time."""
+        """Write several streams, each in the order of time, interleaved: a cut then ends all at one time."""
         for time_ns, channel, data in merge(*streams, key=lambda message: message[0]):
             self.add(channel, time_ns, data)
 
     def flush(self) -> None:
-        """End the chunk, so that what was written so far survives a cut in what follows."""
+        """End the chunk, which then survives a cut in later ones."""
         self._writer.flush()
 
 

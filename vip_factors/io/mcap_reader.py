@@ -38,15 +38,15 @@ READ_ERRORS = (McapError, struct.error, ValueError, OverflowError, MemoryError)
 
 
 class McapWarning(UserWarning):
-    """Something in a file was left out or could not be read, and what it was."""
+    """Part of a file that was left out or could not be read."""
 
 
 class ChunkError(Exception):
-    """A chunk that cannot be read; the message says why."""
+    """Chunk that cannot be read."""
 
 
 class LargeChunkError(ChunkError):
-    """A chunk that holds more than it may, or says so."""
+    """Chunk that holds more bytes than allowed, or claims to."""
 
 
 def largest_chunk() -> int:
@@ -61,11 +61,11 @@ def largest_chunk() -> int:
 
 
 def chunk_data(chunk: Chunk, largest: int) -> bytes:
-    """The records of a chunk, decompressed.
+    """Decompress the records of a chunk.
 
     Raises:
         ChunkError: for an unknown compression, or data that does not match its size or checksum.
-        LargeChunkError: if it holds more than ``largest`` bytes, or says so.
+        LargeChunkError: if it holds more than ``largest`` bytes, or claims to.
     """
     packed, size = chunk.data, chunk.uncompressed_size
     try:
@@ -112,7 +112,7 @@ def records_of(data: bytes) -> Iterator[tuple[int, int, int]]:
 
 @dataclass(frozen=True)
 class McapChannel:
-    """One stream of messages of one type."""
+    """Stream of messages of one type."""
 
     id: int
     topic: str
@@ -123,20 +123,20 @@ class McapChannel:
 
 @dataclass
 class McapMessages:
-    """The messages of one channel in file order: log times in nanoseconds, serialised data."""
+    """Messages of one channel in file order: log times in nanoseconds, serialised data."""
 
     channel: McapChannel
     log_times: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
 
     def rows(self, rows: Sequence[int]) -> "McapMessages":
-        """Some of them, by their places in the lists."""
+        """Select messages by their indices."""
         return McapMessages(self.channel, [self.log_times[row] for row in rows], [self.data[row] for row in rows])
 
 
 @dataclass
 class McapContents:
-    """What an MCAP file holds.
+    """Content of an MCAP file.
 
     Attributes:
         path: of the file.
@@ -157,12 +157,12 @@ class McapContents:
 
 
 class McapPass:
-    """One pass over the records of a file, which gathers messages.
+    """Pass over the records of a file, which gathers messages.
 
     Attributes:
-        contents: what has been read.
+        contents: of the file so far.
         gathered: the messages of wanted channels, by channel id.
-        refusals: sentences about chunks that were larger than they may be.
+        refusals: sentences about chunks that were too large.
 
     Args:
         path: of the file.
@@ -178,7 +178,7 @@ class McapPass:
         self._nameless = 0  # messages of channels that the file never describes
 
     def records(self, file: IO[bytes], largest_record: int) -> Iterator[McapRecord]:
-        """Take in the records of a file that is open at its beginning, and give back each, up to the footer or damage.
+        """Take in and yield the records of a file that is open at its beginning, up to the footer or damage.
 
         Raises:
             FileFormatError: if it is no MCAP file.
@@ -197,7 +197,7 @@ class McapPass:
             self._end_early(file, position)
 
     def take(self, record: McapRecord) -> None:
-        """Take in a record that stands outside of chunks."""
+        """Take in a record outside of chunks."""
         if isinstance(record, Chunk):
             self.take_chunk(record)
         elif isinstance(record, Message):
@@ -210,7 +210,7 @@ class McapPass:
             self.know(McapChannel(record.id, record.topic, record.message_encoding, *described))
 
     def take_chunk(self, chunk: Chunk) -> None:
-        """Take in the records of a chunk; one that is damaged or larger than it may be is left out."""
+        """Take in the records of a chunk; a damaged or too large one is left out."""
         try:
             data = chunk_data(chunk, self._largest)
         except ChunkError as error:
@@ -229,7 +229,7 @@ class McapPass:
                     self.contents.damage.append("the description of a channel is malformed: its messages are left out")
 
     def know(self, channel: McapChannel) -> None:
-        """Take in a channel, unless it is known: chunks and the end of the file repeat them."""
+        """Take in a channel once: chunks and the end of the file repeat them."""
         if channel.id not in self.contents.messages:
             messages = self.contents.messages[channel.id] = McapMessages(channel)
             if self._wanted(channel):
@@ -246,7 +246,7 @@ class McapPass:
             self._nameless += 1
 
     def take_messages(self) -> list[tuple[int, bytes]]:
-        """Channel and data of the messages gathered since the last time, in the order of their log times."""
+        """Channel and data of the messages gathered since the last call, in the order of their log times."""
         messages_by_time = [
             (log_time, number, data)
             for number, messages in self.gathered.items()
@@ -258,14 +258,14 @@ class McapPass:
         return [(number, data) for _, number, data in sorted(messages_by_time, key=lambda message: message[0])]
 
     def take_complaints(self) -> list[str]:
-        """What could not be read since the last time, and what was refused."""
+        """Sentences about damage and refusals since the last call."""
         complaints = [*self.contents.damage, *self.refusals]
         self.contents.damage.clear()
         self.refusals.clear()
         return complaints
 
     def _end_early(self, file: IO[bytes], position: int) -> None:
-        """Take note of a file whose records end at a byte before they should."""
+        """Note a file whose records end early, at byte ``position``."""
         size = file.seek(0, os.SEEK_END)
         file.seek(max(size - len(MAGIC), 0))
         is_cut = size <= position + len(MAGIC) or file.read() != MAGIC
@@ -275,7 +275,7 @@ class McapPass:
         self.contents.damage.insert(0, f"the file is {where} ({upto}); what follows is lost")
 
     def close(self) -> None:
-        """Warn of the damage in a file that was read to its end; refuse one with a chunk larger than it may be."""
+        """Warn about the damage in a file that was read to its end; refuse a file with a chunk that is too large."""
         self.check_size()
         if self._nameless:
             self.contents.damage.append(f"{self._nameless} messages belong to no channel of the file: left out")
@@ -283,7 +283,7 @@ class McapPass:
             warnings.warn(McapWarning(f"{self.contents.path}: {sentence}"), stacklevel=3)
 
     def check_size(self) -> None:
-        """Refuse a file with a chunk larger than it may be (FileFormatError)."""
+        """Refuse a file with a chunk that is too large (FileFormatError)."""
         if self.refusals:
             raise FileFormatError(f"{self.contents.path}: {self.refusals[0]}")
 
@@ -291,10 +291,10 @@ class McapPass:
 def read_contents(
     path: str | os.PathLike[str] | McapContents, wanted: Callable[[McapChannel], bool] | None = None
 ) -> McapContents:
-    """All messages of an MCAP file, or those of the wanted channels; what was read already is given back.
+    """Read the messages of an MCAP file, or those of the wanted channels; contents in memory are returned as they are.
 
-    A file that ends early yields every chunk that is whole before the cut; a chunk whose content is damaged is left
-    out. Both are told as a :class:`McapWarning` and in ``damage``.
+    A file that ends early yields every complete chunk before the cut; a damaged chunk is left out. A
+    :class:`McapWarning` and ``damage`` report both.
 
     Raises:
         InputError: if there is no such file.
@@ -311,7 +311,7 @@ def read_contents(
 
 
 def read_summary(path: str | os.PathLike[str]) -> Summary | None:
-    """What the end of a file says of it: statistics, channels and chunks; None if it does not."""
+    """Read the summary at the end of a file: statistics, channels and chunks; None without a readable one."""
     with _open_file(Path(path)) as file:
         try:
             return SeekingReader(file, record_size_limit=os.fstat(file.fileno()).st_size).get_summary()
@@ -321,12 +321,12 @@ def read_summary(path: str | os.PathLike[str]) -> Summary | None:
 
 @dataclass(frozen=True)
 class McapByTime:
-    """An MCAP file larger than memory, of which as much is in memory as is asked for.
+    """MCAP file larger than memory, read by time.
 
     Attributes:
-        contents: the messages of channels that have few; of sampled channels the first and the last message.
-        sampled: which channels have many messages.
-        chunks: where the file's chunks lie, and which channels and log times they hold.
+        contents: all messages of channels that have few; the first and the last message of sampled channels.
+        sampled: whether a channel has many messages.
+        chunks: index of the file's chunks: position, channels and log times.
         message_count: of all channels.
     """
 
@@ -343,7 +343,7 @@ class McapByTime:
         wanted: Callable[[McapChannel], bool],
         sampled: Callable[[McapChannel], bool],
     ) -> "McapByTime | None":
-        """Read what comes once, and the ends of the rest; None where there is no index, or one that does not fit.
+        """Read what comes once, and the ends of sampled channels; None without an index that fits the file.
 
         Args:
             path: of the file.
@@ -378,7 +378,7 @@ class McapByTime:
         return cls(reading.contents, sampled, summary.chunk_indexes, summary.statistics.message_count)
 
     def between(self, start_ns: int, end_ns: int) -> McapContents:
-        """The messages of sampled channels logged from ``start_ns`` to ``end_ns``, in file order."""
+        """Read messages of sampled channels logged from ``start_ns`` to ``end_ns``, in file order."""
         reading = McapPass(self.contents.path, self.sampled)
         for messages in self.contents.messages.values():
             reading.know(messages.channel)
@@ -409,7 +409,7 @@ class McapByTime:
 
 
 def read_few(path: str | os.PathLike[str], wanted: Callable[[McapChannel], bool]) -> McapContents:
-    """The messages of channels that have few: by the index, or where there is none those of the whole file."""
+    """Read the messages of channels that have few: by the index, or without one from the whole file."""
     file = McapByTime.open(path, read_summary(path), wanted, lambda channel: False)
     return read_contents(path, wanted) if file is None else file.contents
 
@@ -422,7 +422,7 @@ def _take_chunks(reading: McapPass, chunks: Sequence[ChunkIndex]) -> None:
 
 
 def _open_file(path: Path) -> BinaryIO:
-    """The file, if it can be read from any place in it."""
+    """Open a file that can be read from any position."""
     if path.is_dir():
         raise InputError(f"{path} is a folder: expected an MCAP file")
     if not path.exists():
@@ -433,7 +433,7 @@ def _open_file(path: Path) -> BinaryIO:
 
 
 def _check_magic(path: Path, start: bytes) -> None:
-    """Refuse a file that does not begin as MCAP files do."""
+    """Refuse a file that does not begin as an MCAP file."""
     if not start:
         raise FileFormatError(f"{path} is empty (0 bytes): expected an MCAP file; write or copy it again")
     if start != MAGIC[: len(start)]:

@@ -1,4 +1,4 @@
-"""A recording as an MCAP file: one message a sample, so that Foxglove and Rerun plot it (data_schemas/README.md)."""
+"""Recordings in MCAP files: one message a sample, so that Foxglove and Rerun plot it (data_schemas/README.md)."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -39,16 +39,16 @@ SCENE_INFO, FIRST_CAMERA = "/scene/info", CameraTopics()
 READ = (ImuSample, RecordingInfo, BodyPose, CalibrationEstimate)
 
 HEAD = Codec(RecordingInfo, Recording, {"start": "start_ns", "truth": "true_motion"})
-"""A recording without samples, and what is known of its true motion."""
+"""A recording without samples, and its true motion without frames."""
 
 
 def recording_messages(writer: MessageWriter, recording: Recording, prefix: str = "") -> list[Iterable[TimedMessage]]:
-    """Write what comes once; the samples and poses are returned as streams, to be interleaved with others.
+    """Write what comes once, and return the samples and poses as streams, to be interleaved with others.
 
     Args:
         writer: of the file.
         recording: one wearer's.
-        prefix: what its topics begin with.
+        prefix: of its topics.
     """
     start_ns, truth, true_motion = recording.start_ns, recording.truth, None
     if truth is not None:
@@ -66,11 +66,11 @@ def recording_messages(writer: MessageWriter, recording: Recording, prefix: str 
 
 
 def recording_of(contents: McapContents, prefix: str = "", has_truth: bool = True) -> Recording:
-    """One wearer's recording, of the messages below the topic ``prefix``; the rest of a scene is passed over.
+    """One wearer's recording, from the messages below the topic ``prefix``; the rest of a scene is ignored.
 
     Args:
         contents: of a file.
-        prefix: what the wearer's topics begin with.
+        prefix: of the wearer's topics.
         has_truth: whether the frames of a truth were read; without them it is left out.
     """
     left_out = (ESTIMATE,) if prefix else (ESTIMATE, WEARER, *BEYOND)
@@ -106,15 +106,10 @@ def _recording(topics: Topics, samples: Sequence[McapMessages], has_truth: bool)
     if not info.HasField("placement"):
         warn(path, f"there is no placement on {INFO}: no sensor has a place")
         head["placement"] = Placement()
-    head |= {
-        "initial_pose": head["initial_pose"] or "none",
-        "notes": "\n".join([*filter(None, [head["notes"]]), *topics.contents.damage]),
-    }
-    return Recording(
-        imus=read_streams(path, samples, head["start_ns"]),
-        truth=_truth(topics, info) if has_truth else None,
-        **head,
-    )
+    head["initial_pose"] = head["initial_pose"] or "none"
+    head["notes"] = "\n".join([*filter(None, [head["notes"]]), *topics.contents.damage])
+    truth = _truth(topics, info) if has_truth else None
+    return Recording(imus=read_streams(path, samples, head["start_ns"]), truth=truth, **head)
 
 
 def _truth(topics: Topics, info: RecordingInfo) -> Truth | None:
@@ -167,7 +162,7 @@ def _scene_messages(writer: MessageWriter, scene: Scene, path: Path) -> list[Ite
 
 
 def wearer_topics(names: Sequence[str], single: str = "", several: str = WEARER) -> list[str]:
-    """What the topics of each wearer begin with."""
+    """Prefixes of the wearers' topics."""
     if len(names) == 1:
         return [single]
     return [several + name.replace("%", "%25").replace("/", "%2F") for name in names]
@@ -201,7 +196,7 @@ def is_read(channel: McapChannel) -> bool:
 
 
 def wearer_prefixes(contents: McapContents, info: SceneInfo | None) -> list[str]:
-    """What the topics of each wearer begin with of whom something is left; who has nothing is told."""
+    """Prefixes of the topics of wearers with messages; a warning names the others."""
     remaining = {"/".join(topic.split("/")[:3]): None for topic in contents.topics if topic.startswith(WEARER)}
     prefixes = list(info.wearer_topics) if info is not None else list(remaining) or [""]
     for prefix in prefixes:

@@ -119,7 +119,7 @@ class SceneFile(UnfilmedSource):
         frames = topics.all(camera_topics("detections"), Detections2D)
         for frame in reversed(frames):
             frame.frame -= frames[0].frame
-        detections, _ = detections_of(info, frames)
+        detections, *_ = detections_of(info, frames)
         mount = camera.mount
         if mount is not None:
             streams = read_streams(topics.path, topics.channels(camera_topics("imu"), ImuSample), self.scene.start_ns)
@@ -178,13 +178,13 @@ def _joined_source(
 ) -> UnfilmedSource | None:
     """Parts of one recording as one source; None if a part cannot be read by time, or one of several has a camera."""
     sources = [None if file is None or file.log_times() is None else _source_of(file) for file in files]
-    parts = [source for source in sources if source is not None]
-    if len(parts) < len(files) or (len(parts) > 1 and any(source.scene.cameras for source in parts)):
+    readable = [source for source in sources if source is not None]
+    if len(readable) < len(files) or (len(readable) > 1 and any(source.scene.cameras for source in readable)):
         return None
-    if len(parts) == 1:
-        return parts[0]
-    wearers = join_wearers([source.wearers for source in parts], [str(path) for path in paths])
-    return UnfilmedSource(Scene(parts[0].scene.name, tuple(wearer.head for wearer in wearers)), wearers)
+    if len(readable) == 1:
+        return readable[0]
+    wearers = join_wearers([source.wearers for source in readable], [str(path) for path in paths])
+    return UnfilmedSource(Scene(readable[0].scene.name, tuple(wearer.head for wearer in wearers)), wearers)
 
 
 def _source_of(file: McapByTime, has_truth: bool = False) -> UnfilmedSource | None:

@@ -1,4 +1,4 @@
-"""A small TOML or JSON file that says who wore which sensor where: what the wearer knows and no log does.
+"""Placement files: TOML or JSON files with the wearer and the positions of the sensors, which no log states.
 
 ::
 
@@ -14,8 +14,8 @@
     00B40C45 = { site = "left_thigh", sigma_deg = 20 }
     00B40C99 = { bone = "spine3", position_m = [0, 0.1, -0.1], mounting_wxyz = [1, 0, 0, 0] }
 
-OpenSense's mapping files (``myIMUMappings.xml``) say where sensors sit, too; what nobody says, the log's mountings and
-the sensors' names tell.
+OpenSense's mapping files (``myIMUMappings.xml``) state positions, too. The log's mountings and the sensors' names
+stand in for the rest.
 """
 
 from collections.abc import Mapping
@@ -48,7 +48,7 @@ INITIAL_POSES = ("t-pose", "n-pose", "none")
 
 
 class SensorEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where one sensor sits: at a named site, or anywhere on a bone.
+    """Position of one sensor: a named site, or any place on a bone.
 
     Attributes:
         site: one of :data:`~vip_factors.sensors.calibration.SITES`, or None if a bone is given.
@@ -161,9 +161,9 @@ Rule = str | Mapping[str, str] | Mapping[str, SensorEntry] | None
 
 
 def place_sensors(log: ImportedLog, skeleton: Skeleton, rule: Rule, notes: list[str]) -> Placement:
-    """The placement of a log's sensors on a skeleton; a rule of the user's replaces what the log tells.
+    """The placement of a log's sensors on a skeleton; a rule of the user replaces the log's own placement.
 
-    Only sensors that have an orientation are placed: nothing can be done with the others.
+    Sensors without an orientation are not placed.
     """
     of_log = _sites_of_log(log, skeleton)
     if isinstance(rule, str):
@@ -183,7 +183,7 @@ def place_sensors(log: ImportedLog, skeleton: Skeleton, rule: Rule, notes: list[
 
 
 def _sites_of_log(log: ImportedLog, skeleton: Skeleton) -> dict[str, SensorSite]:
-    """By sensor, what the log itself tells: its mountings first, then its names."""
+    """Sites by sensor from the log itself: its mountings first, then its names."""
     of_log: dict[str, SensorSite] = {}
     if log.placement is not None:
         stature_m = log.stature_m  # the stature that the positions of the log's own placement are for
@@ -247,7 +247,7 @@ def _of_user(
 
 
 def _mounted(site: SensorSite, of_log: Mapping[str, SensorSite]) -> SensorSite:
-    """The site with the mounting that the log knows, if it has the sensor on the same bone and knows it better."""
+    """The site with the log's mounting, if the log has it on the same bone with a smaller sigma."""
     mounted = of_log.get(site.sensor)
     if mounted is None or mounted.bone != site.bone or mounted.mounting_sigma >= site.mounting_sigma:
         return site

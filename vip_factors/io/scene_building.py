@@ -1,4 +1,4 @@
-"""From recordings of wearers, and what a detector saw in a video, to one scene; and what cannot belong together."""
+"""Scenes from recordings of wearers and the detections in videos, with checks that these belong together."""
 
 import warnings
 from collections.abc import Sequence
@@ -10,8 +10,7 @@ import numpy as np
 from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.body_file import read_body_file, scene_with_body
-from vip_factors.io.camera_file import read_camera_file, read_floor, read_focal_sigma
-from vip_factors.io.camera_path_file import read_camera_path
+from vip_factors.io.camera_file import read_camera_file, read_camera_path, read_floor, read_focal_sigma
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
@@ -33,7 +32,7 @@ from vip_factors.sensors.scene import UNKNOWN_MOUNTING_SIGMA, Camera, CameraMoun
 
 
 class SceneWarning(UserWarning):
-    """Something about a scene that looks odd or was assumed, and what it was."""
+    """Assumption about a scene, or a doubt."""
 
 
 def read_log_as_scene(path: Path, options: ImportOptions) -> Scene:
@@ -76,24 +75,25 @@ def join_wearers(scenes: Sequence[Scene], name: str | None = None) -> Scene:
     if len(filmed) > 1:
         scene_names = ", ".join(f"'{scene.name}'" for scene in filmed)
         raise InputError(f"scenes {scene_names} have a camera each: expected one camera in all; leave the others' out")
-    first = scenes[0].wearers[0]
+    reference = scenes[0].wearers[0]
     wearers = []
     for scene in scenes:
         for wearer in scene.wearers:
-            if scene is not scenes[0] and not (wearer.start_ns and first.start_ns):
+            if scene is not scenes[0] and not (wearer.start_ns and reference.start_ns):
                 _warn(
-                    f"'{wearer.name}' of {wearer.subject.name} has no absolute time in common with '{first.name}': "
-                    "their times 0 are taken as the same instant"
+                    f"'{wearer.name}' of {wearer.subject.name} has no absolute time in common with "
+                    f"'{reference.name}': their times 0 are taken as the same instant"
                 )
-                wearers.append(replace(wearer, start_ns=first.start_ns))
+                wearers.append(replace(wearer, start_ns=reference.start_ns))
             else:
-                wearers.append(_on_clock(wearer, first.start_ns))
+                wearers.append(_on_clock(wearer, reference.start_ns))
     cameras = filmed[0].cameras if filmed else ()
     if filmed and filmed[0] is not scenes[0]:  # truths count the wearers of their own scene
         cameras = tuple(replace(camera, truth=None) for camera in cameras)
     start_ns = filmed[0].wearers[0].start_ns if filmed else 0
-    if start_ns and first.start_ns and start_ns != first.start_ns:
-        cameras = tuple(_camera_later(camera, (start_ns - first.start_ns) / 1e9) for camera in cameras)
+    if start_ns and reference.start_ns and start_ns != reference.start_ns:
+        seconds = (start_ns - reference.start_ns) / 1e9
+        cameras = tuple(_shifted_camera(camera, seconds) for camera in cameras)
     return Scene(name or scenes[0].name, tuple(wearers), cameras)
 
 
@@ -105,20 +105,20 @@ def _on_clock(wearer: Recording, start_ns: int) -> Recording:
     truth = wearer.truth
     if truth is not None:
         truth = replace(truth, motion=replace(truth.motion, start=truth.motion.start + seconds))
-    imus = {name: _later(stream, seconds) for name, stream in wearer.imus.items()}
+    imus = {name: _shifted(stream, seconds) for name, stream in wearer.imus.items()}
     return replace(wearer, imus=imus, truth=truth, start_ns=start_ns)
 
 
-def _later(stream: ImuStream, seconds: float) -> ImuStream:
+def _shifted(stream: ImuStream, seconds: float) -> ImuStream:
     return replace(stream, time=stream.time + seconds)
 
 
-def _camera_later(camera: Camera, seconds: float) -> Camera:
+def _shifted_camera(camera: Camera, seconds: float) -> Camera:
     mount, path = camera.mount, camera.known_path
     return replace(
         camera,
         clock=replace(camera.clock, offset=camera.clock.offset + seconds),
-        mount=replace(mount, imu=_later(mount.imu, seconds)) if mount is not None else None,
+        mount=replace(mount, imu=_shifted(mount.imu, seconds)) if mount is not None else None,
         known_path=replace(path, time=path.time + seconds) if path is not None else None,
     )
 
@@ -204,14 +204,11 @@ def _known_path(options: CameraOptions) -> CameraPath | None:
     file = options.camera
     if file is None:
         raise InputError("the camera's pose cannot be taken as known without its camera file (camera)")
-    floor = read_floor(file)
-    if not options.static_camera or floor is None:
-        lacks = (
-            "it tells no pose over the floor ([floor])"
-            if options.static_camera
-            else "the camera is not said to stand still"
-        )
-        raise InputError(f"{file}: its pose cannot be taken as known: {lacks}")
+    floor, refusal = read_floor(file), f"{file}: its pose cannot be taken as known"
+    if not options.static_camera:
+        raise InputError(f"{refusal}: the camera is not said to stand still")
+    if floor is None:
+        raise InputError(f"{refusal}: it tells no pose over the floor ([floor])")
     R_floor_camera, p_floor_camera = floor
     return CameraPath(np.zeros(1), R_floor_camera[None], p_floor_camera[None])
 
@@ -270,7 +267,7 @@ def _logged_imu(path: Path, options: CameraOptions, start_ns: int) -> ImuStream:
                 f"{path} has no absolute time in common with the wearers' logs: their first samples are taken as one "
                 "instant; say otherwise in seconds"
             )
-    return _later(with_orientation(log.imus[name]), offset)
+    return _shifted(with_orientation(log.imus[name]), offset)
 
 
 def _check_detections(detections: Detections, model: CameraModel, options: CameraOptions, size_known: bool) -> None:

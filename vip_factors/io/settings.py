@@ -74,7 +74,7 @@ class LogOptions:
 
 @dataclass(frozen=True)
 class CameraOptions:
-    """What filmed a scene: the 2D poses are needed, the rest is optional."""
+    """Camera that filmed a scene: the 2D poses are needed, the rest is optional."""
 
     detections: Path | None = None
     """2D poses: OpenPose's folder, or the .json file of AlphaPose, MMPose or COCO's results."""
@@ -119,7 +119,7 @@ class CameraOptions:
 
 
 class BoneNames(StrEnum):
-    """What the bones of an animation are called."""
+    """Naming scheme of an animation's bones."""
 
     SMPL = "smpl"
     HUMANIK = "humanik"
@@ -136,14 +136,14 @@ class UpAxis(StrEnum):
 
 
 class LengthUnit(StrEnum):
-    """What one unit of length in a file is."""
+    """Unit of length in a file."""
 
     METRES = "m"
     CENTIMETRES = "cm"
 
     @property
     def per_metre(self) -> float:
-        """How many of the unit make a metre."""
+        """Number of units in a metre."""
         return {LengthUnit.METRES: 1.0, LengthUnit.CENTIMETRES: 100.0}[self]
 
 
@@ -159,7 +159,7 @@ class BvhSettings:
 
 
 class TimeZero(StrEnum):
-    """Where the times of a file begin to count."""
+    """Zero of the times in a file."""
 
     RECORDING = "recording"
     LOG = "log"
@@ -168,7 +168,7 @@ class TimeZero(StrEnum):
 
 @dataclass(frozen=True)
 class ExportSettings:
-    """How an estimate is written into a format of another program."""
+    """Options of writing an estimate in another program's format."""
 
     wearer: str | None = None
     """Export this wearer only, by name; of a format that holds one person, each wearer gets a file of its own."""

@@ -75,8 +75,8 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
         unknown = re.fullmatch(r"Object contains unknown field `(.*)`", message, re.DOTALL)
         missing = re.fullmatch(r"Object missing required field `(.*)`", message)
         if unknown is not None:
-            known = kind.__struct_fields__ if issubclass(kind, msgspec.Struct) and place == where else ()
-            raise InputError(f"{path}: unknown key '{_key(place, unknown[1])}'{nearest(unknown[1], known)}") from error
+            keys = kind.__struct_fields__ if issubclass(kind, msgspec.Struct) and place == where else ()
+            raise InputError(f"{path}: unknown key '{_key(place, unknown[1])}'{nearest(unknown[1], keys)}") from error
         if missing is not None:
             raise InputError(f"{path}: {_key(place, missing[1])} is missing") from error
         message = re.sub(r"`([A-Za-z |]*)`", _plain, message)
@@ -86,7 +86,7 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
 
 
 def _path(kind: type[object], value: object) -> object:
-    """The path that text in a file names; values of all other types are what they are."""
+    """The path that text in a file names."""
     if kind is Path and isinstance(value, str):
         return Path(value)
     if isinstance(value, kind):
@@ -100,7 +100,7 @@ def _choices(kind: object) -> list[str]:
         return [str(member.value) for member in kind]  # type: ignore[var-annotated]
     if get_origin(kind) is Literal:
         return list(map(str, get_args(kind)))
-    return [choice for part in get_args(kind) for choice in _choices(part)]
+    return [choice for member in get_args(kind) for choice in _choices(member)]
 
 
 def _named_place(value: object, kind: object, place: str) -> str:
@@ -187,4 +187,4 @@ def toml_text(value: str | float | np.number | Iterable[Any]) -> str:
         return str(int(value))
     if isinstance(value, float | np.floating):
         return repr(float(value))
-    return "[" + ", ".join(toml_text(part) for part in value) + "]"  # type: ignore[union-attr]
+    return "[" + ", ".join(toml_text(element) for element in value) + "]"  # type: ignore[union-attr]

@@ -1,6 +1,4 @@
-"""Frames of a video, to look at: from a file, or from images embedded in a recording; and the colours of people's
-torsos in them: a histogram of what lies between shoulders and hips.
-"""
+"""Frames of a video, from a file or from images embedded in a recording, and the colours of people's torsos in them."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -32,7 +30,7 @@ class VideoFrame(NamedTuple):
 
 @dataclass(frozen=True)
 class VideoFacts:
-    """What a video file is.
+    """Facts about a video file.
 
     Attributes:
         path: of the file.
@@ -175,36 +173,26 @@ def _shown(image: np.ndarray, width: int | None) -> np.ndarray:
 
 
 def embed_video(scene: Scene) -> Scene:
-    """The scene with frames of its video inside, as JPEG, so that its file can be looked at anywhere.
+    """The scene with frames of its first camera's video as JPEG, so that its file can be viewed anywhere.
 
     Raises:
-        InputError: if there is no camera or no video, or it is shorter than its detections.
+        InputError: if the scene has no video.
         FileFormatError: if the file is no video.
     """
     camera = scene.camera
-    if camera is None:
-        raise InputError(f"scene '{scene.name}' has no camera: its video cannot be embedded")
-    source = camera.video.path if camera.video is not None else None
-    if source is None:
+    source = None if camera is None or camera.video is None else camera.video.path
+    if camera is None or source is None:
         raise InputError(f"scene '{scene.name}' names no video file: give one to embed")
     import cv2
 
     every, width = 3, 640  # ten images a second of a video at 30, about 50 kB each: enough to see who is who
     quality = 80  # of 100: lines stay sharp to the eye, at an eighth of the best quality's size
     images: dict[int, bytes] = {}
-    frames = len(camera.detections.time)
-    last = -1
-    for index, _, image in iterate_frames(source, every=every, stop=frames, width=width):
+    for index, _, image in iterate_frames(source, every=every, stop=len(camera.detections.time), width=width):
         good, data = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
         if not good:
             raise InputError(f"{source}: frame {index} cannot be encoded as JPEG")
         images[index] = data.tobytes()
-        last = index
-    if last + every < frames:
-        raise InputError(
-            f"{source}: the video ends near frame {last}, but the detections have {frames} frames: it is shorter than "
-            "its detections; give the video that they were made from"
-        )
     return replace(scene, cameras=(replace(camera, video=Video(source, images)), *scene.cameras[1:]))
 
 
@@ -266,11 +254,11 @@ def with_torso_colours(detections: Detections, video: Video) -> Detections:
     if len(corners) < len(CORNERS) or not len(detections):
         return detections
     every = max(1, round(LOOK_EVERY_S * detections.rate))
-    known = np.all(detections.seen[:, corners] & (detections.confidence[:, corners] >= LEAST_CONFIDENCE), axis=1)
+    is_sure = np.all(detections.seen[:, corners] & (detections.confidence[:, corners] >= LEAST_CONFIDENCE), axis=1)
     colours = np.full((len(detections), COLOURS), np.nan)
     for number, _, image in iterate_frames(video, every=every, stop=len(detections.time)):
-        here = detections.of_frame(number)
-        for row in np.flatnonzero(known[here]) + here.start:
+        rows = detections.of_frame(number)
+        for row in np.flatnonzero(is_sure[rows]) + rows.start:
             colour = torso_colour(image, detections.pixels[row, corners])
             if colour is not None:
                 colours[row] = colour
@@ -290,12 +278,12 @@ def torso_colour(image: np.ndarray, corners: Array) -> Array | None:
         return None
     import cv2
 
-    part = np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])
-    mask = np.zeros(part.shape[:2], np.uint8)
+    torso = np.ascontiguousarray(image[low[1] : high[1], low[0] : high[0]])
+    mask = np.zeros(torso.shape[:2], np.uint8)
     hull = cv2.convexHull(np.round(corners - low).astype(np.int32))
     cv2.fillConvexPoly(mask, hull, 1)
     cv2.polylines(mask, [hull], True, 1, max(1, round(NARROWEST * length)))
-    hsv = cv2.cvtColor(part, cv2.COLOR_RGB2HSV)[mask > 0].astype(float)
+    hsv = cv2.cvtColor(torso, cv2.COLOR_RGB2HSV)[mask > 0].astype(float)
     if len(hsv) < SHORTEST_PX:
         return None
     hsv[hsv[:, 1] < GREY, :2] = 0.0

@@ -1,5 +1,5 @@
-"""Files for animation programs: BVH; binary glTF 2.0 with skinned bodies and the camera; and FBX, which Blender writes
-from the glTF file, without a window: the format has no other open writer.
+"""Files for animation programs: BVH; binary glTF 2.0 with skinned bodies and cameras; and FBX, which has no other open
+writer than Blender, run without a window on the glTF file.
 """
 
 import importlib.util
@@ -123,16 +123,13 @@ def write_gltf(estimate: Estimate, path: Path, settings: ExportSettings, unit: L
 
 
 class _Scene:
-    """A glTF scene that is being put together; ``start`` is the instant that its animation begins, ``unit`` the number
-    of its units in a metre."""
+    """Builder of a glTF scene; ``start`` is the animation's first instant, ``unit`` the number of units in a metre."""
 
     def __init__(self, start: float, unit: float) -> None:
         import pygltflib
 
         self._lib: Any = pygltflib
-        self._start = start
-        self._unit = unit
-        self._buffer = GltfBuffer()
+        self._start, self._unit, self._buffer = start, unit, GltfBuffer()
         self._gltf: Any = pygltflib.GLTF2(
             asset=pygltflib.Asset(version="2.0", generator=f"vip-factors {__version__}"),
             scene=0,
@@ -142,16 +139,16 @@ class _Scene:
         self._motion = pygltflib.Animation(name="motion", channels=[], samplers=[])
 
     def add_wearer(self, estimate: WearerEstimate, names: BoneNames) -> None:
-        """A node that holds the bones, with the wearer's name, and one with the body's mesh.
+        """Add a node that holds the bones, with the wearer's name, and one with the body's mesh.
 
         Unreal's skeletons begin on the floor, with a bone whose z points up; its importer takes the node above for
         Blender's, and leaves it out, if it has the name of Blender's armatures.
         """
         gltf, motion, is_rooted = self._gltf, estimate.motion, names is BoneNames.UNREAL
-        rest = rest_pose(motion.skeleton, names)
-        p, normal = body_mesh(motion.skeleton).posed(rest.R_body_bone, rest.p_body_joint)
+        pose = rest_pose(motion.skeleton, names)
+        p, normal = body_mesh(motion.skeleton).posed(pose.R_body_bone, pose.p_body_joint)
         lift = np.array([0.0, -p[:, 1].min(), 0.0])
-        R_bind, p_bind = rest.R_body_bone @ rest.R_bone_axes, rest.p_body_joint + lift
+        R_bind, p_bind = pose.R_body_bone @ pose.R_bone_axes, pose.p_body_joint + lift
         holder = self._node(name="Armature" if is_rooted else estimate.name, children=[len(gltf.nodes) + 1])
         joints = [len(gltf.nodes) + joint for joint in range(JOINT_COUNT)]
         R_file_world = R_YUP_WORLD
@@ -160,7 +157,7 @@ class _Scene:
             root = self._node(name="root", children=joints[:1], rotation=_quaternions(R_YUP_WORLD[None])[0].tolist())
             R_bind, p_bind = np.concatenate([R_bind, R_YUP_WORLD[None]]), np.concatenate([p_bind, np.zeros((1, 3))])
             R_file_world = np.eye(3)
-        R_parent_axes = np.concatenate([np.eye(3)[None], rest.R_bone_axes[list(PARENTS[1:])]])
+        R_parent_axes = np.concatenate([np.eye(3)[None], pose.R_bone_axes[list(PARENTS[1:])]])
         offsets = self._unit * np.einsum("nji,nj->ni", R_parent_axes, motion.skeleton.p_parent_joint)
         for joint, name in enumerate(bone_names(names)):
             children = [joints[child] for child in _children(joint)]
@@ -173,13 +170,13 @@ class _Scene:
         times = self._times(motion.time)
         R = motion.R_parent_child.copy()
         R[:, 0] = R_file_world @ R[:, 0]
-        R = np.swapaxes(R_parent_axes, 1, 2) @ R @ rest.R_bone_axes
+        R = np.swapaxes(R_parent_axes, 1, 2) @ R @ pose.R_bone_axes
         self._animate(joints[0], "translation", times, self._unit * motion.p_world_pelvis @ R_file_world.T)
         for joint, node in enumerate(joints):
             self._animate(node, "rotation", times, _quaternions(R[:, joint]))
 
     def add_camera(self, camera: CameraEstimate) -> None:
-        """A node with the camera's name, which moves if the camera does."""
+        """Add a node with the camera's name, which moves if the camera does."""
         lib, model = self._lib, camera.model
         yfov = 2 * np.arctan2(model.height / 2, model.focal[1])
         aspect = (model.width / model.focal[0]) / (model.height / model.focal[1])
@@ -193,7 +190,7 @@ class _Scene:
         self._animate(node, "rotation", times, _quaternions(R_YUP_WORLD @ path.R_world_camera @ R_CAMERA_GLTF))
 
     def to_bytes(self) -> bytes:
-        """All that was added, as the bytes of a file."""
+        """The bytes of the file."""
         gltf, buffer = self._gltf, self._buffer
         if self._motion.channels:
             gltf.animations = [self._motion]
@@ -210,7 +207,7 @@ class _Scene:
         return self._buffer.add((time - self._start).astype(np.float32), bounds=True)
 
     def _animate(self, node: int, path: str, times: int | None, values: Array) -> None:
-        """The first value is the node's own; what changes becomes a channel of the animation."""
+        """Set a node's first value, and add a channel to the animation if it changes."""
         setattr(self._gltf.nodes[node], path, values[0].tolist())
         if times is None or np.abs(values - values[0]).max() < STILL:
             return
@@ -273,7 +270,7 @@ CORNERS, INDICES = 34962, 34963  # what a graphics card is to use an array for
 
 
 class GltfBuffer:
-    """Gathers arrays; ``accessors`` and ``views`` are those of pygltflib, ``data`` the bytes."""
+    """Buffer of arrays with their accessors and views, as pygltflib has them."""
 
     def __init__(self) -> None:
         self.accessors: list[Any] = []

@@ -1,4 +1,4 @@
-"""Feet that stand stay where they are: stance phases of a motion, and legs that follow by inverse kinematics."""
+"""Planted feet: stance phases of a motion, and legs that follow by inverse kinematics."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Export of an estimate in the format that a file's suffix names, at another frame rate if asked."""
+"""Export of an estimate in the format of a file's suffix, at another frame rate on request."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -30,13 +30,13 @@ Writer = Callable[[Estimate, Path, ExportSettings], None]
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """A format that an estimate can be written in.
+    """Format of an exported file.
 
     Attributes:
-        writer: ``module:function`` in this folder, imported when asked for; a :data:`Writer`.
+        writer: ``module:function`` in this folder, a :data:`Writer`, imported by :meth:`load`.
         several: whether one file holds several wearers.
-        has_times: whether it tells the time of each frame, on a clock that can be chosen.
-        package: that must be installed for it, of the extra ``export``.
+        has_times: whether it states the time of each frame, on a clock that can be chosen.
+        package: required package of the extra ``export``.
     """
 
     writer: str
@@ -45,7 +45,7 @@ class ExportFormat:
     has_times: bool = False
 
     def load(self) -> Writer:
-        """The writer, its module imported now."""
+        """Import the module and return its writer."""
         module, _, function = self.writer.partition(":")
         return cast(Writer, getattr(import_module(f"vip_factors.io.export.{module}"), function))
 
@@ -65,7 +65,7 @@ FORMATS: dict[str, ExportFormat] = {
 
 
 def export_format(path: Path) -> ExportFormat:
-    """The format that the suffix of a file names; refused if unknown, or without the format's package."""
+    """The format of a file's suffix; refused if unknown, or without the format's package."""
     file_format = FORMATS.get(path.suffix.lower())
     if file_format is None:
         raise InputError(f"{path}: expected a file that ends in {', '.join(FORMATS)}")
@@ -84,14 +84,14 @@ def export(
     start_ns: int = 0,
     clock_s: float = 0.0,
 ) -> tuple[Path, ...]:
-    """Write an estimate into the format that the suffix of ``path`` names.
+    """Write an estimate in the format of the suffix of ``path``.
 
     Args:
         estimate: of one wearer or several.
         path: the file; of several wearers in a format that holds one, ``walk.bvh`` becomes ``walk.Ada.bvh`` …
-        settings: what is written.
+        settings: of the content.
         overwrite: whether files that exist may be replaced.
-        on_message: called with the file of each wearer whose name is no name for a file, or that of another's.
+        on_message: called with the file of each wearer whose name is no valid or unique file name.
         start_ns, clock_s: t = 0 in nanoseconds since 1970, 0 if unknown, and on the log's own clock, for another zero.
 
     Returns:
@@ -148,7 +148,7 @@ def _chosen(estimate: Estimate, wearer: str | None) -> Estimate:
 
 
 def _one_wearer(estimate: Estimate, number: int) -> Estimate:
-    """One wearer of a scene, with what the cameras saw of that one."""
+    """One wearer of a scene, with the cameras' residuals and detections of that wearer."""
     cameras = (
         camera if camera.residual_px is None else replace(camera, residual_px=camera.residual_px[:, [number]])
         for camera in estimate.cameras
@@ -208,7 +208,7 @@ def _wearer(estimate: WearerEstimate, rate: float) -> WearerEstimate:
 
 
 def _camera(camera: CameraEstimate, frame_time: Array, time: Array) -> CameraEstimate:
-    """A camera that stands still stays one pose."""
+    """A camera's estimate at ``time``; a static camera keeps its single pose."""
     moves = len(camera.path) > 1
     covariance, residual = camera.covariance, camera.residual_px
     return replace(

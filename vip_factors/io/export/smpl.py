@@ -1,4 +1,4 @@
-"""Poses as SMPL's users know them: AMASS-style npz (Z up, hands at rest) and 3DPW-style pickle (all wearers, camera).
+"""SMPL poses: npz in AMASS' style (Z up, hands at rest) and pickle in 3DPW's style (all wearers, camera).
 
 Layout of the pickle, frame by frame of the video: readme of the 3DPW data set (von Marcard et al., ECCV 2018). Its
 world has Y up; ``cam_poses`` take it to the camera, whose axes are OpenCV's.
@@ -77,7 +77,7 @@ def write_three_dpw(estimate: Estimate, path: Path, settings: ExportSettings) ->
     poses2d = [_poses2d(number, estimate, filmed, len(time)) for number in range(len(people))]
     frames_60hz = np.rint((time - frame_time[0]) * IMU_RATE).astype(int)
     sexes = {} if scene is None else {wearer.subject.name: wearer.subject.sex for wearer in scene.wearers}
-    # Where a wearer can be looked for in a picture: seen there, if the recording is known to tell.
+    # Frames in which a wearer is in the picture: by detections, if the recording is given.
     is_inside = (time >= frame_time[0] - 1e-6) & (time <= frame_time[-1] + 1e-6) & (estimate.camera is not None)
     valid = [is_inside & (scene is None or pixels[:, 2].any(axis=1)) for pixels in poses2d]
     content: dict[str, Any] = {
@@ -136,7 +136,7 @@ def _camera(camera: CameraEstimate | None, time: Array) -> dict[str, Array]:
 
 
 def _poses2d(number: int, estimate: Estimate, filmed: tuple[Camera, CameraEstimate] | None, frames: int) -> Array:
-    """``(N, 3, 18)`` pixels x, y and confidence of a wearer's keypoints, undistorted; zero where there are none."""
+    """``(N, 3, 18)`` pixels x, y and confidence of a wearer's keypoints, undistorted; zero without a detection."""
     poses = np.zeros((frames, 3, len(COCO18)))
     if filmed is None:
         return poses

@@ -30,11 +30,11 @@ from vip_factors.io.settings import ExportSettings
 
 
 def write_csv(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
-    """Write one wearer's table: of ``walk.positions.csv`` or ``walk.angles.csv`` what its name says, else both in one.
+    """Write one wearer's table: positions to ``walk.positions.csv``, angles to ``walk.angles.csv``, else both.
 
     The columns are those of :meth:`~vip_factors.estimate.Estimate.columns`.
     """
-    # The file's temporary name has the words of the one that it will get.
+    # The file's temporary name has the words of the final one.
     named = [table for table in TABLES if table in path.name.lower().split(".")] or TABLES
     columns = estimate.columns(tables=named)
     digits = [4 if name.endswith("_deg") else 6 for name in columns]
@@ -49,13 +49,13 @@ KEYPOINT_MARKERS = {"Nose": "nose", "Head": "head_top", "Neck": "neck", "Hip": "
     for side in ("right", "left")
     for keypoint in _PAIRS.split()
 }
-"""Keypoints by the names that Pose2Sim's models and set-ups have for them, of COCO, BODY_25, BODY_25B and HALPE_26."""
+"""Keypoints of COCO, BODY_25, BODY_25B and HALPE_26 by the names in Pose2Sim's models and set-ups."""
 
 
 def markers(motion: Motion) -> Mapping[str, Array]:
     """Points ``(T, 3)`` in metres, world with z up: joint centres by the skeleton's names, keypoints by Pose2Sim's.
 
-    Toes, heels and the top of the head are left out of a skeleton that does not know them.
+    Toes, heels and the top of the head are left out where the skeleton lacks them.
     """
     points = dict(zip(JOINT_NAMES, np.moveaxis(motion.state.p_world_joint, 1, 0), strict=True))
     places = KeypointSet("markers", tuple(KEYPOINT_MARKERS.values())).on_body(motion.skeleton)

@@ -1,6 +1,4 @@
-"""Motion files of other people, brought onto our skeleton: BVH, and AMASS npz (SMPL-H or SMPL-X pose vectors and root
-path, Z up). One door to them, by their suffix.
-"""
+"""Motion files on our skeleton: BVH, and AMASS npz (SMPL-H or SMPL-X pose vectors and root path, Z up)."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -28,7 +26,7 @@ P_MODEL_PELVIS = np.array([0.0, -0.23, 0.03])
 
 
 def read_amass(path: str | Path) -> Motion:
-    """An AMASS file as a motion of our skeleton. Hands are kept rigid with the wrists.
+    """Read an AMASS file as a motion of our skeleton, with hands rigid at the wrists.
 
     The body is the skeleton that this package's export puts beside the poses, or one of usual stature by ``gender``.
 
@@ -99,7 +97,7 @@ MOTION_SUFFIXES = tuple(READERS)
 
 
 def read_motion(path: str | Path) -> Motion:
-    """A motion file of any known kind on our skeleton, Z up, metres.
+    """Read a motion file of any known kind, by its suffix, on our skeleton, Z up, metres.
 
     Raises:
         InputError: for an unknown suffix.

@@ -30,10 +30,10 @@ class _Hierarchy:
 
 
 def read_bvh(path: str | Path) -> Motion:
-    """A BVH file as a motion of our skeleton: Z up, metres.
+    """Read a BVH file as a motion of our skeleton: Z up, metres.
 
-    The skeleton's family is known by its joint names, its up and left by its rest pose, its unit by the stature that
-    it gives. A rest pose that an exporter put before the take (MVN, cgspeed) is left out.
+    Joint names determine the skeleton's family, its rest pose up and left, its stature the unit. A rest pose that an
+    exporter put before the take (MVN, cgspeed) is left out.
 
     Args:
         path: the file. A file cut short gives the frames it holds whole.
@@ -46,7 +46,7 @@ def read_bvh(path: str | Path) -> Motion:
 
 
 def read_bvh_clip(path: str | Path) -> SourceClip:
-    """A BVH file as it is: its own skeleton, axes and unit."""
+    """Read a BVH file with its own skeleton, axes and unit."""
     path = Path(path)
     lines = read_text(path, "a BVH file", most_bytes=MOST_MOTION_BYTES).splitlines()
     numbered = iter(enumerate(lines, start=1))

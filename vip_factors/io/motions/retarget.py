@@ -1,11 +1,11 @@
-"""From a foreign skeleton to ours.
+"""Retargeting from a foreign skeleton to ours.
 
 Each bone keeps the world direction it has in the source: with ``C`` the constant rotation that takes our T-pose
 direction of a bone onto the source's rest direction, ``R_world_bone = R_world_node C``. Our skeleton gets the
-source's own offsets, so the joints stay where they were. Where a source's rest pose stands for straight limbs
-without having them (``SkeletonMap.straight``) the joint angles are kept instead: one ``C`` for all bones of a limb,
-the limbs of our skeleton are straight, and elbows, knees and what follows come to lie some centimetres from the
-figure's. Where a direction leaves open how a bone is turned about itself, its hinge decides: ours bend elbows about y.
+source's own offsets, which keeps the joints' positions. Where a source's rest pose stands for straight limbs without
+having them (``SkeletonMap.straight``) the joint angles are kept instead: one ``C`` for all bones of a limb, straight
+limbs in our skeleton, and elbows, knees and the joints below some centimetres from the figure's. A bone's turn about
+itself follows from its hinge: ours bend elbows about y.
 """
 
 from dataclasses import replace

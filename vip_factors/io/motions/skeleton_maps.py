@@ -60,9 +60,9 @@ class SkeletonMap:
     directions: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
-def both_sides(table: Mapping[str, str], left: str, right: str) -> dict[str, str]:
+def both_sides(table: Mapping[str, str], left_prefix: str, right_prefix: str) -> dict[str, str]:
     """Entries of both sides: ``{}`` in a node's name stands for the side."""
-    sides = (("left", left), ("right", right))
+    sides = (("left", left_prefix), ("right", right_prefix))
     return {f"{side}_{joint}": node.format(prefix) for joint, node in table.items() for side, prefix in sides}
 
 

@@ -36,7 +36,7 @@ def atomic_path(path: str | os.PathLike[str], overwrite: bool = False) -> Iterat
             yield temporary
             _flush_to_disk(temporary)
             if not overwrite:
-                check_target(path, overwrite)  # somebody may have been quicker
+                check_target(path, overwrite)  # another program may have written it meanwhile
             os.replace(temporary, target)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -57,12 +57,12 @@ def atomic_open(path: str | os.PathLike[str], mode: str = "w", overwrite: bool =
 
 
 def check_complete(written: int, wanted: int, unit: str) -> None:
-    """Check what a library wrote that does not tell of errors: a full disk ends its file early.
+    """Check the output of a library that reports no errors: a full disk ends its file early.
 
     Args:
-        written: how many bytes or frames can be read back.
-        wanted: how many there have to be at least.
-        unit: what they are.
+        written: number of bytes or frames that can be read back.
+        wanted: least number.
+        unit: of the numbers.
 
     Raises:
         OSError: if there are fewer.
@@ -116,7 +116,7 @@ def check_partial(path: Path, overwrite: bool) -> Path:
 
 @contextmanager
 def partial_file(path: Path, overwrite: bool) -> Iterator[Path]:
-    """The path to write to; it becomes ``path`` when the block ends, and stays what it is after an exception."""
+    """The path to write to, which is renamed to ``path`` when the block ends, but not after an exception."""
     partial = check_partial(path, overwrite)
     yield partial
     os.replace(partial, path)

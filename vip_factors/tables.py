@@ -64,7 +64,7 @@ class Table:
     Attributes:
         head: names of the columns; empty where each row is a label and its fact.
         rows: as many cells each.
-        title: what the rows are about.
+        title: of the table.
         words: number of columns that hold words.
         is_detail: whether only few readers need it.
     """
@@ -103,7 +103,7 @@ def degrees(radians: float, sigma: float = math.nan) -> Quantity:
 
 
 def plain(text: str) -> str:
-    """Text that Markdown takes for one line of words, whatever names are in it."""
+    """Escape text as one line of Markdown."""
     return re.sub(r"([\\`*\[\]<>|])", r"\\\1", " ".join(text.split()))
 
 

@@ -70,8 +70,8 @@ def body_of_estimate(estimate: WearerEstimate, source: str) -> BodyFile:
     body, who = estimate.body, estimate.motion.name
     if body is None or not body.names:
         raise InputError(
-            f"{source}: no body of '{who}' was looked for: expected the estimate of a filmed wearer of whom only the "
-            "stature was told; convert with --stature-m, without --segment-lengths-m, and smooth again"
+            f"{source}: no body of '{who}' was looked for: expected the estimate of a filmed wearer with a stature "
+            "but no segment lengths; convert with --stature-m, without --segment-lengths-m, and smooth again"
         )
     if not np.all(np.isfinite(body.covariance)):
         raise InputError(

@@ -66,7 +66,7 @@ class Checkerboard:
         """Its corners in an image ``(height, width)`` of bytes, or None."""
         import cv2
 
-        # The sector-based detector (Duda & Frese 2018): subpixel by itself, and certain about what is no board.
+        # The sector-based detector (Duda & Frese 2018): subpixel by itself, and without false boards.
         flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_ACCURACY
         is_complete, corners = cv2.findChessboardCornersSB(grey, (self.columns, self.rows), flags=flags)
         if not is_complete:

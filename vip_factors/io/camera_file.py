@@ -275,7 +275,7 @@ def _json_numbers(path: Path) -> Numbers:
 def _may_be_deep(text: str) -> bool:
     """Whether lists, tables or elements may stand in one another so deep that OpenCV's recursive parser crashes.
 
-    That takes some 20,000 levels: brackets and tags are counted, and what YAML nests in one line without brackets.
+    That takes some 20,000 levels: brackets and tags are counted, and YAML's nesting in one line without brackets.
     """
     lines = "\n".join(line for line in text.splitlines() if not line.lstrip().startswith("#"))
     pieces = re.split(r"[,\[\]{}\n]", lines)

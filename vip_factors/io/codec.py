@@ -1,6 +1,6 @@
 """Declared conversions between dataclasses and Protobuf messages.
 
-A :class:`Codec` says which message stands for which class. A field holds the attribute of its name, with or without a
+A :class:`Codec` assigns a type of messages to a class. A field holds the attribute of its name, with or without a
 unit behind it, or the one that is declared. How a value is written follows from the type of its field (data_schemas):
 
 =====================  ==========================================================
@@ -10,7 +10,7 @@ field                  attribute
 ``QuaternionWxyz``     ``(3, 3)`` rotation matrix
 ``Timestamp``          absolute time in nanoseconds
 other message          object of the class of that message's codec; None if absent
-                       and None is what the attribute usually is
+                       and None is the attribute's default
 repeated message       tuple of such objects
 repeated text          tuple
 repeated number        array, flattened row by row
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
     from google.protobuf.message import Message
 
 NS_PER_S = 1_000_000_000
-LATEST_NS = 2**63  # 2262: what a signed number of 64 bits holds
+LATEST_NS = 2**63  # 2262: the largest signed number of 64 bits
 UNIT = re.compile("_(m2?|rad2?|s|hz)$")  # at the end of a field's name
 Convert = Callable[[Any], Any]
 M = TypeVar("M", bound="Message")
@@ -177,7 +177,7 @@ class Codec(Generic[M, T]):
         return values if self._decode_hook is None else self._decode_hook(message, values)
 
     def decode(self, message: M) -> T:
-        """The object of a message; raises as :meth:`values`, and for what no such object can be."""
+        """The object of a message; raises as :meth:`values` and the object's class."""
         return self.kind(**self.values(message))
 
     def _shaped(self, message: M, name: str, values: Array) -> Array:
@@ -209,7 +209,7 @@ def _is_repeated(field: FieldDescriptor) -> bool:
 
 
 def _conversions(field: FieldDescriptor) -> tuple[Convert, Convert | None]:
-    """From an attribute to what the message's constructor takes, and from the field back; None if it is not read."""
+    """From an attribute to an argument of the message's constructor, and from the field back (None: not read)."""
     is_repeated, nested = _is_repeated(field), field.message_type
     if nested is not None and nested.GetOptions().map_entry:
         return dict, dict

@@ -56,8 +56,8 @@ def read_detections(
 
     Raises:
         InputError: for a missing file, an unknown keypoint set, a frame before the first, or no rate where the file
-            tells no times.
-        FileFormatError: for content that is not as expected: file, entry and what was expected are named.
+            has no times.
+        FileFormatError: for unexpected content; the message names file, entry and the expected content.
     """
     path = Path(path)
     if rate is not None and (not rate > 0 or not np.isfinite(rate)):
@@ -143,7 +143,9 @@ def _which_keypoints(people: DetectedPeople, rows: Array, requested: str | None)
     name = requested or whole_body or next(iter(of_count), None)
     if name is None or (len(keypoint_set(name)) != count and name != whole_body):
         sets = ", ".join(f"{name} ({len(keypoints)})" for name, keypoints in KEYPOINT_SETS.items())
-        reason = ": no known set has as many" if requested is None else f", but {name} has {len(keypoint_set(name))}"
+        reason = ": no known set has as many"
+        if requested is not None:
+            reason = f", but {requested} has {len(keypoint_set(requested))}"
         raise FileFormatError(f"{path}: people have {count} keypoints{reason}: known are {sets}")
     chosen = keypoint_set(name)
     if requested is None and whole_body is not None:

@@ -1,4 +1,4 @@
-"""A small TOML file with where detectors put their keypoints, as learnt from recordings whose motion is known.
+"""TOML files with offsets of detectors' keypoints from the joints, learnt from recordings of known motion.
 
 ::
 
@@ -36,7 +36,7 @@ def read_keypoint_offsets(path: Path) -> dict[str, KeypointOffsets]:
 
     Raises:
         FileFormatError: if it is no TOML file.
-        InputError: for a value that is not what it has to be.
+        InputError: for an invalid value.
     """
     content = read_toml(path, dict[str, object], "a file of keypoint offsets")
     convert(path, "provenance", content.pop("provenance", ""), str)

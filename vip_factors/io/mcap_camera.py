@@ -276,19 +276,19 @@ class CameraTopics:
         """Topics of a further camera."""
         return cls("/camera/" + name.replace("%", "%25").replace("/", "%2F"))
 
-    def __call__(self, what: str) -> str:
+    def __call__(self, leaf: str) -> str:
         """The topic of info, calibration, detections, imu, pose, odometry or image."""
-        return f"{self.prefix}/{what}"
+        return f"{self.prefix}/{leaf}"
 
-    def truth(self, what: str) -> str:
+    def truth(self, leaf: str) -> str:
         """The topic of the true info, pose or calibration."""
-        return f"/truth{self.prefix}/{what}"
+        return f"/truth{self.prefix}/{leaf}"
 
 
 def camera_messages(
     writer: MessageWriter, topics: CameraTopics, camera: Camera, start_ns: int, path: Path
 ) -> list[Iterable[TimedMessage]]:
-    """Write what comes once, and return the messages of samples and frames."""
+    """Write the messages without a time, and return those of samples and frames."""
     writer.write(topics("info"), _recorded_info(camera, path), start_ns)
     writer.write(topics("calibration"), intrinsics_message(camera.model, camera.name, start_ns), start_ns)
     streams: list[Iterable[TimedMessage]] = [

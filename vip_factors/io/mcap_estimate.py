@@ -1,7 +1,7 @@
-"""An estimate in an MCAP file: what its topics and messages are, how it is read, and written chunk by chunk.
+"""Estimates in MCAP files: topics and messages, read at once and written chunk by chunk.
 
-Every wearer has the same topics, below a prefix of their own where there are several. What the estimate is as a whole,
-the camera's and who is who stand beside them; an estimate of one wearer whom no camera saw needs none of that.
+Every wearer has the same topics, below a prefix of their own if there are several. The scene's, the cameras' and the
+wearers of the detections stand beside them; an estimate of one unfilmed wearer has none of these.
 
 An estimate in memory is written as a single chunk, a stream is many small ones. What is known of the whole at its end
 alone (who is who, findings, headings over time) is written then, once more on the topics that had it at the beginning:
@@ -51,14 +51,14 @@ from vip_factors.sensors.calibration import Calibration
 from vip_factors.solve.levenberg_marquardt import SolveReport
 
 ESTIMATE = "/estimate/"
-SINGLE = "/estimate"  # what the topics of one wearer's estimate begin with, if there is but one
+SINGLE = "/estimate"  # prefix of the topics of a single wearer's estimate
 WEARER = "/estimate/wearer/"  # and if there are several; a name follows
 # Below each wearer's prefix.
 INFO, CALIBRATION, REPORT, POSE, RESIDUALS = "/info", "/calibration", "/report", "/pose", "/residuals"
 TRANSFORMS = "/tf"  # for viewers; never read back
 # Of the whole.
 SCENE_INFO, SCENE_REPORT = "/estimate/scene/info", "/estimate/scene/report"
-CAMERA = "/estimate/camera"  # what the topics of the scene's first camera begin with
+CAMERA = "/estimate/camera"  # prefix of the topics of the scene's first camera
 FURTHER_CAMERA = "/estimate/cameras/"  # and those of the others; a name follows
 # Below each camera's prefix.
 INTRINSICS, CAMERA_POSE = "/intrinsics", "/pose"
@@ -96,7 +96,7 @@ SCENE_HEAD = Codec(
     encode_hook=_findings,
     decode_hook=lambda message, read: read | _findings_of(message),
 )
-"""What an estimate is as a whole; its start and what its wearers' topics begin with are given."""
+"""The scene's part of an estimate; its start and the prefixes of its wearers' topics are given."""
 CAMERA_HEAD = Codec(CameraEstimateInfo, CameraEstimate, encode_hook=clock_fields, decode_hook=_with_clock)
 """What a camera's estimate is; how many poses and residuals there are is given."""
 
@@ -119,7 +119,7 @@ def is_read(channel: McapChannel) -> bool:
 
 
 def read_estimate(path: str | os.PathLike[str] | McapContents) -> Estimate:
-    """Read an estimate, from a file of its own or from one that also holds the recording; or of what was read of it.
+    """Read an estimate from a file, which may also hold the recording, or from its contents.
 
     Of a file that was cut off, every whole frame before the cut is read, and a
     :class:`~vip_factors.io.mcap_reader.McapWarning` says so.
@@ -153,9 +153,7 @@ def read_head(path: str | os.PathLike[str]) -> tuple[Estimate, int]:
 
 
 def read_start(path: str | os.PathLike[str]) -> tuple[int, float]:
-    """Absolute time of an estimate's t = 0 in nanoseconds, 0 if it is not known; and what the log's own clock said
-    then, in seconds.
-    """
+    """Absolute time of an estimate's t = 0 in nanoseconds, 0 if unknown, and that of the log's own clock in seconds."""
     contents = read_few(path, lambda channel: channel.topic.startswith(ESTIMATE) and is_ours(channel, EstimateInfo))
     topics = Topics(contents)
     infos = [info for topic in contents.topics if topic.endswith(INFO) for info in topics.all(topic, EstimateInfo)]
@@ -226,7 +224,7 @@ def write_estimate(
     """Write an estimate; rotations become quaternions, everything else is kept to the bit.
 
     Args:
-        estimate: what to write; its chunks are made here, and what is in memory is one of them.
+        estimate: in memory, a single chunk, or in chunks, which are made here.
         path: of the new file, which has a temporary name until all is written.
         overwrite: whether an existing file may be replaced.
         start_ns: absolute time of t = 0.

@@ -1,6 +1,6 @@
 """Messages of every sample or frame, written and read fast: samples of IMUs, poses, residuals.
 
-A motion is there as Foxglove's transforms of all joints too, which viewers of MCAP files show and nobody reads back.
+Viewers of MCAP files show a motion by Foxglove's transforms of all joints, which are not read back.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -186,11 +186,11 @@ def _held_over_gaps(path: Path, info: MotionInfo, poses: Sequence[BodyPose]) -> 
     return filled
 
 
-def _rows(what: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
+def _rows(quantity: str, rows: Sequence[Any], shape: tuple[int, ...]) -> Array:
     size = int(np.prod(shape))
     for frame, row in enumerate(rows):
         if len(row) != size:
-            raise FileFormatError(f"frame {frame} has {len(row)} numbers of {what}: expected {size}")
+            raise FileFormatError(f"frame {frame} has {len(row)} numbers of {quantity}: expected {size}")
     return np.array(rows, float).reshape(len(rows), *shape)
 
 

@@ -141,7 +141,7 @@ class McapContents:
     Attributes:
         path: of the file.
         messages: by channel id, of every channel named in the file; empty for channels not wanted.
-        damage: sentences about what could not be read; empty for a whole file.
+        damage: sentences about unreadable parts; empty for a sound file.
         last_log_time: of the last whole message of any channel, nanoseconds; None without messages.
     """
 
@@ -343,7 +343,7 @@ class McapByTime:
         wanted: Callable[[McapChannel], bool],
         sampled: Callable[[McapChannel], bool],
     ) -> "McapByTime | None":
-        """Read what comes once, and the ends of sampled channels; None without an index that fits the file.
+        """Read the channels with few messages, and the ends of sampled ones; None without an index that fits the file.
 
         Args:
             path: of the file.
@@ -394,7 +394,7 @@ class McapByTime:
     def log_times(self) -> dict[int, np.ndarray] | None:
         """Log times ``(N,)`` in nanoseconds by channel id, in file order; None if the index lacks some messages."""
         times = dict[int, list[np.ndarray]]()
-        with open(self.contents.path, "rb", buffering=0) as file:  # a buffer would be filled anew for each chunk
+        with open(self.contents.path, "rb", buffering=0) as file:  # a buffer would be filled for each chunk
             for chunk in self.chunks:
                 file.seek(chunk.chunk_start_offset + chunk.chunk_length)
                 data = file.read(chunk.message_index_length)
@@ -428,7 +428,7 @@ def _open_file(path: Path) -> BinaryIO:
     if not path.exists():
         raise InputError(f"{path}: no such file; expected an MCAP file")
     if not path.is_file():
-        raise InputError(f"{path} is a device or a pipe: expected an MCAP file; write what comes from it to one first")
+        raise InputError(f"{path} is a device or a pipe: expected an MCAP file; write its data to one first")
     return open(path, "rb")
 
 

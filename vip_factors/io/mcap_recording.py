@@ -43,7 +43,7 @@ HEAD = Codec(RecordingInfo, Recording, {"start": "start_ns", "truth": "true_moti
 
 
 def recording_messages(writer: MessageWriter, recording: Recording, prefix: str = "") -> list[Iterable[TimedMessage]]:
-    """Write what comes once, and return the samples and poses as streams, to be interleaved with others.
+    """Write the messages without a time, and return samples and poses as streams, to be interleaved with others.
 
     Args:
         writer: of the file.
@@ -169,7 +169,7 @@ def wearer_topics(names: Sequence[str], single: str = "", several: str = WEARER)
 
 
 def read_scene(path: str | os.PathLike[str] | McapContents) -> Scene:
-    """Read a scene, of a file or of what was read of it; a plain recording is one of one wearer without a camera.
+    """Read a scene from a file or its contents; a plain recording is a scene of one wearer without a camera.
 
     Of a file that was cut off, every whole message is read; a warning and the wearers' notes say up to where.
 

@@ -199,7 +199,7 @@ def _source_of(file: McapByTime, has_truth: bool = False) -> UnfilmedSource | No
             )
             if not wearers or not _is_logged_in_time(contents, wearers[0].head.start_ns):
                 return None
-    except RecordingError:  # other samples may have what the first and the last lack
+    except RecordingError:  # the first and the last sample of a sensor may be incomplete
         return None
     heads = tuple(wearer.head for wearer in wearers)
     name = heads[0].name if info is None else info.name

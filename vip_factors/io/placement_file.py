@@ -131,7 +131,7 @@ def _check_entry(where: str, entry: SensorEntry) -> None:
 
 
 def sites_of_mappings(path: Path) -> dict[str, str]:
-    """Sensor name → site, of all experimental sensors whose frame's name tells one: ``_00B42268`` is ``torso_imu``.
+    """Sites by sensor, from the names of the experimental sensors' frames: ``_00B42268`` is ``torso_imu``.
 
     OpenSense begins sensors' names with the ``_`` that ends the trial's in the files' names; it is left out.
     """

@@ -157,7 +157,7 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
         if len(detections.time) < 0.6 * len(facts):  # every second frame would stay below
             _warn(
                 f"{poses} ends at frame {len(detections.time)} of the {len(facts)} in {facts.path}: "
-                "if the detector left frames out, it numbered them anew; detect in every frame"
+                "if the detector left frames out, its numbers are wrong; detect in every frame"
             )
         camera = replace(camera, detections=replace(detections, time=facts.time))  # all frames of the video
         if options.video_rate is not None and abs(options.video_rate / facts.rate - 1) > 0.01:

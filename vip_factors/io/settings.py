@@ -82,16 +82,16 @@ class CameraOptions:
     """Camera file (.toml) with the intrinsics; vip-factors calibrate-camera makes one. Of Pose2Sim's calibration:
     Calib.toml:cam_01. Without a file the focal length is estimated."""
     keypoints: str | None = None
-    """Keypoints of the 2D poses: coco17, openpose18, body25, body25b, halpe26, blazepose33; told by their number if
+    """Keypoints of the 2D poses: coco17, openpose18, body25, body25b, halpe26, blazepose33; by their number if
     absent."""
     video_rate: MaybeRate = None
-    """Frames per second of the video, if neither the video is given nor the 2D poses tell times."""
+    """Frames per second of the video, if the video is not given and the 2D poses have no times."""
     first_frame: int | None = None
     """Number of the video's first frame among the 2D poses; the format's usual one if absent."""
     static_camera: bool = False
     """The camera stands still: one pose for the whole recording."""
     known_camera_pose: bool = False
-    """Believe the static camera's pose over the floor that the camera file tells."""
+    """Take the static camera's pose over the floor from the camera file."""
     camera_path: Path | None = None
     """Path of a carried camera, from ARKit, ARCore or SLAM (TUM: time x y z qx qy qz qw; seconds of the video)."""
     scale_free_path: bool = False
@@ -103,17 +103,16 @@ class CameraOptions:
     camera_imu_columns: Path | None = None
     """Column map (.toml) of that log, if it is a table of no known format."""
     camera_imu_offset_s: float | None = None
-    """Seconds to add to that log's times to get the wearers' sensors'; told by absolute times if absent."""
+    """Seconds to add to that log's times to get the wearers' sensors'; by absolute times if absent."""
     camera_imu_wxyz: tuple[float, float, float, float] | None = None
     """Rough turn of that sensor's axes in the camera's (x right, y down, z forward), as a quaternion (1 0 0 0: its axes
     are the camera's); found from the data if absent."""
     time_offset_s: float = 0.0
     """Seconds to add to the video's times to get the sensors'; vip-factors sync finds them."""
     video: Path | None = None
-    """Video, to look at, for the times of its frames, and for the colours of people's clothes: they help to tell who is
-    who."""
+    """Video, for viewing, for the times of its frames, and for the colours of clothes, which distinguish people."""
     embed_video: bool = False
-    """Put small images of the video into the recording, so that it can be looked at anywhere."""
+    """Put small images of the video into the recording, for viewing anywhere."""
     camera_name: str = "camera"
     """Name of the camera in the recording."""
 
@@ -152,7 +151,7 @@ class BvhSettings:
     """Axes and unit of a BVH file, which cannot say them itself."""
 
     up: UpAxis = UpAxis.Y
-    """Axis that points up: y is what Blender's importer and most programs take a BVH file for; with z the numbers are
+    """Axis that points up: y is the default of Blender's importer and most programs; with z the numbers are
     those of the estimate's world (in Blender, choose Forward Y and Up Z then)."""
     unit: LengthUnit = LengthUnit.METRES
     """Unit of length: metres come out in true size in Blender; Maya and MotionBuilder expect centimetres."""

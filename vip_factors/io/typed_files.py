@@ -1,6 +1,6 @@
 """TOML and JSON files that people write, read into the types that declare them.
 
-A wrong value is an InputError that names the file, the place in it and what was expected. Files that are too large or
+A wrong value is an InputError that names the file, the place in it and the expected value. Files that are too large or
 too deep are refused before they are parsed.
 """
 

@@ -34,9 +34,9 @@ class VideoFacts:
 
     Attributes:
         path: of the file.
-        width, height: of its frames as they are shown (turned, where the file says so).
+        width, height: of its frames as shown (turned if the file demands it).
         rate: frames per second, the median where it varies.
-        time: ``(F,)`` seconds of each frame after the first, as the file says: phones vary their rate.
+        time: ``(F,)`` seconds of each frame after the first, from the file: phones vary their rate.
     """
 
     path: Path
@@ -233,7 +233,7 @@ def check_video(facts: VideoFacts, camera: Camera) -> None:
 
 
 CORNERS = ("left_shoulder", "right_shoulder", "right_hip", "left_hip")
-LEAST_CONFIDENCE = 0.3  # of the corners: a guessed one takes in the background, or somebody else
+LEAST_CONFIDENCE = 0.3  # of the corners: a guessed one includes the background or another person
 LOOK_EVERY_S = 0.2  # clothes stay as they are; frames between are passed over
 INNER = 0.8  # of the way from the middle to the corners: arms and background lie at the edges
 NARROWEST = 0.15  # of the torso's length: from the side its corners lie on a line

@@ -9,7 +9,7 @@ KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
 FULL_FRAME_WIDTH_MM = 34.6  # of a 4:3 image with the diagonal of 35 mm film: the widths of photo and video are the same
 STABILISATION = 1.1  # filming crops the width of photos by about a tenth
 LONGEST = 256  # bytes of a key or a value: more is damage
-METADATA_FOCAL_SIGMA = 0.1  # of the logarithm: what filming crops differs from phone to phone
+METADATA_FOCAL_SIGMA = 0.1  # of the logarithm: the crop differs between phones
 
 
 def focal_from_metadata(path: Path, width: int, height: int) -> float | None:

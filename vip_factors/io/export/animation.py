@@ -102,7 +102,7 @@ def _numbers(vector: Array) -> str:
     return " ".join(NUMBER % value for value in vector + 0.0)  # no negative zero
 
 
-STILL = 1e-7  # a turn or shift by less (rad or m, nearly) needs no keys: what a float32 can hold
+STILL = 1e-7  # a turn or shift by less (rad or m, nearly) needs no keys: the precision of a float32
 R_CAMERA_GLTF = np.diag([1.0, -1.0, -1.0])  # glTF's cameras have y up and look along −z
 
 
@@ -266,7 +266,7 @@ def _material(lib: Any, side: Side) -> Any:
 
 _COMPONENTS = {"float32": 5126, "uint8": 5121, "uint16": 5123, "uint32": 5125}
 _KINDS = {(): "SCALAR", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
-CORNERS, INDICES = 34962, 34963  # what a graphics card is to use an array for
+CORNERS, INDICES = 34962, 34963  # targets of arrays in a graphics card
 
 
 class GltfBuffer:

@@ -22,7 +22,7 @@ from vip_factors.io.settings import ExportSettings, TimeZero
 
 DEFAULT = ExportSettings()
 R_YUP_WORLD = R_WORLD_ISB.T
-"""x stays, z becomes y, y becomes -z: what Blender and glTF do. At rest a body then faces z, its left along x."""
+"""x stays, z becomes y, y becomes -z, as in Blender and glTF. At rest a body then faces z, its left along x."""
 
 Writer = Callable[[Estimate, Path, ExportSettings], None]
 """Writes all wearers of an estimate (one, if the format holds one person only) into a file."""
@@ -98,8 +98,8 @@ def export(
         The files that were written.
 
     Raises:
-        InputError: as :func:`export_format`, for an unknown wearer, one without frames, an absolute time that nobody
-            knows, or a file that may not be written.
+        InputError: as :func:`export_format`, for an unknown wearer, one without frames, an unknown absolute time,
+            or a file that may not be written.
     """
     file_format = export_format(path)
     chosen = _chosen(estimate, settings.wearer)

@@ -58,7 +58,7 @@ def rest_pose(skeleton: Skeleton, names: BoneNames) -> RestPose:
 
     Unreal's mannequin rests in an A-pose, and x points along its bones. All others rest in a T-pose, and y points along
     each bone, turned about it as Mixamo's; Mixamo's trunk is upright. What differs between the mannequin's trunk,
-    collars and feet and a wearer's is shape, which its axes take up; what differs between limbs is the pose.
+    collars and feet and a wearer's is shape, which its axes take up; differences between limbs are the pose.
     """
     is_unreal, is_trunk_upright = names is BoneNames.UNREAL, names in (BoneNames.HUMANIK, BoneNames.MIXAMO)
     R, axes = np.tile(np.eye(3), (2, JOINT_COUNT, 1, 1))

@@ -171,7 +171,7 @@ def write_c3d(estimate: Estimate, path: Path, settings: ExportSettings) -> None:
         ("MANUFACTURER", "SOFTWARE", ["vip-factors"]),
     ):
         file.add_parameter(group, name, value)
-    file.write(str(path))  # tells of no error
+    file.write(str(path))  # reports no error
     with path.open("rb") as written_file:
         header = written_file.read(BLOCK)
     data_start = int.from_bytes(header[16:18], "little")  # block, from 1 on; put in last, unless a write failed before
@@ -184,7 +184,7 @@ _NAMES = {"pelvis": "Pelvis", "trunk": "Spine", "neck": "Neck"}
 
 
 def _angle_points(angles: JointAngles) -> tuple[Mapping[str, Array], Mapping[str, str]]:
-    """Triples of angles ``(T, 3)`` in degrees by label, ``LKneeAngles``, and what each of the three is."""
+    """Triples of angles ``(T, 3)`` in degrees by label, ``LKneeAngles``, and their descriptions."""
     points, described = dict[str, Array](), dict[str, str]()
     for start in range(0, len(angles.definitions), 3):
         three = angles.definitions[start : start + 3]
@@ -221,7 +221,7 @@ def opensim_coordinates(motion: Motion) -> Mapping[str, Array]:
     Rajagopal, Dembia, DeMers, Delp, Hicks, Delp (2016), "Full-body musculoskeletal model for muscle-driven simulation
     of human gait", IEEE Trans. Biomed. Eng. 63. Its bodies have x forward, y up, z to the right, and stand, with all
     coordinates zero, in the posture of :mod:`~vip_factors.body.joint_angles`. Pelvis, hips, lumbar joint and shoulders
-    turn about three axes and hold what the estimate has. The other joints have fewer axes: ankle with subtalar, toes,
+    turn about three axes, as in the estimate. The other joints have fewer axes: ankle with subtalar, toes,
     and elbow with forearm get the coordinates whose rotation is nearest, knees their flexion and wrists flexion and
     deviation.
 

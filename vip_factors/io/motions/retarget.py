@@ -19,7 +19,7 @@ from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array, angle_between, rotation_between, rotation_x
 from vip_factors.io.motions.skeleton_maps import SkeletonMap, SourceClip, find_map
 
-# Units that files use, in metres, and the statures that tell them apart: the ranges do not overlap.
+# Units of files in metres, and the range of statures that distinguishes them.
 UNITS_M = {"metres": 1.0, "centimetres": 0.01, "millimetres": 0.001, "inches": 0.0254}
 PLAUSIBLE_STATURE_M = (1.2, 2.2)
 
@@ -50,7 +50,7 @@ IMPOSSIBLE_SPEED = 10.0  # rad/s: a person who stands in a T-pose does not leave
 
 
 def retarget(clip: SourceClip) -> Motion:
-    """A clip on our 24-joint skeleton, Z up, metres; at rest the wearer faces −y. The stature tells the clip's unit.
+    """A clip on our 24-joint skeleton, Z up, metres; at rest the wearer faces −y. The stature determines the unit.
 
     Raises:
         InputError: for an unknown skeleton, an implausible size, or a rest pose that is not an upright body.

@@ -35,7 +35,7 @@ class SkeletonMap:
     """Family of skeletons.
 
     Attributes:
-        name: what people call the family.
+        name: of the family.
         joints: our joint → its node, whose position and rotation are taken.
         landmarks: our landmark → its node.
         exact: the rest pose is ours, and no bone direction is corrected.
@@ -143,7 +143,7 @@ def find_map(names: tuple[str, ...], path: str) -> SkeletonMap:
     Case and a name space before a colon (``mixamorig:Hips``) do not matter.
 
     Raises:
-        InputError: if no family fits, naming what is missing of the nearest one.
+        InputError: if no family fits; the message names the missing joints of the nearest one.
     """
     spelling = {name.rpartition(":")[2].lower(): name for name in reversed(names)}
     missing: dict[str, list[str]] = {}
@@ -176,7 +176,7 @@ class SourceClip:
         R_world_node: ``(T, N, 3, 3)``: how each node's bone has turned from that rest pose.
         p_world_node: ``(T, N, 3)`` node positions.
         rate: frames per second.
-        name: what the clip is called.
+        name: of the clip.
         path: the file, for messages.
     """
 
@@ -248,6 +248,6 @@ def bone_names(names: BoneNames) -> tuple[str, ...]:
 UNITY_BONES: Mapping[str, str] = {
     joint: bone
     for joint, bone in zip(JOINT_NAMES, bone_names(BoneNames.UNITY), strict=True)
-    if not joint.endswith("_hand")  # stiff with the wrists; Unity's hands are what hangs at our wrists
+    if not joint.endswith("_hand")  # rigid with the wrists, whose bones are Unity's hands
 }
 """Our joints by the names of Unity's ``HumanBodyBones``, but for the hand bones."""

@@ -22,8 +22,10 @@ def test_what_is_written_is_read(tmp_path_factory, width, focal, centre, count, 
     path = tmp_path_factory.mktemp("camera") / "camera.toml"
     model = CameraModel(width, width + 1, (focal, 2 * focal), (centre, -centre), tuple(numbers[:count]))
     R, p = exp(np.array(numbers[8:11]) / 1e4), np.array(numbers[8:11])
-    write_camera_file(path, model, (R, p), {"board": 'a "board"\\', "rms_px": 0.25, "views": 12}, focal_sigma=0.1)
+    write_camera_file(path, model, (R, p), {"board": 'a "board"\\', "rms_px": 0.25, "views": 12})
     assert read_camera_file(path) == model
+    assert read_focal_sigma(path) == 0.0
+    path.write_text("focal_sigma = 0.1\n" + path.read_text())
     assert read_focal_sigma(path) == 0.1
     again = read_floor(path)
     assert again is not None

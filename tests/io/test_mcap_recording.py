@@ -12,6 +12,7 @@ from mcap_protobuf.decoder import DecoderFactory
 from mcap_samples import assert_same, copy_messages, recordings, walk
 from scene_samples import filmed_walk, scenes
 
+from vip_factors.body.keypoints import KEYPOINT_SETS
 from vip_factors.describe.recordings import recording_tables
 from vip_factors.errors import FileFormatError
 from vip_factors.io.mcap_camera import detections_of
@@ -225,9 +226,7 @@ def test_frames_lost_in_between_count_as_empty(tmp_path: Path) -> None:
 @pytest.mark.parametrize("frame", [2**64 - 1, 10**9])
 def test_frame_numbers_that_no_video_has_are_refused(frame: int) -> None:
     with pytest.raises(FileFormatError, match=f"video frame {frame}: expected at most 20,000,000"):
-        detections_of(
-            CameraInfo(keypoint_set="coco17"), [Detections2D(frame=0), Detections2D(frame=frame, seconds=1.0)]
-        )
+        detections_of(KEYPOINT_SETS["coco17"], [Detections2D(frame=0), Detections2D(frame=frame, seconds=1.0)])
 
 
 def test_the_index_tells_what_the_samples_do(tmp_path: Path) -> None:

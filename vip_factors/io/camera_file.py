@@ -140,7 +140,6 @@ def write_camera_file(
     floor: tuple[Array, Array] | None = None,
     calibration: Mapping[str, str | float | int] | None = None,
     overwrite: bool = False,
-    focal_sigma: float = 0.0,
 ) -> None:
     """Write a camera file, whole or not at all.
 
@@ -150,7 +149,6 @@ def write_camera_file(
         floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` metres, if known.
         calibration: how the numbers were found: for people.
         overwrite: whether an existing file may be replaced.
-        focal_sigma: standard deviation of the focal length's logarithm; 0 of a calibrated lens.
     """
     if Path(path).suffix.lower() in OPENCV_SUFFIXES:
         raise InputError(f"{path}: expected a name that ends in .toml; OpenCV's files are only read")
@@ -158,8 +156,6 @@ def write_camera_file(
     table = {"width": model.width, "height": model.height, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
     lines = [f"{name} = {toml_text(value)}" for name, value in table.items()]
     lines.append(f"distortion = {toml_text(model.distortion)}")
-    if focal_sigma:
-        lines.append(f"focal_sigma = {toml_text(focal_sigma)}")
     if floor is not None:
         R, p = map(toml_text, floor)
         lines += ["", "[floor]", f"R_floor_camera = {R}", f"p_floor_camera = {p}"]

@@ -38,7 +38,6 @@ def read_detections(
     path: str | PathLike[str],
     rate: float | None,
     keypoints: str | None = None,
-    frames: int | None = None,
     first_frame: int | None = None,
 ) -> Detections:
     """Everybody that a 2D pose detector found in a video, times on the video's own clock (its first frame at 0 s).
@@ -51,7 +50,6 @@ def read_detections(
         path: of OpenPose's folder, or AlphaPose's, MMPose's or COCO's file.
         rate: video frames per second; None for the times in the file, which ours have.
         keypoints: name of the keypoint set; by the number of keypoints if None.
-        frames: number of frames of the video; up to the last one with people (or listed) if None.
         first_frame: number that the video's first frame has in the file; the format's usual one if None.
 
     Raises:
@@ -64,7 +62,7 @@ def read_detections(
         raise InputError(f"video rate {rate} Hz: expected a positive number of frames per second")
     people = read_people(path)
     first_number = people.first_number if first_frame is None else first_frame
-    count = _frame_count(people, first_number, frames)
+    count = _frame_count(people, first_number)
     rows = _rows(people)
     chosen = _which_keypoints(people, rows, keypoints) if len(rows) else keypoint_set(keypoints or "coco17")
     rows = rows[:, : len(chosen)] if len(rows) else np.zeros((0, len(chosen), 3))
@@ -94,20 +92,16 @@ def _times(people: DetectedPeople, first_number: int, count: int) -> Array:
     return time
 
 
-def _frame_count(people: DetectedPeople, first_number: int, frames: int | None) -> int:
+def _frame_count(people: DetectedPeople, first_number: int) -> int:
+    """Number of frames up to the last one that the file lists."""
     if not people.listed:
-        return frames or 0
+        return 0
     low, high = min(people.listed), max(people.listed)
     if low < first_number:
         raise InputError(f"{people.path}: frame {low} lies before the first frame, {first_number} (first_frame)")
     if high - first_number >= MOST_FRAMES:
         raise FileFormatError(f"{people.path}: frame number {high}: expected the numbers of a video's frames")
-    if frames is not None and high - first_number >= frames:
-        raise InputError(
-            f"{people.path}: there are people in frame {high}, but the video has {frames} frames: it is shorter than "
-            "its detections; give the video that they were made from"
-        )
-    return high - first_number + 1 if frames is None else frames
+    return high - first_number + 1
 
 
 def _rows(people: DetectedPeople) -> Array:

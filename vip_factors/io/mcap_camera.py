@@ -110,13 +110,12 @@ def _frames(detections: Detections, truth: CameraTruth | None) -> Iterator[Detec
 
 
 def detections_of(
-    info: CameraInfo, messages: Sequence[Detections2D]
+    keypoints: KeypointSet, messages: Sequence[Detections2D]
 ) -> tuple[Detections, np.ndarray | None, Array | None]:
     """Detections of messages, their true wearers ``(N,)`` (−1 for nobody) and true pixels ``(N, K, 2)``, where known.
 
     Frames lost in between become frames without people.
     """
-    keypoints = keypoint_set_of(info)
     K = len(keypoints)
     last_frame, most_frames = max((message.frame for message in messages), default=0), 20_000_000  # 9 h at 600 Hz
     if last_frame > most_frames:
@@ -328,7 +327,7 @@ def camera_of(topics: Topics, topic_of: CameraTopics, start_ns: int, has_truth: 
     frames = topics.all(topic_of("detections"), Detections2D)
     if len(frames) < info.frames:
         warn(path, f"camera '{info.name}': {len(frames)} of {info.frames} video frames are left")
-    detections, wearer, pixels = detections_of(info, frames)
+    detections, wearer, pixels = detections_of(keypoint_set_of(info), frames)
     images = topics.all(topic_of("image"), CompressedImage)
     return Camera(
         model=intrinsics_of(intrinsics),

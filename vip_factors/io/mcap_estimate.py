@@ -406,9 +406,14 @@ class _CameraTopics:
     """A camera's topics; what comes once is written at the start."""
 
     def __init__(
-        self, writer: MessageWriter, prefix: str, start_ns: int, head: CameraEstimate, poses: int | None,
+        self,
+        writer: MessageWriter,
+        prefix: str,
+        start_ns: int,
+        head: CameraEstimate,
+        poses: int | None,
         residual_frames: int,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._writer, self._prefix, self._start_ns, self._head = writer, prefix, start_ns, head
         self._poses, self._residual_frames = poses, residual_frames
         self._next_pose, self._next_residual = 0, 0

@@ -19,7 +19,6 @@ from vip_factors.io.mcap_reader import McapByTime, McapChannel, McapContents, re
 from vip_factors.io.mcap_recording import FIRST_CAMERA, IMU, SCENE_INFO, TRUTH_POSE, recording_of, wearer_prefixes
 from vip_factors.io.scene_building import read_scenes
 from vip_factors.io.schemas.body_pose_pb2 import BodyPose
-from vip_factors.io.schemas.camera_info_pb2 import CameraInfo
 from vip_factors.io.schemas.detections_2d_pb2 import Detections2D
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.io.schemas.recording_info_pb2 import SceneInfo
@@ -115,11 +114,10 @@ class SceneFile(UnfilmedSource):
 
     def _camera(self, camera: Camera, camera_topics: CameraTopics, topics: Topics, start: float, end: float) -> Camera:
         """A camera with its frames from ``start`` to ``end`` seconds, and the samples of the sensor on it."""
-        info = Topics(self.file.contents).all(camera_topics("info"), CameraInfo)[-1]
         frames = topics.all(camera_topics("detections"), Detections2D)
         for frame in reversed(frames):
             frame.frame -= frames[0].frame
-        detections, *_ = detections_of(info, frames)
+        detections, *_ = detections_of(camera.keypoints, frames)
         mount = camera.mount
         if mount is not None:
             streams = read_streams(topics.path, topics.channels(camera_topics("imu"), ImuSample), self.scene.start_ns)

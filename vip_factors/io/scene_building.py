@@ -143,7 +143,7 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
         raise InputError("a camera needs its 2D poses (detections)")
     facts = video_facts(options.video) if options.video is not None else None
     rate = facts.rate if facts is not None else options.video_rate
-    detections = read_detections(poses, rate, options.keypoints, None, options.first_frame)
+    detections = read_detections(poses, rate, options.keypoints, options.first_frame)
     path = _known_path(options)
     model, focal_sigma = _lens(options, facts, detections)
     video = Video(options.video) if options.video is not None else None

@@ -201,7 +201,7 @@ def calibrate(
     model = CameraModel(*size, focal, centre, tuple(coefficients[:distortion].tolist()))
     coverage = _coverage(chosen, size)
     named = tuple((view.name, float(error)) for view, error in zip(chosen, errors, strict=True))
-    warnings = _warnings(focal, sigma, _tilt_spread_deg(turns), coverage, len(chosen))
+    warnings = _warnings(focal, sigma, turns, coverage, len(chosen))
     return CameraCalibration(
         model, sigma[:4], sigma[4 : 4 + distortion], rms, named, tuple(left_out), coverage, warnings
     )
@@ -278,16 +278,9 @@ def _coverage(views: Sequence[BoardView], size: tuple[int, int]) -> float:
     return float(np.mean(cells > 0))
 
 
-def _tilt_spread_deg(turns: Array) -> float:
-    """The largest angle between the normals of two boards, in the camera's frame."""
-    normals = exp(turns)[:, :, 2]
-    cosine = np.abs(normals @ normals.T)
-    return float(np.rad2deg(np.arccos(np.clip(cosine.min(), -1, 1))))
-
-
-def _warnings(
-    focal: tuple[float, float], sigma: Array, tilt_deg: float, coverage: float, count: int
-) -> tuple[str, ...]:
+def _warnings(focal: tuple[float, float], sigma: Array, turns: Array, coverage: float, count: int) -> tuple[str, ...]:
+    normals = exp(turns)[:, :, 2]  # of the boards, in the camera's frame
+    tilt_deg = np.rad2deg(np.arccos(np.clip(np.abs(normals @ normals.T).min(), -1, 1)))
     doubts = []
     if count < 10:
         doubts.append(f"only {count} views that differ: 20 make the result reliable")

@@ -85,13 +85,8 @@ def path_of(poses: "Sequence[PoseInFrame]", start_ns: int) -> CameraPath | None:
     return CameraPath(time, matrix_from_quaternion(xyzw, Order.XYZW), p_world_camera)
 
 
-def detection_messages(writer: MessageWriter, topic: str, camera: Camera, start_ns: int) -> Iterator[TimedMessage]:
-    """One message a video frame, serialised, in the order of time."""
-    times_ns = nanoseconds(camera.timed_detections.time, start_ns)
-    return writer.stamped(topic, Detections2D, times_ns, _frames(camera.detections, camera.truth))
-
-
-def _frames(detections: Detections, truth: CameraTruth | None) -> Iterator[Detections2D]:
+def _detection_messages(detections: Detections, truth: CameraTruth | None) -> Iterator[Detections2D]:
+    """One message a video frame."""
     flat, colours = (len(detections), 2 * len(detections.keypoints)), detections.torso_colour
     pixels = detections.pixels.reshape(flat)
     true_pixels = None if truth is None or truth.pixels is None else truth.pixels.reshape(flat)
@@ -215,14 +210,6 @@ def camera_info_message(camera: Camera, **attributes: Any) -> CameraInfo:
     )
 
 
-def _recorded_info(camera: Camera, mcap_path: Path) -> CameraInfo:
-    video = None
-    if camera.video is not None:
-        stored = "" if camera.video.path is None else _stored_path(camera.video.path, mcap_path)
-        video = CameraInfo.Video(path=stored, image_frames=sorted(camera.video.images))
-    return camera_info_message(camera, frames=len(camera.detections.time), images=video)
-
-
 def mount_of(message: CameraInfo.Mount, imu: ImuStream) -> CameraMount:
     """The mount of a message, with the samples that belong to it."""
     return CameraMount(**MOUNT.values(message) | {"imu": imu})
@@ -288,10 +275,17 @@ def camera_messages(
     writer: MessageWriter, topics: CameraTopics, camera: Camera, start_ns: int, path: Path
 ) -> list[Iterable[TimedMessage]]:
     """Write the messages without a time, and return those of samples and frames."""
-    writer.write(topics("info"), _recorded_info(camera, path), start_ns)
+    video = None
+    if camera.video is not None:
+        stored_path = "" if camera.video.path is None else _stored_path(camera.video.path, path)
+        video = CameraInfo.Video(path=stored_path, image_frames=sorted(camera.video.images))
+    info = camera_info_message(camera, frames=len(camera.detections.time), images=video)
+    writer.write(topics("info"), info, start_ns)
     writer.write(topics("calibration"), intrinsics_message(camera.model, camera.name, start_ns), start_ns)
+    detections = _detection_messages(camera.detections, camera.truth)
+    times_ns = nanoseconds(camera.timed_detections.time, start_ns)
     streams: list[Iterable[TimedMessage]] = [
-        detection_messages(writer, topics("detections"), camera, start_ns),
+        writer.stamped(topics("detections"), Detections2D, times_ns, detections),
         image_messages(writer, topics("image"), camera, start_ns),
     ]
     for topic, camera_path in (("pose", camera.known_path), ("odometry", camera.odometry)):

@@ -30,7 +30,6 @@ from vip_factors.io.mcap_camera import clock_fields, intrinsics_message, intrins
 from vip_factors.io.mcap_frames import (
     MODEST_FRAMES,
     REPROJECTION,
-    camera_covariance_of,
     camera_path_of,
     camera_pose_messages,
     camera_residuals_of,
@@ -201,11 +200,12 @@ def _camera(contents: McapContents, prefix: str) -> CameraEstimate | None:
     if len(poses) < info.poses:
         warn(path, f"camera '{info.name}': {len(poses)} of {info.poses} poses are left")
     calibration = topics.object(CALIBRATION, codec.CALIBRATION) or {}
+    covariances = [pose.covariance for pose in poses if len(pose.covariance) == 36]
     return CameraEstimate(
         model=intrinsics_of(intrinsics),
         path=camera_path_of(poses),
         calibration=next(iter(calibration.values()), None),
-        covariance=camera_covariance_of(poses),
+        covariance=np.array(covariances).reshape(-1, 6, 6) if len(covariances) == len(poses) else None,
         residual_px=camera_residuals_of(path, info, topics.all(RESIDUALS, Residuals)),
         **CAMERA_HEAD.values(info),
     )

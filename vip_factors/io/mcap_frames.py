@@ -261,13 +261,6 @@ def camera_path_of(poses: Sequence[CameraPose]) -> CameraPath:
     return CameraPath(time, R_world_camera, np.array([(p.x, p.y, p.z) for _, p in rows]))
 
 
-def camera_covariance_of(poses: Sequence[CameraPose]) -> Array | None:
-    """``(T, 6, 6)`` if all poses have one."""
-    if not all(len(pose.covariance) == 36 for pose in poses):
-        return None
-    return np.array([pose.covariance for pose in poses]).reshape(-1, 6, 6)
-
-
 def camera_residuals_of(path: Path, info: CameraEstimateInfo, messages: Sequence[Residuals]) -> Array | None:
     """``(T, wearers)``; NaN where a frame's message is lost."""
     if not info.has_residuals:

@@ -10,7 +10,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.errors import FileFormatError
 from vip_factors.geometry.rotations import Array, rotation_x, rotation_y, rotation_z
 from vip_factors.io.motions.retarget import retarget, without_rest_frames
-from vip_factors.io.motions.skeleton_maps import SourceClip, rest_positions, source_kinematics
+from vip_factors.io.motions.skeleton_maps import SourceClip, source_kinematics
 from vip_factors.io.typed_files import MOST_MOTION_BYTES, read_text
 
 TURNS = {"xrotation": rotation_x, "yrotation": rotation_y, "zrotation": rotation_z}
@@ -55,9 +55,10 @@ def read_bvh_clip(path: str | Path) -> SourceClip:
     offsets = np.array(hierarchy.offsets)
     R_parent_node, p_parent_node = _local_poses(hierarchy, offsets, values)
     R_world, p_world = source_kinematics(hierarchy.parents, p_parent_node, R_parent_node)
-    p_rest = rest_positions(hierarchy.parents, offsets)
+    upright = np.broadcast_to(np.eye(3), (1, len(offsets), 3, 3))
+    _, p_rest = source_kinematics(hierarchy.parents, offsets[None], upright)
     names, parents = tuple(hierarchy.names), tuple(hierarchy.parents)
-    return SourceClip(names, parents, p_rest, R_world, p_world, _rate(frame_time), path.stem, str(path))
+    return SourceClip(names, parents, p_rest[0], R_world, p_world, _rate(frame_time), path.stem, str(path))
 
 
 def _rate(frame_time: float) -> float:

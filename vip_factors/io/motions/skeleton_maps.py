@@ -205,14 +205,6 @@ class SourceClip:
         return replace(self, R_world_node=self.R_world_node[selection], p_world_node=self.p_world_node[selection])
 
 
-def rest_positions(parents: Sequence[int], offsets: Array) -> Array:
-    """Node positions ``(N, 3)`` at rest; a node's parent precedes it, the root's parent is −1."""
-    positions = np.zeros_like(offsets)
-    for node, parent in enumerate(parents):
-        positions[node] = offsets[node] + (positions[parent] if parent >= 0 else 0.0)
-    return positions
-
-
 def source_kinematics(parents: Sequence[int], p_parent_node: Array, R_parent_node: Array) -> tuple[Array, Array]:
     """World rotations ``(T, N, 3, 3)`` and positions ``(T, N, 3)`` of a chain of nodes.
 

@@ -15,8 +15,8 @@ from vip_factors.body.joint_angles import R_WORLD_ISB
 from vip_factors.body.kinematics import Motion
 from vip_factors.display import distinct_file_names
 from vip_factors.errors import InputError
-from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
-from vip_factors.geometry.quaternions import interpolate_smoothly
+from vip_factors.estimate import Estimate, PoseCovariance, WearerEstimate
+from vip_factors.geometry.quaternions import interpolate_points, interpolate_smoothly
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.settings import ExportSettings, TimeZero
 
@@ -148,15 +148,11 @@ def _chosen(estimate: Estimate, wearer: str | None) -> Estimate:
 
 
 def _one_wearer(estimate: Estimate, number: int) -> Estimate:
-    """One wearer of a scene, with the cameras' residuals and detections of that wearer."""
-    cameras = (
-        camera if camera.residual_px is None else replace(camera, residual_px=camera.residual_px[:, [number]])
-        for camera in estimate.cameras
-    )
+    """One wearer of a scene, with the detections of that wearer, and cameras without residuals."""
     return replace(
         estimate,
         wearers=(estimate.wearers[number],),
-        cameras=tuple(cameras),
+        cameras=tuple(replace(camera, residual_px=None) for camera in estimate.cameras),
         wearer_of_detection=np.where(estimate.wearer_of_detection == number, 0, -1),
     )
 
@@ -165,7 +161,8 @@ def resampled(estimate: Estimate, rate: float | None) -> Estimate:
     """The estimate at ``rate`` frames per second, from its first frame on; as it is if that is its rate or None.
 
     Poses follow cubic splines: against linear steps, feet that stand stay five times nearer to where they were.
-    Nothing is filtered: at a lower rate, movements faster than half of it are sampled as they come.
+    Nothing is filtered: at a lower rate, movements faster than half of it are sampled as they come. Covariances of
+    poses are interpolated linearly; residuals and the cameras' covariances, which no format holds, are left out.
     """
     if rate is None:
         return estimate
@@ -175,8 +172,10 @@ def resampled(estimate: Estimate, rate: float | None) -> Estimate:
     if abs(motion.rate - rate) <= 1e-9 * rate:  # rates come from differences of times
         return estimate
     wearers = tuple(_wearer(wearer, rate) for wearer in estimate.wearers)
-    cameras = tuple(_camera(camera, motion.time, wearers[0].motion.time) for camera in estimate.cameras)
-    return replace(estimate, wearers=wearers, cameras=cameras)
+    cameras = (replace(camera, covariance=None, residual_px=None) for camera in estimate.cameras)
+    time = wearers[0].motion.time
+    moved = (replace(camera, path=camera.path.at(time)) if len(camera.path) > 1 else camera for camera in cameras)
+    return replace(estimate, wearers=wearers, cameras=tuple(moved))
 
 
 def frame_times(time: Array, rate: float) -> Array:
@@ -197,37 +196,8 @@ def _wearer(estimate: WearerEstimate, rate: float) -> WearerEstimate:
     R, p = poses_at(motion, time)
     covariance = estimate.covariance
     if covariance is not None:
-        joints, root = (_between(motion.time, values, time) for values in (covariance.joints, covariance.root))
-        covariance = PoseCovariance(joints, root)
-    return replace(
-        estimate,
-        motion=replace(motion, R_parent_child=R, p_world_pelvis=p, rate=rate),
-        covariance=covariance,
-        residuals={kind: _between(motion.time, values, time) for kind, values in estimate.residuals.items()},
-    )
-
-
-def _camera(camera: CameraEstimate, frame_time: Array, time: Array) -> CameraEstimate:
-    """A camera's estimate at ``time``; a static camera keeps its single pose."""
-    moves = len(camera.path) > 1
-    covariance, residual = camera.covariance, camera.residual_px
-    return replace(
-        camera,
-        path=camera.path.at(time) if moves else camera.path,
-        covariance=_between(frame_time, covariance, time) if covariance is not None and moves else covariance,
-        residual_px=None if residual is None else _between(frame_time, residual, time),
-    )
-
-
-def _between(frame_time: Array, values: Array, time: Array) -> Array:
-    """Values ``(N, ...)`` at the frames interpolated linearly to ``time``; NaN beside NaN."""
-    if len(values) != len(frame_time):
-        return values
-    start = np.clip(np.searchsorted(frame_time, time, side="right") - 1, 0, max(len(frame_time) - 2, 0))
-    end = np.minimum(start + 1, len(frame_time) - 1)
-    step = np.where(end > start, frame_time[end] - frame_time[start], 1.0)
-    share = np.clip((time - frame_time[start]) / step, 0.0, 1.0)
-    share = np.where(share > 1 - 1e-9, 1.0, np.where(share < 1e-9, 0.0, share))
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
-    mixed = np.where(share == 1, values[end], (1 - share) * values[start] + share * values[end])
-    return np.where(share == 0, values[start], mixed)
+        numbers = (values.reshape(len(motion), -1) for values in (covariance.joints, covariance.root))
+        joints, root = (interpolate_points(motion.time, rows, time) for rows in numbers)
+        covariance = PoseCovariance(joints.reshape(-1, *covariance.joints.shape[1:]), root.reshape(-1, 3, 3))
+    motion = replace(motion, R_parent_child=R, p_world_pelvis=p, rate=rate)
+    return replace(estimate, motion=motion, covariance=covariance, residuals={})

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -19,6 +20,7 @@ QUICK = Settings(frame_rate=15.0, covariance=False)
 HASTY = replace(QUICK, fusion=FusionSettings(rounds=1, refits=0), solve=replace(QUICK.solve, max_iterations=2))
 
 
+@cache
 def filmed_gestures(
     camera: CameraKind = "fixed", seconds: float = 4.0, people: tuple[str, ...] = ("anna",), in_step: bool = False,
     backwards: bool = False, mounting_error_deg: float | None = None, time_offset_s: float = 0.0,

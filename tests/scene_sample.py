@@ -1,6 +1,7 @@
 """A small scene made by hand: two wearers and a bystander in front of a camera, and an estimate with chosen errors."""
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
@@ -63,6 +64,7 @@ def recording_of(motion: Motion, name: str, stature: float) -> Recording:
     return Recording(name, Subject(name, stature), imus, placement, "none", Truth(motion, known))
 
 
+@cache
 def scene_sample(seconds: float = 2.0, moving: bool = True, noise_px: float = 0.0, wearers: int = 2) -> Scene:
     """Three people, all seen in every frame; the first ones wear sensors. Detections are in the order of the three."""
     walkers = {"ann": (1.65, (0.0, -0.9), 0.3), "bob": (1.85, (0.6, 0.7), 2.4), "stranger": (1.75, (1.5, -0.3), 1.2)}

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 from linear import dense
@@ -24,6 +25,7 @@ from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera import CameraModel
 from vip_factors.sensors.frames import ImuFrames, resample
 from vip_factors.sensors.odometry import Odometry
+from vip_factors.sensors.recording import Recording
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
@@ -55,12 +57,18 @@ class WearerObjective:
         return self.scene.retract(SceneState.unfilmed([state]), steps).wearers[0]
 
 
+@cache
+def gestured() -> Recording:
+    motion = gestures(seconds=0.5)
+    settings = SimulateSettings(gap_s=0.0, packet_loss=0.0)
+    return simulate_recording(motion, preset("sip6", motion.skeleton), settings, seed=3)
+
+
 def small_model(free: bool = True, silent: Sequence[int] = ()) -> tuple[WearerProblem, WearerState]:
     """A noisy little problem in which every kind of factor acts, at a random state; some frames may be silent."""
     motion = gestures(seconds=0.5)
-    placement = preset("sip6", motion.skeleton)
-    recording = simulate_recording(motion, placement, SimulateSettings(gap_s=0.0, packet_loss=0.0), seed=3)
-    frames = resample(recording, 20.0).window(slice(0, T))
+    placement = gestured().placement
+    frames = resample(gestured(), 20.0).window(slice(0, T))
     random = np.random.default_rng(1)
     valid = frames.orientation_valid.copy()
     valid[2, 1] = False

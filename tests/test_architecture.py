@@ -1,6 +1,7 @@
 """Imports go one way: a room sees only the rooms in rows above it, and third parties stay in their rooms."""
 
 import ast
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -68,12 +69,14 @@ def room_of(path: Path) -> str:
     return parts[0].removesuffix(".py")
 
 
+@cache
 def imports_of(path: Path) -> list[tuple[str, bool]]:
     """Names that a file imports, each with whether it is for type checkers alone."""
     tree, found = ast.parse(path.read_text(encoding="utf-8")), list[tuple[str, bool]]()
-    guards = [node for node in ast.walk(tree) if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
+    nodes = list(ast.walk(tree))
+    guards = [node for node in nodes if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
     of_types = {id(node) for guard in guards for node in ast.walk(guard)}
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.Import):
             found += [(alias.name, id(node) in of_types) for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

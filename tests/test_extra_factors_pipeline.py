@@ -43,7 +43,8 @@ def two() -> Scene:
 
 
 def test_in_batch() -> None:
-    hasty = replace(QUICK, fusion=replace(QUICK.fusion, rounds=1, refits=0))
+    fusion = replace(QUICK.fusion, rounds=1, refits=0)
+    hasty = replace(QUICK, fusion=fusion, solve=replace(QUICK.solve, max_iterations=8))
     estimate = smooth(two(), hasty, extra_factors=ranges)
     apart = np.subtract(*(one.motion.p_world_pelvis for one in estimate.wearers))
     assert np.linalg.norm(apart, axis=1) == pytest.approx(METRES, abs=0.1)

@@ -52,7 +52,7 @@ def commands(folder: Path, recording: Path, estimate: Path) -> Iterator[list[obj
     yield ["export", estimate, *(folder / name for name in EXPORTS)]
     yield ["report", estimate, "--recording", recording, "--out", folder / "walk.html"]
     yield ["view", estimate, recording, "--save", folder / "walk.rrd"]
-    yield ["stream", recording, "--out", folder / "live.mcap", "--frame-rate", "10"]
+    yield ["stream", recording, "--out", folder / "live.mcap", "--frame-rate", "10", "--recalibration.no-use"]
 
 
 def test_what_is_tried_is_refused_and_noted(tried: list[str]) -> None:

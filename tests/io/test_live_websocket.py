@@ -117,7 +117,7 @@ def test_a_header_claims_nothing(sent: int, stays: bool) -> None:
 
 
 def test_a_second_sender_waits_until_the_first_has_gone_or_is_silent() -> None:
-    with listening(settings=replace(PATIENT, next_client_wait=3.0)) as source, connect(source.url) as first:
+    with listening(settings=ONCE_MORE) as source, connect(source.url) as first:
         for message in (HEADER, *SAMPLES):
             first.send(message)
         source.setup  # noqa: B018
@@ -180,14 +180,14 @@ def test_a_token_comes_from_a_file_or_the_environment(tmp_path: Path, monkeypatc
 
 
 def test_a_flood_waits_and_fills_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(websocket, "LARGEST_RATE", 500.0)
+    monkeypatch.setattr(websocket, "LARGEST_RATE", 1000.0)
     with listening(settings=replace(PATIENT, queue_limit=500)) as source:
         is_over = Event()
 
         def pour() -> None:
             with connect(source.url) as client:
                 client.send(HEADER)
-                for _ in range(2000 // len(SAMPLES)):
+                for _ in range(2500 // len(SAMPLES)):
                     for message in SAMPLES:
                         client.send(message)
             is_over.set()
@@ -273,7 +273,7 @@ def test_samples_as_json_are_those_of_the_binary_messages() -> None:
 def test_the_page_says_what_the_stream_waits_for_and_why_angles_of_six_sensors_are_missing() -> None:
     """The command, and the documented sender: nobody there, then a stream."""
     command = [sys.executable, "-m", "vip_factors", "stream", "ws://:0", "--web", str(free_port()), "--json"]
-    command += ["--limits.next-client-wait", "0"]
+    command += ["--limits.next-client-wait", "0", "--recalibration.no-use"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as stream:
         told = [stream.stderr.readline() for _ in range(2)]
         where, page = (line.split(" at ")[1].split(",")[0] for line in told)
@@ -284,7 +284,7 @@ def test_the_page_says_what_the_stream_waits_for_and_why_angles_of_six_sensors_a
 
         assert f"waiting for a sender at {where} (a header, then a second of samples" in shown()
         script = str(ROOT / "data_schemas" / "example_sender.py")
-        sender = subprocess.Popen([sys.executable, script, where, "6"])
+        sender = subprocess.Popen([sys.executable, script, where, "3"])
         first = json.loads(stream.stdout.readline())
         assert first["wearers"][0]["guessed_angles"]["left_knee"] == "no sensor on left thigh"
         live = shown()

@@ -23,7 +23,6 @@ from vip_factors.live.tracker import NOT_SEEN
 from vip_factors.sensors.live import ImuSample, live_samples, sensor_columns, stream_head
 from vip_factors.sensors.scene import Scene
 from vip_factors.settings import RecalibrationSettings
-from vip_factors.stages import rival_starts
 
 OFTEN = replace(SETTINGS, recalibration=RecalibrationSettings(first_s=2.5, delay_s=0.4))
 
@@ -100,25 +99,6 @@ def test_what_one_second_does_not_settle_is_told_only_if_more_does_not(anew: Tra
     second = [sample for sample in live_samples(scene) if sample.time < 1.2]
     assert "does not settle" in track(scene, second, replace(SETTINGS, calibration_rate=7.5)).findings
     assert "does not settle" not in anew.findings
-
-
-def test_starts_that_end_in_one_motion_are_settled(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The search leaves a forearm open; batch tells it only where its rival's motion is another."""
-    scene = of_unknown_body(filmed_gestures("fixed", 5.0))
-    head, settings = stream_head(scene), replace(SETTINGS, calibration_rate=7.5)
-    assembler = FrameAssembler(sensor_columns(head), settings.frame_rate, settings.assembly, head.cameras, 8)
-    second = [sample for sample in live_samples(scene) if sample.time < 1.1]
-    stretch = MeasuredStretch(head, [frame for sample in second for frame in assembler.push(sample)])
-    monkeypatch.setattr(rival_starts, "_solved_from", lambda *_: None)
-
-    def told(apart: float, least_s: float) -> set[str]:
-        monkeypatch.setattr(rival_starts, "_bones_apart", lambda *_: np.array([apart]))  # beside what counts as alike
-        monkeypatch.setattr(recalibrator, "SETTLING_S", least_s)
-        return {finding.kind for finding in recalibrator.recalibrate(stretch, settings).findings}
-
-    assert "not settled" in told(0.0, least_s=9.0)
-    assert "not settled" in told(4.0, least_s=0.5)
-    assert "not settled" not in told(0.0, least_s=0.5)
 
 
 @pytest.fixture(scope="module")

@@ -20,15 +20,15 @@ from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSet
 from vip_factors.simulate.staging import from_time, staged
 
 CAMERAS: tuple[CameraKind, ...] = ("fixed", "hand-held", "walking")
-SECONDS = 4.0
+SECONDS = 2.5
 
 
 @pytest.fixture(scope="module")
 def people() -> tuple[Performer, ...]:
-    """Two wearers, and a bystander who goes after three seconds."""
+    """Two wearers, and a bystander who goes after two seconds."""
     long = gestures(SECONDS + 2.2)
-    ann, bob = staged([long.frames(slice(0, 481)), from_time(long, 2.2).frames(slice(0, 481))], seed=1)
-    eve = staged([from_time(long, 1.0).frames(slice(0, 361))], seed=2, others=(ann, bob))[0]
+    ann, bob = staged([long.frames(slice(0, 301)), from_time(long, 2.2).frames(slice(0, 301))], seed=1)
+    eve = staged([from_time(long, 1.0).frames(slice(0, 241))], seed=2, others=(ann, bob))[0]
     sensors = preset("sip6", ann.skeleton)
     return Performer("ann", ann, sensors), Performer("bob", bob, sensors), Performer("eve", eve)
 
@@ -113,15 +113,14 @@ def test_a_tripod_stands_still_and_has_no_imu_unless_asked_for(people) -> None:
 
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_people_have_a_plausible_size_and_are_mostly_in_view(people, camera: CameraKind) -> None:
-    for seed in range(2):
-        scene = simulate_scene(people, plain(camera), seed=seed)
-        mine = scene.camera.truth.wearer >= 0
-        pixels = scene.camera.detections.pixels[mine]
-        height = np.nanmax(pixels[..., 1], axis=1) - np.nanmin(pixels[..., 1], axis=1)
-        assert 200 < np.median(height) < 900
-        assert np.mean(scene.camera.detections.seen[mine]) > 0.8
-        up = -scene.camera.truth.path.R_world_camera[:, 2, 1]
-        assert np.all(up > np.cos(np.deg2rad(30)))  # held upright
+    scene = simulate_scene(people, plain(camera), seed=0)
+    mine = scene.camera.truth.wearer >= 0
+    pixels = scene.camera.detections.pixels[mine]
+    height = np.nanmax(pixels[..., 1], axis=1) - np.nanmin(pixels[..., 1], axis=1)
+    assert 200 < np.median(height) < 900
+    assert np.mean(scene.camera.detections.seen[mine]) > 0.8
+    up = -scene.camera.truth.path.R_world_camera[:, 2, 1]
+    assert np.all(up > np.cos(np.deg2rad(30)))  # held upright
 
 
 def test_realistic_scene_has_the_detectors_troubles(people) -> None:

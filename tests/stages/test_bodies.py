@@ -4,7 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from filmed_gestures import QUICK
+from filmed_gestures import HASTY, QUICK
 
 from vip_factors.body.anthropometry import LengthPrior, likely_body, skeleton_from_stature
 from vip_factors.body.hinges import HINGE_OF, HingeEstimate
@@ -116,7 +116,7 @@ def what_was_found_is_where_the_next_recording_starts(scene: Scene, estimate: We
 def test_a_body_that_is_given_stays_as_it_is() -> None:
     scene, body = filmed()
     wearers = tuple(replace(one, subject=Subject("anna", STATURE, skeleton=body)) for one in scene.wearers)
-    estimate = smooth(replace(scene, wearers=wearers), QUICK).wearers[0]
+    estimate = smooth(replace(scene, wearers=wearers), HASTY).wearers[0]
     np.testing.assert_array_equal(estimate.motion.skeleton.p_parent_joint, body.p_parent_joint)
     assert estimate.body is not None
     assert estimate.body.names == ()

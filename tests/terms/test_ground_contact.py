@@ -79,7 +79,7 @@ def test_weighed_by_pixels_it_knows_what_a_pixel_and_an_uneven_floor_do() -> Non
     p, height = FOOT.ankle(body, SOLE)
     W = ground_contact_whitening(height, camera, pixel_rays(LENS, pixels), np.full(T, 3.0), LENS, np.ones(T), settings)
     whitened = []
-    for _ in range(4000):
+    for _ in range(1500):
         ray = pixel_rays(LENS, pixels + 3.0 * random.standard_normal(pixels.shape))
         moved = height + settings.floor_sigma * random.standard_normal(T)
         whitened.append(np.einsum("tij,tj->ti", W, ground_contact_residual(p, moved, camera, ray)))

@@ -85,7 +85,7 @@ def test_demo_makes_everything(run, tmp_path: Path) -> None:
 def test_a_simulated_scene_is_what_was_asked_for(run, tmp_path: Path, camera: str) -> None:
     path = tmp_path / "scene.mcap"
     told = run(
-        "simulate", "gestures", path, "--seconds", "3", "--placement", "sip6", "--camera", camera, "--also", "gestures",
+        "simulate", "gestures", path, "--seconds", "2", "--placement", "sip6", "--camera", camera, "--also", "gestures",
         "--bystanders", "1", "--keypoints", "coco17", "--detector.mixed", "0", "--width", "1280", "--height", "720",
     )  # fmt: skip
     assert told.code == 0

@@ -87,9 +87,9 @@ def test_rotation_is_not_mirrored(run, tmp_path: Path, sign: float) -> None:
 
 
 def test_straps_that_nobody_declared_are_a_note() -> None:
-    placement = "totalcapture13"
-    imus = {name: strapped_upside_down(stream) for name, stream in walk(placement).imus.items()}
-    estimate = vip.smooth(replace(walk(placement), imus=imus, initial_pose="none", truth=None), QUICK)
+    recording = walk("tnt10", 6.0)
+    imus = {name: strapped_upside_down(stream) for name, stream in recording.imus.items()}
+    estimate = vip.smooth(replace(recording, imus=imus, initial_pose="none", truth=None), QUICK)
     assert "mountings estimated" in {one.kind for one in estimate.all_findings}
     assert estimate.verdict.severity is Severity.CARE
 

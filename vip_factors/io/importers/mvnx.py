@@ -4,13 +4,13 @@ Sensor orientations are global (w first, Z up). Version 3 gives the sensors' spe
 acceleration in the world without gravity, from which it follows.
 
 MVN's segment axes are x forward, y left, z up on a person in the T-pose, with every orientation the identity there.
-Older files (MVN Studio 4) follow the ISB instead and turn the arms' axes; the pose of the calibration in which the
-bones are straight then says how. Which convention a file follows is not written in it, so it is found: under the
-right one, the points that two segments share coincide in every frame.
+Older files (MVN Studio 4) follow the ISB instead and turn the arms' axes; the calibration's pose with straight bones
+then says how. The file does not name its convention: the one is taken under which joints of two segments meet best.
 """
 
 import xml.etree.ElementTree as ET
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from vip_factors.body.skeleton import JOINT_NAMES, Landmark, Skeleton, ancestors
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, transpose
-from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog, rotations_or_nan
+from vip_factors.io.importers.shared import GRAVITY, UP, ImportedLog, rotations_or_nan, site_of_name
 from vip_factors.io.motions.skeleton_maps import both_sides
 from vip_factors.sensors.calibration import Placement, SensorSite, sensor_site
 from vip_factors.sensors.imu_stream import ImuStream
@@ -32,57 +32,44 @@ FORMAT = "mvnx"
 # MVN's mountings come from a pose held by eye and some steps walked: better than a careless pose (15°), not exact.
 MVN_MOUNTING_SIGMA = np.deg2rad(10.0)
 UTC_YEAR_2000_MS = 946_684_800_000  # earlier "ms" attributes count from the recording's start, not from 1970
-_LIMBS = {
-    "shoulder": "{}Shoulder", "upper_arm": "{}UpperArm", "forearm": "{}ForeArm", "hand": "{}Hand",
-    "thigh": "{}UpperLeg", "shank": "{}LowerLeg", "foot": "{}Foot",
-}  # fmt: skip
-SENSOR_SITES = {"Pelvis": "pelvis", "T8": "sternum", "Head": "head"} | {
-    segment: site for site, segment in both_sides(_LIMBS, "Left", "Right").items()
-}
 
 # Our bone axes in MVN's: x left, y up, z forward.
 R_segment_bone = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 
-SEGMENT_PARENTS = {
-    "L5": "Pelvis", "L3": "L5", "T12": "L3", "T8": "T12", "Neck": "T8", "Head": "Neck",
-} | {
-    f"{side}{child}": (f"{side}{parent}" if parent not in ("T8", "Pelvis") else parent)
+_TRUNK = ("Pelvis", "L5", "L3", "T12", "T8", "Neck", "Head")
+_ARM = ("T8", "{}Shoulder", "{}UpperArm", "{}ForeArm", "{}Hand")
+_LEG = ("Pelvis", "{}UpperLeg", "{}LowerLeg", "{}Foot", "{}Toe")
+SEGMENT_PARENTS = {child: parent for parent, child in pairwise(_TRUNK)} | {
+    child.format(side): parent.format(side)
     for side in ("Right", "Left")
-    for child, parent in {
-        "Shoulder": "T8", "UpperArm": "Shoulder", "ForeArm": "UpperArm", "Hand": "ForeArm",
-        "UpperLeg": "Pelvis", "LowerLeg": "UpperLeg", "Foot": "LowerLeg", "Toe": "Foot",
-    }.items()
-}  # fmt: skip
+    for chain in (_ARM, _LEG)
+    for parent, child in pairwise(chain)
+}
+SENSOR_SITES = {"T8": "sternum"} | {
+    name: site
+    for name in ("Pelvis", *SEGMENT_PARENTS)
+    if not name.endswith("Toe") and (site := site_of_name(name)) is not None
+}
 # Our bones and the segment whose turning they take; L3 shares spine1 with L5, see _bone_rotations.
-BONE_SEGMENTS = {
-    "pelvis": "Pelvis", "spine1": "L5", "spine2": "T12", "spine3": "T8", "neck": "Neck", "head": "Head",
-} | both_sides(
-    {
-        "collar": "{}Shoulder", "shoulder": "{}UpperArm", "elbow": "{}ForeArm", "wrist": "{}Hand", "hand": "{}Hand",
-        "hip": "{}UpperLeg", "knee": "{}LowerLeg", "ankle": "{}Foot", "foot": "{}Toe",
-    }, "Left", "Right",
-)  # fmt: skip
+_TRUNK_BONES = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
+_LIMB_BONES = ("collar", "shoulder", "elbow", "wrist", "hand", "hip", "knee", "ankle", "foot")
+BONE_SEGMENTS = dict(zip(_TRUNK_BONES, ("Pelvis", "L5", "T12", "T8", "Neck", "Head"), strict=True)) | both_sides(
+    dict(zip(_LIMB_BONES, (*_ARM[1:], _ARM[-1], *_LEG[1:]), strict=True)), "Left", "Right"
+)
 # Our landmarks as points of segments.
-LANDMARK_POINTS = {"head_top": ("Head", "pTopOfHead")} | {
-    f"{side.lower()}_{name}": (f"{side}{segment}", point.format(side))
-    for side in ("Left", "Right")
-    for name, segment, point in (
-        ("heel", "Foot", "p{}HeelFoot"), ("toe_tip", "Toe", "p{}Toe"), ("fingertip", "Hand", "p{}TopOfHand"),
-    )
-}  # fmt: skip
+_POINTS = {"heel": "{0}Foot/p{0}HeelFoot", "toe_tip": "{0}Toe/p{0}Toe", "fingertip": "{0}Hand/p{0}TopOfHand"}
+LANDMARK_POINTS = {"head_top": "Head/pTopOfHead"} | both_sides(_POINTS, "Left", "Right")
 
 # What is read of a frame: the element, and how many numbers each segment or sensor has in it.
-CHANNELS = {
-    "orientation": 4, "position": 3, "sensorOrientation": 4, "sensorFreeAcceleration": 3, "sensorAcceleration": 3,
-    "sensorAngularVelocity": 3,
-}  # fmt: skip
+_VECTORS = ("position", "sensorFreeAcceleration", "sensorAcceleration", "sensorAngularVelocity")
+CHANNELS = {"orientation": 4, "sensorOrientation": 4} | dict.fromkeys(_VECTORS, 3)
 FULL_BODY = "FullBody"  # MVN's configuration in which every limb carries a sensor
 STRAIGHT_POSES = ("identity", "npose", "tpose")  # poses of the calibration that show the zero pose, the best first
 SANE_CLOSURE_M = 0.03  # joints of a right convention meet within millimetres; the arms of a wrong one miss by 0.3 m
 
 
 class MvnxFrame(NamedTuple):
-    """One frame: its attributes, and the numbers of the channels it has, one row per segment or sensor."""
+    """A frame's attributes, and its numbers by channel, one row per segment or sensor."""
 
     attributes: dict[str, str]
     channels: dict[str, Array]
@@ -90,38 +77,37 @@ class MvnxFrame(NamedTuple):
 
 @dataclass
 class MvnxDocument:
-    """The content of an MVNX file.
+    """Content of an MVNX file.
 
     Attributes:
-        path: of the file.
-        version: of the format, as written.
-        software: version of MVN, as written.
+        path: the file.
+        version, software: of the format and of MVN, as written.
         frame_rate: Hz.
-        configuration: which sensors the subject wears, in MVN's words; blank if the file does not say.
+        configuration: the set of sensors that the subject wears, in MVN's words; blank if the file does not say.
         segments, sensors: labels, in the order of the rows of every channel.
-        points: (segment, point) → metres, in the segment's axes in the T-pose (x forward, y left, z up).
-        joints: pairs of (segment, point), parent first, that coincide.
+        points: ``segment/point`` → metres, in the segment's axes in the T-pose (x forward, y left, z up).
+        joints: pairs of such points, the parent's first, that coincide.
         samples: frames of the recording, in order.
         calibration_poses: frames before it: identity, T-pose, N-pose …
-        truncated: what is wrong with the end of the file, if it breaks off.
+        truncated: why the file cannot be read to its end; blank if it can.
     """
 
     path: Path
-    version: str = "?"
-    software: str = "?"
-    frame_rate: float = 0.0
-    configuration: str = ""
-    segments: list[str] = field(default_factory=list)
-    sensors: list[str] = field(default_factory=list)
-    points: dict[tuple[str, str], Array] = field(default_factory=dict)
-    joints: list[tuple[tuple[str, str], tuple[str, str]]] = field(default_factory=list)
+    version: str
+    software: str
+    frame_rate: float
+    configuration: str
+    segments: list[str]
+    sensors: list[str]
+    points: dict[str, Array]
+    joints: list[tuple[str, str]]
     samples: list[MvnxFrame] = field(default_factory=list)
     calibration_poses: list[MvnxFrame] = field(default_factory=list)
     truncated: str = ""
 
     @property
     def is_full_body(self) -> bool:
-        """Whether every limb carries a sensor: as the configuration says, or else the sensors themselves."""
+        """Whether every limb carries a sensor, by the configuration, else by the sensors' names."""
         return self.configuration == FULL_BODY or (not self.configuration and set(SENSOR_SITES) <= set(self.sensors))
 
     def shape(self, name: str) -> tuple[int, int]:
@@ -129,81 +115,84 @@ class MvnxDocument:
         return len(self.sensors if name.startswith("sensor") else self.segments), CHANNELS[name]
 
     def channel(self, name: str) -> Array | None:
-        """One channel of all samples, ``(N, rows, width)``, NaN where a sample lacks it; None if all do."""
+        """A channel of all samples, ``(N, rows, width)``, NaN where a sample lacks it; None if all do."""
         if not any(name in sample.channels for sample in self.samples):
             return None
         empty = np.full(self.shape(name), np.nan)
         return np.stack([sample.channels.get(name, empty) for sample in self.samples])
 
+    def add(self, frame: ET.Element) -> None:
+        """Add a frame, a sample or a pose of the calibration."""
+        channels = {}
+        for child in frame:
+            if (name := _tag(child)) in CHANNELS:
+                rows, width = self.shape(name)
+                where = f"<{name}> of frame {frame.get('index', len(self.samples))}"
+                channels[name] = _numbers(self.path, child, where, rows * width).reshape(-1, width)
+        is_sample = frame.get("type", "normal") == "normal"
+        (self.samples if is_sample else self.calibration_poses).append(MvnxFrame(frame.attrib, channels))
+
 
 def read_document(path: Path) -> MvnxDocument:
-    """Parse an MVNX file of any size as a stream; one that breaks off gives the frames it holds.
+    """Parse an MVNX file of any size as a stream; one that breaks off gives the frames before the break.
 
     Raises:
         FileFormatError: if the file is not MVNX, has no samples, or a frame's numbers do not fit the labels.
     """
-    document, frames = MvnxDocument(path), None
+    root, frames, document, problem = None, None, None, ""
     try:
         for event, element in ET.iterparse(path, events=("start", "end")):
-            tag = _tag(element)
-            if event == "start" and tag == "frames":
-                frames = element
-            if (event == "start") == (tag in ("mvnx", "subject")):
-                _take(document, tag, element)
-            if event == "end" and tag == "frame" and frames is not None:
-                frames.clear()  # its numbers are taken
+            root = element if root is None else root
+            if event == "start" and _tag(element) == "frames":
+                frames, document = element, _header(path, root)
+            elif event == "end" and _tag(element) == "frame" and frames is not None and document is not None:
+                document.add(element)
+                frames.clear()
     except FileFormatError:
         raise
-    except (ET.ParseError, LookupError, ValueError) as error:  # the latter two: an encoding that is none
-        if not document.samples:
+    except (ET.ParseError, LookupError, ValueError) as error:  # the latter two: an unknown encoding
+        problem = str(error)
+        if document is None or not document.samples:
             raise FileFormatError(f"{path}: not readable as XML ({error}): expected an MVNX file") from error
-        document.truncated = str(error)
-    if not document.samples:
+    if document is None or not document.samples:
         raise FileFormatError(f"{path}: no frame of type 'normal': expected an MVNX recording with frames")
-    if not document.frame_rate > 0:
-        raise FileFormatError(f"{path}: <subject> gives no frameRate: expected frames per second")
+    document.truncated = problem
     return document
 
 
 def _tag(element: ET.Element) -> str:
-    """Without its namespace."""
+    """The tag without its namespace."""
     return element.tag.rpartition("}")[2]
 
 
-def _take(document: MvnxDocument, tag: str, element: ET.Element) -> None:
-    """An element at its end, of ``mvnx`` and ``subject`` at its start."""
-    label = element.get("label", "?")
-    if tag == "mvnx":
-        document.version = element.get("version", "?")
-    elif tag == "mvn":
-        document.software = element.get("version", "?")
-    elif tag == "subject":
-        document.configuration = element.get("configuration", "")
-        rate = element.get("frameRate", "0")
-        try:
-            document.frame_rate = float(rate)
-        except ValueError as error:
-            raise FileFormatError(f"{document.path}: frameRate = '{rate}': expected a number") from error
-    elif tag == "segment":
-        document.segments.append(label)
-        for point in element.iter():
-            if _tag(point) == "point" and len(point):
-                document.points[label, point.get("label", "?")] = _numbers(document.path, point[0], "a point", 3)
-    elif tag == "sensor":
-        document.sensors.append(label)
-    elif tag == "joint":
-        ends = [tuple((end.text or "").strip().split("/", 1)) for end in element]
-        if len(ends) == 2 and all(len(end) == 2 for end in ends):
-            document.joints.append((ends[0], ends[1]))  # type: ignore[arg-type]
-    elif tag == "frame":
-        channels = {}
-        for child in element:
-            if (name := _tag(child)) in CHANNELS:
-                rows, width = document.shape(name)
-                where = f"<{name}> of frame {element.get('index', len(document.samples))}"
-                channels[name] = _numbers(document.path, child, where, rows * width).reshape(-1, width)
-        is_sample = element.get("type", "normal") == "normal"
-        (document.samples if is_sample else document.calibration_poses).append(MvnxFrame(element.attrib, channels))
+def _header(path: Path, root: ET.Element) -> MvnxDocument:
+    """The document without frames, from the elements above these."""
+    software, subject = root.find(".//{*}mvn"), root.find(".//{*}subject")
+    rate = "0" if subject is None else subject.get("frameRate", "0")
+    try:
+        frame_rate = float(rate)
+    except ValueError as error:
+        raise FileFormatError(f"{path}: frameRate = '{rate}': expected a number") from error
+    if not frame_rate > 0:
+        raise FileFormatError(f"{path}: <subject> gives no frameRate: expected frames per second")
+    segments, points = [], dict[str, Array]()
+    for segment in root.iterfind(".//{*}segment"):
+        segments.append(segment.get("label", "?"))
+        for point in segment.iterfind(".//{*}point"):
+            if len(point):
+                points[f"{segments[-1]}/{point.get('label', '?')}"] = _numbers(path, point[0], "a point", 3)
+    joints = [[(end.text or "").strip() for end in joint] for joint in root.iterfind(".//{*}joint")]
+    return MvnxDocument(
+        path,
+        version=root.get("version", "?"),
+        software="?" if software is None else software.get("version", "?"),
+        frame_rate=frame_rate,
+        configuration="" if subject is None else subject.get("configuration", ""),
+        segments=segments,
+        sensors=[sensor.get("label", "?") for sensor in root.iterfind(".//{*}sensor")],
+        points=points,
+        joints=[(ends[0], ends[1]) for ends in joints if len(ends) == 2],
+    )
 
 
 def _numbers(path: Path, element: ET.Element, where: str, count: int) -> Array:
@@ -217,10 +206,10 @@ def _numbers(path: Path, element: ET.Element, where: str, count: int) -> Array:
 
 
 def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Motion, bool]:
-    """The wearer's motion in our skeleton, and whether its stature is from the file.
+    """Convert the wearer's motion to our skeleton; also whether its stature is from the file.
 
     Raises:
-        InputError: if the file does not hold all of it.
+        InputError: if a part of it is missing in the file.
     """
     quaternions, positions = document.channel("orientation"), document.channel("position")
     missing = sorted({"Pelvis", *SEGMENT_PARENTS} - set(document.segments))
@@ -228,8 +217,8 @@ def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Moti
         raise InputError(f"segment {missing[0]} is missing")
     if quaternions is None or positions is None:
         raise InputError("the frames hold no segment orientations and positions")
-    whole = np.all(np.isfinite(quaternions), axis=(1, 2)) & np.all(np.isfinite(positions), axis=(1, 2))
-    if not np.all(whole) or np.any(np.abs(np.diff(time) * document.frame_rate - 1) > 0.1):
+    is_complete = np.all(np.isfinite(quaternions), axis=(1, 2)) & np.all(np.isfinite(positions), axis=(1, 2))
+    if not np.all(is_complete) or np.any(np.abs(np.diff(time) * document.frame_rate - 1) > 0.1):
         raise InputError("some frames are missing")
     offsets = _offsets(document)
     if offsets is None:
@@ -263,18 +252,18 @@ def body_of(document: MvnxDocument, time: Array, notes: list[str]) -> tuple[Moti
 
 def _offsets(document: MvnxDocument) -> dict[str, Array] | None:
     """Origin of each segment from its parent's origin, in MVN's axes in the T-pose."""
-    offsets = {
-        child: document.points[parent, label] - document.points[child, own]
-        for (parent, label), (child, own) in document.joints
-        if {(parent, label), (child, own)} <= set(document.points) and SEGMENT_PARENTS.get(child) == parent
-    }
+    offsets, points = {}, document.points
+    for parent, child in document.joints:
+        segment = child.partition("/")[0]
+        if {parent, child} <= points.keys() and SEGMENT_PARENTS.get(segment) == parent.partition("/")[0]:
+            offsets[segment] = points[parent] - points[child]
     if set(offsets) == set(SEGMENT_PARENTS):
         return offsets
     for kind in STRAIGHT_POSES:
         for pose in document.calibration_poses:
             if pose.attributes.get("type") == kind and "position" in pose.channels:
-                at = dict(zip(document.segments, pose.channels["position"], strict=True))
-                return {child: at[child] - at[parent] for child, parent in SEGMENT_PARENTS.items()}
+                p = dict(zip(document.segments, pose.channels["position"], strict=True))
+                return {child: p[child] - p[parent] for child, parent in SEGMENT_PARENTS.items()}
     return None
 
 
@@ -300,12 +289,12 @@ def _zero_pose(
 
 
 def _bone_rotations(document: MvnxDocument, offsets: dict[str, Array], R_world_segment: Array) -> Array:
-    at = {name: R_world_segment[:, row] for row, name in enumerate(document.segments)}
+    R = {name: R_world_segment[:, row] for row, name in enumerate(document.segments)}
     # spine1 spans L5 and L3: it turns as they do on average, by length, so that spine2 stays where MVN has it.
-    lengths = np.linalg.norm(offsets["L3"]), np.linalg.norm(offsets["T12"])  # of L5, of L3
-    share = float(lengths[1] / (lengths[0] + lengths[1]))
-    spine1 = at["L5"] @ exp(share * log(transpose(at["L5"]) @ at["L3"]))
-    bones = [spine1 if name == "spine1" else at[BONE_SEGMENTS[name]] for name in JOINT_NAMES]
+    length_L5, length_L3 = np.linalg.norm(offsets["L3"]), np.linalg.norm(offsets["T12"])
+    share = float(length_L3 / (length_L5 + length_L3))
+    spine1 = R["L5"] @ exp(share * log(transpose(R["L5"]) @ R["L3"]))
+    bones = [spine1 if name == "spine1" else R[BONE_SEGMENTS[name]] for name in JOINT_NAMES]
     return np.stack(bones, axis=1) @ R_segment_bone
 
 

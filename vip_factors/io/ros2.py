@@ -6,10 +6,9 @@ file describes its messages as .msg or as IDL.
 
 import posixpath
 import struct
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import SequenceMatcher
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +24,8 @@ from vip_factors.sensors.imu_stream import ImuStream
 
 IMU_TYPES = ("sensor_msgs/msg/Imu", "sensor_msgs/Imu")
 NUMBERS = 37  # float64: orientation 4, its covariance 9, angular velocity 3 and 9, linear acceleration 3 and 9
-ORIENTATION, RATE, FORCE = slice(0, 4), slice(13, 16), slice(25, 28)
-ORIENTATION_COVARIANCE, RATE_COVARIANCE, FORCE_COVARIANCE = 4, 16, 28  # first elements: -1 says "not measured"
+# Columns of each quantity, and the first element of its covariance: -1 there says that it was not measured.
+ORIENTATION, RATE, FORCE = (slice(0, 4), 4), (slice(13, 16), 16), (slice(25, 28), 28)
 
 
 def is_imu(channel: McapChannel) -> bool:
@@ -46,8 +45,9 @@ def _files_of_bag(path: Path) -> list[Path]:
 
 
 def read(path: Path) -> ImportedLog:
-    """The IMU streams of a ROS 2 recording, a file or a bag's folder: a sensor for each ``frame_id``, or for each topic
-    where frames are empty or shared.
+    """Read the IMU streams of a ROS 2 recording, a file or a bag's folder.
+
+    Each ``frame_id`` is a sensor, or each topic where frames are empty or shared.
 
     ``header.stamp`` is the time, from the earliest stamp; a sensor without stamps takes log times.
     ``linear_acceleration`` is taken as specific force, as REP 145 demands (a sensor at rest reads +9.81 upwards),
@@ -74,43 +74,53 @@ def read(path: Path) -> ImportedLog:
         raise FileFormatError(f"{path} has no messages of sensor_msgs/msg/Imu: topics found are {topic_names}")
     notes = [note for contents in parts for note in contents.damage]
     with naming(path):
-        raw = _samples_by_frame(path, messages)
-        start_ns = min(int(samples.time_ns.min()) for samples in raw)
+        raw = _sensors(path, messages)
+        start_ns = min(int(sensor.time_ns[0]) for sensor in raw)
         sensors = dict(zip(_names(raw), raw, strict=True))
-        streams = (
-            samples.stream(name, start_ns, notes, other) for name, samples, other in _with_gyroscopes(sensors, notes)
-        )
-        imus = {stream.name: stream for stream in streams if stream is not None}
+        partners, imus = _partners(sensors), dict[str, ImuStream]()
+        for name, sensor in sensors.items():
+            if name in partners:
+                name, accelerometer = posixpath.commonpath([name, partners[name]]) or name, sensors[partners[name]]
+                notes.append(
+                    f"{name}: the acceleration of {accelerometer.topic} is put onto the times of {sensor.topic}"
+                )
+            elif name in partners.values():
+                continue
+            else:
+                accelerometer = sensor
+            stream = _stream(path, name, sensor, accelerometer, start_ns, notes)
+            if stream is not None:
+                imus[name] = stream
         if not imus:
             raise FileFormatError("no IMU topic has orientation or acceleration")
     return ImportedLog("ros2", imus, default_sites(list(imus)), start_ns=start_ns, notes=merge_notes(notes))
 
 
-def _with_gyroscopes(
-    sensors: Mapping[str, "_Samples"], notes: list[str]
-) -> Iterator[tuple[str, "_Samples", "_Samples | None"]]:
-    """Each sensor, and beside one of angular rate alone that of acceleration alone whose topic's name is most alike."""
-    alone = {
-        quantity: [name for name, samples in sensors.items() if samples.measured == {quantity}]
-        for quantity in ("acceleration", "angular rate")
-    }
-    partner = dict[str, str]()
-    for gyroscope in alone["angular rate"]:
-        free = [name for name in alone["acceleration"] if name not in partner.values()]
-        if free:
-            partner[gyroscope] = max(free, key=lambda name: SequenceMatcher(None, name, gyroscope).ratio())
-    for name, samples in sensors.items():
-        if name in partner:
-            accelerometer = partner[name]
-            joined = posixpath.commonpath([name, accelerometer]) or name
-            notes.append(f"{joined}: the acceleration of {accelerometer} is put onto the times of {name}")
-            yield joined, samples, sensors[accelerometer]
-        elif name not in partner.values():
-            yield name, samples, None
+@dataclass(frozen=True)
+class _Sensor:
+    """A sensor's messages in the order of time, rows ``(N, …)``; a quantity that was not measured is None."""
+
+    topic: str
+    frame_id: str
+    time_ns: np.ndarray
+    force: Array | None
+    rate: Array | None
+    xyzw: Array | None
 
 
-def _names(raw: Sequence["_Samples"]) -> list[str]:
-    frames, topics = [samples.frame_id for samples in raw], [samples.topic.lstrip("/") for samples in raw]
+def _partners(sensors: Mapping[str, _Sensor]) -> dict[str, str]:
+    """By sensor of angular rate alone, the one of acceleration alone whose name is most alike."""
+    accelerometers = [n for n, s in sensors.items() if s.force is not None and s.rate is None and s.xyzw is None]
+    partners = dict[str, str]()
+    for name, sensor in sensors.items():
+        if accelerometers and sensor.rate is not None and sensor.force is None and sensor.xyzw is None:
+            partners[name] = max(accelerometers, key=lambda other: SequenceMatcher(None, other, name).ratio())
+            accelerometers.remove(partners[name])
+    return partners
+
+
+def _names(sensors: Sequence[_Sensor]) -> list[str]:
+    frames, topics = [sensor.frame_id for sensor in sensors], [sensor.topic.lstrip("/") for sensor in sensors]
     if all(frames) and len(set(frames)) == len(frames):
         return frames
     if len(set(topics)) == len(topics):
@@ -120,9 +130,9 @@ def _names(raw: Sequence["_Samples"]) -> list[str]:
     ]
 
 
-def _samples_by_frame(path: Path, topics: Sequence[McapMessages]) -> list["_Samples"]:
-    """The samples of each sensor: a topic, or a ``frame_id`` of a topic that has several."""
-    rows = dict[tuple[str, str], list[_Row]]()
+def _sensors(path: Path, topics: Sequence[McapMessages]) -> list[_Sensor]:
+    """The sensors: a topic each, or a ``frame_id`` of a topic that has several. Repeated stamps are left out."""
+    rows = dict[tuple[str, str], list[tuple[int, int, tuple[float, ...]]]]()
     for messages in topics:
         topic = messages.channel.topic
         for row, (data, log_time) in enumerate(zip(messages.data, messages.log_times, strict=True)):
@@ -131,84 +141,53 @@ def _samples_by_frame(path: Path, topics: Sequence[McapMessages]) -> list["_Samp
             except (struct.error, UnicodeDecodeError, IndexError) as error:
                 raise FileFormatError(f"message {row} of topic {topic} is no sensor_msgs/msg/Imu") from error
             rows.setdefault((topic, frame_id), []).append((stamp_ns, log_time, numbers))
-    return [_Samples.of(path, *key, sensor_rows) for key, sensor_rows in rows.items()]
-
-
-_Row = tuple[int, int, tuple[float, ...]]  # stamp and log time in nanoseconds, numbers
-
-
-@dataclass(frozen=True)
-class _Samples:
-    """The numbers of one sensor's messages."""
-
-    path: Path
-    topic: str
-    frame_id: str
-    time_ns: np.ndarray
-    values: Array
-
-    @classmethod
-    def of(cls, path: Path, topic: str, frame_id: str, rows: Sequence[_Row]) -> "_Samples":
-        """From the sensor's rows; log times stand in for stamps that are all zero."""
-        stamps, log_times, numbers = zip(*rows, strict=True)
+    sensors = []
+    for (topic, frame_id), sensor_rows in rows.items():
+        stamps, log_times, numbers = zip(*sensor_rows, strict=True)
         if not any(stamps):
             warn(path, f"topic {topic} has no time stamps: its log times stand for them")
             stamps = log_times
-        return cls(path, topic, frame_id, np.array(stamps, dtype=np.int64), np.array(numbers))
+        time_ns, order = np.unique(np.array(stamps, dtype=np.int64), return_index=True)
+        if repeats := len(stamps) - len(order):
+            warn(path, f"topic {topic}: {repeats} samples repeat a time stamp: left out")
+        values = np.array(numbers)
+        force, rate, xyzw = (_measured(values, *columns) for columns in (FORCE, RATE, ORIENTATION))
+        ordered = (None if quantity is None else quantity[order] for quantity in (force, rate, xyzw))
+        sensors.append(_Sensor(topic, frame_id, time_ns, *ordered))
+    return sensors
 
-    @cached_property
-    def measured(self) -> set[str]:
-        """The quantities that the sensor measured."""
-        quantities = {
-            "acceleration": self._unless(FORCE, FORCE_COVARIANCE),
-            "angular rate": self._unless(RATE, RATE_COVARIANCE),
-            "orientation": self._unless(ORIENTATION, ORIENTATION_COVARIANCE),
-        }
-        return {quantity for quantity, values in quantities.items() if values is not None}
 
-    def stream(
-        self, name: str, start_ns: int, notes: list[str], accelerometer: "_Samples | None" = None
-    ) -> ImuStream | None:
-        """The stream, in the order of time; None if it has neither orientation nor acceleration."""
-        time, rows = self._in_order(start_ns)
-        force, rate = self._unless(FORCE, FORCE_COVARIANCE), self._unless(RATE, RATE_COVARIANCE)
-        xyzw = self._unless(ORIENTATION, ORIENTATION_COVARIANCE)
-        if xyzw is not None and len(xyzw) > 1 and np.all(xyzw == xyzw[0]):
-            xyzw = None
-            notes.append(f"{name}: the orientation never changes: it was not measured, and is not used")
-        R = _rotations(xyzw)
-        sampled_force = None if force is None else (time, force[rows])
-        if accelerometer is not None:
-            other_time, other_rows = accelerometer._in_order(start_ns)
-            other = accelerometer._unless(FORCE, FORCE_COVARIANCE)
-            sampled_force = None if other is None else (other_time, other[other_rows])
-        if sampled_force is None and R is None:
-            warn(self.path, f"topic {self.topic} has neither orientation nor acceleration: left out")
-            return None
-        return stream_of_quantities(
-            name,
-            sampled_force,
-            None if R is None else (time, R[rows]),
-            None if rate is None else (time, rate[rows]),
-        )
+def _measured(values: Array, columns: slice, covariance: int) -> Array | None:
+    """A quantity ``(N, n)``; None if its covariance says that it was not measured, or all of it is zero."""
+    is_absent = values[:, covariance] == -1
+    quantity = values[:, columns].copy()
+    if np.all(is_absent) or not np.any(quantity):
+        return None
+    quantity[is_absent] = np.nan
+    return quantity
 
-    def _in_order(self, start_ns: int) -> tuple[Array, np.ndarray]:
-        """Seconds from a start, increasing, and the rows that have them: stamps that repeat are left out."""
-        time_ns, rows = np.unique(self.time_ns, return_index=True)
-        if len(rows) < len(self.time_ns):
-            warn(
-                self.path, f"topic {self.topic}: {len(self.time_ns) - len(rows)} samples repeat a time stamp: left out"
-            )
-        return np.asarray((time_ns - start_ns) / 1e9, float), rows
 
-    def _unless(self, columns: slice, covariance: int) -> Array | None:
-        """A quantity ``(N, n)``; None if its covariance says that it was not measured, or all of it is zero."""
-        absent = self.values[:, covariance] == -1
-        values = self.values[:, columns].copy()
-        if np.all(absent) or not np.any(values):
-            return None
-        values[absent] = np.nan
-        return values
+def _stream(
+    path: Path, name: str, sensor: _Sensor, accelerometer: _Sensor, start_ns: int, notes: list[str]
+) -> ImuStream | None:
+    """The stream; None if it has neither orientation nor acceleration."""
+    xyzw = sensor.xyzw
+    if xyzw is not None and len(xyzw) > 1 and np.all(xyzw == xyzw[0]):
+        xyzw = None
+        notes.append(f"{name}: the orientation never changes: it was not measured, and is not used")
+    R = _rotations(xyzw)
+    if accelerometer.force is None and R is None:
+        warn(path, f"topic {sensor.topic} has neither orientation nor acceleration: left out")
+        return None
+    time = np.asarray((sensor.time_ns - start_ns) / 1e9, float)
+    is_shared = accelerometer is sensor
+    force_time = time if is_shared else np.asarray((accelerometer.time_ns - start_ns) / 1e9, float)
+    return stream_of_quantities(
+        name,
+        None if accelerometer.force is None else (force_time, accelerometer.force),
+        None if R is None else (time, R),
+        None if sensor.rate is None else (time, sensor.rate),
+    )
 
 
 def _parse(data: bytes) -> tuple[int, str, tuple[float, ...]]:

@@ -51,7 +51,6 @@ NO_POSE = (
     "which may leave some of them turned the wrong way, and joints with them; better: hold a T- or N-pose for two "
     "seconds at the start, and say so with --initial-pose"
 )
-_TOLD_FORMATS = ("table",)  # known by a column map alone
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,7 +105,7 @@ def _format_of(path: Path) -> str:
         if start == MAGIC:
             return _mcap_format(path)
     for name in FORMATS:
-        if name not in ("recording", *_TOLD_FORMATS) and _reader(name).matches(path):
+        if name not in ("recording", "table") and _reader(name).matches(path):  # a table is declared by its column map
             return name
     raise FileFormatError(
         f"{path}: not a sensor log of a known format; known are {', '.join(FORMATS)}; of a table of another make say "
@@ -123,12 +122,12 @@ def _mcap_format(path: Path) -> str:
     from vip_factors.io.mcap_reader import read_few
     from vip_factors.io.ros2 import is_imu
 
-    channels = [one.channel for one in read_few(path, lambda channel: False).messages.values()]
-    return "ros2" if any(is_imu(channel) for channel in channels) else "recording"
+    topics = read_few(path, lambda channel: False).messages.values()
+    return "ros2" if any(is_imu(topic.channel) for topic in topics) else "recording"
 
 
 def _reader(name: str) -> Any:
-    """What has ``matches`` and ``read`` of the format: its module, imported late, or what that calls so."""
+    """The format's module, imported late, or the object of the name behind the colon; either matches and reads."""
     module, _, reader = FORMATS[name].partition(":")
     return getattr(import_module(module), reader) if reader else import_module(module)
 
@@ -149,36 +148,35 @@ def read_log(
 
 
 def _read_log(path: Path, format_name: str | None, columns: str | Path | None, rate_hz: float | None) -> ImportedLog:
+    from vip_factors.io.importers.column_map import read_column_map
+
     format_name = "table" if columns is not None else format_name or detect_format(path)
-    if format_name == "table":
-        return _read_table(path, columns, rate_hz)
     if format_name == "recording":
         raise InputError(f"{path} is a recording of this package already: expected a sensor log")
     reader = _reader(format_name)
-    if rate_hz is not None and not getattr(reader, "takes_rate", False):
+    log: ImportedLog
+    if format_name == "table":
+        if columns is None:
+            raise InputError(
+                f"{path}: format 'table' needs --columns MAP.toml, which says what the columns mean; --template NAME "
+                "writes a first guess"
+            )
+        _check_exists(path)
+        log = reader.read(path, read_column_map(columns, rate_hz))
+    elif rate_hz is None:
+        log = reader.read(path)
+    elif getattr(reader, "takes_rate", False):
+        log = reader.read(path, rate_hz)
+    else:
         raise InputError(f"{path}: rate_hz given, but a log of format '{format_name}' has times: leave --rate-hz out")
-    log: ImportedLog = reader.read(path) if rate_hz is None else reader.read(path, rate_hz)
     return log
 
 
-def _read_table(path: Path, columns: str | Path | None, rate_hz: float | None) -> ImportedLog:
-    from vip_factors.io.importers.column_map import read_column_map
-    from vip_factors.io.importers.table import read
-
-    if columns is None:
-        raise InputError(
-            f"{path}: format 'table' needs --columns MAP.toml, which says what the columns mean; --template NAME "
-            "writes a first guess"
-        )
-    _check_exists(path)
-    return read(path, read_column_map(columns, rate_hz))
-
-
 def import_recording(path: str | Path, options: ImportOptions | None = None) -> Recording:
-    """A recording from a sensor log of any known format except our own.
+    """Convert a sensor log of any known format except our own to a recording.
 
     Sensors with acceleration and angular rate but no orientation get theirs by an attitude filter. Sensors without a
-    known site are kept but not placed. What was assumed, dropped or odd stands in the recording's notes.
+    known site are kept but not placed. The recording's notes list assumptions, losses and oddities.
 
     Raises:
         InputError: if nothing is at the path, no sensor can be placed, or an option does not fit the log.
@@ -186,16 +184,14 @@ def import_recording(path: str | Path, options: ImportOptions | None = None) -> 
         RecordingError: if its samples are unusable.
     """
     path, options = Path(path), options or ImportOptions()
-    how = options.format, options.columns, options.rate_hz
-    log = read_log(path, *how)
-    if options.then:
-        logs = [log, *(read_log(part, *how) for part in options.then)]
-        log = log_in_parts(logs, [str(part) for part in (path, *options.then)])
+    parts = (path, *options.then)
+    logs = [read_log(part, options.format, options.columns, options.rate_hz) for part in parts]
+    log = log_in_parts(logs, [str(part) for part in parts]) if options.then else logs[0]
     return recording_of_log(log, path, options)
 
 
 def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Recording:
-    """The recording that a log becomes with what the user knows; ``path`` names it.
+    """Convert a log to a recording with the user's options; ``path`` names it.
 
     Raises:
         InputError, FileFormatError, RecordingError: as :func:`import_recording`.
@@ -214,8 +210,8 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
         subject = subject_with(body, given.subject, given.mass_kg, given.sex)
         notes.append(f"body of '{body.name}' from {options.body}, whatever stature and lengths were told")
     log = replace(log, imus=after_pose(log.imus, held, notes) if held else _oriented(log.imus, notes))
-    said = options.placement
-    rule = said if isinstance(said, Mapping | str) and not _is_file(said) else given.sensors
+    choice = options.placement
+    rule = choice if isinstance(choice, Mapping | str) and not _is_file(choice) else given.sensors
     placement = place_sensors(log, subject.body(), rule, notes)
     if (given.initial_pose or "none") == "none":
         notes.append(NO_POSE)
@@ -236,7 +232,7 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
 def _held(
     path: Path, log: ImportedLog, options: ImportOptions, pose: str | None
 ) -> tuple[dict[str, Array], Mapping[str, ImuStream]]:
-    """Orientations in a pose that was held elsewhere, by sensor, and the log's streams without it."""
+    """Orientations by sensor in a pose that was held elsewhere, and the log's streams without it."""
     if options.pose_from is None:
         return {}, log.imus
     if pose not in POSES:
@@ -257,12 +253,12 @@ def _is_file(placement: str | Path | Mapping[str, str] | None) -> TypeGuard[str 
 
 
 def _given(options: ImportOptions) -> PlacementFile:
-    """What the user said: the placement file's content with the options' values over it."""
+    """The placement file's content with the options' values over it."""
     content = placement_from_file(options.placement) if _is_file(options.placement) else PlacementFile()
-    named = ("subject", "stature_m", "mass_kg", "sex", "initial_pose")
-    over = {name: getattr(options, name) for name in named if getattr(options, name) is not None}
+    names = ("subject", "stature_m", "mass_kg", "sex", "initial_pose")
+    values = {name: value for name in names if (value := getattr(options, name)) is not None}
     lengths = {**content.segment_lengths_m, **options.segment_lengths_m}
-    return structs.replace(content, **over, segment_lengths_m=lengths)
+    return structs.replace(content, **values, segment_lengths_m=lengths)
 
 
 def _cut(imus: Mapping[str, ImuStream], options: ImportOptions, notes: list[str]) -> dict[str, ImuStream]:
@@ -270,17 +266,17 @@ def _cut(imus: Mapping[str, ImuStream], options: ImportOptions, notes: list[str]
     if options.start_s is None and options.end_s is None:
         return dict(imus)
     start, end = options.start_s or 0.0, float("inf") if options.end_s is None else options.end_s
-    kept = {}
+    parts = {}
     for name, stream in imus.items():
         if np.any((stream.time >= start) & (stream.time <= end)):
             part = stream.cut(start, end)
-            kept[name] = replace(part, time=part.time - start)
+            parts[name] = replace(part, time=part.time - start)
         else:
             notes.append(f"sensor '{name}' has no sample between {start:g} s and {end:g} s: left out")
-    if not kept:
+    if not parts:
         last = max(stream.time[-1] for stream in imus.values())
         raise InputError(f"no sensor has a sample between {start:g} s and {end:g} s: the log ends at {last:.2f} s")
-    return kept
+    return parts
 
 
 def _truth(log: ImportedLog, options: ImportOptions, zero: float) -> Truth | None:
@@ -298,27 +294,27 @@ def _truth(log: ImportedLog, options: ImportOptions, zero: float) -> Truth | Non
 
 
 def _oriented(imus: Mapping[str, ImuStream], notes: list[str]) -> dict[str, ImuStream]:
-    """The streams, those with acceleration and angular rate only having their orientation filled in.
+    """The streams, with orientations from acceleration and angular rate where the log has none.
 
     Raises:
         RecordingError: if no stream has an orientation, for the reason of the first that could have one.
     """
-    done, filtered, errors = {}, [], list[RecordingError]()
+    oriented, filtered, errors = {}, [], list[RecordingError]()
     for name, stream in imus.items():
-        done[name] = stream
+        oriented[name] = stream
         if stream.R_inertial_sensor is not None:
             continue
         if stream.angular_rate is None or stream.specific_force is None:
             notes.append(f"sensor '{name}' has no orientation and no angular rate to find it from: it cannot be used")
             continue
         try:
-            done[name] = with_orientation(stream)
+            oriented[name] = with_orientation(stream)
             filtered.append(name)
         except RecordingError as error:
             errors.append(error)
             notes.append(f"sensor '{name}' has no orientation, and none can be found: {error}")
-    if errors and all(stream.R_inertial_sensor is None for stream in done.values()):
+    if errors and all(stream.R_inertial_sensor is None for stream in oriented.values()):
         raise errors[0]
     if filtered:
         notes.append(f"orientation from acceleration and angular rate (VQF), heading arbitrary: {', '.join(filtered)}")
-    return done
+    return oriented

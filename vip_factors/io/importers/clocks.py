@@ -23,14 +23,16 @@ DAYS_BEFORE_1970 = 25_569  # of spreadsheets
 _STATED = re.compile(
     r"(?:(?:acquisition|sampl(?:e|ing)|update|output|data|logging|recording|measurement|capture)s?[ _-]*(?:data[ _-]*)?"
     r"(?:rate|freq\w*)|^\W*(?:rate|freq\w*|fs|odr)\b|samples[ _]per[ _]second)"
-    r"\W*(?:hz|sps)?\W*(\d+(?:[.,]\d+)?)(?!\d|[.:-]\d)\s*,?\s*(k?)(?:hz|sps|samples|fps|\W|$)", re.IGNORECASE,
-)  # fmt: skip
+    r"\W*(?:hz|sps)?\W*(\d+(?:[.,]\d+)?)(?!\d|[.:-]\d)\s*,?\s*(k?)(?:hz|sps|samples|fps|\W|$)",
+    re.IGNORECASE,
+)
 _OTHER_RATES = re.compile(r"mag|baro|video|camera|gps|gnss|temp|emg|heart|baud", re.IGNORECASE)
 _TIME = re.compile(
     r"(?:(\d{1,4})[-/.](\d{1,2})[-/.](\d{1,4})[T ,_]+)?(?:(\d{1,2})(?(1)[:.]|:))?(\d{1,2})(?(1)[:.]|:)(\d{1,2})"
     r"(?:[.,:_](\d+))?"
-    r"\s*([ap]m)?\s*(?:z|([+-]\d\d):?(\d\d))?", re.IGNORECASE,
-)  # fmt: skip
+    r"\s*([ap]m)?\s*(?:z|([+-]\d\d):?(\d\d))?",
+    re.IGNORECASE,
+)
 
 
 class Clock(NamedTuple):

@@ -17,7 +17,15 @@ from vip_factors.errors import FileFormatError
 from vip_factors.io.importers.column_map import QUANTITIES, TIME_UNITS, UNIT_KEYS, ColumnMap, Columns, SensorColumns
 from vip_factors.io.importers.shared import candidates, default_sites
 from vip_factors.io.importers.table import Samples, read_samples
-from vip_factors.io.importers.text_table import SUFFIXES, NoTableError, TextTable, number, read_text_table, split
+from vip_factors.io.importers.text_table import (
+    COMPONENTS,
+    SUFFIXES,
+    NoTableError,
+    TextTable,
+    number,
+    read_text_table,
+    split,
+)
 from vip_factors.io.importers.unit_guess import (
     first_numbers,
     guess_clock,
@@ -27,7 +35,6 @@ from vip_factors.io.importers.unit_guess import (
 )
 
 MOST_SENSORS = 64  # of different words in a column that is to name sensors
-AXES = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
 IGNORED = "ignored"  # quantity of what is measured, but not read
 _WORDS = {
     "acceleration": r"(?:total)?(?:acc|accel|acceleration|accelerometer)|specificforce",
@@ -98,7 +105,7 @@ def meaning_of_file(stem: str) -> tuple[str, str]:
 
 def _complete(axes: Mapping[str, str], count: int) -> tuple[str, ...] | None:
     """The columns of all axes in order, by letters, or by numbers from 0 or 1 on."""
-    for keys in (AXES[count], "0123"[:count], "1234"[:count]):
+    for keys in (COMPONENTS[count], "0123"[:count], "1234"[:count]):
         if all(key in axes for key in keys):
             return tuple(axes[key] for key in keys)
     return None
@@ -277,8 +284,10 @@ def guess_columns(table: TextTable, rate_hz: float | None = None) -> dict[str, G
         if parsed is not None and table.names.count(name) == 1:
             sensor, quantity, axis = parsed
             named.setdefault(sensor, {}).setdefault(quantity, {}).setdefault(axis, name)
-    if not named and all(axis in table.names for axis in AXES[4]) and of_file != IGNORED:
-        named = {"": {"quaternion": {axis: axis for axis in AXES[4]}}}  # four columns w, x, y, z and no other words
+    if not named and all(axis in table.names for axis in COMPONENTS[4]) and of_file != IGNORED:
+        named = {
+            "": {"quaternion": {axis: axis for axis in COMPONENTS[4]}}
+        }  # four columns w, x, y, z and no other words
     clock, rates = guess_clock(table)
     if rate_hz is not None:
         clock = structs.replace(clock, time=None, rate_hz=rate_hz)
@@ -287,13 +296,11 @@ def guess_columns(table: TextTable, rate_hz: float | None = None) -> dict[str, G
     sensors, reasons = {}, {}
     for sensor, quantities in _joined(named).items():
         columns = {quantity: _complete(axes, QUANTITIES[quantity]) for quantity, axes in quantities.items()}
-        complete: dict[str, Any] = {
-            quantity: Columns(names) for quantity, names in columns.items() if names is not None
-        }
-        if not complete:
+        located: dict[str, Any] = {quantity: Columns(names) for quantity, names in columns.items() if names is not None}
+        if not located:
             continue
-        entry, time, time_reasons = structs.replace(clock, **complete), None, []
-        values = {quantity: first_numbers(table, located.columns) for quantity, located in complete.items()}
+        entry, time, time_reasons = structs.replace(clock, **located), None, []
+        values = {quantity: first_numbers(table, place.columns) for quantity, place in located.items()}
         rate_unit = name_of_rate_unit(table, entry.angular_rate)
         if clock.time is not None:
             unit, reason = time_unit(rates, rate_unit, stamps, values)

@@ -139,13 +139,14 @@ def _read_quaternions(path: Path) -> ImportedLog:
 
 
 APDM_QUANTITIES = {
-    "Acceleration": "acceleration", "Accelerometer": "acceleration", "Angular Velocity": "angular_rate",
-    "Gyroscope": "angular_rate", "Orientation": "quaternion",
-}  # fmt: skip
+    "Acceleration": "acceleration",
+    "Accelerometer": "acceleration",
+    "Angular Velocity": "angular_rate",
+    "Gyroscope": "angular_rate",
+    "Orientation": "quaternion",
+}
 APDM_AXES = {"acceleration": "XYZ", "angular_rate": "XYZ", "quaternion": "SXYZ"}
-APDM_UNITS = {
-    "g": {"acceleration_unit": "g"}, "deg/s": {"angular_rate_unit": "deg/s"}, "°/s": {"angular_rate_unit": "deg/s"},
-}  # fmt: skip
+APDM_UNITS = {"g": "g", "deg/s": "deg/s", "°/s": "deg/s"}  # others are SI already
 PEEKED_LINES = 12  # that hold the header of either layout
 EPOCH_MICROSECONDS = 1e12  # a time above this is microseconds since 1970 (1e12 µs is January 1970), not seconds
 
@@ -180,9 +181,10 @@ def _read_apdm(path: Path) -> ImportedLog:
         for quantity, axes in APDM_AXES.items():
             columns = tuple(f"{sensor}/{quantity}/{axis}" for axis in axes)
             if table.group(columns) is not None:
-                unit = APDM_UNITS.get(units.get(columns[0], ""), {})  # others are SI already
+                unit = APDM_UNITS.get(units.get(columns[0], ""))
+                unit_key = {} if unit is None else {f"{quantity}_unit": unit}
                 entry = sensors.get(sensor, common)
-                sensors[sensor] = structs.replace(entry, **{quantity: Columns(columns)}, **unit)
+                sensors[sensor] = structs.replace(entry, **{quantity: Columns(columns)}, **unit_key)
     if not sensors:
         raise FileFormatError(f"{path}: no sensor with all axes of Acceleration, Angular Velocity or Orientation")
     log = read_streams(path, ColumnMap(str(path), sensors=sensors), {path: table})
@@ -195,8 +197,8 @@ Header = tuple[list[str], int, dict[str, str]]
 
 def _column_name(number: int, sensor: str, quantity: str, axis: str) -> str:
     """``Sensor/acceleration/X``, or the column's number where it is none of ours."""
-    known = APDM_QUANTITIES.get(quantity)
-    return f"{sensor}/{known}/{'S' if axis == 'Scalar' else axis}" if known else str(number)
+    key = APDM_QUANTITIES.get(quantity)
+    return f"{sensor}/{key}/{'S' if axis == 'Scalar' else axis}" if key else str(number)
 
 
 def _format7(head: list[list[str]], path: Path) -> Header:

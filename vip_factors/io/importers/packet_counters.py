@@ -15,8 +15,9 @@ WRAP_LOSS, ZERO_LOSS = 1000, 32  # packets lost over a wrap, at most, and if the
 REPEATED_COUNTS = 3  # that come twice with other samples; more are a restart
 _NAME = re.compile(
     r"(packet|pkt|sample|frame|data|message|msg|seq\w*)[ _.-]*(counter|count|cnt|number|num|no|nr|id|index|#)\.?$"
-    r"|(^|[ _.-])(counter|packet|pkt|seq|sequence)$", re.IGNORECASE,
-)  # fmt: skip
+    r"|(^|[ _.-])(counter|packet|pkt|seq|sequence)$",
+    re.IGNORECASE,
+)
 _ROW_NAME = re.compile(r"sample|frame|index|count|number|num|no\.?|nr\.?", re.IGNORECASE)  # counters if they step by 1
 
 
@@ -30,24 +31,21 @@ class Packets(NamedTuple):
 
 def counter_column(table: TextTable) -> int | None:
     """The first column whose name and numbers are a packet counter's, or None."""
-    for at, name in enumerate(table.names):
-        of_rows = _ROW_NAME.fullmatch(name.strip()) is not None
-        is_name = (of_rows or _NAME.search(name.strip())) and table.names.count(name) == 1
+    for column, name in enumerate(table.names):
+        is_row_name = _ROW_NAME.fullmatch(name.strip()) is not None
+        if not (is_row_name or _NAME.search(name.strip())) or table.names.count(name) > 1:
+            continue
         try:
-            values = table.group([name]) if is_name else None
+            values = table.group([name])
         except FileFormatError:
             continue
         if values is None:
             continue
         values = values[np.isfinite(values)]
         step = np.diff(values) % _modulus(values)
-        if (
-            np.all(values % 1 == 0)
-            and np.any(step > 0)
-            and np.mean(step <= LATE_SAMPLES) > 0.5
-            and (np.median(step) == 1 or not of_rows)
-        ):
-            return at
+        is_counting = np.all(values % 1 == 0) and np.any(step > 0) and np.mean(step <= LATE_SAMPLES) > 0.5
+        if is_counting and (np.median(step) == 1 or not is_row_name):
+            return column
     return None
 
 
@@ -63,10 +61,10 @@ def order_packets(table: TextTable, column: int, rows: np.ndarray, notes: list[s
     """
     name, label = table.path.name, table.names[column]
     values = table.numbers([column])[:, 0]
-    known = rows[np.isfinite(values[rows])]
-    if not len(known):
+    counted = rows[np.isfinite(values[rows])]
+    if not len(counted):
         raise FileFormatError(f"{table.path}: column '{label}' holds no packet counter: expected whole numbers")
-    counter = values[known].astype(np.int64)
+    counter = values[counted].astype(np.int64)
     modulus = max(_modulus(counter), least_modulus)
     count, is_restart = _unwrapped(counter, modulus)
     starts = np.flatnonzero(np.diff(count, prepend=count[0] - 1))
@@ -76,12 +74,12 @@ def order_packets(table: TextTable, column: int, rows: np.ndarray, notes: list[s
         count, modulus = count * size + np.minimum(position, size - 1), modulus * size
     kept, first, inverse = np.unique(count, return_index=True, return_inverse=True)
     twice = np.flatnonzero(first[inverse] != np.arange(len(count)))
-    others = [i for i in twice if table.rows[known[i]] != table.rows[known[first[inverse[i]]]]]
-    restarts = [*np.flatnonzero(is_restart), *(others[:1] if len(others) > REPEATED_COUNTS else [])]
+    changed = [i for i in twice if table.rows[counted[i]] != table.rows[counted[first[inverse[i]]]]]
+    restarts = [*np.flatnonzero(is_restart), *(changed[:1] if len(changed) > REPEATED_COUNTS else [])]
     if restarts:
         at = int(min(restarts))
         raise FileFormatError(
-            f"{table.path}, line {table.lines[known[at]]}: the packet counter '{label}' falls from {counter[at - 1]} "
+            f"{table.path}, line {table.lines[counted[at]]}: the packet counter '{label}' falls from {counter[at - 1]} "
             f"to {counter[at]}: expected it to grow, or a column of times that goes on; split the file where the "
             "sensor was restarted"
         )
@@ -89,11 +87,11 @@ def order_packets(table: TextTable, column: int, rows: np.ndarray, notes: list[s
         notes.append(f"{name}: {len(twice)} packets came twice; the first was kept")
     if np.any(np.diff(first) < 0):
         notes.append(f"{name}: packets came out of order and were sorted")
-    if blank := len(rows) - len(known):
+    if blank := len(rows) - len(counted):
         notes.append(f"{name}: {blank} rows without a packet counter dropped")
     if lost := int(kept[-1] - kept[0] + 1 - len(kept)):
         notes.append(f"{name}: {lost} of {int(kept[-1] - kept[0] + 1)} packets lost")
-    return Packets(known[first], kept, modulus)
+    return Packets(counted[first], kept, modulus)
 
 
 def _unwrapped(counter: np.ndarray, modulus: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,7 @@
-"""What the readers of foreign sensor logs share.
+"""Common parts of the readers of foreign sensor logs.
 
-That is what they hand back, which files belong together, which site a sensor's name tells (pelvis_imu, femur_r, LTibia,
-Right Ankle), and which way is up in a sensor's inertial frame.
+These are the log that a reader returns, files that belong together, sites by the names of sensors (pelvis_imu, femur_r,
+LTibia, Right Ankle), and the upward axis of a sensor's inertial frame.
 """
 
 import re
@@ -74,12 +74,12 @@ def sensor_files(
     Raises:
         FileFormatError: if there is none, several recordings, or two files of one sensor.
     """
-    there = candidates(path, suffixes)
-    files = [file for file in there if is_ours(file)]
+    others = candidates(path, suffixes)
+    files = [file for file in others if is_ours(file)]
     if not files:
         kind = " or ".join(suffixes)
-        what = f"none of its {len(there)} {kind} files is of this format" if there else f"no {kind} file there"
-        raise FileFormatError(f"{path}: {what}")
+        reason = f"none of its {len(others)} {kind} files is of this format" if others else f"no {kind} file there"
+        raise FileFormatError(f"{path}: {reason}")
     recordings: dict[str, dict[str, Path]] = {}
     for file in files:
         recording, sensor = split(file.stem)
@@ -100,39 +100,47 @@ def sensor_files(
 
 
 def merge_notes(notes: list[str]) -> tuple[str, ...]:
-    """Notes of the form ``file: what`` that say the same of several files, as one note each."""
-    said: dict[str, list[str]] = {}
+    """Merge notes ``file: sentence`` of the same sentence into one each."""
+    files: dict[str, list[str]] = {}
     for note in notes:
-        name, _, what = note.partition(": ")
-        said.setdefault(what, []).append(name)
+        name, _, sentence = note.partition(": ")
+        files.setdefault(sentence, []).append(name)
     return tuple(
-        f"{names[0] if len(names) == 1 else f'{len(names)} sensors ({names[0]} …)'}: {what}" if what else names[0]
-        for what, names in said.items()
+        f"{names[0] if len(names) == 1 else f'{len(names)} sensors ({names[0]} …)'}: {sentence}"
+        if sentence
+        else names[0]
+        for sentence, names in files.items()
     )
 
 
 _IGNORED = ("", "imu", "sensor", "offset")  # as in OpenSim's torso_imu_offset_imu
 _SIDES = {"l": "left", "lt": "left", "left": "left", "r": "right", "rt": "right", "right": "right"}
-_MIDLINE = {
-    "pelvis": "pelvis", "hip": "pelvis", "hips": "pelvis", "sacrum": "pelvis", "sacral": "pelvis",
-    "lumbar": "lower_back", "lowerback": "lower_back", "sternum": "sternum", "torso": "sternum", "chest": "sternum",
-    "thorax": "sternum", "head": "head", "skull": "head", "trunk": "sternum", "upperback": "upper_back",
-    "belly": "belly", "abdomen": "belly", "stomach": "belly", "waist": "pelvis",
-}  # fmt: skip
-_LIMBS = {
-    "femur": "thigh", "thigh": "thigh", "upperleg": "thigh", "upleg": "thigh",
-    "tibia": "shank", "shank": "shank", "lowerleg": "shank", "lowleg": "shank",
-    "ankle": "ankle", "calcn": "foot", "foot": "foot", "toe": "foot", "toes": "foot", "shin": "shank",
-    "instep": "foot",
-    "humerus": "upper_arm", "upperarm": "upper_arm", "uparm": "upper_arm",
-    "radius": "forearm", "ulna": "forearm", "forearm": "forearm", "lowerarm": "forearm", "lowarm": "forearm",
-    "wrist": "forearm", "hand": "hand", "handback": "hand", "backofhand": "hand",
-    "backhand": "hand", "shoulder": "shoulder", "scapula": "shoulder", "clavicle": "shoulder",
-}  # fmt: skip
+# Words for sites, and letters as loggers' labels have them: too short to be believed, but a guess to be looked at.
+_MIDLINE_WORDS = {
+    "pelvis": "pelvis hip hips sacrum sacral waist SA PE P",
+    "lower_back": "lumbar lowerback LB",
+    "sternum": "sternum torso chest thorax trunk TR ST CH",
+    "head": "head skull HE HD",
+    "upper_back": "upperback BACK",
+    "belly": "belly abdomen stomach",
+}
+_LIMB_WORDS = {
+    "thigh": "femur thigh upperleg upleg T TH UL",
+    "shank": "tibia shank lowerleg lowleg shin S SH LL",
+    "ankle": "ankle A",
+    "foot": "calcn foot toe toes instep F FT",
+    "upper_arm": "humerus upperarm uparm UA",
+    "forearm": "radius ulna forearm lowerarm lowarm wrist FA LA W",
+    "hand": "hand handback backofhand backhand H",
+    "shoulder": "shoulder scapula clavicle",
+}
+_MIDLINE, _LIMBS = (
+    {word: site for site, words in table.items() for word in words.split()} for table in (_MIDLINE_WORDS, _LIMB_WORDS)
+)
 
 
 def site_of_name(name: str) -> str | None:
-    """The site of :data:`~vip_factors.sensors.calibration.SITES` that a sensor's name tells, or None."""
+    """The site of :data:`~vip_factors.sensors.calibration.SITES` that a sensor's name gives, or None."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[LR])(?=[A-Z][a-z])", " ", name)
     words = [word for word in re.split(r"[^a-z]+", spaced.lower()) if word not in _IGNORED]
     sides = {_SIDES[word] for word in words if word in _SIDES}
@@ -145,45 +153,33 @@ def site_of_name(name: str) -> str | None:
 
 
 def default_sites(names: list[str]) -> dict[str, str]:
-    """Sites of the sensors whose names tell one; none where two names tell the same."""
-    told = {name: site for name in names if (site := site_of_name(name))}
-    return {name: site for name, site in told.items() if list(told.values()).count(site) == 1}
-
-
-# Two or three letters, as loggers' labels have them. Too short to be believed, but a guess that somebody will look at.
-_SHORT_LIMBS = {
-    "F": "foot", "FT": "foot", "S": "shank", "SH": "shank", "LL": "shank", "T": "thigh", "TH": "thigh", "UL": "thigh",
-    "UA": "upper_arm", "FA": "forearm", "LA": "forearm", "W": "forearm", "H": "hand", "A": "ankle",
-}  # fmt: skip
-_SHORT_MIDLINE = {
-    "SA": "pelvis", "PE": "pelvis", "P": "pelvis", "TR": "sternum", "ST": "sternum", "CH": "sternum", "HE": "head",
-    "HD": "head", "LB": "lower_back", "BACK": "upper_back",
-}  # fmt: skip
+    """Sites of the sensors whose names give a site; none where two names give the same."""
+    sites = {name: site for name in names if (site := site_of_name(name))}
+    return {name: site for name, site in sites.items() if list(sites.values()).count(site) == 1}
 
 
 def likely_sites(names: list[str]) -> dict[str, str]:
-    """Sites as :func:`default_sites` has them, and for the other names what their letters suggest: LF, RUA, TR."""
-    told = default_sites(names)
+    """Sites as by :func:`default_sites`, and for the other names what their letters suggest: LF, RUA, TR."""
+    sites = default_sites(names)
     words = [re.split(r"[^A-Za-z0-9]+", name) for name in names]
-    shared = len(commonprefix(words)) if len(names) > 1 else 0  # noqa: RUF071  # words before all sensors' own
-    bare = default_sites(["_".join(each[shared:]) for each in words])
-    if len(bare) > len(told):
-        told = {
-            name: bare[key] for name, each in zip(names, words, strict=True) if (key := "_".join(each[shared:])) in bare
-        }
+    start = len(commonprefix(words)) if len(names) > 1 else 0  # noqa: RUF071  # words before all sensors' own
+    bare = ["_".join(parts[start:]) for parts in words]
+    sites_of_bare = default_sites(bare)
+    if len(sites_of_bare) > len(sites):
+        sites = {name: sites_of_bare[key] for name, key in zip(names, bare, strict=True) if key in sites_of_bare}
     for name in names:
         letters = re.sub(r"^[a-z]+(?=[A-Z])", "", name).upper()
-        site = _SHORT_MIDLINE.get(letters)
-        if site is None and letters[:1] in ("L", "R") and letters[1:] in _SHORT_LIMBS:
-            site = f"{_SIDES[letters[0].lower()]}_{_SHORT_LIMBS[letters[1:]]}"
+        site = _MIDLINE.get(letters)
+        if site is None and letters[:1] in ("L", "R") and letters[1:] in _LIMBS:
+            site = f"{_SIDES[letters[0].lower()]}_{_LIMBS[letters[1:]]}"
         site = site or _site_within(name)
-        if site is not None and name not in told and site not in told.values():
-            told[name] = site
-    return told
+        if site is not None and name not in sites and site not in sites.values():
+            sites[name] = site
+    return sites
 
 
 def _site_within(name: str) -> str | None:
-    """The site that the most words in a row of a longer name tell: ``walk1_left_foot_B7``."""
+    """The site that the longest run of words of a longer name gives: ``walk1_left_foot_B7``."""
     words = re.split(r"[^A-Za-z0-9]+", name)
     runs = ("_".join(words[i : i + n]) for n in range(len(words), 0, -1) for i in range(len(words) - n + 1))
     return next((site for run in runs if (site := site_of_name(run))), None)
@@ -235,11 +231,11 @@ class ImportedLog:
         default_sites: sensor name → one of :data:`~vip_factors.sensors.calibration.SITES`, where the log itself tells.
         placement: sites that only positions and mountings can say; it wins over ``default_sites``.
         truth_motion: the wearer's motion as the log's own system estimated or measured it.
-        truth_bones: names of the bones of which that motion knows anything; None: all.
+        truth_bones: names of the bones that this motion covers; None: all.
         stature_m: the wearer's height, if the log knows it.
         start_ns: absolute time of t = 0 in nanoseconds, 0 if unknown.
-        clock_s: what the log's own clock said at t = 0, where it does not begin anew with each log; None if unknown.
-        notes: one sentence each: what was assumed, dropped, or looked odd.
+        clock_s: time of t = 0 on the log's own clock, where that does not restart with each log; None if unknown.
+        notes: one sentence each on an assumption, a loss, or an oddity.
     """
 
     format: str
@@ -258,30 +254,30 @@ def rotations_or_nan(quaternion: Array, order: Order, where: str, notes: list[st
     """Rotations ``(N, 3, 3)`` of quaternions ``(N, 4)``; NaN where a row is not of unit length.
 
     Raises:
-        FileFormatError: if hardly any row is of unit length.
+        FileFormatError: if most rows are not of unit length.
     """
     length = np.linalg.norm(quaternion, axis=1)
-    good = np.abs(length - 1) < UNIT_TOLERANCE
-    note_bad_rows(good, np.isfinite(length), where, "quaternions are not of unit length", notes)
+    is_unit = np.abs(length - 1) < UNIT_TOLERANCE
+    note_bad_rows(is_unit, np.isfinite(length), where, "quaternions are not of unit length", notes)
     R = np.full((len(quaternion), 3, 3), np.nan)
     try:
-        R[good] = matrix_from_quaternion(quaternion[good], order)
+        R[is_unit] = matrix_from_quaternion(quaternion[is_unit], order)
     except InputError as error:
         raise FileFormatError(f"{where}: {error}") from error
     return R
 
 
-def note_bad_rows(good: np.ndarray, finite: np.ndarray, where: str, what: str, notes: list[str]) -> None:
-    """A note on the finite rows that are not good.
+def note_bad_rows(is_good: np.ndarray, is_finite: np.ndarray, where: str, fault: str, notes: list[str]) -> None:
+    """Add a note on the finite rows that are not good.
 
     Raises:
         FileFormatError: if these are most.
     """
-    bad = int(np.sum(finite & ~good))
-    if bad > np.sum(finite) / 2:
-        raise FileFormatError(f"{where}: {bad} of {np.sum(finite)} {what}; check the columns and their order")
+    bad = int(np.sum(is_finite & ~is_good))
+    if bad > np.sum(is_finite) / 2:
+        raise FileFormatError(f"{where}: {bad} of {np.sum(is_finite)} {fault}; check the columns and their order")
     if bad:
-        notes.append(f"{where}: {bad} samples dropped whose {what}")
+        notes.append(f"{where}: {bad} samples dropped whose {fault}")
 
 
 Sampled = tuple[Array, Array]
@@ -299,26 +295,26 @@ def stream_of_quantities(
         RecordingError: if the quantities have no time in common, and as :class:`ImuStream`.
     """
     time, _ = next(sampled for sampled in (angular_rate, force, orientation) if sampled is not None)
-    points = [
+    specific_force, rate = (
         None if sampled is None else values_at(sampled, time, interpolate_points) for sampled in (force, angular_rate)
-    ]
+    )
     R = None if orientation is None else values_at(orientation, time, interpolate_rotations)
-    return ImuStream.from_samples(name, time, points[0], R, points[1])
+    return ImuStream.from_samples(name, time, specific_force, R, rate)
 
 
 def values_at(sampled: Sampled, time: Array, interpolate: Callable[[Array, Array, Array], Array]) -> Array:
     """Values at other times; NaN before the first sample, after the last one, and within gaps."""
-    own_time, values = sampled
-    if own_time is time:
+    sample_time, values = sampled
+    if sample_time is time:
         return values
-    finite = np.all(np.isfinite(values), axis=tuple(range(1, values.ndim)))
-    own_time, values = own_time[finite], values[finite]
-    if not len(own_time):
+    is_finite = np.all(np.isfinite(values), axis=tuple(range(1, values.ndim)))
+    sample_time, values = sample_time[is_finite], values[is_finite]
+    if not len(sample_time):
         return np.full((len(time), *values.shape[1:]), np.nan)
-    result = interpolate(own_time, values, time)
-    half_step = 0.5 / rate_of(own_time) if len(own_time) > 1 else 0.0
-    absent = (time < own_time[0] - half_step) | (time > own_time[-1] + half_step)
-    for start, end in gaps_of(own_time):
-        absent |= (time > start + half_step) & (time < end - half_step)
-    result[absent] = np.nan
+    result = interpolate(sample_time, values, time)
+    half_step = 0.5 / rate_of(sample_time) if len(sample_time) > 1 else 0.0
+    is_absent = (time < sample_time[0] - half_step) | (time > sample_time[-1] + half_step)
+    for start, end in gaps_of(sample_time):
+        is_absent |= (time > start + half_step) & (time < end - half_step)
+    result[is_absent] = np.nan
     return result

@@ -1,7 +1,7 @@
 """Sensor logs that are tables of any make, read as a column map says."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from itertools import product
 from pathlib import Path
 
@@ -57,33 +57,28 @@ R_UP = {
 
 
 def read(path: Path, columns: ColumnMap, tables: dict[Path, TextTable] | None = None) -> ImportedLog:
-    """The sensors that a column map names in the tables at ``path``: a file, a folder, or how their names begin.
+    """Read the sensors that a column map names in the tables at ``path``: a file, a folder, or how their names begin.
 
     ``tables`` are those that have been read already, by path.
 
     Raises:
         FileFormatError: for tables that are malformed, or whose numbers cannot be what the map says.
-        InputError: for files and columns that are not there; the nearest names are told.
+        InputError: for files and columns that are missing, with the nearest name.
     """
     tables = {} if tables is None else dict(tables)
     notes: list[str] = []
     samples = read_samples(path, columns, tables, notes)
-    streams: dict[str, ImuStream] = {}
-    for name, (entry, time, values) in samples.items():
-        streams[name] = _stream(f"{columns.source}: sensor '{name}'", name, entry, time, values, notes)
+    streams = {
+        name: _stream(f"{columns.source}: sensor '{name}'", name, entry, time, values, notes)
+        for name, (entry, time, values) in samples.items()
+    }
     check_turning(path, {name: entry for name, (entry, *_) in samples.items()}, streams, notes)
     notes = [note for table in tables.values() for note in table.notes] + notes
-    start = min(stream.time[0] for stream in streams.values())
-    since_1970 = start > SINCE_1970_S
+    start = float(min(stream.time[0] for stream in streams.values()))
+    start_ns = round(start * 1e9) if start > SINCE_1970_S else 0
     imus = {name: replace(stream, time=stream.time - start) for name, stream in streams.items()}
-    return ImportedLog(
-        FORMAT,
-        imus,
-        default_sites(list(imus)),
-        start_ns=round(start * 1e9) if since_1970 else 0,
-        clock_s=float(start),
-        notes=merge_notes(notes),
-    )
+    sites = default_sites(list(imus))
+    return ImportedLog(FORMAT, imus, sites, start_ns=start_ns, clock_s=start, notes=merge_notes(notes))
 
 
 Samples = tuple[SensorColumns, Array, dict[str, Array]]
@@ -91,26 +86,23 @@ Samples = tuple[SensorColumns, Array, dict[str, Array]]
 
 
 def read_samples(path: Path, columns: ColumnMap, tables: dict[Path, TextTable], notes: list[str]) -> dict[str, Samples]:
-    """The samples of each sensor at their times, whatever their values are.
+    """Read the samples of each sensor at their times, whatever their values are.
 
     Raises:
         FileFormatError, InputError: as :func:`read`.
     """
-    samples: dict[str, Samples] = {}
-    periods: dict[str, float] = {}
-    clocks: dict[tuple[object, ...], Clock] = {}
-    for name, entry, rows in _entries(path, columns, tables):
-        time, values, period = _samples(path, columns, name, entry, rows, tables, clocks, notes)
-        samples[name] = entry, time, values
-        if period is not None:
-            periods[name] = period
+    log = _TableLog(path, columns, tables, notes)
+    samples, periods = dict[str, Samples](), dict[str, float]()
+    for name, entry, rows in log.sensors():
+        samples[name], period_s = log.samples(name, entry, rows)
+        if period_s is not None:
+            periods[name] = period_s
     if periods:
-        names = list(periods)
-        shifted = common_base([samples[name][1] for name in names], max(periods.values()))
+        shifted = common_base([samples[name][1] for name in periods], max(periods.values()))
         if max(time[0] for time in shifted) > max(time[-1] - time[0] for time in shifted):
             notes.append("the sensors' packet counters were not set together: each sensor's times begin at 0")
             shifted = [time - time[0] for time in shifted]
-        for name, time in zip(names, shifted, strict=True):
+        for name, time in zip(periods, shifted, strict=True):
             samples[name] = samples[name][0], time, samples[name][2]
     return samples
 
@@ -118,80 +110,78 @@ def read_samples(path: Path, columns: ColumnMap, tables: dict[Path, TextTable], 
 Rows = np.ndarray | None  # indices of the rows of one sensor, where all share a table
 
 
-def _entries(
-    path: Path, columns: ColumnMap, tables: dict[Path, TextTable]
-) -> Iterator[tuple[str, SensorColumns, Rows]]:
-    """Name, columns and rows of each sensor."""
-    if columns.sensor_column is not None:
-        table = _table(_file(path, columns.common.file, columns.source, "file"), columns, tables)
-        at = table.index(columns.sensor_column, f"{columns.source}: sensor_column")
-        names = np.array(table.texts(at))
-        known = sorted(set(names))
-        for name in columns.sensors or known:
-            if name not in known:
-                raise InputError(
-                    f"{columns.source}: no row of {table.path} is of sensor '{name}'{nearest(name, known)}"
-                )
-            yield name, columns.sensors.get(name, columns.common), np.flatnonzero(names == name)
-    elif columns.sensors:
-        for name, entry in columns.sensors.items():
-            yield name, entry, None
-    else:
-        files = candidates(path, SUFFIXES)
-        if not files:
-            raise FileFormatError(f"{path}: holds no table: expected files that end in {', '.join(SUFFIXES)}")
-        for file in files:
-            yield file.stem, structs.replace(columns.common, file=file.name), None
+@dataclass
+class _TableLog:
+    """The tables at ``path``, each read once, and the clocks that sensors in the same rows share."""
 
+    path: Path
+    columns: ColumnMap
+    tables: dict[Path, TextTable]
+    notes: list[str]
+    clocks: dict[tuple[object, ...], Clock] = field(default_factory=dict)
 
-def _file(path: Path, name: str | None, source: str, key: str) -> Path:
-    """The file of a name in the log's folder, or the log itself if none is told."""
-    if name is not None:
-        folder = path if path.is_dir() else path.parent
-        if (folder / name).is_file():
-            return folder / name
-        there = [file.name for file in candidates(folder, SUFFIXES)]
-        found = nearest(name, there) if there else ""
-        raise InputError(f"{source}: {key} '{name}' is not in {folder}{found}")
-    if path.is_file():
-        return path
-    files = candidates(path, SUFFIXES)
-    if len(files) == 1:
-        return files[0]
-    found = ", ".join(file.name for file in files[:4]) or "none"
-    raise InputError(f"{source}: {key} is missing, and {path} is not one table: expected its name; there are {found}")
+    def sensors(self) -> Iterator[tuple[str, SensorColumns, Rows]]:
+        """Name, columns and rows of each sensor."""
+        columns = self.columns
+        if columns.sensor_column is not None:
+            table = self.table(columns.common.file, columns.source)
+            names = np.array(table.texts(table.index(columns.sensor_column, f"{columns.source}: sensor_column")))
+            present = sorted(set(names))
+            for name in columns.sensors or present:
+                if name not in present:
+                    raise InputError(
+                        f"{columns.source}: no row of {table.path} is of sensor '{name}'{nearest(name, present)}"
+                    )
+                yield name, columns.sensors.get(name, columns.common), np.flatnonzero(names == name)
+        elif columns.sensors:
+            for name, entry in columns.sensors.items():
+                yield name, entry, None
+        else:
+            files = candidates(self.path, SUFFIXES)
+            if not files:
+                raise FileFormatError(f"{self.path}: holds no table: expected files that end in {', '.join(SUFFIXES)}")
+            for file in files:
+                yield file.stem, structs.replace(columns.common, file=file.name), None
 
+    def table(self, name: str | None, where: str) -> TextTable:
+        """The table of a name in the log's folder, or the log itself without a name."""
+        file = self._file(name, where)
+        if file not in self.tables:
+            self.tables[file] = read_text_table(file, self.columns.dialect)
+        return self.tables[file]
 
-def _table(path: Path, columns: ColumnMap, tables: dict[Path, TextTable]) -> TextTable:
-    if path not in tables:
-        tables[path] = read_text_table(path, columns.dialect)
-    return tables[path]
+    def _file(self, name: str | None, where: str) -> Path:
+        if name is not None:
+            folder = self.path if self.path.is_dir() else self.path.parent
+            if (folder / name).is_file():
+                return folder / name
+            names = [file.name for file in candidates(folder, SUFFIXES)]
+            raise InputError(f"{where}: file '{name}' is not in {folder}{nearest(name, names) if names else ''}")
+        files = [self.path] if self.path.is_file() else candidates(self.path, SUFFIXES)
+        if len(files) == 1:
+            return files[0]
+        names = ", ".join(file.name for file in files[:4]) or "none"
+        raise InputError(
+            f"{where}: file is missing, and {self.path} is not one table: expected its name; there are {names}"
+        )
 
-
-def _samples(
-    path: Path, columns: ColumnMap, name: str, entry: SensorColumns, rows: Rows, tables: dict[Path, TextTable],
-    clocks: dict[tuple[object, ...], Clock], notes: list[str],
-) -> tuple[Array, dict[str, Array], float | None]:  # fmt: skip
-    """Times of a sensor as in its files, in seconds, its quantities, and the period of a packet counter.
-
-    ``clocks`` are those of other sensors in the same rows.
-    """
-    where = f"{columns.source}: sensor '{name}'"
-    period: float | None = None
-    sampled: dict[str, Sampled] = {}
-    for quantity in QUANTITIES:
-        at: Columns | None = getattr(entry, quantity)
-        if at is None:
-            continue
-        table = _table(_file(path, at.file or entry.file, where, "file"), columns, tables)
-        indices = [table.index(column, f"{where}, {quantity}") for column in at.columns]
-        key = table.path, entry.time, entry.time_unit, entry.counter, entry.rate_hz, None if rows is None else name
-        if key not in clocks:
-            clocks[key] = table_clock(table, entry, rows, where, notes)
-        at_rows, time, its_period = clocks[key]
-        period = its_period if not sampled else period
-        sampled[quantity] = time, table.numbers(indices)[at_rows]
-    return (*_joined(where, sampled, notes), period)
+    def samples(self, name: str, entry: SensorColumns, rows: Rows) -> tuple[Samples, float | None]:
+        """The samples of a sensor, and the period of the packet counter that timed them."""
+        where = f"{self.columns.source}: sensor '{name}'"
+        periods, sampled = list[float | None](), dict[str, Sampled]()
+        for quantity in QUANTITIES:
+            located: Columns | None = getattr(entry, quantity)
+            if located is None:
+                continue
+            table = self.table(located.file or entry.file, where)
+            indices = [table.index(column, f"{where}, {quantity}") for column in located.columns]
+            key = table.path, entry.time, entry.time_unit, entry.counter, entry.rate_hz, None if rows is None else name
+            if key not in self.clocks:
+                self.clocks[key] = table_clock(table, entry, rows, where, self.notes)
+            clock = self.clocks[key]
+            periods.append(clock.period_s)
+            sampled[quantity] = clock.time, table.numbers(indices)[clock.rows]
+        return (entry, *_joined(where, sampled, self.notes)), periods[0]
 
 
 def _joined(where: str, sampled: dict[str, Sampled], notes: list[str]) -> tuple[Array, dict[str, Array]]:
@@ -202,16 +192,15 @@ def _joined(where: str, sampled: dict[str, Sampled], notes: list[str]) -> tuple[
         return time, {quantity: values for quantity, (_, values) in sampled.items()}
     if (quaternion := sampled.get("quaternion")) is not None:
         sampled = {**sampled, "quaternion": (quaternion[0], continuous(quaternion[1]))}
-    for quantity, (its_time, _) in sampled.items():
-        shared = min(time[-1], its_time[-1]) - max(time[0], its_time[0])
-        if shared < max(np.ptp(time), np.ptp(its_time)) / 2:
+    for quantity, (t, _) in sampled.items():
+        if min(time[-1], t[-1]) - max(time[0], t[0]) < max(np.ptp(time), np.ptp(t)) / 2:
             raise FileFormatError(
-                f"{where}: the times of {quantity}, {its_time[0]:g} to {its_time[-1]:g} s, are not those of the "
-                f"sensor's other file, {time[0]:g} to {time[-1]:g} s: expected files of one recording"
+                f"{where}: the times of {quantity}, {t[0]:g} to {t[-1]:g} s, are not those of the sensor's other file, "
+                f"{time[0]:g} to {time[-1]:g} s: expected files of one recording"
             )
     interpolated = " and ".join(quantity for quantity in sampled if quantity != reference)
     notes.append(f"{where}: {interpolated} interpolated at the times of {reference}")
-    return time, {quantity: values_at(each, time, interpolate_points) for quantity, each in sampled.items()}
+    return time, {quantity: values_at(pair, time, interpolate_points) for quantity, pair in sampled.items()}
 
 
 def _stream(
@@ -257,10 +246,10 @@ TURNED_OVER = (
 def upright_rotations(
     quaternion: Array, order: str, sense: str, up: str, where: str = "", notes: list[str] | None = None
 ) -> Array:
-    """Orientations ``(N, 3, 3)`` in a world whose z is up, of quaternions ``(N, 4)``; NaN where one is missing.
+    """Orientations ``(N, 3, 3)`` in a world whose z is up, of quaternions ``(N, 4)``; NaN where a row is missing.
 
     Raises:
-        FileFormatError: if hardly any is of unit length.
+        FileFormatError: if most rows are not of unit length.
     """
     R = rotations_or_nan(quaternion, Order(order), where, [] if notes is None else notes)
     return R_UP[up] @ (R if sense == SENSES[0] else transpose(R))
@@ -273,17 +262,17 @@ def _check_force(
 
     A sensor that is never at rest may measure anything: it is taken, with a note.
     """
-    known = np.all(np.isfinite(force), axis=1)
-    if not np.any(known):
+    is_complete = np.all(np.isfinite(force), axis=1)
+    if not np.any(is_complete):
         raise FileFormatError(f"{where}: acceleration holds no sample without a blank: expected numbers in its columns")
-    at_rest = _force_at_rest(time[known], force[known])
-    usual = float(np.median(np.linalg.norm(force[known], axis=1))) if at_rest is None else at_rest
-    if _is_gravity(usual) or (at_rest is None and _is_gravity(_mean_force(time, force, rate, R))):
+    at_rest = _force_at_rest(time[is_complete], force[is_complete])
+    length = float(np.median(np.linalg.norm(force[is_complete], axis=1))) if at_rest is None else at_rest
+    if _is_gravity(length) or (at_rest is None and _is_gravity(_mean_force(time, force, rate, R))):
         return
-    raw, when = usual / ACCELERATION_UNITS[entry.acceleration_unit], "on the median" if at_rest is None else "at rest"
+    raw, when = length / ACCELERATION_UNITS[entry.acceleration_unit], "on the median" if at_rest is None else "at rest"
     fits = [unit for unit, factor in ACCELERATION_UNITS.items() if _is_gravity(raw * factor)]
     size = f"acceleration is {raw:.3g} {entry.acceleration_unit} long {when}"
-    if at_rest is None and not fits and usual > GRAVITY_RANGE[0]:
+    if at_rest is None and not fits and length > GRAVITY_RANGE[0]:
         notes.append(f"{where}: {size}: it is never at rest, so nothing checks its unit")
         return
     hint = f"acceleration_unit '{fits[0]}' would fit" if fits else "is gravity left out, or is this no acceleration?"
@@ -349,10 +338,12 @@ def _check_tilt(where: str, entry: SensorColumns, quaternion: Array, R: Array, f
     tilt = tilt_of_up(R, force)
     if not tilt > TILT_LIMIT_DEG:
         return
-    best, others = best_reading(quaternion, force)
+    best, best_tilt = best_reading(quaternion, force)
     keys = ("quaternion_order", "quaternion_sense", "world_up")
     fits = ", ".join(f"{key} '{word}'" for key, word in zip(keys, best, strict=True) if word != getattr(entry, key))
-    hint = f"with {fits} it would stand {others:.0f}° off" if fits and others < tilt / 2 else "is its sign turned?"
+    hint = (
+        f"with {fits} it would stand {best_tilt:.0f}° off" if fits and best_tilt < tilt / 2 else "is its sign turned?"
+    )
     sentence = f"averaged acceleration stands {tilt:.0f}° off the vertical of the quaternion's world: {hint}"
     if tilt > IMPOSSIBLE_TILT_DEG:
         raise FileFormatError(f"{where}: {sentence}")
@@ -360,15 +351,18 @@ def _check_tilt(where: str, entry: SensorColumns, quaternion: Array, R: Array, f
 
 
 def best_reading(quaternion: Array, force: Array) -> tuple[tuple[str, str, str], float]:
-    """Order, sense and upward axis under which specific force points up most steadily, and by how many degrees not.
+    """Order, sense and upward axis under which specific force points up most steadily, and its mean tilt in degrees.
 
-    Of quaternions ``(N, 4)`` and specific forces ``(N, 3)``, in any unit; rows with NaN do not count.
+    Args:
+        quaternion: ``(N, 4)``; rows with NaN do not count.
+        force: ``(N, 3)`` specific force, in any unit.
     """
-    known = np.all(np.isfinite(quaternion), axis=1) & np.all(np.isfinite(force), axis=1)
-    direction = force[known] / np.linalg.norm(force[known], axis=1, keepdims=True).clip(1e-9)
+    is_complete = np.all(np.isfinite(quaternion), axis=1) & np.all(np.isfinite(force), axis=1)
+    quaternion, force = quaternion[is_complete], force[is_complete]
+    direction = force / np.linalg.norm(force, axis=1, keepdims=True).clip(1e-9)
     tilts: dict[tuple[str, str, str], float] = {}
     for reading in product((order.value for order in Order), SENSES, UPS):
-        upward = np.einsum("nij,nj->ni", upright_rotations(quaternion[known], *reading), direction)[:, 2]
+        upward = np.einsum("nij,nj->ni", upright_rotations(quaternion, *reading), direction)[:, 2]
         tilts[reading] = float(np.rad2deg(np.mean(np.arccos(np.clip(upward, -1, 1)))))
     best = min(tilts, key=tilts.__getitem__)
     return best, tilts[best]

@@ -64,7 +64,7 @@ MATRIX_TOLERANCE = 0.05
 
 
 def _is_mtw(path: Path) -> bool:
-    header, preamble = _header(path)
+    _, header, preamble = _header(path)
     if not preamble:  # a bare table: DOT's differ in how they call the quaternion, others have another clock
         is_ours = "PacketCounter" in header and any(word in header for word in HEADER_WORDS[2:])
         return is_ours and "Quat_W" not in header and not re.search(r"\btime", header, re.IGNORECASE)
@@ -72,25 +72,19 @@ def _is_mtw(path: Path) -> bool:
 
 
 def _is_dot(path: Path) -> bool:
-    header, preamble = _header(path)
+    _, header, preamble = _header(path)
     if "PacketCounter" not in header:
         return False
     return any(line.startswith(DOT_PREAMBLE) for line in preamble) if preamble else "Quat_W" in header
 
 
-def _header(path: Path) -> tuple[str, list[str]]:
-    """The line of column names, and those above it that say something; blank if there is none."""
+def _header(path: Path) -> tuple[int, str, list[str]]:
+    """Number and text of the line of column names, and the lines above it that are not blank; 0 if there is none."""
     lines = peek(path).splitlines()
-    at = find_header(lines)
-    return ("", []) if at is None else (lines[at], [line for line in lines[:at] if line.strip()])
-
-
-def find_header(lines: list[str]) -> int | None:
-    """Index of the line of column names, or None."""
-    for index, line in enumerate(lines):
+    for number, line in enumerate(lines, start=1):
         if not line.startswith("//") and any(word in line for word in HEADER_WORDS):
-            return index
-    return None
+            return number, line, [above for above in lines[: number - 1] if above.strip()]
+    return 0, "", []
 
 
 def _mtw_name(stem: str) -> tuple[str, str]:
@@ -161,29 +155,28 @@ def _import_tables(
 
 
 def _read_table(path: Path) -> TextTable:
-    lines = peek(path).splitlines()
-    at = find_header(lines)
-    if at is None:
+    number, header, _ = _header(path)
+    if not number:
         raise FileFormatError(f"{path}: no header line: expected column names such as PacketCounter, Acc_X, Quat_q0")
-    separator = next((character for character in "\t;," if character in lines[at]), " ")
-    return read_text_table(path, Dialect(separator, header=(at + 1,), same_digits=True))
+    separator = next((character for character in "\t;," if character in header), " ")
+    return read_text_table(path, Dialect(separator, header=(number,), same_digits=True))
 
 
 def _packets(table: TextTable, notes: list[str]) -> Packets:
-    name, everything = table.path.name, np.arange(len(table))
+    name, rows = table.path.name, np.arange(len(table))
     label = next((label for label in COUNTERS if table.group([label]) is not None), None)
     if label is None:
         notes.append(f"{name}: no {COUNTERS[0]}, so lost packets cannot be seen")
-        return Packets(everything, everything, COUNTER_MODULUS)
+        return Packets(rows, rows, COUNTER_MODULUS)
     try:
-        return order_packets(table, table.names.index(label), everything, notes, COUNTER_MODULUS)
+        return order_packets(table, table.names.index(label), rows, notes, COUNTER_MODULUS)
     except FileFormatError as restart:
-        clock = _clock(table, Packets(everything, everything, COUNTER_MODULUS))
+        clock = _clock(table, Packets(rows, rows, COUNTER_MODULUS))
         if clock is None:
             raise
         notes.append(restart_note(table, restart, "SampleTimeFine"))
         count = (clock[0] - clock[0][0]) / np.median(np.diff(clock[0]))
-        return Packets(everything, np.round(count).astype(np.int64), COUNTER_MODULUS)
+        return Packets(rows, np.round(count).astype(np.int64), COUNTER_MODULUS)
 
 
 def _clock(table: TextTable, packets: Packets) -> tuple[np.ndarray, float] | None:
@@ -204,21 +197,21 @@ def _clock(table: TextTable, packets: Packets) -> tuple[np.ndarray, float] | Non
 def _times(
     path: Path, tables: dict[str, TextTable], packets: dict[str, Packets], rate_hz: float | None, notes: list[str]
 ) -> dict[str, Array]:
-    """Seconds from the earliest sample of any file, for each file's kept rows; a rate that is given wins."""
+    """Seconds from the earliest sample of any file, for each file's packets; a rate that the caller gives wins."""
     stated = {sensor: rate for sensor, table in tables.items() if (rate := stated_rate(table)) is not None}
-    by_clock = _clock_times(tables, packets, stated, notes) if rate_hz is None else None
-    if by_clock is not None:
-        return by_clock
-    slow, fast = (pick(stated, key=stated.__getitem__, default=None) for pick in (min, max))
-    if rate_hz is None and slow and fast and stated[fast] > stated[slow] * (1 + SAME_RATE):
+    times = _clock_times(tables, packets, stated, notes) if rate_hz is None else None
+    if times is not None:
+        return times
+    rate = rate_hz or max(stated.values(), default=DEFAULT_RATE_HZ)
+    if rate_hz is None and not stated:
+        notes.append(f"{path.name}: no file says its update rate; {rate:g} Hz assumed; say it with --rate-hz")
+    elif rate_hz is None and rate > min(stated.values()) * (1 + SAME_RATE):
+        slow, fast = (extreme(stated, key=stated.__getitem__) for extreme in (min, max))
         raise FileFormatError(
             f"{path}: {tables[slow].path.name} says {stated[slow]:g} Hz and {tables[fast].path.name} {stated[fast]:g} "
             "Hz: expected one rate for all files of a recording; import them apart, or give --rate-hz"
         )
-    rate = rate_hz or (stated[fast] if fast else DEFAULT_RATE_HZ)
-    if not fast and rate_hz is None:
-        notes.append(f"{path.name}: no file says its update rate; {rate:g} Hz assumed; say it with --rate-hz")
-    counts = common_base([each.counts for each in packets.values()], max(each.modulus for each in packets.values()))
+    counts = common_base([p.counts for p in packets.values()], max(p.modulus for p in packets.values()))
     return {sensor: count / rate for sensor, count in zip(packets, counts, strict=True)}
 
 
@@ -226,10 +219,10 @@ def _clock_times(
     tables: dict[str, TextTable], packets: dict[str, Packets], stated: dict[str, float], notes: list[str]
 ) -> dict[str, Array] | None:
     """Times by SampleTimeFine, or None where a file lacks it or the clocks have nothing in common."""
-    clocks = [each for sensor, table in tables.items() if (each := _clock(table, packets[sensor])) is not None]
+    clocks = [clock for sensor, table in tables.items() if (clock := _clock(table, packets[sensor])) is not None]
     if len(clocks) < len(tables) or len({tick for _, tick in clocks}) > 1:
         return None
-    aligned, tick = common_base([clock for clock, _ in clocks], CLOCK_MODULUS), clocks[0][1]
+    aligned, tick = common_base([ticks for ticks, _ in clocks], CLOCK_MODULUS), clocks[0][1]
     # A sensor that starts after the longest recording could have ended was never on the others' clock.
     if max(clock[0] for clock in aligned) > max(clock[-1] - clock[0] for clock in aligned):
         notes.append("the sensors' clocks (SampleTimeFine) were not set together; packet counters are used instead")
@@ -245,7 +238,7 @@ def _clock_times(
 
 
 def _channels(table: TextTable, rate_unit: float, notes: list[str]) -> tuple[Array | None, Array | None, Array | None]:
-    """Specific force, orientation and angular rate in our units and frames; rows with NaN were lost."""
+    """Specific force, orientation and angular rate in our units and frames; NaN in lost rows."""
     R, name = _orientation(table, notes), table.path.name
     acceleration = table.group(ACCELERATION)
     free = next((group for names in FREE_ACCELERATION if (group := table.group(names)) is not None), None)
@@ -261,8 +254,8 @@ def _channels(table: TextTable, rate_unit: float, notes: list[str]) -> tuple[Arr
         else:
             acceleration = np.einsum("nji,nj->ni", R, free + GRAVITY * UP)
     elif acceleration is not None and R is not None:
-        R, turned = z_up(name, R, acceleration)
-        notes += turned
+        R, tilt_notes = z_up(name, R, acceleration)
+        notes += tilt_notes
     if R is None and acceleration is None:
         raise FileFormatError(
             f"{table.path}: neither orientation (Quat_*, Mat[*][*], Roll/Pitch/Yaw) nor acceleration (Acc_*) among its "
@@ -300,11 +293,11 @@ def _orientation(table: TextTable, notes: list[str]) -> Array | None:
 
 
 def _matrices_or_nan(matrices: Array, where: str, notes: list[str]) -> Array:
-    finite = np.all(np.isfinite(matrices), axis=(1, 2))
-    safe = np.where(finite[:, None, None], matrices, np.eye(3))
-    off = np.abs(transpose(safe) @ safe - np.eye(3)).max(axis=(1, 2))
-    good = finite & (off < MATRIX_TOLERANCE) & (np.linalg.det(safe) > 0)
-    note_bad_rows(good, finite, where, "matrices are not rotations", notes)
+    is_finite = np.all(np.isfinite(matrices), axis=(1, 2))
+    finite = np.where(is_finite[:, None, None], matrices, np.eye(3))
+    error = np.abs(transpose(finite) @ finite - np.eye(3)).max(axis=(1, 2))
+    is_rotation = is_finite & (error < MATRIX_TOLERANCE) & (np.linalg.det(finite) > 0)
+    note_bad_rows(is_rotation, is_finite, where, "matrices are not rotations", notes)
     R = np.full(matrices.shape, np.nan)
-    R[good] = nearest_rotation(matrices[good])
+    R[is_rotation] = nearest_rotation(matrices[is_rotation])
     return R

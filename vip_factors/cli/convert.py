@@ -1,4 +1,4 @@
-"""``vip-factors convert``: foreign sensor logs in, one recording out; with a video's 2D poses, a scene."""
+"""``vip-factors convert``: a recording from sensor logs; with a video's 2D poses, a scene."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, make_dataclass
@@ -19,12 +19,16 @@ if TYPE_CHECKING:
 PATHS = Annotated[tuple[Path, ...], tyro.conf.UseAppendAction]
 TEXTS = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 OF_EACH_CAMERA = {
-    "detections": PATHS, "camera": PATHS, "video": PATHS, "keypoints": TEXTS, "camera_name": TEXTS,
+    "detections": PATHS,
+    "camera": PATHS,
+    "video": PATHS,
+    "keypoints": TEXTS,
+    "camera_name": TEXTS,
     "camera_path": PATHS,
     "video_rate": Annotated[tuple[float, ...], tyro.conf.UseAppendAction],
     "time_offset_s": Annotated[tuple[float, ...], tyro.conf.UseAppendAction],
     "first_frame": Annotated[tuple[int, ...], tyro.conf.UseAppendAction],
-}  # fmt: skip
+}
 OF_ONE_CAMERA = ("detections", "video", "camera_name")  # of these, what two cameras cannot share
 OF_CARRIED_CAMERA = "camera_path"  # said for each camera that does not stand still
 FilmedOptions = make_dataclass(
@@ -38,7 +42,7 @@ FilmedOptions = make_dataclass(
 
 @dataclass(frozen=True, kw_only=True)
 class LogArguments(LogOptions):
-    """What is known of a log and its wearer."""
+    """Options of a log and its wearer, as words of the command line."""
 
     pose_from: Annotated[str | None, tyro.conf.arg(metavar="LOG[:SAMPLE]")] = None
     then: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="LOG")] = ()
@@ -106,7 +110,7 @@ def main(options: ConvertOptions) -> None:
 
 
 def import_options(options: ConvertOptions) -> "ImportOptions":
-    """What was said of the log and its wearer."""
+    """The options of the log and its wearer."""
     from vip_factors.io.convert import ImportOptions
 
     return ImportOptions(**{field.name: getattr(options, field.name) for field in fields(ImportOptions)})
@@ -131,7 +135,7 @@ def _write_templates(options: ConvertOptions) -> None:
 
 
 def camera_options(options: ConvertOptions) -> list[CameraOptions]:
-    """The options of each camera, in turn; none if nothing was said of any.
+    """The options of each camera, in turn; none without options of cameras.
 
     Raises:
         InputError: if detections are missing, or options do not fit their number.

@@ -1,4 +1,4 @@
-"""From a foreign sensor log to a recording: which format it is, who wore it, where each sensor sits."""
+"""Conversion of a foreign sensor log to a recording: its format, its wearer, the sites of its sensors."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -84,7 +84,7 @@ class ImportOptions(LogOptions):
 
 
 def detect_format(path: str | Path) -> str:
-    """The format of a log, one of :data:`FORMATS`, by its content.
+    """Detect the format of a log, one of :data:`FORMATS`, by its content.
 
     Raises:
         InputError: if there is nothing at the path.

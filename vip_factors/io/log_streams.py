@@ -1,7 +1,7 @@
-"""What becomes of a log's streams before they are a recording.
+"""Steps between the streams of logs and a recording.
 
-Logs of one session become one; a calibration pose that was held before, in another log or a row, is put before it;
-gaps, early ends and unequal rates are told.
+Logs of one session are joined; a calibration pose that was held in another log or in one row is put before the
+recording; gaps, early ends and unequal rates are noted.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ LEAD_S = HOLD_S + TURN_S
 
 
 def pose_source(text: str) -> tuple[Path, int | None]:
-    """Where a pose was held: ``LOG``, on average over its first second, or ``LOG:SAMPLE``, from 1 on, in that sample.
+    """Parse the source of a pose: ``LOG``, on average over its first second, or ``LOG:SAMPLE``, from 1 on.
 
     Raises:
         InputError: for a sample that is no number from 1 on.
@@ -44,7 +44,7 @@ def held_orientations(imus: Mapping[str, ImuStream], path: Path, sample: int | N
     Raises:
         InputError: if a sensor has no orientation of its own, or not that many samples.
     """
-    held = {}
+    pose = {}
     for name, stream in imus.items():
         R = stream.R_inertial_sensor
         if R is None:
@@ -53,27 +53,27 @@ def held_orientations(imus: Mapping[str, ImuStream], path: Path, sample: int | N
                 "orientations, since one found from their other samples has another heading in every log"
             )
         if sample is None:
-            held[name] = mean_rotation(R[stream.time <= stream.time[0] + MEAN_S])
+            pose[name] = mean_rotation(R[stream.time <= stream.time[0] + MEAN_S])
         elif sample > len(R):
             raise InputError(f"{path}: sensor '{name}' has {len(R)} samples: there is no sample {sample}")
         else:
-            held[name] = R[sample - 1]
-    return held
+            pose[name] = R[sample - 1]
+    return pose
 
 
 def without_sample(imus: Mapping[str, ImuStream], sample: int) -> dict[str, ImuStream]:
-    """The streams without the samples up to the one in which the pose was held, and time 0 at the first that is left.
+    """The streams after the sample in which the pose was held, with time 0 at the first sample.
 
     Raises:
         InputError: if a sensor has no other samples.
     """
-    rest = {}
+    later = {}
     for name, stream in imus.items():
         if len(stream) <= sample:
             raise InputError(f"sensor '{name}' has {len(stream)} samples: none is left after the pose's, {sample}")
-        rest[name] = stream.cut(stream.time[sample], np.inf)
-    start = min(stream.time[0] for stream in rest.values())
-    return {name: replace(stream, time=stream.time - start) for name, stream in rest.items()}
+        later[name] = stream.cut(stream.time[sample], np.inf)
+    start = min(stream.time[0] for stream in later.values())
+    return {name: replace(stream, time=stream.time - start) for name, stream in later.items()}
 
 
 def after_pose(imus: Mapping[str, ImuStream], held: Mapping[str, Array], notes: list[str]) -> dict[str, ImuStream]:
@@ -139,7 +139,9 @@ def coverage_notes(imus: Mapping[str, ImuStream]) -> list[str]:
                 f"the first at {long[0, 0]:.1f} s"
             )
     # A low percentile of the steps, which losses do not lengthen.
-    rates = {name: 1 / float(np.percentile(np.diff(one.time), 10)) for name, one in imus.items() if len(one) > 1}
+    rates = {
+        name: 1 / float(np.percentile(np.diff(stream.time), 10)) for name, stream in imus.items() if len(stream) > 1
+    }
     if rates:
         slow, fast = min(rates, key=rates.__getitem__), max(rates, key=rates.__getitem__)
         if rates[fast] > rates[slow] * (1 + UNEQUAL_RATE):
@@ -150,10 +152,10 @@ def coverage_notes(imus: Mapping[str, ImuStream]) -> list[str]:
 
 
 def check_leaps(imus: Mapping[str, ImuStream]) -> None:
-    """Times that leap, as where a pose held before stands at 0 s in a log of Unix time.
+    """Check for leaps in time, as where a pose held before stands at 0 s in a log of Unix time.
 
     Raises:
-        InputError: if all sensors say nothing for a day.
+        InputError: if all sensors have no sample for a day.
     """
     if not imus:
         return
@@ -170,17 +172,17 @@ def check_leaps(imus: Mapping[str, ImuStream]) -> None:
 
 
 def log_in_parts(logs: Sequence[ImportedLog], sources: Sequence[str]) -> ImportedLog:
-    """Logs with absolute starts by these, others by their own clock, which must have gone on; without truth.
+    """Join logs by absolute starts, others by their own clock, which must not restart; the truth is dropped.
 
     Raises:
-        InputError: as :func:`~vip_factors.sensors.multi_file.join_sources`; ``sources`` say which log.
+        InputError: as :func:`~vip_factors.sensors.multi_file.join_sources`, with the names in ``sources``.
     """
     clocks = [0.0 if log.start_ns or log.clock_s is None else log.clock_s for log in logs]
-    parts = []
+    recordings = []
     for log, clock, source in zip(logs, clocks, sources, strict=True):
         imus = {name: replace(imu, time=imu.time + (clock - min(clocks))) for name, imu in log.imus.items()}
-        parts.append(Recording(source, Subject(), imus, Placement(), start_ns=log.start_ns))
-    whole = join_recordings(parts, sources)
-    first = logs[[part.name for part in parts].index(whole.name)]
+        recordings.append(Recording(source, Subject(), imus, Placement(), start_ns=log.start_ns))
+    joined = join_recordings(recordings, sources)
+    first = logs[[part.name for part in recordings].index(joined.name)]
     notes = dict.fromkeys(note for log in logs for note in log.notes)
-    return replace(first, imus=whole.imus, truth_motion=None, notes=(f"parts: {', '.join(sources)}", *notes))
+    return replace(first, imus=joined.imus, truth_motion=None, notes=(f"parts: {', '.join(sources)}", *notes))

@@ -67,7 +67,7 @@ def table_clock(table: TextTable, entry: SensorColumns, rows: np.ndarray | None,
 
 
 def stated_rate(table: TextTable) -> float | None:
-    """Samples per second that the lines above the table's header state, or None."""
+    """Samples per second as stated above the table's header, or None."""
     for line in table.preamble:
         if (match := _STATED.search(line)) and not _OTHER_RATES.search(line[: match.end()]):
             rate = float(match[1].replace(",", ".")) * (1000 if match[2] else 1)
@@ -81,34 +81,34 @@ def _timed(
 ) -> Clock:
     """Rows and times by a column of times; by the packet counter in the same rows where the times begin again."""
     assert entry.time is not None
-    at = table.index(entry.time, f"{where}, time")
-    time = column_times(table, at, entry.time_unit)
+    column = table.index(entry.time, f"{where}, time")
+    time = column_times(table, column, entry.time_unit)
     packets, counted = None, list[str]()
     try:
         packets = None if counter is None else order_packets(table, counter, rows, counted)
     except FileFormatError as error:
-        counted = [restart_note(table, error, f"'{table.names[at]}'")]
+        counted = [restart_note(table, error, f"'{table.names[column]}'")]
     try:
-        kept, its_time = _ordered(table, at, rows, time[rows], notes)
+        timed_rows, its_time = _ordered(table, column, rows, time[rows], notes)
     except FileFormatError as error:
         if packets is None or not np.any(np.diff(time[packets.rows]) > 0):
             raise
         notes.append(restart_note(table, error, f"'{table.names[counter or 0]}'"))
         step = np.diff(time[packets.rows]) / np.diff(packets.counts)
-        kept, its_time = packets.rows, float(np.median(step[step > 0])) * packets.counts
+        timed_rows, its_time = packets.rows, float(np.median(step[step > 0])) * packets.counts
     notes += [note for note in counted if "twice" not in note]
     _check_step(table, entry, its_time, notes)
-    return Clock(kept, its_time)
+    return Clock(timed_rows, its_time)
 
 
 def _check_step(table: TextTable, entry: SensorColumns, time: Array, notes: list[str]) -> None:
-    """Whether times in the unit can be a body's log, at the rate that the file states."""
+    """Refuse or note times whose rate in the declared unit cannot be a body's log, or is not the stated one."""
     rate, stated = rate_of(time), stated_rate(table)
     low, high = (stated / STATED_FACTOR, stated * STATED_FACTOR) if stated else BODY_RATES_HZ
     if len(time) < 2 or low <= rate <= high:
         return
     rates = {unit: rate * TIME_UNITS[entry.time_unit] / factor for unit, factor in TIME_UNITS.items()}
-    fits = " or ".join(f"'{unit}' gives {each:.4g}" for unit, each in rates.items() if low <= each <= high)
+    fits = " or ".join(f"'{unit}' gives {hertz:.4g}" for unit, hertz in rates.items() if low <= hertz <= high)
     sentence = (
         f"in {entry.time_unit} the times '{entry.time}' give {rate:.4g} samples a second"
         f"{f', and {stated:g} are stated above the header' if stated else ''}: expected {low:.4g} to {high:.4g}; "
@@ -122,7 +122,7 @@ def _check_step(table: TextTable, entry: SensorColumns, time: Array, notes: list
 def check_turning(
     path: Path, entries: Mapping[str, SensorColumns], streams: Mapping[str, ImuStream], notes: list[str]
 ) -> None:
-    """Refuse angular rates that do not turn as far as orientations; note those that no body turns back and forth at."""
+    """Refuse angular rates that do not turn as far as orientations; note those at frequencies of no body."""
     tolerated, near = 2.0, 1.1  # factors: of filters that lag and wrong axes; of units that explain it
     fastest_hz = 12.0  # half of what gyroscopes measured of walks, jumps and gestures was below 0.4 to 6 Hz
     halves = [hz for stream in streams.values() if (hz := turning_hz(stream)) is not None]
@@ -134,8 +134,8 @@ def check_turning(
         return
     entry, rate, factors = entries[name := next(iter(scales))], streams[name].rate / scale, dict[str, float]()
     is_timed = entry.time is not None and entry.rate_hz is None
-    for key, known in (("angular_rate_unit", ANGULAR_RATE_UNITS), *[("time_unit", TIME_UNITS)] * is_timed):
-        factors |= {f"{key} '{unit}'": factor / known[getattr(entry, key)] for unit, factor in known.items()}
+    for key, units in (("angular_rate_unit", ANGULAR_RATE_UNITS), *[("time_unit", TIME_UNITS)] * is_timed):
+        factors |= {f"{key} '{unit}'": factor / units[getattr(entry, key)] for unit, factor in units.items()}
     factors |= {"ticks of 1/32768 s": 1 / 32_768 / TIME_UNITS[entry.time_unit]} if is_timed else {}
     fits = [words for words, factor in factors.items() if 1 / near < factor / scale < near]
     fits += [f"rate_hz {rate:.4g}{' instead of time' * is_timed}"] * (BODY_RATES_HZ[0] <= rate <= BODY_RATES_HZ[1])
@@ -146,7 +146,7 @@ def check_turning(
 
 
 def turning_hz(stream: ImuStream) -> float | None:
-    """The frequency below which half of the power of the angular rate is; None of a sensor that hardly turns."""
+    """Frequency below which half of the power of the angular rate lies; None for a sensor that hardly turns."""
     from scipy.signal import periodogram  # late: it takes long to import
 
     least = 0.2  # rad/s, standard deviation: less may be noise, which has no frequency
@@ -158,15 +158,19 @@ def turning_hz(stream: ImuStream) -> float | None:
 
 
 def turning_scale(stream: ImuStream) -> float | None:
-    """How far orientations turn, of how far angular rates say, on the median of the steps that turn most, or None."""
+    """Ratio of the turns by orientations and by angular rates, the median over the steps that turn most, or None."""
     span, fewest, least = 4, 20, 0.02  # samples, as some makers repeat orientations; steps; rad, more than noise
     R, rate = stream.R_inertial_sensor, stream.angular_rate
     if R is None or rate is None or len(stream) <= span + 1:
         return None
     swept = np.cumsum((rate[1:] + rate[:-1]) / 2 * np.diff(stream.time)[:, None], axis=0)
     by_rate, turned = np.linalg.norm(swept[span:] - swept[:-span], axis=1), angle_between(R[1:-span], R[1 + span :])
-    most = turned >= max(least, float(np.quantile(turned, 0.75, method="lower")))
-    return float(np.median(turned[most] / np.maximum(by_rate[most], 1e-9))) if np.sum(most) >= fewest else None
+    is_turning = turned >= max(least, float(np.quantile(turned, 0.75, method="lower")))
+    return (
+        float(np.median(turned[is_turning] / np.maximum(by_rate[is_turning], 1e-9)))
+        if np.sum(is_turning) >= fewest
+        else None
+    )
 
 
 def column_times(table: TextTable, column: int, unit: str) -> Array:
@@ -182,15 +186,15 @@ def column_times(table: TextTable, column: int, unit: str) -> Array:
         if _TIME.fullmatch(cells[0]) is None:
             raise
         return _dated(table, column, cells)
-    known = time[np.isfinite(time)]
-    if len(stamps := np.unique(known)) < 2:
+    finite = time[np.isfinite(time)]
+    if len(stamps := np.unique(finite)) < 2:
         return time
-    step, fall, last = np.median(np.diff(stamps)), np.max(-np.diff(known)), np.max(known)
+    step, fall, latest = np.median(np.diff(stamps)), np.max(-np.diff(finite)), np.max(finite)
     for modulus in TIME_UNITS[unit] * CLOCK_MODULI:
-        if last < modulus and fall > max(modulus / 2, modulus - LATE_SAMPLES * step):
+        if latest < modulus and fall > max(modulus / 2, modulus - LATE_SAMPLES * step):
             return _unwrapped(time, modulus)
     if unit == "days":
-        return time - DAYS_BEFORE_1970 * DAY_S if last > DAYS_BEFORE_1970 * DAY_S else _unwrapped(time, DAY_S)
+        return time - DAYS_BEFORE_1970 * DAY_S if latest > DAYS_BEFORE_1970 * DAY_S else _unwrapped(time, DAY_S)
     return time
 
 
@@ -240,8 +244,8 @@ def _minutes_east(hours: str, minutes: str) -> int:
 
 
 def _unwrapped(time: Array, turn: float) -> Array:
-    known = np.isfinite(time)
-    time[known] = np.unwrap(time[known], period=turn)
+    is_finite = np.isfinite(time)
+    time[is_finite] = np.unwrap(time[is_finite], period=turn)
     return time
 
 
@@ -250,8 +254,8 @@ def _ordered(
 ) -> tuple[np.ndarray, Array]:
     """Rows in the order of their times, which increase strictly: stamps that several share are spread."""
     name, label = table.path.name, table.names[column]
-    known = np.isfinite(time)
-    rows, time = rows[known], time[known]
+    is_finite = np.isfinite(time)
+    rows, time = rows[is_finite], time[is_finite]
     if not len(rows) or (len(rows) > 1 and np.ptp(time) == 0):
         raise FileFormatError(
             f"{table.path}: column '{label}' holds {'the same time in all rows' if len(rows) else 'no time'}: expected "
@@ -260,10 +264,10 @@ def _ordered(
     late = np.maximum.accumulate(time) - time
     is_restart = late > LATE_SAMPLES * np.median(np.diff(np.unique(time))) if np.any(late) else late > 0
     if np.any(is_restart):
-        at = int(np.argmax(is_restart))
+        restart = int(np.argmax(is_restart))
         raise FileFormatError(
-            f"{table.path}, line {table.lines[rows[at]]}: time '{label}' falls from {time[at - 1]:g} s to "
-            f"{time[at]:g} s: expected it to grow; split the file there, or name another column"
+            f"{table.path}, line {table.lines[rows[restart]]}: time '{label}' falls from {time[restart - 1]:g} s to "
+            f"{time[restart]:g} s: expected it to grow; split the file there, or name another column"
         )
     if np.any(late):
         notes.append(f"{name}: {np.sum(np.diff(time) < 0)} samples came late and were sorted by '{label}'")

@@ -1,4 +1,4 @@
-"""A small TOML file that says what the columns of a sensor log mean: which quantity, of which sensor, in which unit.
+"""Column map: a small TOML file with the quantity, sensor and unit of each column of a sensor log.
 
 ::
 
@@ -24,7 +24,7 @@
 
 What stands above the sensors holds for all of them, and a sensor may say otherwise. Without ``[sensors]`` each file
 is one sensor, named as the file. With ``sensor_column`` the rows of all sensors stand in one table, and that column
-names the sensor. ``separator``, ``comment`` and ``header`` (line numbers) are found unless told.
+names the sensor. ``separator``, ``comment`` and ``header`` (line numbers) are detected unless declared.
 """
 
 from collections.abc import Mapping
@@ -66,14 +66,14 @@ PLAUSIBLE_RATES_HZ = (1.0, 20000.0)
 
 
 class Columns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Where a quantity stands: names, or numbers from 1 on, and the file if it is not the sensor's."""
+    """Columns of a quantity, by names or by numbers from 1 on, and the file if it is not the sensor's."""
 
     columns: tuple[str | int, ...]
     file: str | None = None
 
 
 class SensorColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is known of one sensor, or of all of them; the fields are the keys of the file."""
+    """Columns, units and clock of one sensor, or of all; the fields are the keys of the file."""
 
     file: str | None = None
     time: str | int | None = None
@@ -92,7 +92,7 @@ class SensorColumns(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class _Layout(msgspec.Struct, frozen=True):
-    """What a column map says beside the keys of a sensor."""
+    """Keys of a column map beside those of a sensor."""
 
     sensors: dict[str, dict[str, object]] = {}
     sensor_column: str | int | None = None
@@ -106,11 +106,11 @@ class ColumnMap:
     """Content of a column map.
 
     Attributes:
-        source: what to call it in complaints.
-        common: what holds for sensors that have no entry.
+        source: its name in messages.
+        common: for sensors that have no entry.
         sensors: by name; none if each file is a sensor.
-        sensor_column: which column names the sensor of each row.
-        dialect: of the files.
+        sensor_column: the column that names the sensor of each row.
+        dialect: layout of the files.
     """
 
     source: str
@@ -121,7 +121,7 @@ class ColumnMap:
 
 
 def read_column_map(path: str | Path, rate_hz: float | None = None) -> ColumnMap:
-    """Read a column map; ``rate_hz`` stands for whatever it says of times.
+    """Read a column map; ``rate_hz`` replaces its columns of times and its rates.
 
     Raises:
         FileFormatError: if it cannot be read or parsed.

@@ -53,7 +53,7 @@ def _matches_export(path: Path) -> bool:
 
 
 def _read_export(path: Path) -> ImportedLog:
-    """The sensors of one export; a folder must hold one."""
+    """Read the sensors of an export; a folder must hold one."""
     exports = {prefix: files for prefix, files in _exports(path).items() if len(files) > 1}
     if len(exports) != 1:
         names = ", ".join(exports) or "none"
@@ -79,24 +79,24 @@ def _columns(path: Path, tables: Mapping[str, TextTable]) -> ColumnMap:
 
 
 def _sensor(column: str, quantity: str) -> str:
-    """The sensor of a component's column; nothing of a column that is none."""
+    """The sensor of a component's column; blank for other columns."""
     match = re.fullmatch(rf"(.+)_[{COMPONENTS[QUANTITIES[quantity]]}]", column)
     return match[1] if match else ""
 
 
 def _exports(path: Path) -> dict[str, dict[str, Path]]:
-    """What the names begin with → quantity → file."""
-    beside = path.with_name(_split(path)[0]) if path.is_file() else path
+    """The files of each export, by the beginning of their names and by quantity."""
+    start = path.with_name(_split(path)[0]) if path.is_file() else path
     exports: dict[str, dict[str, Path]] = {}
-    for file in candidates(beside, SUFFIXES):
+    for file in candidates(start, SUFFIXES):
         prefix, quantity = _split(file)
-        if quantity and (not path.is_file() or prefix == beside.name):
+        if quantity and (not path.is_file() or prefix == start.name):
             exports.setdefault(prefix, {}).setdefault(quantity, file)
     return exports
 
 
 def _split(file: Path) -> tuple[str, str]:
-    """What a file's name begins with, and which quantity its ending names, if any."""
+    """Beginning of a file's name, and the quantity that its ending names, blank if none."""
     for quantity, ending in _ENDINGS.items():
         if match := re.fullmatch(rf"(.*?)[-_ ]({ending})", file.stem, re.IGNORECASE):
             return match[1], quantity
@@ -121,14 +121,14 @@ def _read_quaternions(path: Path) -> ImportedLog:
         "if OpenSim axes (y up) were applied already, convert the raw recording instead",
         f"{path.name}: orientation only, no acceleration: translation will be unobservable from the sensors",
     ]
-    others = [file for file in _exports(path).get(_split(path)[0], {}).values() if file != path]
-    if others and _split(path)[1]:
-        notes.append(f"{path.name}: {others[0].name} stands beside it: name that one, and both are read together")
+    siblings = [file for file in _exports(path).get(_split(path)[0], {}).values() if file != path]
+    if siblings and _split(path)[1]:
+        notes.append(f"{path.name}: {siblings[0].name} stands beside it: name that one, and both are read together")
     columns = _columns(path, {"quaternion": table})
     blank = [
         name
-        for name, at in columns.sensors.items()
-        if at.quaternion and table.group(list(map(str, at.quaternion.columns))) is None
+        for name, entry in columns.sensors.items()
+        if entry.quaternion and table.group(list(map(str, entry.quaternion.columns))) is None
     ]
     notes += [f"{path.name}: column '{name}' has no orientation at all: left out" for name in blank]
     sensors = {name: entry for name, entry in columns.sensors.items() if name not in blank}
@@ -165,14 +165,14 @@ def _is_apdm(path: Path) -> bool:
 
 
 def _read_apdm(path: Path) -> ImportedLog:
-    """Read a recording; a folder must hold one such file."""
+    """Read a file with all sensors; a folder must hold one such file."""
     path, comma = only_file(path, _apdm_files(path), "one APDM csv file with all sensors"), SEPARATORS["comma"]
-    kept = [(i + 1, line) for i, line in enumerate(checked_lines(path, read_text(path))) if line.strip(", ")]
-    head = [[cell.strip() for cell in split(line, comma)] for _, line in kept[:PEEKED_LINES]]
-    names, first, units = (_format7 if head[0][0].startswith("Format=") else _slash_names)(head, path)
-    if len(kept) <= first:
+    numbered = [(i + 1, line) for i, line in enumerate(checked_lines(path, read_text(path))) if line.strip(", ")]
+    head = [[cell.strip() for cell in split(line, comma)] for _, line in numbered[:PEEKED_LINES]]
+    names, first_row, units = (_format7 if head[0][0].startswith("Format=") else _slash_names)(head, path)
+    if len(numbered) <= first_row:
         raise FileFormatError(f"{path}: no samples below its header")
-    table = table_of_rows(path, ("Time", *names[1:]), kept[first:], comma)
+    table = table_of_rows(path, ("Time", *names[1:]), numbered[first_row:], comma)
     start = float(table.numbers([0])[0, 0])
     since_1970 = start > EPOCH_MICROSECONDS
     common = SensorColumns(time=1, time_unit="us" if since_1970 else "s", world_up=UP_OR_DOWN)
@@ -223,17 +223,17 @@ def _format7(head: list[list[str]], path: Path) -> Header:
 
 def _slash_names(head: list[list[str]], path: Path) -> Header:
     """Settings, then one line of ``Sensor/Quantity/Axis`` and one of units."""
-    at = next((i for i, row in enumerate(head) if row[0] == "Time"), None)
-    if at is None:
+    row = next((i for i, row in enumerate(head) if row[0] == "Time"), None)
+    if row is None:
         raise FileFormatError(f"{path}: no line whose first cell is 'Time': expected the names of the columns there")
-    parts = [cell.split("/") for cell in head[at]]
-    names = [_column_name(i, *words) if len(words) == 3 else str(i) for i, words in enumerate(parts, start=1)]
+    labels = [cell.split("/") for cell in head[row]]
+    names = [_column_name(i, *words) if len(words) == 3 else str(i) for i, words in enumerate(labels, start=1)]
     if not any("/" in name for name in names):
-        raise FileFormatError(f"{path}, line {at + 1}: no column of the form Sensor/Acceleration/X")
-    units = head[at + 1] if at + 1 < len(head) else []
+        raise FileFormatError(f"{path}, line {row + 1}: no column of the form Sensor/Acceleration/X")
+    units = head[row + 1] if row + 1 < len(head) else []
     if not units or units[0] not in ("s", "us", "ms"):
-        return names, at + 1, {}
-    return names, at + 2, dict(zip(names, units, strict=False))
+        return names, row + 1, {}
+    return names, row + 2, dict(zip(names, units, strict=False))
 
 
 EXPORT = LogFormat("opensim_export", _matches_export, _read_export)

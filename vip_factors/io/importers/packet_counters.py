@@ -72,26 +72,26 @@ def order_packets(table: TextTable, column: int, rows: np.ndarray, notes: list[s
     if (size := int(np.median(sizes))) > 1:  # several samples in a packet
         position = np.arange(len(count)) - np.repeat(starts, sizes)
         count, modulus = count * size + np.minimum(position, size - 1), modulus * size
-    kept, first, inverse = np.unique(count, return_index=True, return_inverse=True)
-    twice = np.flatnonzero(first[inverse] != np.arange(len(count)))
-    changed = [i for i in twice if table.rows[counted[i]] != table.rows[counted[first[inverse[i]]]]]
+    counts, first_rows, inverse = np.unique(count, return_index=True, return_inverse=True)
+    twice = np.flatnonzero(first_rows[inverse] != np.arange(len(count)))
+    changed = [i for i in twice if table.rows[counted[i]] != table.rows[counted[first_rows[inverse[i]]]]]
     restarts = [*np.flatnonzero(is_restart), *(changed[:1] if len(changed) > REPEATED_COUNTS else [])]
     if restarts:
-        at = int(min(restarts))
+        restart = int(min(restarts))
         raise FileFormatError(
-            f"{table.path}, line {table.lines[counted[at]]}: the packet counter '{label}' falls from {counter[at - 1]} "
-            f"to {counter[at]}: expected it to grow, or a column of times that goes on; split the file where the "
-            "sensor was restarted"
+            f"{table.path}, line {table.lines[counted[restart]]}: the packet counter '{label}' falls from "
+            f"{counter[restart - 1]} to {counter[restart]}: expected it to grow, or a column of times that goes on; "
+            "split the file where the sensor was restarted"
         )
     if len(twice):
         notes.append(f"{name}: {len(twice)} packets came twice; the first was kept")
-    if np.any(np.diff(first) < 0):
+    if np.any(np.diff(first_rows) < 0):
         notes.append(f"{name}: packets came out of order and were sorted")
     if blank := len(rows) - len(counted):
         notes.append(f"{name}: {blank} rows without a packet counter dropped")
-    if lost := int(kept[-1] - kept[0] + 1 - len(kept)):
-        notes.append(f"{name}: {lost} of {int(kept[-1] - kept[0] + 1)} packets lost")
-    return Packets(counted[first], kept, modulus)
+    if lost := int(counts[-1] - counts[0] + 1 - len(counts)):
+        notes.append(f"{name}: {lost} of {int(counts[-1] - counts[0] + 1)} packets lost")
+    return Packets(counted[first_rows], counts, modulus)
 
 
 def _unwrapped(counter: np.ndarray, modulus: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,10 +1,10 @@
 """A table of numbers as text, of any usual dialect: CSV, TSV, OpenSim's TRC and STO; named columns, numbers on demand.
 
-Separator, comment lines and header lines are told or found. A TRC marker ``knee`` is the columns ``knee_x``,
+Separator, comment lines and header lines are declared or detected. A TRC marker ``knee`` is the columns ``knee_x``,
 ``knee_y``, ``knee_z``; an STO column ``knee`` with cells ``w,x,y,z`` is ``knee_w``, ``knee_x``, ``knee_y``, ``knee_z``.
 
 Libraries that sniff dialects know no preambles, lines of units and decimal commas: of 58 loggers' and OpenSim's files
-``csv.Sniffer`` tells the separator of 32, ``clevercsv`` of 47.
+``csv.Sniffer`` finds the separator of 32, ``clevercsv`` of 47.
 """
 
 import csv
@@ -32,16 +32,16 @@ PEEK_BYTES = 16384  # the longest preamble seen is 1.5 kB; this holds it and the
 
 
 class NoTableError(FileFormatError):
-    """A file that holds no rows of numbers at all."""
+    """Error for a file without rows of numbers."""
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a file is laid out, as far as somebody told; None is found by looking.
+    """Declared layout of a file; None is detected.
 
     Attributes:
         separator: one of :data:`SEPARATORS`, or a character itself; single spaces have blank cells between them.
-        comment: what lines begin with that are to be skipped.
+        comment: beginning of the lines to skip.
         header: numbers of the lines with the names of the columns, the first line being 1; names are joined by ``_``.
         same_digits: whether all cells of a column have as many decimals: a last cell with fewer breaks off.
     """
@@ -57,14 +57,14 @@ class TextTable:
     """Rows of text below named columns.
 
     Attributes:
-        path: of the file.
-        names: of the columns; by their numbers from 1 on where the file names none.
+        path: the file.
+        names: one per column; the numbers from 1 on where the file names none.
         rows: a line each, without those to be skipped.
         lines: numbers of those lines in the file.
         separator: between their cells.
-        notes: what was dropped.
+        notes: a sentence on each loss.
         preamble: the lines above the first row.
-        units: of the columns, where a line below their names says them.
+        units: one per column, where a line below their names gives them.
     """
 
     path: Path
@@ -80,12 +80,12 @@ class TextTable:
         return len(self.rows)
 
     def index(self, column: str | int, where: str) -> int:
-        """Which column it is, by its name or its number from 1 on; ``where`` it was asked for, for the complaint.
+        """Index of a column, given its name or its number from 1 on; errors begin with ``where``.
 
         A name may be written with other capitals, if only one column fits: TRC has ``Time``, STO has ``time``.
 
         Raises:
-            InputError: if there is none, or the name is that of several.
+            InputError: if there is none, or several have the name.
         """
         if isinstance(column, int):
             if not 1 <= column <= len(self.names):
@@ -97,12 +97,14 @@ class TextTable:
         if column not in self.names:
             raise InputError(f"{where}: {self.path} has no column '{column}'{nearest(column, self.names)}")
         if self.names.count(column) > 1:
-            at = ", ".join(str(i + 1) for i, name in enumerate(self.names) if name == column)
-            raise InputError(f"{where}: {self.path} has several columns '{column}': give the number of one of {at}")
+            positions = ", ".join(str(i + 1) for i, name in enumerate(self.names) if name == column)
+            raise InputError(
+                f"{where}: {self.path} has several columns '{column}': give the number of one of {positions}"
+            )
         return self.names.index(column)
 
     def numbers(self, columns: Sequence[int]) -> Array:
-        """The columns of these indices ``(N, len(columns))``; blank cells, and numbers that nothing has, are NaN.
+        """The columns of these indices ``(N, len(columns))``; blank cells and impossible numbers are NaN.
 
         Raises:
             FileFormatError: for a cell that is not a number; line and column are named.
@@ -125,13 +127,8 @@ class TextTable:
         values = self.numbers([self.names.index(name) for name in names])
         return values if np.all(np.any(np.isfinite(values), axis=0)) else None
 
-    def setting(self, pattern: str) -> str | None:
-        """First group of a regular expression searched in the preamble, or None."""
-        matches = (re.search(pattern, line, re.IGNORECASE) for line in self.preamble)
-        return next((match[1].strip() for match in matches if match), None)
-
     def texts(self, column: int) -> list[str]:
-        """The cells of a column."""
+        """The cells of a column as text."""
         return [split(row, self.separator)[column].strip() for row in self.rows]
 
     def _row(self, row: str, line: int, columns: Sequence[int]) -> list[float]:
@@ -148,7 +145,7 @@ class TextTable:
 
 
 def number(cell: str) -> float | None:
-    """The number in a cell, NaN where it is blank or says that it is missing, None where it holds anything else."""
+    """The number in a cell; NaN for a blank or a word for a missing value, None for anything else."""
     cell = cell.strip().strip('"')
     if cell.lower() in MISSING:
         return float("nan")
@@ -159,14 +156,14 @@ def number(cell: str) -> float | None:
 
 
 def split(row: str, separator: str) -> list[str]:
-    """The cells of a line."""
+    """Split a line into cells, with quotes."""
     if not separator:
         return row.split()
     return next(csv.reader([row], delimiter=separator), []) if '"' in row else row.split(separator)
 
 
 def read_text_table(path: Path, dialect: Dialect | None = None) -> TextTable:
-    """Read a file.
+    """Read a table, OpenSim's by its form, others by the dialect.
 
     Raises:
         FileFormatError: if it cannot be read, is no text, holds no rows of numbers, or a row has too few cells.
@@ -194,7 +191,7 @@ def peek(path: Path) -> str:
 
 
 def read_text(path: Path) -> str:
-    """A file as text, UTF-8 or UTF-16; what is neither is replaced.
+    """Read a file as text, UTF-8 or UTF-16; other bytes are replaced.
 
     Raises:
         FileFormatError: if it cannot be read or is no text.
@@ -210,7 +207,7 @@ def read_text(path: Path) -> str:
 
 
 def _decoded(content: bytes) -> str:
-    """Text of UTF-16 by its mark, or by the zeros in every second byte; else of UTF-8."""
+    """Decode UTF-16 by its mark, or by the zeros in every second byte; else UTF-8."""
     encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
     if len(content) > 3 and (content[0] == 0) != (content[1] == 0) and (content[2] == 0) != (content[3] == 0):
         encoding = "utf-16-be" if content[0] == 0 else "utf-16-le"
@@ -235,7 +232,7 @@ def checked_lines(path: Path, text: str) -> list[str]:
 def _read_plain(
     path: Path, numbered: list[tuple[int, str]], lines: list[str], dialect: Dialect, complete: bool
 ) -> TextTable:
-    """A table whose header stands right above its first row of numbers, or where it is told."""
+    """A table whose header stands right above its first row of numbers, or where the dialect declares it."""
     if dialect.header is not None:
         wrong = next((line for line in dialect.header if not 1 <= line <= len(lines)), None)
         if wrong is not None:
@@ -243,8 +240,8 @@ def _read_plain(
         numbered = [(line, row) for line, row in numbered if line > max(dialect.header)]
         if not numbered:
             raise FileFormatError(f"{path}: no samples below the header in line {max(dialect.header)}")
-    given = SEPARATORS.get(dialect.separator, dialect.separator) if dialect.separator else None
-    separator, width = _separator(path, [row for _, row in numbered[:LOOKED_AT]], given)
+    declared = SEPARATORS.get(dialect.separator, dialect.separator) if dialect.separator else None
+    separator, width = _separator(path, [row for _, row in numbered[:LOOKED_AT]], declared)
     data = [_is_data(row, separator, width) for _, row in numbered[: LOOKED_AT + RUN]]
     run = 1 if dialect.header else RUN
     start = next((i for i in range(len(data)) if all(data[i : i + run])), None)
@@ -258,10 +255,10 @@ def _read_plain(
     preamble = lines[: numbered[start][0] - 1 if dialect.header is None else min(dialect.header) - 1]
     units = _units(header)
     header = header[:-1] if units else header
-    again = next((line for line, row in numbered[start:] if header and split(row, separator) == header[-1]), None)
-    if again is not None:
+    repeat = next((line for line, row in numbered[start:] if header and split(row, separator) == header[-1]), None)
+    if repeat is not None:
         raise FileFormatError(
-            f"{path}, line {again}: the header stands there again, as where two recordings follow each other: split "
+            f"{path}, line {repeat}: the header stands there again, as where two recordings follow each other: split "
             "the file there, or delete the line"
         )
     numbered = numbered[start:]
@@ -271,34 +268,34 @@ def _read_plain(
     return replace(table_of_rows(path, _joined(header, width), numbered, separator, preamble), units=units)
 
 
-def _separator(path: Path, rows: list[str], given: str | None) -> tuple[str, int]:
+def _separator(path: Path, rows: list[str], declared: str | None) -> tuple[str, int]:
     """The separator that makes the widest rows, and their usual width."""
-    best = ("", 0)
-    for separator in SEPARATORS.values() if given is None else (given,):
+    choice = ("", 0)
+    for separator in SEPARATORS.values() if declared is None else (declared,):
         widths = [
             width for row in rows if (width := len(split(row, separator))) > 1 and _is_data(row, separator, width)
         ]
         if not widths:
             continue
         usual = max(set(widths), key=widths.count)
-        if usual > best[1] and widths.count(usual) >= len(widths) / 2:
-            best = (separator, usual)
-    if not best[1]:
-        how = "that separator" if given is not None else "tab, semicolon, comma, bar or spaces"
+        if usual > choice[1] and widths.count(usual) >= len(widths) / 2:
+            choice = (separator, usual)
+    if not choice[1]:
+        how = "that separator" if declared is not None else "tab, semicolon, comma, bar or spaces"
         raise NoTableError(f"{path}: holds no row of two numbers or more between {how}: expected a table of numbers")
-    return best
+    return choice
 
 
 def _is_data(row: str, separator: str, width: int) -> bool:
-    """Whether most cells are numbers, and at least one is: names of sensors and units are not."""
+    """Whether a row has the width and holds numbers, at least one and half of its cells."""
     cells = [cell.replace(",", ".") if separator != "," else cell for cell in split(row, separator)]
     values = [number(cell) for cell in cells]
-    known = sum(value is not None and value == value for value in values)
-    return len(cells) == width and known > 0 and sum(value is not None for value in values) >= len(values) / 2
+    numbers = sum(value is not None and value == value for value in values)
+    return len(cells) == width and numbers > 0 and sum(value is not None for value in values) >= len(values) / 2
 
 
 def _header_above(numbered: list[tuple[int, str]], separator: str, width: int) -> list[list[str]]:
-    """The lines right above the last one given that have as many cells."""
+    """The lines right above the last one that have as many cells."""
     header: list[list[str]] = []
     below = numbered[-1][0]
     for line, row in reversed(numbered[-1 - HEADER_LINES : -1]):
@@ -311,10 +308,10 @@ def _header_above(numbered: list[tuple[int, str]], separator: str, width: int) -
 
 
 def _header_in_comment(lines: list[str], separator: str, width: int) -> list[list[str]]:
-    """The names in the last comment line above the first row, if it has as many."""
-    last = next((line for line in reversed(lines) if line.strip()), "")
-    cells = split(last.lstrip("#/% "), separator)
-    return [cells] if last.startswith(COMMENTS) and len(cells) == width else []
+    """The names in the last comment line above the first row, if it has as many cells."""
+    comment = next((line for line in reversed(lines) if line.strip()), "")
+    cells = split(comment.lstrip("#/% "), separator)
+    return [cells] if comment.startswith(COMMENTS) and len(cells) == width else []
 
 
 _UNIT = (
@@ -350,10 +347,10 @@ def _joined(header: list[list[str]], width: int) -> tuple[str, ...]:
 def table_of_rows(
     path: Path, names: tuple[str, ...], numbered: list[tuple[int, str]], separator: str, preamble: Sequence[str] = ()
 ) -> TextTable:
-    """The table of numbered lines, if every one is wide enough; a last line that breaks off is dropped.
+    """Build a table of numbered lines; a last line that breaks off is dropped.
 
     Raises:
-        FileFormatError: for a line that is not.
+        FileFormatError: for any other line that is too short.
     """
     lines, rows = [line for line, _ in numbered], [row for _, row in numbered]
     widths = [_width(row, separator) for row in rows]
@@ -375,22 +372,22 @@ def _width(row: str, separator: str) -> int:
 
 
 def _read_opensim(path: Path, lines: list[str]) -> TextTable:
-    """OpenSim's tables, whose lines may end in blank cells.
+    """Read OpenSim's tables, whose lines may end in blank cells.
 
     TRC has triples below five lines of header, the fourth with the names. STO has a header up to ``endheader``, a line
     of names, and cells of one number or of several.
     """
-    is_trc, first = lines[:1] and lines[0].startswith("PathFileType"), lines[:LOOKED_AT]
+    is_trc, head = lines[:1] and lines[0].startswith("PathFileType"), lines[:LOOKED_AT]
     mark = "frame#" if is_trc else "endheader"
-    at = next((i for i, line in enumerate(first) if line.strip().lower().partition("\t")[0] == mark), None)
-    if is_trc and at is None:
+    header_row = next((i for i, line in enumerate(head) if line.strip().lower().partition("\t")[0] == mark), None)
+    if is_trc and header_row is None:
         raise FileFormatError(f"{path}: no line 'Frame#  Time  name …': expected OpenSim's TRC")
-    if at is None or at + 1 >= len(lines):
+    if header_row is None or header_row + 1 >= len(lines):
         raise FileFormatError(f"{path}: no 'endheader' line followed by column names: expected OpenSim's STO")
-    numbered = [(i + 1, line) for i, line in enumerate(lines) if i > at + 1 and line.strip()]
+    numbered = [(i + 1, line) for i, line in enumerate(lines) if i > header_row + 1 and line.strip()]
     if not numbered:
         raise FileFormatError(f"{path}: no rows below its header")
-    labels = [cell.strip() for cell in lines[at if is_trc else at + 1].split("\t")]
+    labels = [cell.strip() for cell in lines[header_row if is_trc else header_row + 1].split("\t")]
     if is_trc:
         labels = [label for label in labels if label]
         names = [*labels[:2], *(f"{name}_{axis}" for name in labels[2:] for axis in "xyz")]
@@ -413,4 +410,4 @@ def _read_opensim(path: Path, lines: list[str]) -> TextTable:
         return "\t".join(part.strip() or "nan" for part in cells[: len(names)])
 
     rows = [(line, as_cells(row)) for line, row in numbered]
-    return table_of_rows(path, tuple(names), rows, "\t", lines[:at])
+    return table_of_rows(path, tuple(names), rows, "\t", lines[:header_row])

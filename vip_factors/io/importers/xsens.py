@@ -1,6 +1,6 @@
 """Xsens tables, one for each sensor: MTw / MT Manager text exports, and (Movella) DOT's csv.
 
-Of an MTw's file the device id ends the name; a DOT's is named by its tag and the time of recording. Samples are timed
+The name of an MTw's file ends in the device id; a DOT's has its tag and the time of recording. Samples are timed
 by the sensors' clock where every file has it, else by packet counter and update rate (100 Hz where none is stated);
 lost packets are gaps. ``Acc_*`` includes gravity; ``FreeAcc_*`` is global and gets gravity back. Matrices are read by
 their columns' names. DOT exports degrees per second, MTw radians.
@@ -139,7 +139,7 @@ DOT = LogFormat("xsens_dot", partial(_matches, _is_dot), _read_dot, takes_rate=T
 def _import_tables(
     path: Path, name: str, files: dict[str, Path], rate_unit: float, rate_hz: float | None
 ) -> ImportedLog:
-    """Read one file per sensor and put all on one clock; ``rate_unit`` is the angular rate's in rad/s."""
+    """Read one file per sensor and put all on one clock; ``rate_unit`` is the unit of angular rate in rad/s."""
     tables = {sensor: _read_table(file) for sensor, file in files.items()}
     notes = [note for table in tables.values() for note in table.notes]
     packets = {sensor: _packets(table, notes) for sensor, table in tables.items()}
@@ -286,7 +286,7 @@ def _orientation(table: TextTable, notes: list[str]) -> Array | None:
         R = rotation_z(yaw) @ rotation_y(pitch) @ rotation_x(roll)
     else:
         return None
-    if (table.setting(r"coordinate system:\s*(\w+)") or "").upper() == "NED":
+    if any(re.search(r"coordinate system:\s*NED\b", line, re.IGNORECASE) for line in table.preamble):
         R = R_ENU_NED @ R
         notes.append(f"{table.path.name}: turned from north-east-down to east-north-up")
     return R

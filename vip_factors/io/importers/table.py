@@ -160,9 +160,9 @@ class _TableLog:
         files = [self.path] if self.path.is_file() else candidates(self.path, SUFFIXES)
         if len(files) == 1:
             return files[0]
-        names = ", ".join(file.name for file in files[:4]) or "none"
+        listing = ", ".join(file.name for file in files[:4]) or "none"
         raise InputError(
-            f"{where}: file is missing, and {self.path} is not one table: expected its name; there are {names}"
+            f"{where}: file is missing, and {self.path} is not one table: expected its name; there are {listing}"
         )
 
     def samples(self, name: str, entry: SensorColumns, rows: Rows) -> tuple[Samples, float | None]:

@@ -36,7 +36,7 @@ SNAP_DEG = 20.0  # bone axes this near to a signed permutation were meant to be 
 
 # Our bones and the joint that carries their position and turning; spine1 shares Spine and Spine1.
 BONE_JOINTS = (
-    MOTIONBUILDER.joints
+    dict(MOTIONBUILDER.joints)
     | {"spine2": "Spine2", "spine3": "Spine3"}
     | both_sides({"hand": "{}Hand", "foot": "{}Foot"}, "Left", "Right")
 )

@@ -219,7 +219,8 @@ def _clock_times(
     tables: dict[str, TextTable], packets: dict[str, Packets], stated: dict[str, float], notes: list[str]
 ) -> dict[str, Array] | None:
     """Times by SampleTimeFine, or None where a file lacks it or the clocks have nothing in common."""
-    clocks = [clock for sensor, table in tables.items() if (clock := _clock(table, packets[sensor])) is not None]
+    pairs = [_clock(table, packets[sensor]) for sensor, table in tables.items()]
+    clocks = [pair for pair in pairs if pair is not None]
     if len(clocks) < len(tables) or len({tick for _, tick in clocks}) > 1:
         return None
     aligned, tick = common_base([ticks for ticks, _ in clocks], CLOCK_MODULUS), clocks[0][1]

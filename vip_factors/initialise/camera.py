@@ -1,9 +1,11 @@
 """Initial camera path and wearer positions from the PnP poses of the association.
 
 Each PnP pose relates the camera to one wearer's skeleton in that wearer's world; these worlds have the same vertical
-but different headings and root paths. :func:`camera_mounting` estimates the mounting of an IMU on the camera.
+but different headings and root paths. :func:`camera_mounting` estimates the mounting of an IMU on the camera, and
+:func:`along_odometry` aligns a path from visual odometry with such poses.
 """
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,6 +17,7 @@ from vip_factors.geometry.quaternions import interpolate_points, interpolate_rot
 from vip_factors.geometry.rotations import (
     Array,
     angle_between,
+    log,
     nearest_rotation,
     rotation_z,
     transpose,
@@ -22,6 +25,8 @@ from vip_factors.geometry.rotations import (
     yaw_of,
 )
 from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.odometry import Odometry
+from vip_factors.sensors.scene import Camera
 
 MEAN_ROUNDS = 10  # of reweighting; a robust mean converges in five
 MEAN_SCALE = np.deg2rad(5.0)  # Cauchy scale: usual error of PnP on an inertial skeleton
@@ -29,6 +34,7 @@ LEAP_SIGHTINGS, LEAP_WINDOW = 5, 0.6  # on either side; s that they may span
 LEAP_TURN = np.deg2rad(30.0)  # a pan at 90 °/s turns by 15° between them, PnP with careless mountings by 24°
 LEAP_LASTS = 1.5  # s on either side of a lasting leap; swapped sides turn PnP for a fifth of a second only
 SMOOTHING = 0.5  # s, window of the median over PnP poses
+COMPARED_S = 1.0  # over which odometry and rough poses are compared: these jitter from frame to frame
 
 
 @dataclass(frozen=True)
@@ -221,10 +227,9 @@ def camera_mounting(R_world_camera: Array, R_inertial_imu: Array) -> tuple[Array
         R_inertial_imu: ``(n, 3, 3)`` at the same instants.
     """
     scale = np.deg2rad(10.0)  # Cauchy scale: usual error of PnP on an inertial skeleton
-    rounds = 10  # of reweighting; a robust mean converges in five
     weights = np.ones(len(R_world_camera))
     mounting, heading = np.eye(3), 0.0
-    for _ in range(rounds):
+    for _ in range(MEAN_ROUNDS):
         mounting, heading = _weighted(R_world_camera, R_inertial_imu, weights)
         off = angle_between(R_world_camera @ mounting, rotation_z(heading) @ R_inertial_imu)
         weights = 1 / (1 + (off / scale) ** 2)
@@ -244,3 +249,60 @@ def _weighted(C: Array, S: Array, weights: Array) -> tuple[Array, float]:
     signs[:, 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
     index = int(np.argmax(np.sum(signs * size, axis=1)))
     return (U[index] * signs[index]) @ Vt[index], float(HEADINGS[index])
+
+
+def in_camera_axes(camera: Camera, rough_path: CameraPath) -> Camera:
+    """The camera with its odometry in OpenCV's camera axes, judged by rough poses of the camera ``(T,)``.
+
+    ARKit and OpenGL point a camera's y axis up and its z axis backwards: turns about these axes and shifts along them
+    then have the opposite sign.
+    """
+    odometry = camera.timed_odometry
+    if odometry is None or camera.odometry is None or len(rough_path) < 2:
+        return camera
+    span = min(max(1, int(np.searchsorted(rough_path.time, rough_path.time[0] + COMPARED_S))), len(rough_path) - 1)
+    measured, expected = (_motions(path, span) for path in (odometry.at(rough_path.time), rough_path))
+    norms = np.linalg.norm(measured, axis=2) * np.linalg.norm(expected, axis=2)
+    agreement = np.sum(np.einsum("kti,kti->kt", measured, expected) / np.maximum(norms, 1e-12))
+    if agreement >= 0:
+        return camera
+    R_world_camera = camera.odometry.R_world_camera @ np.diag([1.0, -1.0, -1.0])
+    return replace(camera, odometry=replace(camera.odometry, R_world_camera=R_world_camera))
+
+
+def _motions(path: CameraPath, span: int) -> Array:
+    """Turns and shifts over ``span`` instants ``(2, T − span, 2)``, their y and z components in the camera's axes."""
+    R, p = path.R_world_camera, path.p_world_camera
+    turns = log(transpose(R[:-span]) @ R[span:])
+    shifts = np.einsum("tji,tj->ti", R[:-span], p[span:] - p[:-span])
+    return np.stack([turns, shifts])[:, :, 1:]
+
+
+def along_odometry(path: CameraPath, odometry: Odometry, rough_path: CameraPath) -> tuple[CameraPath, float]:
+    """A path from odometry aligned with rough poses ``(T,)`` in the world of the wearers, and its scale.
+
+    Each stretch between two gaps or resets is aligned by itself; where the odometry has no poses, the rough ones stay.
+    The scale is 1 where it is known.
+    """
+    path = path.at(rough_path.time)
+    ends = np.flatnonzero(~odometry.valid) + 1
+    stretches = [slice(int(start), int(end)) for start, end in itertools.pairwise([0, *ends]) if end > start + 1]
+    R_world_camera, p_world_camera = rough_path.R_world_camera.copy(), rough_path.p_world_camera.copy()
+    if not stretches:
+        return rough_path, 1.0
+    longest = max(stretches, key=lambda stretch: stretch.stop - stretch.start)
+    scale = _scale(path.frames(longest), rough_path.frames(longest)) if odometry.is_scale_free else 1.0
+    for stretch in stretches:
+        segment, target = path.frames(stretch), rough_path.frames(stretch)
+        turn = robust_mean_rotation(target.R_world_camera @ transpose(segment.R_world_camera))
+        p_turned = scale * segment.p_world_camera @ turn.T
+        R_world_camera[stretch] = turn @ segment.R_world_camera
+        p_world_camera[stretch] = p_turned + np.median(target.p_world_camera - p_turned, axis=0)
+    return CameraPath(rough_path.time, R_world_camera, p_world_camera), scale
+
+
+def _scale(path: CameraPath, target: CameraPath) -> float:
+    """Least squares scale of a path to poses at the same instants; at least a thousandth."""
+    turn = robust_mean_rotation(target.R_world_camera @ transpose(path.R_world_camera))
+    centred, expected = (p - p.mean(axis=0) for p in (path.p_world_camera @ turn.T, target.p_world_camera))
+    return max(float(np.sum(centred * expected) / max(np.sum(centred**2), 1e-12)), 1e-3)

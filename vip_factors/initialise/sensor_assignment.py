@@ -19,10 +19,7 @@ from vip_factors.sensors.calibration import Placement
 
 Pair = tuple[int, int]
 
-
-LEAST_NATS = (
-    10.0  # gain for which an exchange is reported; exchanged leg sensors that move for ten seconds have 15 to 150
-)
+LEAST_NATS = 10.0  # gain for which an exchange is reported; exchanged leg sensors gain 15 to 150 in ten seconds
 MISFIT = 0.1  # share of the joints' acceleration by which neighbours may disagree: soft tissue causes 0.05 to 0.3
 SECONDS = 40.0  # of the recording, from its middle
 

@@ -48,9 +48,7 @@ def strap_cost(R_bone_sensor: Array, R_placed: Array, sigma: float | Array, stra
 
     A mixture of a Gaussian of ``sigma`` radians about each axis and, with probability ``strange``, a uniform density.
     """
-    density = (
-        np.sqrt(8 * np.pi) / sigma**3
-    )  # of the Gaussian at its middle, over that of all rotations: 8π² / (2πσ²)^1.5
+    density = np.sqrt(8 * np.pi) / sigma**3  # of the Gaussian's middle over the uniform one: 8π² / (2πσ²)^1.5
     off = angle_between(R_placed, R_bone_sensor) / sigma
     return -np.log((1 - strange) * density * np.exp(-0.5 * off**2) + strange)
 
@@ -104,7 +102,7 @@ class Candidates:
         return cls(np.stack([start.headings for start in starts], axis=1), tuple(mountings[:, :, None]))
 
     def beside(self, *candidates: "Candidates") -> "Candidates":
-        """Concatenate with other candidates."""
+        """Concatenate these candidates with others, sensor by sensor, without a common grid."""
         every = (self, *candidates)
         mountings = zip(*(member.R_bone_sensor for member in every), strict=True)
         return Candidates(

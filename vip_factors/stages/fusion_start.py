@@ -13,16 +13,17 @@ from vip_factors.geometry.quaternions import interpolate_points, interpolate_rot
 from vip_factors.geometry.rotations import Array, transpose, yaw_of
 from vip_factors.initialise.camera import (
     Sightings,
+    along_odometry,
     camera_mounting,
     carried_camera,
     filmed_path,
+    in_camera_axes,
     moving_camera,
     robust_mean_angle,
     standing_camera,
     together,
     world_turn,
 )
-from vip_factors.initialise.camera_odometry import along_odometry, in_camera_axes
 from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.problem.scene import CameraProblem, keypoint_offset_sigmas
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState

@@ -98,8 +98,8 @@ def convert(
     options = options or ImportOptions()
     scene = read_log_as_scene(Path(log), options)
     if join:
-        others = [read_log_as_scene(Path(path), ImportOptions()) for path in join]
-        scene = join_wearers([scene, *others], options.name)
+        recordings = [read_log_as_scene(Path(path), ImportOptions()) for path in join]
+        scene = join_wearers([scene, *recordings], options.name)
     several = [cameras] if isinstance(cameras, CameraOptions) else list(cameras)
     return add_cameras(scene, several) if several else scene
 
@@ -209,9 +209,9 @@ def simulate(
     if camera is None:
         if len(clips) > 1 or bystanders:
             raise InputError(f"{len(clips)} wearers and {bystanders} bystanders: expected one wearer without a camera")
-        own = posed(clips[0], 0)
-        worn = preset(placement, own.skeleton)
-        recording = simulate_recording(own, worn, settings.imu, seed, name, initial_pose)
+        posed_motion = posed(clips[0], 0)
+        worn = preset(placement, posed_motion.skeleton)
+        recording = simulate_recording(posed_motion, worn, settings.imu, seed, name, initial_pose)
         if names:
             recording = replace(recording, subject=replace(recording.subject, name=names[0]))
         return as_scene(recording)
@@ -225,11 +225,13 @@ def simulate(
     passing = [from_time(lasting(clips[n % len(clips)], length + shift), shift) for n, shift in enumerate(shifts)]
     called = [*names, *(f"wearer_{number}" for number in range(len(names) + 1, len(wearers) + 1))]
     performers = [
-        Performer(who, own, preset(placement, own.skeleton), initial_pose)
-        for who, own in zip(called, wearers, strict=True)
+        Performer(who, wearer, preset(placement, wearer.skeleton), initial_pose)
+        for who, wearer in zip(called, wearers, strict=True)
     ]
-    others = staged(passing, seed + 1, wearers, BYSTANDER_REACH_M)
-    performers += [Performer(f"bystander_{number}", own) for number, own in enumerate(others, start=1)]
+    passing_staged = staged(passing, seed + 1, wearers, BYSTANDER_REACH_M)
+    performers += [
+        Performer(f"bystander_{number}", bystander) for number, bystander in enumerate(passing_staged, start=1)
+    ]
     return simulate_scene(performers, replace(settings, camera=camera), seed, name)
 
 
@@ -266,9 +268,13 @@ def evaluate(estimate: Moved, truth: Recording | Scene) -> "Evaluation":
 
 
 def gait(
-    estimate: Moved, recording: Recording | Scene | None = None, *, count: Collection["Unsteady"] = (),
-    out: StrPath | None = None, overwrite: bool = False,
-) -> "tuple[Gait, ...]":  # fmt: skip
+    estimate: Moved,
+    recording: Recording | Scene | None = None,
+    *,
+    count: Collection["Unsteady"] = (),
+    out: StrPath | None = None,
+    overwrite: bool = False,
+) -> "tuple[Gait, ...]":
     """Compute gait events, strides, spatio-temporal parameters with their ±, and joint angles over the gait cycle.
 
     Args:
@@ -363,11 +369,18 @@ def report(
     """
     from vip_factors.report.page import write_report
 
-    scene, true = (None if one is None else as_scene(one) for one in (recording, truth))
+    scene, true = (None if source is None else as_scene(source) for source in (recording, truth))
     write_report(
-        as_estimate(estimate), path, scene, true, overwrite, None, video, video_height=video_height,
+        as_estimate(estimate),
+        path,
+        scene,
+        true,
+        overwrite,
+        None,
+        video,
+        video_height=video_height,
         video_seconds=video_seconds,
-    )  # fmt: skip
+    )
     return Path(path)
 
 
@@ -399,8 +412,8 @@ def stream(
     token = read_token(token_file)
     with open_source(source, follow=follow, real_time=real_time, settings=limits, token=token) as opened:
         tracked = Stream(opened.setup, settings or LiveSettings(), extra_factors, real_time=not opened.is_played)
-        for item in opened:
-            yield from tracked.take(item, opened.waited_s)
+        for message in opened:
+            yield from tracked.take(message, opened.waited_s)
         yield from tracked.finish()
 
 
@@ -445,13 +458,16 @@ def picture(
     from vip_factors.viz.drawn_scene import drawn_scene, drawn_wearer
     from vip_factors.viz.picture import filmstrip
 
-    own = shown if isinstance(shown, Recording | Scene) else recording
-    scene = None if own is None else as_scene(own)
+    measured = shown if isinstance(shown, Recording | Scene) else recording
+    scene = None if measured is None else as_scene(measured)
     estimate = None if isinstance(shown, Recording | Scene) else as_estimate(shown)
     if scene is not None and scene.camera is not None and not isinstance(shown, WearerEstimate | Motion):
         drawn = drawn_scene(scene, estimate)
     else:
-        one, worn = None if estimate is None else estimate.wearer(), None if scene is None else scene.wearers[0]
-        drawn = drawn_wearer(worn, one)
+        wearer, recording_of_wearer = (
+            None if estimate is None else estimate.wearer(),
+            None if scene is None else scene.wearers[0],
+        )
+        drawn = drawn_wearer(recording_of_wearer, wearer)
     filmstrip(drawn, Path(path), frames=poses, title=title, overwrite=overwrite)
     return Path(path)

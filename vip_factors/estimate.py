@@ -1,4 +1,4 @@
-"""What the estimators return: motion, calibration, how sure they are, and how the solve went. Plain data."""
+"""Results of the estimators: motion, calibration, uncertainty and solver reports. Plain data."""
 
 import csv
 import io
@@ -93,7 +93,7 @@ class BodyEstimate(Summarised):
 
 @dataclass(frozen=True)
 class SensorPlaceEstimate:
-    """Where on its bone a sensor was found to sit; ``(3,)`` metres each, bone axes.
+    """Estimated position of a sensor on its bone; ``(3,)`` metres each, bone axes.
 
     Attributes:
         sensor, bone: their names.
@@ -112,7 +112,7 @@ class SensorPlaceEstimate:
 
 @dataclass(frozen=True, repr=False)
 class DetectorEstimate(Summarised):
-    """Where a detector puts its keypoints, against where the table of its keypoints has them.
+    """Offsets of a detector's keypoints from their nominal positions.
 
     Attributes:
         keypoints: names of ``K``, without a side: both are alike.
@@ -146,7 +146,7 @@ class StartChoice:
 
 @dataclass(frozen=True, repr=False)
 class WearerEstimate(Summarised):
-    """What was reconstructed of one wearer.
+    """Estimate of one wearer.
 
     Attributes:
         name: of the recording it was made from.
@@ -194,7 +194,7 @@ class WearerEstimate(Summarised):
         return joint_angles(self.motion)
 
     def positions(self) -> Array:
-        """Where the joints are, ``(T, 24, 3)`` metres in the world (z up), in the order of ``JOINT_NAMES``."""
+        """Positions of the joints ``(T, 24, 3)`` in metres in the world (z up), ordered as ``JOINT_NAMES``."""
         return self.motion.state.p_world_joint
 
     def frames(self, which: slice) -> "WearerEstimate":
@@ -209,7 +209,7 @@ class WearerEstimate(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class CameraEstimate(Summarised):
-    """Where the camera was.
+    """Estimate of one camera.
 
     Attributes:
         name: of the camera.
@@ -255,7 +255,7 @@ class CameraEstimate(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class Estimate(Summarised):
-    """What was reconstructed of one wearer or several, in one world if a camera saw them.
+    """Estimate of one or several wearers, in one world if a camera saw them.
 
     Attributes:
         name: of the recording.
@@ -289,7 +289,7 @@ class Estimate(Summarised):
 
     @property
     def all_findings(self) -> tuple[Finding, ...]:
-        """What is odd about the whole and its wearers, each once; that the last stage did not settle, too."""
+        """Findings of the scene and its wearers, each once, and one if the last stage did not converge."""
         findings = [*self.findings, *(finding for wearer in self.wearers for finding in wearer.findings)]
         # What follows a comma in a stage's name is its window.
         stages = [(report.stage.partition(",")[0], report.converged) for report in self.all_reports]
@@ -299,7 +299,7 @@ class Estimate(Summarised):
 
     @property
     def all_reports(self) -> tuple[SolveReport, ...]:
-        """Those of its wearers, then its own."""
+        """Solver reports of the wearers, then of the scene."""
         return (*(report for wearer in self.wearers for report in wearer.reports), *self.reports)
 
     @property
@@ -349,7 +349,7 @@ class Estimate(Summarised):
         return self.wearer(wearer).joint_angles()
 
     def positions(self, wearer: str | None = None) -> Array:
-        """Where the joints of a wearer are, ``(T, 24, 3)`` metres in the world (z up), ordered as ``JOINT_NAMES``."""
+        """Positions of a wearer's joints ``(T, 24, 3)`` in metres in the world (z up), ordered as ``JOINT_NAMES``."""
         return self.wearer(wearer).positions()
 
     def columns(self, wearer: str | None = None, tables: Collection[str] = TABLES) -> dict[str, Array]:
@@ -389,9 +389,12 @@ class Estimate(Summarised):
         for wearer in self.wearers:
             angles, p = wearer.joint_angles(), wearer.positions()
             coordinates = {
-                "time": wearer.motion.time, "space": list("xyz"), "keypoints": list(JOINT_NAMES),
-                "individuals": [wearer.motion.name], "angles": list(angles.names),
-            }  # fmt: skip
+                "time": wearer.motion.time,
+                "space": list("xyz"),
+                "keypoints": list(JOINT_NAMES),
+                "individuals": [wearer.motion.name],
+                "angles": list(angles.names),
+            }
             variables = {
                 "position": (("time", "space", "keypoints", "individuals"), p.swapaxes(1, 2)[..., None]),
                 "confidence": (("time", "keypoints", "individuals"), np.full((*p.shape[:2], 1), np.nan)),

@@ -9,7 +9,7 @@ from vip_factors.ranges import NotNegative, Share
 
 
 class Loss(StrEnum):
-    """What becomes of a whitened residual's norm ``r`` beyond the tuning constant ``k``."""
+    """Robust loss of a whitened residual's norm ``r`` beyond the tuning constant ``k``."""
 
     SQUARE = "square"
     HUBER = "huber"
@@ -35,7 +35,7 @@ SQUARE = RobustLoss()
 
 @dataclass(frozen=True)
 class OrientationSettings:
-    """How far a bone's orientation is from its sensor's."""
+    """Orientation of a bone against that of its sensor."""
 
     # Soft tissue and filter errors: 2–8° against optical references on well mounted sensors.
     sigma_deg: float = 4.0
@@ -50,7 +50,7 @@ class OrientationSettings:
 
 @dataclass(frozen=True)
 class AccelerationSettings:
-    """How far a model point's acceleration is from its sensor's."""
+    """Acceleration of a model point against that of its sensor."""
 
     # Each row: soft tissue wobbles by 1–3 at the limbs in brisk motion (1.3–2.5 below 8 Hz on a walk with optical
     # reference), less at rest.
@@ -64,7 +64,7 @@ class AccelerationSettings:
 
 @dataclass(frozen=True)
 class PosePriorSettings:
-    """How much the learnt Gaussian is believed."""
+    """Weight of the learned Gaussian pose prior."""
 
     scale: float = 0.4  # of the whitened residual, once in a correlation time: a pose lasts for some two seconds
     mean_scale: float = 0.6  # of the recording's mean: a recording of one activity is off by more than one pose is
@@ -72,7 +72,7 @@ class PosePriorSettings:
 
 @dataclass(frozen=True)
 class JointLimitSettings:
-    """How hard the ends of the range are."""
+    """Stiffness of the ends of the joint ranges."""
 
     sigma_deg: float = 3.0  # people differ by more than this in every published table of ranges
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 3.0))  # Kaichi et al. 2020, eqs. 4–5
@@ -82,14 +82,14 @@ class JointLimitSettings:
 
 @dataclass(frozen=True)
 class HeadingPriorSettings:
-    """How far the initial headings may be off."""
+    """Prior on the initial headings."""
 
     least_sigma_deg: float = 12.0  # of the initial headings, however sure they claim to be
 
 
 @dataclass(frozen=True)
 class AgreeingHeadingsSettings:
-    """How well the inertial frames of a wearer's sensors agree about the vertical."""
+    """Agreement of the inertial frames of a wearer's sensors about the vertical."""
 
     # Degrees, standard deviation about their mean; none: nothing is known. Thirteen sensors of one make lay within −10°
     # to +4° of each other, one of them at −33°; sensors that each found a north of their own may lie anyhow.
@@ -99,7 +99,7 @@ class AgreeingHeadingsSettings:
 
 @dataclass(frozen=True)
 class HeadingWalkSettings:
-    """How fast headings drift, where they are let drift."""
+    """Random walk of drifting headings."""
 
     # Degrees per √minute: magnetometer-free filters of consumer sensors drift by 1–5. What a recording shows of each
     # sensor's is weighed against this.
@@ -111,7 +111,7 @@ class HeadingWalkSettings:
 
 @dataclass(frozen=True)
 class SensorPositionSettings:
-    """How well it is known where sensors sit; of the sensor's distance from the joint and beside it."""
+    """Prior on the positions of sensors, along the bone and across it."""
 
     # Of the bone's length: a shank's sensor was found at half of it that was to sit at three tenths.
     along: float = 0.05
@@ -121,7 +121,7 @@ class SensorPositionSettings:
 
 @dataclass(frozen=True)
 class InitialPoseSettings:
-    """How well a declared T- or N-pose is held."""
+    """Accuracy of a declared T- or N-pose."""
 
     scale: float = 0.6  # of the standard deviations measured on two people, joint by joint and axis by axis
     seconds: float = 1.0  # of holding still at the start; people do so for a breath at least
@@ -131,7 +131,7 @@ class InitialPoseSettings:
 
 @dataclass(frozen=True)
 class HingeSettings:
-    """How near elbows and knees are to hinges."""
+    """Deviation of elbows and knees from hinges."""
 
     use: bool = True
     sigma_deg: float = 4.0  # optical elbows and knees stay within a few degrees of one axis
@@ -140,7 +140,7 @@ class HingeSettings:
 
 @dataclass(frozen=True)
 class SmoothnessSettings:
-    """How fast joints turn."""
+    """Angular velocities of the joints."""
 
     use: bool = True  # without it six sensors lose a third more: see the changelog
     # s in which a joint crosses one standard deviation of the pose prior, at one standard deviation of its speed.
@@ -149,7 +149,7 @@ class SmoothnessSettings:
 
 @dataclass(frozen=True)
 class SoleSettings:
-    """How thick soles are: log-normal, its mean 18 mm and its standard deviation 12 mm."""
+    """Thickness of soles: log-normal with mean 18 mm and standard deviation 12 mm."""
 
     # m, the median. Bare feet and socks have 0–5 mm, canvas shoes 10–20, trainers 25–35 under the heel and a centimetre
     # less under the ball; ergonomists add 25 mm for men's shoes (Pheasant & Haslegrave, Bodyspace), captured motions
@@ -164,7 +164,7 @@ class SoleSettings:
 
 @dataclass(frozen=True)
 class FootContactSettings:
-    """How still a foot in contact is."""
+    """Velocity of a foot in contact."""
 
     use: bool = True  # without it only accelerations place the root, and it drifts by metres in a minute
     sigma: float = 0.15  # m/s: the rolling ankle of a planted foot, and contacts found a frame late
@@ -173,7 +173,7 @@ class FootContactSettings:
 
 @dataclass(frozen=True)
 class FloorContactSettings:
-    """How level the floor is."""
+    """Height of a foot in contact above the floor."""
 
     use: bool = True  # off for slopes and stairs, where it only costs: a robust loss lets a storey go, not a ramp
     sigma: float = 0.15  # m: 3–5 cm of soles, carpets and late contacts, which last: not so many independent facts
@@ -182,7 +182,7 @@ class FloorContactSettings:
 
 @dataclass(frozen=True)
 class GaugePriorSettings:
-    """What fixes the free translation of an inertial reconstruction."""
+    """Prior that fixes the free translation of an inertial reconstruction."""
 
     position_sigma: float = 0.01  # m: the first root position is a choice, so any small number does
 
@@ -215,7 +215,7 @@ class FactorSettings:
 
 @dataclass(frozen=True)
 class AdaptiveBiweightSettings:
-    """How far from its prediction a keypoint is still believed."""
+    """Loss of keypoints far from their prediction."""
 
     use: bool = False
     reach: float = 2.0  # β_d: no weight beyond so many standard deviations
@@ -225,7 +225,7 @@ class AdaptiveBiweightSettings:
 
 @dataclass(frozen=True)
 class ReprojectionSettings:
-    """How exactly a detector sees."""
+    """Accuracy of the detector's keypoints."""
 
     # Standard deviation of a fully confident keypoint before anything is known of the detector, in OKS sigmas of that
     # keypoint times the square root of the person's area: OpenPose's scatter is 0.5.
@@ -246,7 +246,7 @@ class ReprojectionSettings:
 
 @dataclass(frozen=True)
 class CameraOrientationSettings:
-    """How far the camera's orientation is from its sensor's."""
+    """Orientation of the camera against that of its sensor."""
 
     sigma_deg: float = 1.5  # a rigid mount: what remains are the errors of the attitude filter (data sheets: 0.5–2.5)
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # magnets in doors and cars
@@ -258,7 +258,7 @@ class CameraOrientationSettings:
 
 @dataclass(frozen=True)
 class CameraAccelerationSettings:
-    """How far the camera's acceleration is from its sensor's."""
+    """Acceleration of the camera against that of its sensor."""
 
     sigma: float = 0.5  # m/s², each row: no soft tissue; a tilt error of 1.5° lets 0.25 of gravity through
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.HUBER, 2.0))  # knocks against the phone
@@ -266,7 +266,7 @@ class CameraAccelerationSettings:
 
 @dataclass(frozen=True)
 class CameraVelocitySettings:
-    """How fast a camera moves; a broad prior, which only matters where nothing was measured."""
+    """Velocity of a camera; a broad prior, which only matters without measurements."""
 
     turn_sigma_deg_s: float = 60.0  # a pan that keeps a runner in view
     speed_sigma: float = 1.5  # m/s: who films walks
@@ -275,7 +275,7 @@ class CameraVelocitySettings:
 
 @dataclass(frozen=True)
 class CameraOdometrySettings:
-    """How fast a camera's path from visual odometry drifts: standard deviations of its error after one second."""
+    """Drift of a camera path from visual odometry: standard deviations of its error after one second."""
 
     turn_sigma_deg: float = 0.2  # of relative rotation, about each axis
     shift_sigma: float = 0.02  # m, of relative position, along each axis
@@ -283,14 +283,14 @@ class CameraOdometrySettings:
 
 
 class ContactFrom(StrEnum):
-    """What tells that a foot stands."""
+    """Evidence that a foot stands."""
 
     ACCELERATION = "acceleration"  # of the sensor on it, and which foot is lower: one always stands (Kaichi)
     JOINT_STATE = "joint-state"  # neither moves nor is high: both feet may be off the ground
 
 
 class Weighing(StrEnum):
-    """How exactly the ray's end is known."""
+    """Weight of the end of the ray."""
 
     DISTANCE = "distance"  # alike in all directions, near and far (Kaichi)
     PIXELS = "pixels"  # from the pixel and the floor: long along a flat ray, short across it
@@ -317,7 +317,7 @@ class GroundContactSettings:
 
 @dataclass(frozen=True)
 class KeypointOffsetSettings:
-    """How well it is known what a detector calls a joint."""
+    """Prior on the offset of a detector's keypoints from the joints."""
 
     # m about each axis. Detectors lie 1–3 cm beside markers, all axes together; with 15 mm offsets took up what is the
     # skeleton's, whose joint centres are less certain still (foreign scenes: 28.4 mm against 27.1).
@@ -331,7 +331,7 @@ class KeypointOffsetSettings:
 
 @dataclass(frozen=True)
 class VideoClockSettings:
-    """How far the clock may be off."""
+    """Prior on the video clock."""
 
     offset_sigma: float = 0.05  # s: an offset found by eye is good to a video frame or two
     # s/s. Quartz clocks are a few 1e-5 apart, those of warm phones 1e-4; a rate told as 30 for 29.97 Hz is off by 1e-3,

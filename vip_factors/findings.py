@@ -1,4 +1,4 @@
-"""What is odd about a recording or its estimate, as data: a kind, whom it is about, and numbers.
+"""Findings about a recording or its estimate, as data: a kind, a subject and numbers.
 
 Text is made where it is shown, from the one table of kinds: the sentence for whoever knows the method, and for
 everybody what was found in a few words, what that means for the use of the results, and what to do.
@@ -17,7 +17,7 @@ TEXT = "text"  # the kind of a bare sentence: from a file of an older version, o
 
 
 class Severity(StrEnum):
-    """How much a finding bears on the use of the results, the least first; GOOD is said of results alone."""
+    """Severity of a finding for the use of the results, in ascending order; GOOD applies to results only."""
 
     GOOD = "good"
     NOTE = "note"
@@ -32,7 +32,7 @@ class Severity(StrEnum):
 
 @dataclass(frozen=True)
 class Kind:
-    """What all findings of a kind have in common.
+    """Properties that all findings of a kind share.
 
     Attributes:
         severity: how much they bear on the results.
@@ -95,7 +95,7 @@ class Finding:
 
     @property
     def severity(self) -> Severity:
-        """How much it bears on the results."""
+        """Severity of the finding for the results."""
         return KINDS[self.kind].severity
 
     def __str__(self) -> str:
@@ -121,7 +121,7 @@ def bare(sentence: str, kind: str = TEXT) -> Finding:
 
 
 def sentences(findings: Iterable[Finding]) -> tuple[str, ...]:
-    """The findings as text."""
+    """Return the findings as sentences of text."""
     return tuple(map(str, findings))
 
 
@@ -184,7 +184,7 @@ class FindingLog:
         self._waiting: list[Finding] = []
 
     def add(self, finding: Finding) -> None:
-        """Tell this."""
+        """Add a finding to the log."""
         if len(self._waiting) < MOST_WAITING:
             self._waiting.append(finding)
 

@@ -1,4 +1,4 @@
-"""What a number among settings may be: stated once, at its field, and checked once, before any work."""
+"""Ranges of numeric settings, declared at the field and checked before any work."""
 
 import math
 import sys

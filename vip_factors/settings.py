@@ -17,14 +17,14 @@ LEAST_OVERLAPS = 2  # to a window: one at each end
 
 @dataclass(frozen=True)
 class StartSettings:
-    """How the first headings and mountings are looked for."""
+    """Settings of the search for headings and mountings."""
 
     search: bool = True  # off: the straps and the low-passed motion alone, as in the papers
 
 
 @dataclass(frozen=True)
 class CalibrationSettings:
-    """What is found about sensors and body."""
+    """Settings of the calibration of sensors and body."""
 
     # Sensors drift apart by tens of degrees.
     estimate_headings: bool = True
@@ -57,7 +57,7 @@ class CalibrationSettings:
 
 @dataclass(frozen=True)
 class FusionSettings:
-    """What is done with a camera, where the recording has one."""
+    """Settings of the fusion with cameras."""
 
     use_camera: bool = True
     """Off: the body-worn sensors alone, each wearer by itself (SIP)."""
@@ -83,7 +83,7 @@ class FusionSettings:
 
 @dataclass(frozen=True)
 class WindowSettings:
-    """How a long recording is solved without all of it in memory: in overlapping windows, after its calibration."""
+    """Settings of the overlapping windows in which a long recording is solved after its calibration."""
 
     # What is shorter is calibrated by all of its coarse frames (four minutes before a camera take 3 GB), and its
     # sensors' clocks and accelerometers are looked over first, which wants the whole.
@@ -112,7 +112,7 @@ class WindowSettings:
 
 
 class SolverName(StrEnum):
-    """Who minimises the cost."""
+    """Solver of the nonlinear least-squares problem."""
 
     OWN = "own"
     GTSAM = "gtsam"
@@ -120,7 +120,7 @@ class SolverName(StrEnum):
 
 @dataclass(frozen=True)
 class AssociationSettings:
-    """How detections are given to wearers."""
+    """Settings of the association of detections with wearers."""
 
     rivals: NotNegativeInt = 3
     """Hypotheses kept per wearer and frame, the likeliest: the right one is hardly ever fourth."""
@@ -163,7 +163,7 @@ class SolveSettings:
 
 @dataclass(frozen=True, repr=False)
 class CommonSettings(Summarised):
-    """What smoothing a recording and tracking a stream both honour."""
+    """Settings that smoothing and streaming share."""
 
     # Brisk motion has its power below 10 Hz.
     frame_rate: Rate = 60.0
@@ -202,14 +202,14 @@ class CommonSettings(Summarised):
 
 @dataclass(frozen=True)
 class AccelerometerSettings:
-    """What accelerometers are looked over for, and what is done."""
+    """Settings of the accelerometer checks."""
 
     check: bool = True  # off: they are taken as they are
 
 
 @dataclass(frozen=True)
 class SensorClockSettings:
-    """How sensors whose clocks are off their fellows' are looked for, and what is done about them."""
+    """Settings of the check for sensors whose clocks differ from their neighbours'."""
 
     check: bool = True  # off: clocks agree, whatever the motion says
     correct: bool = True  # off: delays are told, and left
@@ -217,7 +217,7 @@ class SensorClockSettings:
 
 @dataclass(frozen=True)
 class AssignmentSettings:
-    """How sensors that are on one another's segments are looked for."""
+    """Settings of the check for exchanged sensors."""
 
     check: bool = True  # off: they are where the placement has them, whatever the motion says
 
@@ -291,7 +291,7 @@ class RecalibrationSettings:
 
 @dataclass(frozen=True)
 class ProcessNoiseSettings:
-    """How fast what all frames share may wander in a stream, per √second.
+    """Process noise of the variables that all frames of a stream share, per √second.
 
     Beyond drift it stands for what repeats from frame to frame: taken as new each time it would make headings and
     mountings surer than they are within seconds, and hold them where the first seconds put them.
@@ -351,9 +351,9 @@ def flatten(settings: CommonSettings) -> dict[str, str]:
 
 
 def _flat(settings: Any, prefix: str) -> Iterator[tuple[str, str]]:
-    for one in fields(settings):
-        value = getattr(settings, one.name)
+    for declared in fields(settings):
+        value = getattr(settings, declared.name)
         if is_dataclass(value):
-            yield from _flat(value, f"{prefix}{one.name}.")
+            yield from _flat(value, f"{prefix}{declared.name}.")
         else:
-            yield f"{prefix}{one.name}", str(value)
+            yield f"{prefix}{declared.name}", str(value)

@@ -66,7 +66,7 @@ class Step:
 
 @dataclass(frozen=True)
 class _Record:
-    """What a step was made from, and what it made."""
+    """Record of a step: its inputs and outputs."""
 
     version: str
     parameters: str
@@ -108,7 +108,7 @@ def take(step: Step, folder: Path, overwrite: bool = False, progress: ProgressCa
 
 
 def _read_record(path: Path) -> _Record | None:
-    """What was written of a step before; None if it was never taken, or the file is none of ours."""
+    """Read the record of an earlier step; None if there is none, or the file is another program's."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=_Record)
     except (OSError, ValueError, RecursionError):  # the last of brackets in brackets
@@ -139,7 +139,7 @@ def _files(path: Path) -> list[Path]:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a run starts from, and what it makes.
+    """Inputs and outputs of a run.
 
     Attributes:
         logs: of each wearer, file or folder of the sensors and what is known of it.
@@ -215,14 +215,14 @@ def steps(options: RunOptions, map_fn: "MapFn" = map) -> Iterator[Step]:
         yield from _detections(cameras, options.detector, options.overlay)
     logs, join = options.logs, list[Path]()
     if len(logs) > 1:
-        parts = [folder / f"wearer{number}.mcap" for number in range(1, len(logs) + 1)]
-        for (log, known), part in zip(logs, parts, strict=True):
-            make = partial(_convert, log, known, (), (), part)
-            yield Step(f"convert {part.stem}", (log, *_files_named(known)), known, make)
-        logs, join = ((parts[0], ImportOptions()),), parts[1:]
-    ((log, known),) = logs
-    inputs = (log, *_files_named(known), *join, *(file for camera in cameras for file in _files_named(camera)))
-    yield Step("convert", inputs, (known, cameras), partial(_convert, log, known, cameras, join, recording))
+        recordings = [folder / f"wearer{number}.mcap" for number in range(1, len(logs) + 1)]
+        for (log, log_options), wearer_recording in zip(logs, recordings, strict=True):
+            make = partial(_convert, log, log_options, (), (), wearer_recording)
+            yield Step(f"convert {wearer_recording.stem}", (log, *_files_named(log_options)), log_options, make)
+        logs, join = ((recordings[0], ImportOptions()),), recordings[1:]
+    ((log, log_options),) = logs
+    inputs = (log, *_files_named(log_options), *join, *(file for camera in cameras for file in _files_named(camera)))
+    yield Step("convert", inputs, (log_options, cameras), partial(_convert, log, log_options, cameras, join, recording))
     if cameras and options.sync:
         synced = folder / "synced.mcap"
         hint = "if you know the offset, give it as --time-offset-s"
@@ -269,11 +269,16 @@ def _detect(
 
 
 def _convert(
-    log: Path, known: ImportOptions, cameras: Sequence[CameraOptions], join: Sequence[Path], out: Path,
-    overwrite: bool, progress: ProgressCallback,
-) -> Result:  # fmt: skip
+    log: Path,
+    log_options: ImportOptions,
+    cameras: Sequence[CameraOptions],
+    join: Sequence[Path],
+    out: Path,
+    overwrite: bool,
+    progress: ProgressCallback,
+) -> Result:
     check_target(out, overwrite)
-    return Result((api.write(api.convert(log, known, cameras, join=join), out, overwrite),))
+    return Result((api.write(api.convert(log, log_options, cameras, join=join), out, overwrite),))
 
 
 def _sync(recording: Path, out: Path, overwrite: bool, progress: ProgressCallback) -> Result:
@@ -299,9 +304,14 @@ def _smooth(
 
 
 def smooth_file(
-    recordings: Sequence[Path], out: Path, settings: Settings, progress: ProgressCallback = silent,
-    *, map_fn: "MapFn" = map, overwrite: bool = False,
-) -> "tuple[Estimate, Sequence[int]]":  # fmt: skip
+    recordings: Sequence[Path],
+    out: Path,
+    settings: Settings,
+    progress: ProgressCallback = silent,
+    *,
+    map_fn: "MapFn" = map,
+    overwrite: bool = False,
+) -> "tuple[Estimate, Sequence[int]]":
     """Reconstruct a recording into a file, window by window if it is long, in the memory of one.
 
     Args:
@@ -342,7 +352,7 @@ def _reporting(chunks: "Iterator[Estimate]", reports: "list[SolveReport]") -> "I
 
 
 def estimate_lines(estimate: "Estimate", frames: Sequence[int]) -> Iterator[str]:
-    """What a reconstruction has to say: frames, detections, seconds, the verdict and all findings."""
+    """Summarise a reconstruction: frames, detections, seconds, the verdict and all findings."""
     for wearer, count in zip(estimate.wearers, frames, strict=True):
         who = f", {wearer.name}" if wearer.name else ""
         yield f"{wearer.method}{who}: {count} frames at {wearer.motion.rate:g} Hz from {len(wearer.sensors)} sensors"

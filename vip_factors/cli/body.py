@@ -34,7 +34,7 @@ class BodyOptions(WritingOptions):
 
 
 def main(options: BodyOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.cli.terminal import print_tables
     from vip_factors.describe.estimates import hinge_table, length_table
     from vip_factors.io.body_file import body_of_estimate, write_body_file
@@ -57,7 +57,7 @@ def main(options: BodyOptions) -> None:
 
 
 def _true_lengths(path: Path, name: str) -> Mapping[str, float]:
-    """Of the wearer of that name, or the only one."""
+    """Return the true lengths of the wearer of that name, or of the only one."""
     from vip_factors.evaluate.calibration import true_lengths
     from vip_factors.io.mcap_recording import read_scene
 

@@ -89,19 +89,19 @@ def _calibrated(
     return calibration.model, calibration.warnings, report, views
 
 
-def calibration_text(calibration: "CameraCalibration", seen: int) -> str:
+def calibration_text(calibration: "CameraCalibration", image_count: int) -> str:
     """The result with its standard deviations, and the error of every view."""
     model, sigma = calibration.model, calibration.sigma
     numbers = zip(("fx", "fy", "cx", "cy"), (*model.focal, *model.centre), sigma, strict=True)
     lines = [
-        f"{model.width} x {model.height} pixels; board in {seen} images, {len(calibration.views)} views used, "
+        f"{model.width} x {model.height} pixels; board in {image_count} images, {len(calibration.views)} views used, "
         f"{100 * calibration.coverage:.0f} % of the image reached",
         f"reprojection error {calibration.rms_px:.3f} px (root mean square)",
-        "  " + ", ".join(f"{name} {value:.1f} ± {one:.1f}" for name, value, one in numbers),
+        "  " + ", ".join(f"{name} {value:.1f} ± {sigma:.1f}" for name, value, sigma in numbers),
     ]
     if model.distortion:
         bent = zip(("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), model.distortion, calibration.distortion_sigma)  # noqa: B905
-        lines.append("  " + ", ".join(f"{name} {value:.4f} ± {one:.4f}" for name, value, one in bent))
+        lines.append("  " + ", ".join(f"{name} {value:.4f} ± {sigma:.4f}" for name, value, sigma in bent))
     lines += [f"  {name:<24} {error:6.3f} px" for name, error in calibration.views]
     lines += [
         f"  {name:<24} {error:6.3f} px, left out: does not fit the others" for name, error in calibration.left_out
@@ -116,10 +116,10 @@ def _board(options: CalibrateCameraOptions) -> "Checkerboard":
         raise InputError("--floor and --floor-image: expected one of them")
     if (options.floor is not None or options.floor_image is not None) and options.square_m is None:
         raise InputError("--floor needs --square-m, the side of a square in metres")
-    parts = re.fullmatch(r"\s*(\d+)\s*[xX,]\s*(\d+)\s*", options.checkerboard)
-    if parts is None:
+    match = re.fullmatch(r"\s*(\d+)\s*[xX,]\s*(\d+)\s*", options.checkerboard)
+    if match is None:
         raise InputError(f"--checkerboard '{options.checkerboard}': expected columns and rows, such as 9x6")
-    return Checkerboard(int(parts[1]), int(parts[2]), 1.0 if options.square_m is None else options.square_m)
+    return Checkerboard(int(match[1]), int(match[2]), 1.0 if options.square_m is None else options.square_m)
 
 
 def _floor(

@@ -31,7 +31,7 @@ MOUNTING_ERROR_DEG = 10.0  # straps put on by eye
 
 
 def main(options: DemoOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.api import simulate, write
     from vip_factors.evaluate.evaluation import evaluate
     from vip_factors.pipeline import smooth

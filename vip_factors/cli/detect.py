@@ -31,7 +31,7 @@ class DetectOptions(WritingOptions):
 
 
 def main(options: DetectOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.detect.video import detect_people, poses_summary
 
     out = options.out or beside(options.video, ".poses.json")

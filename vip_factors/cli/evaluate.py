@@ -34,7 +34,7 @@ class EvaluateOptions(WritingOptions):
 
 
 def main(options: EvaluateOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     with waiting(f"comparing {options.estimate.name} with the truth"):
         evaluation = _evaluation(options)
     say(evaluation)

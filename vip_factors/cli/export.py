@@ -34,7 +34,7 @@ class ExportOptions(WritingOptions):
 
 
 def main(options: ExportOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     if len(options.files) < 2:
         raise InputError("expected an estimate and at least one file to write: vip-factors export ESTIMATE FILE …")
     from vip_factors.cli.options import keep_inputs

@@ -1,4 +1,4 @@
-"""What a file on the command line is: a recording or a scene, an estimate, both in one, or a motion."""
+"""Files on the command line: a recording or scene, an estimate, both in one, or a motion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Opened:
-    """What some files hold together: a recording is a scene of one wearer without a camera."""
+    """Contents of files that belong together; a recording is a scene of one wearer without a camera."""
 
     scene: "Scene | None" = None
     estimate: "Estimate | None" = None
@@ -24,7 +24,7 @@ class Opened:
 
     @property
     def recording(self) -> "Recording | None":
-        """Of a scene of one wearer without a camera."""
+        """The recording, for a scene of one wearer without a camera."""
         scene = self.scene
         return scene.wearers[0] if scene is not None and scene.camera is None and len(scene.wearers) == 1 else None
 
@@ -65,9 +65,9 @@ def open_one(path: Path) -> Opened:
     from vip_factors.io.motions import MOTION_SUFFIXES, read_motion
 
     if path.suffix.lower() not in MOTION_SUFFIXES:
-        known = ", ".join((".mcap", *MOTION_SUFFIXES))
+        suffixes = ", ".join((".mcap", *MOTION_SUFFIXES))
         raise InputError(
-            f"{path}: expected a file that ends in {known}; vip-factors convert brings sensor logs into .mcap"
+            f"{path}: expected a file that ends in {suffixes}; vip-factors convert brings sensor logs into .mcap"
         )
     return Opened(motion=read_motion(path))
 

@@ -31,7 +31,7 @@ class GaitOptions(WritingOptions):
 
 
 def main(options: GaitOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.cli.files import open_one
     from vip_factors.cli.terminal import progress_bar
     from vip_factors.gait.analysis import gaits_of

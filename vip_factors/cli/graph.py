@@ -33,7 +33,7 @@ class GraphOptions(SettingsOptions, WritingOptions):
 
 
 def main(options: GraphOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.io.mcap_recording import read_scene
 
     picture = options.target(options.picture, options.recording, ".graph.svg")

@@ -37,7 +37,7 @@ class InfoOptions(WritingOptions):
 
 
 def main(options: InfoOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.cli.terminal import print_tables
 
     if (options.file is None) != options.sites:

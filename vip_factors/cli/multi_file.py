@@ -45,7 +45,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Row:
-    """What became of one recording.
+    """Result of one recording.
 
     Attributes:
         state: done, there already, or failed.
@@ -80,12 +80,12 @@ def main(command: str, prog: str, words: Sequence[str]) -> int:
         InputError: for options that do not fit, or where there is nothing to work on.
     """
     names = _names(words)
-    out, rest = _taken(words[len(names) :], "--out")
-    options = parse(options_of(command), prog, ["some.mcap", *rest])
+    out, remaining = _taken(words[len(names) :], "--out")
+    options = parse(options_of(command), prog, ["some.mcap", *remaining])
     for option in ("--jobs", "--cluster", "--summary", "--fail-on"):
-        rest = _taken(rest, option)[1]
+        remaining = _taken(remaining, option)[1]
     files, rows, begun = _files(names, out, ENDINGS[command]), dict[Path, Row](), time.monotonic()
-    tasks = [Task(source, output, (command, *rest), options.overwrite) for output, source in files.items()]
+    tasks = [Task(source, output, (command, *remaining), options.overwrite) for output, source in files.items()]
     folder = out or next((name for name in names if Path(name).is_dir()), ".")
     summary = options.summary or Path("." if is_url(folder) else folder) / f"{command}.summary.csv"
     try:
@@ -120,8 +120,8 @@ def _files(names: Sequence[str], out: str | None, ending: str) -> dict[Path, Pat
     for source, root in recordings(names):
         stem = str(source.relative_to(root)).removesuffix(".mcap")
         output = (root if out is None else location(out)) / (stem + ending)
-        if (other := sources.setdefault(output, source)) != source:
-            raise InputError(f"{other} and {source} would both be written to {output}: give them in two runs")
+        if (earlier_source := sources.setdefault(output, source)) != source:
+            raise InputError(f"{earlier_source} and {source} would both be written to {output}: give them in two runs")
     if not sources:
         raise InputError(f"no recordings (*.mcap) in {', '.join(names) or 'nothing'}")
     return sources
@@ -176,14 +176,14 @@ def _names(words: Sequence[str]) -> list[str]:
 
 def _taken(words: Sequence[str], option: str) -> tuple[str | None, list[str]]:
     """The last value of ``--option value`` or ``--option=value``, and the words without it."""
-    value, rest, iterator = None, list[str](), iter(words)
+    value, remaining, iterator = None, list[str](), iter(words)
     for word in iterator:
         name, equals, text = word.partition("=")
         if name == option:
             value = text if equals else next(iterator, None)
         else:
-            rest.append(word)
-    return value, rest
+            remaining.append(word)
+    return value, remaining
 
 
 def is_url(word: str) -> bool:
@@ -263,7 +263,7 @@ def put(file: Path, path: Any) -> None:
     """Copy a file to its place, whole or not at all, as object stores do it."""
     if isinstance(path, Path):
         os.makedirs(path.parent, exist_ok=True)
-        with atomic_path(path, overwrite=True) as part:
-            shutil.copyfile(file, part)
+        with atomic_path(path, overwrite=True) as temporary:
+            shutil.copyfile(file, temporary)
     else:
         path.fs.put_file(str(file), path.path)

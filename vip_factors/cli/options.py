@@ -186,13 +186,13 @@ class WritingOptions:
     overwrite: Flag = False
     """Replace files that exist."""
 
-    def target(self, given: Path | None, source: Path, ending: str) -> Path:
+    def target(self, target: Path | None, source: Path, ending: str) -> Path:
         """The file to write: the given one, or else the usual one beside the source.
 
         Raises:
             InputError: if it exists and may not be replaced, or cannot be written.
         """
-        path = given or beside(source, ending)
+        path = target or beside(source, ending)
         check_target(path, self.overwrite)
         return path
 
@@ -246,16 +246,16 @@ def keep_inputs(read: Sequence[Path], written: Sequence[Path]) -> None:
     for path in written:
         if any(_same(path, source) for source in read):
             raise InputError(f"{path} is read, and would be written over: choose another name for what is written")
-    for path, other in combinations(written, 2):
-        if _same(path, other):
+    for path, second in combinations(written, 2):
+        if _same(path, second):
             raise InputError(f"{path} is named twice for what is written: give each file a name of its own")
 
 
-def _same(path: Path, other: Path) -> bool:
+def _same(path: Path, second: Path) -> bool:
     try:
-        return os.path.samefile(path, other)
+        return os.path.samefile(path, second)
     except (OSError, ValueError):  # one of them is not there, or cannot be
-        return os.path.realpath(path) == os.path.realpath(other)
+        return os.path.realpath(path) == os.path.realpath(second)
 
 
 def _marked_files(options: Any) -> Iterator[tuple[Path, Input | Output | None]]:

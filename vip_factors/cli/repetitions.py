@@ -25,7 +25,7 @@ class RepetitionOptions(WritingOptions):
 
 
 def main(options: RepetitionOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.cli.terminal import print_tables
     from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.repetitions.files import repetition_table, write_repetitions

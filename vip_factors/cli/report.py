@@ -43,7 +43,7 @@ class ReportOptions(WritingOptions):
 
 
 def main(options: ReportOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     out = options.target(options.out, options.estimate, ".html")
     if options.video is not None:
         if len(options.video) > 1:

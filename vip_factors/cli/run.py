@@ -80,7 +80,7 @@ class RunOptions(LogArguments):
 
 
 def main(options: RunOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.io.mcap_estimate import read_estimate
     from vip_factors.workflow import ESTIMATE, check, steps, take
@@ -137,7 +137,7 @@ def usual_folder(options: RunOptions) -> Path:
 
 
 def run_options(options: RunOptions) -> "Run":
-    """What the library's ``run`` is to do.
+    """Translate the command line into the options of :func:`vip_factors.workflow.run`.
 
     Raises:
         InputError: for options that do not go together.
@@ -176,13 +176,13 @@ def run_options(options: RunOptions) -> "Run":
 
 
 def _known(options: LogOptions) -> dict[str, Any]:
-    """What is said of each log, by name."""
-    given = {field.name: getattr(options, field.name) for field in fields(LogOptions)}
-    return {name: value for name, value in given.items() if value != getattr(LogOptions(), name)}
+    """Return the declared properties of a log, by name."""
+    values = {field.name: getattr(options, field.name) for field in fields(LogOptions)}
+    return {name: value for name, value in values.items() if value != getattr(LogOptions(), name)}
 
 
 def _filmed_words(options: RunOptions, folder: Path) -> list[str]:
-    """What ``convert`` is told of the cameras."""
+    """Return the words that ``convert`` would get about the cameras."""
     if not (options.video or options.detections):
         return []
     names = ["poses"] if len(options.video) == 1 else [f"poses-{number + 1}" for number in range(len(options.video))]

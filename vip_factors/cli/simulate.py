@@ -54,7 +54,7 @@ class SimulateOptions(WritingOptions):
 
 
 def main(options: SimulateOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.api import simulate
     from vip_factors.io.mcap_recording import write_recording
 
@@ -64,10 +64,17 @@ def main(options: SimulateOptions) -> None:
     with waiting("simulating"):
         errors = SceneSettings(**vars(film), imu=options.errors, detector=options.detector)
         scene = simulate(
-            (options.motion, *options.also), options.placement, film.camera, options.seconds, options.seed,
-            settings=SceneSettings.noise_free(film) if options.noise_free else errors, name=options.out.stem,
-            initial_pose=options.initial_pose, pose_error_deg=options.pose_error_deg, bystanders=options.bystanders,
-        )  # fmt: skip
+            (options.motion, *options.also),
+            options.placement,
+            film.camera,
+            options.seconds,
+            options.seed,
+            settings=SceneSettings.noise_free(film) if options.noise_free else errors,
+            name=options.out.stem,
+            initial_pose=options.initial_pose,
+            pose_error_deg=options.pose_error_deg,
+            bystanders=options.bystanders,
+        )
         content = scene.wearers[0] if film.camera is None else scene
         write_recording(content, options.out, overwrite=options.overwrite)
     say(_summary(scene, film.camera))
@@ -79,9 +86,9 @@ def _summary(scene: "Scene", camera: CameraKind | None) -> str:
     if camera is None:
         start, end = scene.wearers[0].interval
         return f"{sensors} sensors, {end - start:.1f} s"
-    found = [one.detections for one in scene.cameras]
-    further = f" and {len(found) - 1} further" if len(found) > 1 else ""
+    detections = [camera.detections for camera in scene.cameras]
+    further = f" and {len(detections) - 1} further" if len(detections) > 1 else ""
     return (
-        f"{len(scene.wearers)} wearers with {sensors} sensors, {camera} camera{further}, {len(found[0].time)} video "
-        f"frames, {sum(map(len, found))} detections"
+        f"{len(scene.wearers)} wearers with {sensors} sensors, {camera} camera{further}, "
+        f"{len(detections[0].time)} video frames, {sum(map(len, detections))} detections"
     )

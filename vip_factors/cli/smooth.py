@@ -35,7 +35,7 @@ class SmoothOptions(SettingsOptions, ManyOptions):
 
 
 def main(options: SmoothOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.cli.workers import windows_elsewhere
     from vip_factors.workflow import estimate_lines, smooth_file
 

@@ -93,7 +93,7 @@ class StreamOptions(SettingsOptions, ManyOptions):
 
 
 def main(options: StreamOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     settings = options.settings if options.lag is None else replace(options.settings, lag_s=options.lag)
     _check(options)
     from threadpoolctl import threadpool_limits
@@ -106,14 +106,14 @@ def main(options: StreamOptions) -> None:
         try:
             # Products of small matrices: a second thread in each costs more than it brings.
             with line, threadpool_limits(limits=1, user_api="blas"):
-                session, told = _run(options, settings, interrupts, line)
+                session, viewer_messages = _run(options, settings, interrupts, line)
         except KeyboardInterrupt:  # before the stream began, or a second time
             note("vip-factors: interrupted")
             raise SystemExit(interrupts.exit_code) from None
         except OSError as error:
             _tell_partial(options.out, options.rerun_save)
             raise error
-        _conclude(options, settings, session, told, interrupts)
+        _conclude(options, settings, session, viewer_messages, interrupts)
 
 
 def _check(options: StreamOptions) -> None:
@@ -141,9 +141,13 @@ def _run(
 
     with ExitStack() as stack:
         source: LiveSource = open_source(
-            options.source, follow=options.follow, real_time=options.real_time, settings=options.limits,
-            on_finding=lambda finding: line.note(f"note: {finding.sentence}"), token=read_token(options.token_file),
-        )  # fmt: skip
+            options.source,
+            follow=options.follow,
+            real_time=options.real_time,
+            settings=options.limits,
+            on_finding=lambda finding: line.note(f"note: {finding.sentence}"),
+            token=read_token(options.token_file),
+        )
         from vip_factors.live.stream import Stream  # takes a second: before the clock runs
         from vip_factors.sensors.live import VideoFrame
 
@@ -163,20 +167,20 @@ def _run(
         session = Session(sinks, viewers, line)
         stream = Stream(setup, settings, real_time=not source.is_played, on_finding=session.report)
         interrupts.on_asked = stream.give_up
-        for item in interrupts.until_asked(iter(source)):
-            if isinstance(item, VideoFrame):
-                session.write_video(item)
-            session.write(stream.take(item, source.waited_s))
+        for message in interrupts.until_asked(iter(source)):
+            if isinstance(message, VideoFrame):
+                session.write_video(message)
+            session.write(stream.take(message, source.waited_s))
             if session.is_over:
                 give_up_output()
                 break
         session.write(stream.finish())
-        told = [sentence for viewer in viewers for sentence in viewer.close()]
+        sentences = [sentence for viewer in viewers for sentence in viewer.close()]
         session.lost = [viewer.lost for viewer in viewers if viewer.lost]
         dropped = sum(viewer.dropped for viewer in viewers)
         if dropped:
-            told.append(f"{dropped} frames were not drawn: Rerun was busy")
-    return session, told
+            sentences.append(f"{dropped} frames were not drawn: Rerun was busy")
+    return session, sentences
 
 
 def _wants_rerun(options: StreamOptions) -> bool:
@@ -202,7 +206,7 @@ def _viewers(options: StreamOptions, settings: LiveSettings, setup: "Scene", sta
 def _sinks(
     options: StreamOptions, settings: LiveSettings, setup: "Scene", stack: ExitStack, line: "StatusLine"
 ) -> "Iterator[Sink]":
-    """Where answers go, beside Rerun's viewers."""
+    """Open all sinks of estimates except Rerun's viewers."""
     from vip_factors.io.live_json import LiveJsonSink
 
     if options.json:
@@ -270,7 +274,7 @@ def _conclude(
 
 
 def _tell_partial(*wanted: Path | None) -> None:
-    """Where there is something left of files that could not be completed."""
+    """Name the partial files of outputs that could not be completed."""
     for path in wanted:
         if path is not None and (partial := partial_path(path)).exists():
             note(f"note: what was written until then is in {partial}, which can be read")

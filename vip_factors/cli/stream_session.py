@@ -23,7 +23,7 @@ LINE_S = 0.25  # seconds between looks of the line: it is read, not watched
 
 
 class Sink(Protocol):
-    """Where estimates go."""
+    """Destination of estimates."""
 
     def write(self, estimate: LiveEstimate) -> None:
         """Take in the answer to one frame."""
@@ -54,16 +54,16 @@ class Interrupts(Ending):
         """The items of a source, until it ends or one of the signals comes."""
         while True:
             try:
-                item = self.waiting_for(lambda: next(source))
+                message = self.waiting_for(lambda: next(source))
             except StopIteration:
                 return
             except KeyboardInterrupt:
                 self.number = self.number or signal.SIGINT
                 return
-            yield item
+            yield message
 
     def waiting_for(self, wait: Callable[[], T]) -> T:
-        """What ``wait`` returns; the signals interrupt it.
+        """Return the result of ``wait``, which the signals interrupt.
 
         Raises:
             KeyboardInterrupt: then.
@@ -77,11 +77,11 @@ class Interrupts(Ending):
             self._waiting = False
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """As a handler."""
-        again, self.number = self.asked, number
-        if not again:
+        """Signal handler: request the end of the stream."""
+        is_repeated, self.number = self.asked, number
+        if not is_repeated:
             self.on_asked()
-        if self._waiting or again:
+        if self._waiting or is_repeated:
             raise KeyboardInterrupt
 
 
@@ -119,9 +119,9 @@ class Session:
             self.update_s.append(estimate.seconds)
             for sink in [*self._sinks, *self._viewers]:
                 self._write(sink, estimate)
-        now = time.monotonic()
-        if estimates and now - self._shown_at >= LINE_S:
-            self._shown_at = now
+        moment = time.monotonic()
+        if estimates and moment - self._shown_at >= LINE_S:
+            self._shown_at = moment
             for viewer in self._viewers:
                 for sentence in viewer.findings():
                     self._line.note(f"note: {sentence}")
@@ -139,29 +139,29 @@ class Session:
 def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
     """One line: where the stream is, what updates take, who is seen, how sure headings are."""
     median, late = 1e3 * np.percentile(update_s, [50, 99])
-    parts = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, p99 {late:.1f} ms"]
+    phrases = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, p99 {late:.1f} ms"]
     if estimate.preliminary:
-        parts.append("preliminary")
+        phrases.append("preliminary")
     if estimate.camera is not None:
-        seen = [one.name for one in estimate.wearers if one.detection is not None]
-        parts.append(f"seen: {', '.join(seen) or 'nobody'}")
+        names_in_view = [wearer.name for wearer in estimate.wearers if wearer.detection is not None]
+        phrases.append(f"seen: {', '.join(names_in_view) or 'nobody'}")
     sigmas = {
-        sensor: one.heading_sigma
+        sensor: sensor_calibration.heading_sigma
         for wearer in estimate.wearers
-        for sensor, one in wearer.calibration.items()
-        if np.isfinite(one.heading_sigma)
+        for sensor, sensor_calibration in wearer.calibration.items()
+        if np.isfinite(sensor_calibration.heading_sigma)
     }
     if sigmas:
-        worst = max(sigmas, key=lambda sensor: sigmas[sensor])
-        typical, most = np.rad2deg([np.median(list(sigmas.values())), sigmas[worst]])
-        parts.append(f"headings ±{typical:.1f}°, {worst} ±{most:.1f}°")
-    return " | ".join(parts)
+        least_certain = max(sigmas, key=lambda sensor: sigmas[sensor])
+        typical, largest = np.rad2deg([np.median(list(sigmas.values())), sigmas[least_certain]])
+        phrases.append(f"headings ±{typical:.1f}°, {least_certain} ±{largest:.1f}°")
+    return " | ".join(phrases)
 
 
 def summary(update_s: Sequence[float], frame_rate: float) -> str:
     """Frames, and the distribution of what updates took, against what there is time for."""
-    median, most, late = 1e3 * np.percentile(np.asarray(update_s), [50, 95, 99])
+    median, longest, late = 1e3 * np.percentile(np.asarray(update_s), [50, 95, 99])
     return (
-        f"{len(update_s)} frames; update: median {median:.1f} ms, 95 % {most:.1f} ms, 99 % {late:.1f} ms, "
+        f"{len(update_s)} frames; update: median {median:.1f} ms, 95 % {longest:.1f} ms, 99 % {late:.1f} ms, "
         f"worst {1e3 * max(update_s):.1f} ms (a frame lasts {1e3 / frame_rate:.1f} ms)"
     )

@@ -38,7 +38,7 @@ class SyncOptions(WritingOptions):
 
 
 def main(options: SyncOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     from vip_factors.api import with_clock
     from vip_factors.initialise.clock import find_clock_offset
     from vip_factors.io.mcap_recording import read_scene, write_recording
@@ -53,16 +53,16 @@ def main(options: SyncOptions) -> None:
         clock, label = VideoClock(seconds or 0.0), f"camera '{camera.name}': " if len(scene.cameras) > 1 else ""
         if seconds is None or options.picture is not None:
             with waiting("comparing video and sensors"):
-                found = find_clock_offset(scene, options.max_offset, number)
-            say(label + offset_text(found, camera.clock.offset))
+                offset = find_clock_offset(scene, options.max_offset, number)
+            say(label + offset_text(offset, camera.clock.offset))
             if options.picture is not None and number == 0:
-                draw_offset(found, options.picture, options.overwrite)
+                draw_offset(offset, options.picture, options.overwrite)
                 say(options.picture)
-            if seconds is None and not found.determined:
+            if seconds is None and not offset.determined:
                 if options.dry_run:
                     continue
-                raise InputError(f"{options.scene}: {label}{found.sentence}; or give the offset as --seconds")
-            clock = found.clock if seconds is None else VideoClock(seconds)
+                raise InputError(f"{options.scene}: {label}{offset.sentence}; or give the offset as --seconds")
+            clock = offset.clock if seconds is None else VideoClock(seconds)
         scene = with_clock(scene, clock, number)
     if options.dry_run or out is None:
         return
@@ -70,11 +70,11 @@ def main(options: SyncOptions) -> None:
     say(out)
 
 
-def offset_text(offset: "ClockOffset", before: float = 0.0) -> str:
-    """What was found, as a small table with the other offsets that were considered."""
+def offset_text(offset: "ClockOffset", previous_s: float = 0.0) -> str:
+    """Format an offset as a small table with the other candidates."""
     lines = [offset.sentence] if offset.determined else []
-    if offset.determined and before:
-        lines.append(f"the scene said {before:+.3f} s before")
+    if offset.determined and previous_s:
+        lines.append(f"the scene said {previous_s:+.3f} s before")
     lines.append(f"  {'offset':>10}  agreement")
     sigma = f"± {1e3 * offset.sigma:.0f} ms" if offset.determined else "undetermined"
     lines.append(f"  {offset.seconds:+8.3f} s  {100:7.0f} %  {sigma}")

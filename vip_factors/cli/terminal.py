@@ -70,11 +70,11 @@ def _progress_lines() -> ProgressCallback:
 
     def update(stage: str, share: float) -> None:
         nonlocal spoken
-        now = time.monotonic()
-        if now - spoken >= LINE_S:
-            spoken = now
+        moment = time.monotonic()
+        if moment - spoken >= LINE_S:
+            spoken = moment
             with suppress(OSError):  # nobody reads it any more
-                note(f"{stage}, {100 * share:.0f} % ({now - begin:.0f} s)")
+                note(f"{stage}, {100 * share:.0f} % ({moment - begin:.0f} s)")
 
     return update
 
@@ -211,9 +211,9 @@ class Ending:
     def __enter__(self) -> Self:
         # Only the main thread may set handlers; elsewhere whoever runs us takes care of signals.
         is_main = threading.current_thread() is threading.main_thread()
-        before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM) if is_main}
+        handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM) if is_main}
         free = (signal.SIG_DFL, signal.default_int_handler)
-        self._before = {number: handler for number, handler in before.items() if self.is_exclusive or handler in free}
+        self._before = {number: handler for number, handler in handlers.items() if self.is_exclusive or handler in free}
         for number in self._before:
             signal.signal(number, self.ask)
         return self
@@ -224,11 +224,11 @@ class Ending:
 
     @property
     def exit_code(self) -> int:
-        """What shells report for a program that the signal stopped; 130 for Ctrl-C."""
+        """Exit code that shells report for a program stopped by the signal; 130 for Ctrl-C."""
         return 128 + (self.number or signal.SIGINT)
 
     def ask(self, number: int, frame: FrameType | None) -> None:
-        """As a handler.
+        """Signal handler: request the end.
 
         Raises:
             KeyboardInterrupt: always, in this process; its forks end as without a handler.

@@ -32,7 +32,7 @@ class ViewOptions(WritingOptions):
 
 
 def main(options: ViewOptions) -> None:
-    """Run the command."""
+    """Run the command with its parsed options."""
     if not options.files:
         raise InputError("no file given: expected a recording, an estimate or a motion")
     opened = open_all(options.files)

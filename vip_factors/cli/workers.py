@@ -1,4 +1,4 @@
-"""Who works on many recordings, or on the windows of a long one: processes of this machine, or a cluster by Dask."""
+"""Workers for many recordings, or for the windows of a long one: local processes or a Dask cluster."""
 
 import fcntl
 import json
@@ -54,8 +54,8 @@ def cluster(address: str) -> Iterator["Client"]:
 
     try:
         scheduler = json.loads(Path(address).read_bytes())["address"] if address.endswith(".json") else address
-        if (found := asyncio.run(kind(scheduler))) != "Scheduler":  # a client would ask for minutes
-            raise InputError(f"it is a {found}'s address")
+        if (server := asyncio.run(kind(scheduler))) != "Scheduler":  # a client would ask for minutes
+            raise InputError(f"it is a {server}'s address")
         client = Client(scheduler, timeout=CONNECT_S, set_as_default=False)
     except Exception as error:  # whatever Dask makes of what is not a scheduler's
         reason = f" ({error})" if isinstance(error, ValueError | OSError) and str(error) else ""
@@ -164,8 +164,8 @@ def run_child(words: Sequence[str], folder: Path, is_stopped: Callable[[], bool]
         complaint = err.read().decode("utf-8", "replace").strip()
     code = process.returncode if process.returncode >= 0 else SIGNAL - process.returncode
     if code > SIGNAL:
-        more = ", for want of memory, perhaps" if code == SIGNAL + signal.SIGKILL else ""
-        return code, f"the process was ended by {signal.Signals(code - SIGNAL).name}{more}"
+        reason = ", for want of memory, perhaps" if code == SIGNAL + signal.SIGKILL else ""
+        return code, f"the process was ended by {signal.Signals(code - SIGNAL).name}{reason}"
     sentence = (complaint or f"exit code {code}").splitlines()[-1].removeprefix("vip-factors: ")
     return code, sentence if code else ""
 

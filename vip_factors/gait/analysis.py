@@ -98,7 +98,7 @@ class Curve:
 
 @dataclass(frozen=True, repr=False)
 class Gait(Summarised):
-    """How somebody walked.
+    """Gait of one wearer.
 
     Attributes:
         name: whose gait.
@@ -123,7 +123,7 @@ class Gait(Summarised):
     verdict: str = ""
 
     def summary(self) -> list[str]:
-        """How many strides there are, what told them, what is odd, and the figures that most ask for."""
+        """Summarise the strides, the source of their events, findings and main parameters."""
         stride_count = f"{len(self.strides)} strides, {len(self.counted)} of them in the means; events by {self.source}"
         lines = [f"{self.name or 'wearer'}: {stride_count}"]
         lines += [f"verdict of the estimate: {self.verdict}"] if self.verdict else []
@@ -136,18 +136,18 @@ class Gait(Summarised):
 
     @property
     def source(self) -> str:
-        """What told strikes and toe-offs."""
+        """Source of strikes and toe-offs."""
         words = {True: "foot sensors", False: "the motion of the legs"}
         return " and ".join(dict.fromkeys(words[events.by_sensor] for events in self.feet.values()))
 
     @property
     def counted(self) -> tuple[Stride, ...]:
-        """Those that means are of."""
+        """Strides that count in the means."""
         return tuple(stride for stride in self.strides if not stride.left_out)
 
     @property
     def left_out(self) -> str:
-        """How many strides are in no mean, by reason, such as ``2 turn, 1 stop``."""
+        """Numbers of excluded strides by reason, such as ``2 turn, 1 stop``."""
         reasons = Counter(stride.left_out for stride in self.strides if stride.left_out)
         return ", ".join(f"{number} {reason}" for reason, number in reasons.most_common())
 
@@ -165,9 +165,14 @@ class Gait(Summarised):
 
 
 def gait_of(
-    estimate: WearerEstimate, recording: Recording | None = None, name: str = "", with_camera: bool = False,
-    *, count: Collection[Unsteady] = (), verdict: str = "",
-) -> Gait:  # fmt: skip
+    estimate: WearerEstimate,
+    recording: Recording | None = None,
+    name: str = "",
+    with_camera: bool = False,
+    *,
+    count: Collection[Unsteady] = (),
+    verdict: str = "",
+) -> Gait:
     """The gait of a wearer; without what no sensor and no camera measured.
 
     Args:
@@ -205,10 +210,16 @@ def gait_of(
     curves = _curves(estimate, counted)
     guessed = dict.fromkeys(curve.angle for curve in curves if not is_measured(measured, curve.angle))
     return Gait(
-        name, feet, strides, _figures(counted, by_legs), tuple(curve for curve in curves if curve.angle not in guessed),
-        estimate.covariance is not None, bones,
-        (*_guessed_events(name, feet, measured), *_left_out(name, list(guessed), measured)), verdict,
-    )  # fmt: skip
+        name,
+        feet,
+        strides,
+        _figures(counted, by_legs),
+        tuple(curve for curve in curves if curve.angle not in guessed),
+        estimate.covariance is not None,
+        bones,
+        (*_guessed_events(name, feet, measured), *_left_out(name, list(guessed), measured)),
+        verdict,
+    )
 
 
 def gaits_of(estimate: Estimate, scene: Scene | None = None, count: Collection[Unsteady] = ()) -> tuple[Gait, ...]:
@@ -244,7 +255,7 @@ def leg_length_sigma(subject: Subject) -> float:
 
 
 def _during(events: FootEvents, estimate: WearerEstimate) -> FootEvents:
-    """Those of which the motion tells everything."""
+    """Select the strides that the motion covers completely."""
     time = estimate.motion.time
     inside = (events.off >= time[0]) & (events.rest <= time[-1])
     return FootEvents(events.off[inside], events.strike[inside], events.rest[inside], events.by_sensor)
@@ -259,7 +270,7 @@ def foot_sensor(estimate: WearerEstimate, recording: Recording | None, side: str
 
 
 def shank_site(estimate: WearerEstimate, recording: Recording | None, side: str) -> SensorSite | None:
-    """Of the sensor on a shank, where it was found to sit; None without one."""
+    """Estimated position of the sensor on a shank; None without one."""
     site = _site(estimate, recording, (f"{side}_knee",))
     positions = [
         place.posterior for place in estimate.sensor_places if site is not None and place.sensor == site.sensor
@@ -301,7 +312,7 @@ def _stretch(estimate: WearerEstimate, recording: Recording | None, feet: Mappin
 
 
 def _by_strike(feet: FootEvents, values: Array) -> dict[float, float]:
-    """Of strides, by the seconds at which they start."""
+    """Index strides by the second at which they start."""
     return dict(zip(feet.strike[:-1].tolist(), values.tolist(), strict=True))
 
 
@@ -347,7 +358,7 @@ def _guessed_events(name: str, feet: Mapping[str, FootEvents], bones: Collection
 
 
 def _left_out(name: str, angles: Sequence[str], bones: Collection[str] | None) -> tuple[Finding, ...]:
-    """What is told of nobody, in one finding."""
+    """Finding about the quantities that nothing measured."""
     joints = dict.fromkeys(angle.removeprefix("left_").removeprefix("right_").partition("_")[0] for angle in angles)
     figures = [
         quantity.words for quantity in QUANTITIES if not all(_is_told(quantity.name, side, bones) for side in SIDES)
@@ -398,7 +409,7 @@ def _figure(quantity: Quantity, side: str, strides: Sequence[Stride], by_legs: f
 
 
 def _shared(quantity: Quantity, strides: Sequence[Stride], by_legs: float) -> float:
-    """What all strides are off by together, one standard deviation; cycles of one kind of event have none of it."""
+    """Standard deviation of the error that all strides share; cycles of a single kind of event have none."""
     name, values = quantity.name, [stride.values for stride in strides]
     if name.removesuffix("_percent") in ("step_time", "stance", "swing", "double_support"):
         return (

@@ -162,7 +162,7 @@ def _events(off: list[float], strike: list[float], time: Array, restless: Array,
 
 
 def foot_bones(side: str) -> tuple[int, int]:
-    """Of the sole and of the toes."""
+    """Bones of the sole and of the toes."""
     return joint_index(f"{side}_ankle"), joint_index(f"{side}_foot")
 
 
@@ -183,7 +183,7 @@ def _zero(time: Array, values: Array, k: int) -> float:
 
 
 def _extreme(time: Array, values: Array, k: int) -> float:
-    """Of the parabola through a largest value and its neighbours."""
+    """Vertex of the parabola through a largest value and its neighbours."""
     if not 0 < k < len(values) - 1:
         return float(time[k])
     previous_value, top, next_value = values[k - 1 : k + 2]

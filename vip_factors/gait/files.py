@@ -34,10 +34,19 @@ FILE = "data/reference.csv"
 REFERENCE_COLUMNS = ("pace", "speed_m_s", "people", "strides", "angle", "percent", "mean_deg", "sd_deg")
 NAMES = ("strides.csv", "figures.csv", "curves.csv", "gait.json", "gait.png")
 DRAWN = (
-    "hip_flexion", "knee_flexion", "ankle_dorsiflexion", "hip_adduction", "hip_internal_rotation", "ankle_inversion",
-    "pelvis_tilt", "pelvis_obliquity", "pelvis_rotation", "trunk_flexion", "trunk_lateral_bending",
+    "hip_flexion",
+    "knee_flexion",
+    "ankle_dorsiflexion",
+    "hip_adduction",
+    "hip_internal_rotation",
+    "ankle_inversion",
+    "pelvis_tilt",
+    "pelvis_obliquity",
+    "pelvis_rotation",
+    "trunk_flexion",
+    "trunk_lateral_bending",
     "trunk_axial_rotation",
-)  # fmt: skip
+)
 COLUMNS, CELL, MARGIN = 2, (390.0, 280.0), 70.0
 BELOW = "#c9ced6"  # what references are drawn in: grey, beneath
 
@@ -213,11 +222,15 @@ def references() -> tuple[ReferenceCurve, ...]:
         rows.setdefault((row["pace"], row["angle"]), []).append(row)
     return tuple(
         ReferenceCurve(
-            pace, float(points[0]["speed_m_s"]), int(points[0]["people"]), int(points[0]["strides"]), angle,
+            pace,
+            float(points[0]["speed_m_s"]),
+            int(points[0]["people"]),
+            int(points[0]["strides"]),
+            angle,
             *(np.array([float(row[name]) for row in points]) for name in ("mean_deg", "sd_deg")),
         )
         for (pace, angle), points in rows.items()
-    )  # fmt: skip
+    )
 
 
 def reference_at(speed: float, angle: str, curves: Iterable[ReferenceCurve] | None = None) -> ReferenceCurve | None:

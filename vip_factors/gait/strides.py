@@ -70,7 +70,7 @@ def stretch_by_shank(
     acceleration = _rotated(R_world_inertial, _acceleration(turned))
     p = interpolate_points(motion.time, motion.state.p_world_joint[:, ankle], time)
     margin_s = EVENT_S + 1 / turned.rate  # a strike may be later than it was found, and lies between samples
-    found = list[Array]()
+    stretches = list[Array]()
     for k, (start, end) in enumerate(itertools.pairwise(_samples(turned, feet.rest))):
         landing = int(np.searchsorted(time, feet.strike[k + 1] - margin_s, side="right")) - 1
         path = (p[end] - p[start])[:2]
@@ -82,9 +82,9 @@ def stretch_by_shank(
         swing = np.trapezoid(velocity[: landing - start + 1], time[start : landing + 1], axis=0)
         further = (swing - (p[landing] - p[start]))[:2] @ path / gained
         left_over = velocity[-1, :2] @ path / gained / (time[end] - time[start])
-        found.append(np.array([k, further / gained, left_over, (time[landing] - time[start]) ** 2 / 2 / gained]))
-    if found:
-        which, further_share, all_left_over, taken_share = np.stack(found, axis=1)
+        stretches.append(np.array([k, further / gained, left_over, (time[landing] - time[start]) ** 2 / 2 / gained]))
+    if stretches:
+        which, further_share, all_left_over, taken_share = np.stack(stretches, axis=1)
         factors[which.astype(int)] = 1 + further_share - np.median(all_left_over) * taken_share
     return factors
 
@@ -100,7 +100,7 @@ def _oriented(stream: ImuStream) -> ImuStream | None:
 
 
 def _acceleration(stream: ImuStream) -> Array:
-    """Of the sensor ``(N, 3)`` m/s², in its inertial frame."""
+    """Acceleration of the sensor ``(N, 3)`` in its inertial frame, m/s²."""
     return _rotated(stream.R_inertial_sensor, stream.specific_force) - GRAVITY
 
 
@@ -282,9 +282,16 @@ def _of_foot(feet: _Feet) -> Iterator[Stride]:
         turn = float(np.rad2deg(max(map(abs, turns))))
         alternate = start <= other_off <= other_strike <= off
         reason = (
-            "feet do not take turns" if not alternate else "turn" if turn > TURN_DEG else "no step"
-            if not values["length"] >= least_m else "pause" if values["time"] > longest_s else ""
-        )  # fmt: skip
+            "feet do not take turns"
+            if not alternate
+            else "turn"
+            if turn > TURN_DEG
+            else "no step"
+            if not values["length"] >= least_m
+            else "pause"
+            if values["time"] > longest_s
+            else ""
+        )
         yield Stride(feet.side, start, off, end, values, turn, reason)
 
 

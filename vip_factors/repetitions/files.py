@@ -25,18 +25,39 @@ WIDTH, ROW_HEIGHT, MARGIN = 1400.0, 210.0, 90.0
 
 def repetition_table(wearer: WearerRepetitions) -> Table:
     """Table for people, a row each; every kind is numbered for itself."""
-    head = ("", "kind", "side", "from s", "to s", "down / hold / up s", "depth cm", "flexed °", "left less right °",
-            "flight s", "height cm by flight", "by rise")  # fmt: skip
+    head = (
+        "",
+        "kind",
+        "side",
+        "from s",
+        "to s",
+        "down / hold / up s",
+        "depth cm",
+        "flexed °",
+        "left less right °",
+        "flight s",
+        "height cm by flight",
+        "by rise",
+    )
     rows: list[Row] = []
     for number, repetition in numbered(wearer.repetitions):
         tempo = (repetition.down_s, repetition.hold_s, repetition.up_s)
-        rows.append((
-            str(number), repetition.kind, repetition.side, Quantity(repetition.start, decimals=1),
-            Quantity(repetition.end, decimals=1), " / ".join(str(Quantity(seconds, decimals=1)) for seconds in tempo),
-            _centimetres(repetition.depth_m), _degrees(repetition.depth_deg), _degrees(repetition.left_less_right_deg),
-            Quantity(repetition.flight_s, decimals=2), _centimetres(repetition.flight_height_m),
-            _centimetres(repetition.rise_m),
-        ))  # fmt: skip
+        rows.append(
+            (
+                str(number),
+                repetition.kind,
+                repetition.side,
+                Quantity(repetition.start, decimals=1),
+                Quantity(repetition.end, decimals=1),
+                " / ".join(str(Quantity(seconds, decimals=1)) for seconds in tempo),
+                _centimetres(repetition.depth_m),
+                _degrees(repetition.depth_deg),
+                _degrees(repetition.left_less_right_deg),
+                Quantity(repetition.flight_s, decimals=2),
+                _centimetres(repetition.flight_height_m),
+                _centimetres(repetition.rise_m),
+            )
+        )
     return Table(head, rows, f"{wearer.name or 'wearer'}: {wearer.counts}", words=3)
 
 
@@ -51,7 +72,7 @@ def _degrees(angle: Measured) -> Quantity:
 def numbered(repetitions: Sequence[Repetition]) -> Iterator[tuple[int, Repetition]]:
     """Each with its number among those of its kind, from 1."""
     for position, repetition in enumerate(repetitions):
-        yield sum(other.kind == repetition.kind for other in repetitions[: position + 1]), repetition
+        yield sum(previous.kind == repetition.kind for previous in repetitions[: position + 1]), repetition
 
 
 def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwrite: bool = False) -> list[Path]:
@@ -67,7 +88,7 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: expected a folder for the tables")
     folder.mkdir(parents=True, exist_ok=True)
-    numbers, whole, picture = paths = [folder / name for name in NAMES]
+    numbers, json_file, picture = paths = [folder / name for name in NAMES]
     for path in paths:
         check_target(path, overwrite)
     lines = [
@@ -79,7 +100,7 @@ def write_repetitions(wearers: Sequence[WearerRepetitions], folder: Path, overwr
         writer = csv.DictWriter(file, list(dict.fromkeys(["wearer", *(name for line in lines for name in line)])))
         writer.writeheader()
         writer.writerows(lines)
-    with atomic_open(whole, "w", overwrite) as file:
+    with atomic_open(json_file, "w", overwrite) as file:
         repetitions = {wearer.name: [asdict(repetition) for repetition in wearer.repetitions] for wearer in wearers}
         file.write(json_text(repetitions, decimals=5))
     draw_repetitions(wearers, picture, overwrite)
@@ -104,11 +125,13 @@ def _draw_wearer(figure: Any, top: float, wearer: WearerRepetitions) -> None:
     write(figure, (30, top + 36), wearer.summary()[0], 22, weight="bold")
     floor = float(np.median(signals.lower_foot))
     panels = (
-        ("pelvis above the lower foot, and centre of mass above the floor (dark), m",
-         [(signals.reach, SIDE_COLOURS[Side.LEFT]), (signals.mass_height - floor, INK)]),
+        (
+            "pelvis above the lower foot, and centre of mass above the floor (dark), m",
+            [(signals.reach, SIDE_COLOURS[Side.LEFT]), (signals.mass_height - floor, INK)],
+        ),
         ("knee flexion, °", [(signals.flexion(side, "knee"), SIDE_COLOURS[Side(side)]) for side in SIDES]),
         ("elbow flexion, °", [(signals.flexion(side, "elbow"), SIDE_COLOURS[Side(side)]) for side in SIDES]),
-    )  # fmt: skip
+    )
     for row, (title, curves) in enumerate(panels):
         begin = top + 60 + row * ROW_HEIGHT
         axes = panel(figure, (MARGIN, begin + 30, WIDTH - 30, begin + ROW_HEIGHT - 32))

@@ -89,15 +89,21 @@ class WearerRepetitions(Summarised):
 
     @property
     def counts(self) -> str:
-        """``6 squats, 2 jumps``."""
-        kinds = Counter(one.kind for one in self.repetitions)
+        """Numbers by kind, such as ``6 squats, 2 jumps``."""
+        kinds = Counter(repetition.kind for repetition in self.repetitions)
         counts = (f"{kinds[kind]} {kind}{'s' if kinds[kind] > 1 else ''}" for kind in get_args(Kind) if kinds[kind])
         return ", ".join(counts) or "no repetitions"
 
     def summary(self) -> list[str]:
-        """How many of each kind, and when."""
+        """List the repetitions with their times."""
         title = f"{self.name or 'wearer'}: {self.counts}"
-        return [title, *(f"{one.kind}: {one.start:.1f} to {one.end:.1f} s, {one.side}" for one in self.repetitions)]
+        return [
+            title,
+            *(
+                f"{repetition.kind}: {repetition.start:.1f} to {repetition.end:.1f} s, {repetition.side}"
+                for repetition in self.repetitions
+            ),
+        ]
 
     def to_dataframe(self) -> "pandas.DataFrame":
         """A pandas table with the columns of ``repetitions.csv``; an :class:`InputError` without pandas."""

@@ -1,4 +1,4 @@
-"""What repetitions are told from, over time: how high hips and mass are, how far knees and elbows are bent."""
+"""Signals over time that show repetitions: heights of hips and mass, flexion of knees and elbows."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,10 +17,14 @@ MOVEMENT_HZ = 6.0  # people's limbs move below it (Winter, Biomechanics and Moto
 # men; women's centres of the whole body differ by millimetres). The head's lies at its joint's height plus the skull's,
 # which is taken as the joint's own; hands go with the forearms.
 _SEGMENTS = (
-    ("hips", "shoulders", 0.4346, 0.55), ("neck", "head", 0.0694, 1.0), ("{}_shoulder", "{}_elbow", 0.0271, 0.577),
-    ("{}_elbow", "{}_wrist", 0.0223, 0.6), ("{}_hip", "{}_knee", 0.1416, 0.41), ("{}_knee", "{}_ankle", 0.0433, 0.446),
+    ("hips", "shoulders", 0.4346, 0.55),
+    ("neck", "head", 0.0694, 1.0),
+    ("{}_shoulder", "{}_elbow", 0.0271, 0.577),
+    ("{}_elbow", "{}_wrist", 0.0223, 0.6),
+    ("{}_hip", "{}_knee", 0.1416, 0.41),
+    ("{}_knee", "{}_ankle", 0.0433, 0.446),
     ("{}_ankle", "{}_foot", 0.0137, 0.5),
-)  # fmt: skip
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -54,7 +58,7 @@ class Signals(Summarised):
 
     @cached_property
     def reach(self) -> Array:
-        """How far the pelvis is above the lower foot's ball, metres."""
+        """Height of the pelvis above the lower foot's ball, metres."""
         return self.height("pelvis") - self.lower_foot
 
     @cached_property
@@ -64,7 +68,7 @@ class Signals(Summarised):
 
     @cached_property
     def apart(self) -> Array:
-        """How far the left ankle is in front of the right one, metres along the floor, as the pelvis faces."""
+        """Distance of the left ankle in front of the right one along the pelvis' facing direction, metres."""
         facing = self.motion.state.R_world_bone[:, 0, :2, 2]
         between = (self.p[:, joint_index("left_ankle")] - self.p[:, joint_index("right_ankle")])[:, :2]
         return np.sum(between * facing, axis=1) / np.maximum(np.linalg.norm(facing, axis=1), 1e-9)
@@ -76,11 +80,11 @@ class Signals(Summarised):
         return -np.gradient(np.gradient(self.mass_height, step), step)
 
     def height(self, joint: str) -> Array:
-        """Of a joint, metres."""
+        """Height of a joint in metres."""
         return self.p[:, joint_index(joint), 2]
 
     def flexion(self, side: str, joint: str) -> Array:
-        """Of a joint, degrees, low-passed."""
+        """Low-passed flexion of a joint in degrees."""
         return low_passed(self.angles.of(f"{side}_{joint}_flexion"), self.motion.rate, MOVEMENT_HZ)
 
     def sigma(self, angle: str) -> Array:
@@ -104,7 +108,7 @@ def signals_of(wearer: WearerEstimate) -> Signals:
         height_sigma = np.sqrt(covariance.root[:, 2, 2])
     sole = np.min([raw[:, joint_index(f"{side}_foot"), 2] for side in SIDES], axis=0)
     force_hz = 12.0  # the push and the landing of a jump last for a tenth of a second
-    mass_height, sole = (low_passed(one, motion.rate, force_hz) for one in (_mass_height(raw), sole))
+    mass_height, sole = (low_passed(signal, motion.rate, force_hz) for signal in (_mass_height(raw), sole))
     p = low_passed(raw, motion.rate, MOVEMENT_HZ)
     return Signals(motion, motion.time, angles, sigmas, p, mass_height, sole, height_sigma)
 
@@ -128,8 +132,8 @@ def _mass_height(p: Array) -> Array:
         return p[:, joint_index(name), 2]
 
     total, weight = np.zeros(len(p)), 0.0
-    for first, second, mass, share in _SEGMENTS:
-        for side in SIDES if "{}" in first else ("",):
-            total += mass * ((1 - share) * height(first.format(side)) + share * height(second.format(side)))
+    for start_joint, second, mass, share in _SEGMENTS:
+        for side in SIDES if "{}" in start_joint else ("",):
+            total += mass * ((1 - share) * height(start_joint.format(side)) + share * height(second.format(side)))
             weight += mass
     return total / weight

@@ -116,9 +116,9 @@ def _least_certain_joint(wearer: ReportWearer, with_name: bool) -> list[str]:
         return []
     limbs = measured_limb_joints(wearer.estimate)
     sigma = np.rad2deg(np.nanmedian(covariance.joint_sigma[:, limbs], axis=0))
-    worst = int(np.nanargmax(sigma))
-    joint = f"{joint_words(JOINT_NAMES[limbs[worst]])} (± {sigma[worst]:.0f}°)"
-    return [f"{wearer.name}: {joint}" if with_name else joint] if np.isfinite(sigma[worst]) else []
+    least_certain = int(np.nanargmax(sigma))
+    joint = f"{joint_words(JOINT_NAMES[limbs[least_certain]])} (± {sigma[least_certain]:.0f}°)"
+    return [f"{wearer.name}: {joint}" if with_name else joint] if np.isfinite(sigma[least_certain]) else []
 
 
 ROOM = "vip_factors.report"

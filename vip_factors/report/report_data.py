@@ -118,7 +118,9 @@ def report_data(estimate: Estimate, scene: Scene | None = None, truth: Scene | N
     )
     cameras = scene.cameras
     if [len(camera.detections) for camera in cameras] == [len(camera.detections) for camera in truth.cameras]:
-        cameras = tuple(replace(own, truth=other.truth) for own, other in zip(cameras, truth.cameras, strict=True))
+        cameras = tuple(
+            replace(camera, truth=true_camera.truth) for camera, true_camera in zip(cameras, truth.cameras, strict=True)
+        )
     return ReportData(estimate, replace(scene, wearers=wearers, cameras=cameras))
 
 

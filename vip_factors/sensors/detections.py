@@ -118,7 +118,7 @@ class Detections(Summarised):
         return replace(self, frame=frame, pixels=pixels, confidence=confidence, torso_colour=colour)
 
     def shifted(self, seconds: float) -> "Detections":
-        """Shift all times."""
+        """Return the detections with all times shifted."""
         return replace(self, time=self.time + seconds)
 
     def timed(self, clock: VideoClock) -> "Detections":

@@ -61,7 +61,7 @@ class ImuFrames(Summarised):
 
     @property
     def step(self) -> float:
-        """Seconds between two frames."""
+        """Time between two frames in seconds."""
         if self.period:
             return self.period
         return float(self.time[1] - self.time[0]) if len(self) > 1 else 1.0
@@ -77,7 +77,7 @@ class ImuFrames(Summarised):
         return np.concatenate([[0], np.flatnonzero(~self.follows) + 1])
 
     def window(self, selection: slice) -> "ImuFrames":
-        """Select consecutive frames."""
+        """Select a range of consecutive frames."""
         names = (entry.name for entry in fields(self) if entry.name not in ("sensors", "period"))
         measured = {name: getattr(self, name)[selection] for name in names}
         return replace(self, **measured, period=self.step)  # the step of a single frame is unknown

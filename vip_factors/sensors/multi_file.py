@@ -23,7 +23,7 @@ class MultiFileRecording:
 
     @property
     def head(self) -> Recording:
-        """The recording without measurements."""
+        """Head of the recording, without its measurements."""
         return self.sources[0].head
 
     @property

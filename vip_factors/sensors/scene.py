@@ -156,14 +156,14 @@ class Scene(Summarised):
     cameras: tuple[Camera, ...] = ()
 
     def summary(self) -> list[str]:
-        """Describe wearers and cameras."""
+        """Describe the wearers and cameras in text."""
         lines = [line for wearer in self.wearers for line in (f"wearer: {wearer.subject.name}", *wearer.summary()[2:])]
         cameras = (", ".join(camera.summary()[1:]) for camera in self.cameras)
         return [f"scene '{self.name}'", *lines, *(f"camera: {camera}" for camera in cameras)]
 
     @property
     def names(self) -> list[str]:
-        """Names of the wearers."""
+        """Names of the wearers, in order."""
         return [wearer.subject.name for wearer in self.wearers]
 
     @property

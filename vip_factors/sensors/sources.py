@@ -23,7 +23,7 @@ class RecordingSource(Protocol):
 
     @property
     def head(self) -> Recording:
-        """The recording without samples."""
+        """Head of the recording, without its samples."""
         ...
 
     @property
@@ -43,13 +43,13 @@ class RecordingSource(Protocol):
 
 @dataclass(frozen=True)
 class RecordingInMemory:
-    """Recording in memory."""
+    """Recording that is held in memory."""
 
     recording: Recording
 
     @cached_property
     def head(self) -> Recording:
-        """The recording without samples."""
+        """Head of the recording, without its samples."""
         return replace(self.recording, imus={})
 
     @cached_property
@@ -155,7 +155,7 @@ class SceneSource(Protocol):
 
     @property
     def wearers(self) -> tuple[RecordingSource, ...]:
-        """The recordings."""
+        """Recordings of the wearers, in order."""
         ...
 
     @property
@@ -183,7 +183,7 @@ class SceneInMemory:
 
     @cached_property
     def head(self) -> Scene:
-        """The scene without measurements."""
+        """Head of the scene, without its measurements."""
         return self._scene(
             tuple(wearer.head for wearer in self.wearers), tuple(map(without_frames, self.scene.cameras))
         )
@@ -227,7 +227,7 @@ class UnfilmedSource(SceneInMemory):
 
     @property
     def wearers(self) -> tuple[RecordingSource, ...]:
-        """The recordings."""
+        """Recordings of the wearers, in order."""
         return self.sources
 
     def between(self, start: float = -np.inf, end: float = np.inf) -> Scene:
@@ -236,7 +236,7 @@ class UnfilmedSource(SceneInMemory):
         return self._scene(tuple(replace(wearer.head, imus=wearer.between(*reach)) for wearer in self.wearers), ())
 
     def detected(self, start: float, end: float) -> int:
-        """Number of detections: zero."""
+        """Number of detections, which is zero."""
         return 0
 
 

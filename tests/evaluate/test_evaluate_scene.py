@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scene_sample import Injected, camera_path, estimate_of, scene_sample
+from scene_sample import MODEL, Injected, camera_path, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
 from vip_factors.evaluate.calibration import common_instants
 from vip_factors.evaluate.evaluation import evaluate_scene, label_metrics
-from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.camera import CameraPath, VideoClock
 from vip_factors.sensors.scene import Scene
 
 TURNED = Injected(yaw=1.3, shift=(2.0, -1.0, 0.5))
@@ -65,6 +65,28 @@ def test_camera_error_is_what_was_put_in(scene: Scene) -> None:
     # A camera that is too near also moves the gauge, by its share of the scene: one of three bodies.
     result = evaluate_scene(estimate_of(scene, replace(TURNED, camera_m=0.03)), scene)
     assert result["camera_translation"] == pytest.approx(0.02, rel=0.05)
+
+
+def test_each_camera_is_judged_and_none_is_the_first(scene: Scene) -> None:
+    estimate, truth = estimate_of(scene, TURNED), scene.camera.truth
+    second = replace(scene.camera, name="left", focal_sigma=0.25, truth=replace(truth, model=MODEL.zoomed(0.1)))
+    near = estimate_of(scene, replace(TURNED, camera_m=0.03)).camera
+    lens = MODEL.zoomed(0.1 + 0.03)
+    found = replace(near, name="left", model=lens, focal_sigma=0.02, clock=VideoClock(0.004))
+    both = replace(scene, cameras=(scene.camera, second))
+    result = evaluate_scene(replace(estimate, cameras=(*estimate.cameras, found)), both)
+    assert "focal_length_error" not in result.cameras["phone"]  # a calibrated lens is not estimated
+    assert result.cameras["left"]["focal_length_error"] == result["focal_length_error"] == pytest.approx(3.05, abs=0.01)
+    assert result.cameras["left"]["nees_focal_length"] == pytest.approx(1.5**2)
+    assert result.cameras["left"]["time_offset_error"] == pytest.approx(4)
+    assert result["time_offset_error"] == pytest.approx(2)
+    assert result.cameras["left"]["camera_translation"] > 2 * result.cameras["phone"]["camera_translation"]
+    assert all("left" in text for text in (str(result), result.to_table()))
+    labels = np.full(0, -1)
+    turned = replace(estimate, cameras=(found, *estimate.cameras), wearer_of_detection=labels)
+    other = evaluate_scene(turned, replace(both, cameras=both.cameras[::-1]))
+    for name, errors in result.cameras.items():
+        assert other.cameras[name] == pytest.approx(errors)
 
 
 def test_paths_at_other_instants_are_compared_at_the_coarser_ones() -> None:

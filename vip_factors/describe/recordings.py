@@ -174,6 +174,7 @@ def path_text(p_world_camera: Array) -> str:
 def _camera_truth_facts(truth: CameraTruth, names: Sequence[str]) -> Table:
     counts = [f"{np.sum(truth.wearer == index)} of {name}" for index, name in enumerate(names)]
     rows = [("path", path_text(truth.path.p_world_camera))]
+    rows += [] if truth.model is None else [("image", image_text(truth.model))]
     references = {"heading and mounting of its sensor": truth.calibration, "true pixels": truth.pixels}
     rows += [("also", name) for name, value in references.items() if value is not None]
     rows.append(("detections", f"{', '.join(counts)}, {np.sum(truth.wearer < 0)} of others or nobody"))

@@ -21,7 +21,7 @@ from vip_factors.evaluate.metrics import (
 )
 from vip_factors.geometry.poses import Alignment
 from vip_factors.geometry.rotations import Array
-from vip_factors.sensors.camera import MotionPair, PathPair, scene_gauge
+from vip_factors.sensors.camera import CameraModel, MotionPair, PathPair, scene_gauge
 from vip_factors.sensors.recording import Truth
 from vip_factors.sensors.scene import CameraTruth, Scene
 
@@ -70,15 +70,15 @@ class CameraComparison:
     """A camera's estimate beside its truth.
 
     Attributes:
-        is_first: whether it is the scene's first camera.
         estimate, truth: of all frames.
+        model: true intrinsics, else those of a calibration; None if the lens is unknown.
         pair: the estimated and the true path at common instants.
-        instants: which of the estimated path those are.
+        instants: indices of these instants in the estimated path.
     """
 
-    is_first: bool
     estimate: CameraEstimate
     truth: CameraTruth
+    model: CameraModel | None
     pair: PathPair
     instants: np.ndarray
 
@@ -126,14 +126,13 @@ def compare_scene(estimate: Estimate, scene: Scene) -> SceneComparison:
     for camera, estimated in camera_pairs(scene, estimate):
         if camera.truth is not None:
             *pair, instants = common_instants(estimated.path, camera.truth.path)
-            is_first = camera is scene.cameras[0]
-            cameras.append(CameraComparison(is_first, estimated, camera.truth, (pair[0], pair[1]), instants))
+            model = camera.truth.model or (None if camera.focal_sigma else camera.model)
+            cameras.append(CameraComparison(estimated, camera.truth, model, (pair[0], pair[1]), instants))
     pairs = [comparison.pair for comparison in wearers.values()]
     if not estimate.cameras or not pairs:
         gauges = {index: scene_gauge([comparison.pair]) for index, comparison in wearers.items()}
     else:
-        first = cameras[0].pair if cameras and cameras[0].is_first else None
-        gauges = dict.fromkeys(wearers, scene_gauge(pairs, first))
+        gauges = dict.fromkeys(wearers, scene_gauge(pairs, [camera.pair for camera in cameras]))
     return SceneComparison(wearers, gauges, bool(estimate.cameras), tuple(cameras))
 
 

@@ -54,6 +54,8 @@ class Evaluation(Summarised):
             parent's frame; with a covariance ``nees``.
         sensors: per sensor: ``heading_deg`` (signed, after the gauge) and ``mounting_deg``.
         lengths: of the body: ``estimate_mm``, ``truth_mm``, ``error_mm``.
+        cameras: of a scene: by camera, its metrics, in the units that they have in ``metrics``; these hold the mean
+            magnitudes if there are several cameras.
         wearers: of a scene, by subject.
     """
 
@@ -65,13 +67,14 @@ class Evaluation(Summarised):
     joints: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     sensors: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     lengths: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    cameras: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     wearers: Mapping[str, "Evaluation"] = field(default_factory=dict)
 
     def __getitem__(self, metric: str) -> float:
         return self.metrics[metric].value
 
     def __str__(self) -> str:
-        tables = self._wearer_table(), self._limb_table(), self._sensor_table()
+        tables = self._wearer_table(), self._limb_table(), self._sensor_table(), self._camera_table()
         return "\n".join([*self.summary()[1:], "", *(line for table in tables for line in markdown(table))]).rstrip()
 
     def summary(self) -> list[str]:
@@ -84,7 +87,9 @@ class Evaluation(Summarised):
         lines = [f"## {self.name}, {self.method}", ""] if self.wearers else []
         rows = [(name, number(metric.value), metric.unit) for name, metric in self.metrics.items()]
         lines += markdown(Table(("metric", "value", "unit"), rows))
-        for title, values in (("joint", self.joints), ("length", self.lengths), ("sensor", self.sensors)):
+        cameras = self.cameras if len(self.cameras) > 1 else {}
+        tables = {"joint": self.joints, "length": self.lengths, "sensor": self.sensors, "camera": cameras}
+        for title, values in tables.items():
             columns = list(dict.fromkeys(column for row in values.values() for column in row))
             cells = [(name, *(number(row.get(column, np.nan)) for column in columns)) for name, row in values.items()]
             lines += markdown(Table((title, *columns), cells))
@@ -121,6 +126,19 @@ class Evaluation(Summarised):
         """Errors of the sensors of one wearer."""
         rows = [(name, *map(number, sensor.values())) for name, sensor in self.sensors.items()]
         return Table(("sensor", "heading, °", "mounting, °"), rows)
+
+    def _camera_table(self) -> Table:
+        """Errors of each camera, if there are several."""
+        columns = {
+            "camera_translation": "place, m",
+            "camera_rotation": "turn, °",
+            "focal_length_error": "focal length, %",
+            "time_offset_error": "clock, ms",
+        }
+        rows = [
+            (name, *(number(camera.get(column, np.nan)) for column in columns)) for name, camera in self.cameras.items()
+        ]
+        return Table(("camera", *columns.values()), rows if len(rows) > 1 else [])
 
     def to_json(self) -> str:
         """Everything, as JSON; a number that is not defined is null, what is empty is left out."""
@@ -176,6 +194,8 @@ def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
     if with_camera:
         place = f"{value('camera_translation')} and {value('camera_rotation')}"
         lines["camera"] = f"{place} in the world (the same yaw and shift removed)"
+        if "focal_length_error" in scene:
+            lines["camera"] += f"; focal length {value('focal_length_error')}"
         if "association_precision" in scene:
             shares = f"{value('association_precision')} right, {value('association_recall')} found"
             lines["camera"] += f"; detections given to wearers: {shares}"
@@ -188,6 +208,7 @@ def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
         "headings": "heading",
         "mountings": "mounting",
         "camera": "camera",
+        "focal lengths": "focal_length",
         "lengths": "lengths",
     }
     ratios = {
@@ -329,11 +350,12 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     gauge = comparison.gauge
     turn = yaw(gauge) if gauge is not None else None
     table |= error_metrics([error for error, _ in _calibration_pairs(estimate, scene, turn).values()])
-    for camera in comparison.cameras:
-        table |= _named(_camera(camera, gauge), camera)
-    table |= _honesty(estimate, scene, comparison)
-    table |= _association(estimate, scene)
-    return Evaluation(estimate.name, estimate.method, table, estimate.verdict.severity, wearers=wearers)
+    consistency, prior_gauge = _consistency(estimate, scene, comparison)
+    cameras = {camera.estimate.name: _camera(camera, gauge, prior_gauge) for camera in comparison.cameras}
+    table |= _mean_of_cameras(list(cameras.values())) | consistency | _association(estimate, scene)
+    values = {name: {metric: row[metric].value for metric in row} for name, row in cameras.items()}
+    severity = estimate.verdict.severity
+    return Evaluation(estimate.name, estimate.method, table, severity, cameras=values, wearers=wearers)
 
 
 def _wearer(estimate: Estimate, scene: Scene, index: int, scene_comparison: SceneComparison) -> Evaluation:
@@ -359,8 +381,8 @@ def _calibration_pairs(estimate: Estimate, scene: Scene, gauge: float | None) ->
     }
 
 
-def _camera(camera: CameraComparison, gauge: Alignment | None) -> dict[str, Metric]:
-    """Path, clock, and heading and mounting of the IMU of a camera, where estimated and known."""
+def _camera(camera: CameraComparison, gauge: Alignment | None, prior_gauge: Alignment | None) -> dict[str, Metric]:
+    """Errors of a camera's path, lens, clock and IMU, where estimated and known, and NEES of path and lens."""
     estimate, truth = camera.estimate, camera.truth
     table = {} if gauge is None else camera_metrics(camera_error(camera.pair, gauge))
     if estimate.calibration is not None and truth.calibration is not None:
@@ -368,37 +390,53 @@ def _camera(camera: CameraComparison, gauge: Alignment | None) -> dict[str, Metr
         error = calibration_error({"camera": estimate.calibration}, {"camera": truth.calibration}, turn)
         table["camera_heading_error"] = Metric(float(np.rad2deg(error.heading_magnitude[0])), "deg")
         table["camera_mounting_error"] = Metric(float(np.rad2deg(error.mounting_magnitude[0])), "deg")
-    return table | {"time_offset_error": Metric(1e3 * (estimate.clock.offset - truth.clock.offset), "ms")}
+    table["time_offset_error"] = Metric(1e3 * (estimate.clock.offset - truth.clock.offset), "ms")
+    if camera.model is not None and estimate.focal_sigma is not None:
+        error = float(np.log(np.divide(estimate.model.focal, camera.model.focal)).mean())
+        table["focal_length_error"] = Metric(100 * float(np.expm1(error)), "%")
+        table["nees_focal_length"] = Metric((error / estimate.focal_sigma) ** 2, "")
+    if prior_gauge is not None and estimate.covariance is not None:
+        path_nees = nees(camera_error(camera.pair, prior_gauge), estimate.covariance[camera.instants])
+        table |= consistency_metrics("camera", path_nees)
+    return table
 
 
-def _named(table: Mapping[str, Metric], camera: CameraComparison) -> dict[str, Metric]:
-    """Metrics of a camera, with its name where they are not of the first one."""
-    return {name if camera.is_first else f"{name}, {camera.estimate.name}": one for name, one in table.items()}
+def _mean_of_cameras(cameras: Sequence[Metrics]) -> dict[str, Metric]:
+    """The metrics of the only camera, or means of magnitudes over several."""
+    if len(cameras) == 1:
+        return dict(cameras[0])
+    metrics: dict[str, list[Metric]] = {}
+    for camera in cameras:
+        for name, metric in camera.items():
+            metrics.setdefault(name, []).append(metric)
+    return {
+        name: Metric(float(np.mean([abs(metric.value) for metric in values])), values[0].unit)
+        for name, values in metrics.items()
+    }
 
 
-def _honesty(estimate: Estimate, scene: Scene, comparison: SceneComparison) -> dict[str, Metric]:
-    """NEES of headings, mountings and cameras, in the gauge of the graph's prior (see :func:`anchored_gauge`).
+def _consistency(
+    estimate: Estimate, scene: Scene, comparison: SceneComparison
+) -> tuple[dict[str, Metric], Alignment | None]:
+    """NEES of headings and mountings, and the gauge of the graph's prior (see :func:`anchored_gauge`).
 
-    Where a camera's path was given, and with it the world, there is no gauge. Empty where the anchor is not known.
+    Where a camera's path was given, and with it the world, there is no gauge. None where the anchor is not known.
     """
     is_world_known = any(camera.known_path is not None for camera in scene.cameras)
     pairs = _calibration_pairs(estimate, scene, 0.0)
     anchor = None if is_world_known else surest_heading(pairs)
     if not estimate.cameras or (anchor is None and not is_world_known):
-        return {}
-    table = sensor_consistency(pairs, anchor)
+        return {}, None
     gauge = Alignment(np.eye(3), np.zeros(3), np.ones(()))
     if anchor is not None:
         gauge = anchored_gauge(comparison.wearers[anchor[0]].pair, pairs[anchor[0]][0].heading[anchor[1]])
-    for camera in comparison.cameras:
-        if camera.estimate.covariance is not None:
-            of_path = nees(camera_error(camera.pair, gauge), camera.estimate.covariance[camera.instants])
-            table |= _named(consistency_metrics("camera", of_path), camera)
-    return table
+    return sensor_consistency(pairs, anchor), gauge
 
 
 def _association(estimate: Estimate, scene: Scene) -> dict[str, Metric]:
     """Precision and recall of labels in percent, as VIP reports them on 3DPW (thesis 4.4.3).
+
+    An estimate labels the detections of the scene's first camera only.
 
     Raises:
         InputError: if the estimate labels other detections than the scene's.

@@ -267,7 +267,7 @@ class CameraTopics:
         return f"{self.prefix}/{leaf}"
 
     def truth(self, leaf: str) -> str:
-        """The topic of the true info, pose or calibration."""
+        """The topic of the true info, intrinsics, pose or calibration."""
         return f"/truth{self.prefix}/{leaf}"
 
 
@@ -297,6 +297,9 @@ def camera_messages(
     if truth is not None:
         head = TRUTH.encode(truth, known_poses=len(truth.path), has_true_pixels=truth.pixels is not None)
         writer.write(topics.truth("info"), head, start_ns)
+        if truth.model is not None:
+            intrinsics = intrinsics_message(truth.model, camera.name, start_ns)
+            writer.write(topics.truth("intrinsics"), intrinsics, start_ns)
         if truth.calibration is not None:
             calibration = CALIBRATION.encode({camera.name: truth.calibration})
             writer.write(topics.truth("calibration"), calibration, start_ns)
@@ -349,6 +352,7 @@ def _truth_of(
     topics: Topics, topic_of: CameraTopics, start_ns: int, wearer: np.ndarray, pixels: Array | None
 ) -> CameraTruth | None:
     """A camera's truth with the true wearer of each detection; None if the file has none, or not enough of it."""
+    from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
     from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 
     info = topics.last(topic_of.truth("info"), CameraInfo)
@@ -361,5 +365,12 @@ def _truth_of(
     if len(poses) < info.known_poses:
         warn(topics.path, f"{len(poses)} of {info.known_poses} true poses of the camera are left")
     calibration = topics.object(topic_of.truth("calibration"), CALIBRATION) or {}
-    true_pixels = pixels if info.has_true_pixels else None
-    return CameraTruth(poses, wearer, true_pixels, next(iter(calibration.values()), None), **TRUTH.values(info))
+    intrinsics = topics.last(topic_of.truth("intrinsics"), CameraCalibration)
+    return CameraTruth(
+        poses,
+        wearer,
+        pixels if info.has_true_pixels else None,
+        next(iter(calibration.values()), None),
+        model=None if intrinsics is None else intrinsics_of(intrinsics),
+        **TRUTH.values(info),
+    )

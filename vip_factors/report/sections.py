@@ -197,6 +197,7 @@ METRICS = {
     "mounting_error": "Mountings of the sensors",
     "camera_translation": "Place of the camera",
     "camera_rotation": "Orientation of the camera",
+    "focal_length_error": "Focal length of the camera",
     "time_offset_error": "Clock of the video",
     "association_precision": "Detections given to the right person",
     "association_recall": "Detections of wearers that were used",

@@ -67,18 +67,17 @@ PathPair = tuple[CameraPath, CameraPath]
 """Estimated and true camera path at the same instants."""
 
 
-def scene_gauge(wearers: Sequence[MotionPair], camera: PathPair | None = None) -> Alignment:
-    """Fit one yaw and translation, estimate to truth, to the joints of all wearers and the camera.
+def scene_gauge(wearers: Sequence[MotionPair], cameras: Sequence[PathPair] = ()) -> Alignment:
+    """Fit one yaw and translation, estimate to truth, to the joints of all wearers and to the cameras.
 
-    In every frame the camera weighs as much as one wearer: far from the wearers, it constrains the yaw best.
+    In every frame all cameras together weigh as much as one wearer: far from the wearers, they constrain the yaw best.
     """
     points = [[motion.state.p_world_joint.reshape(-1, 3) for motion in pair] for pair in wearers]
-    if camera is not None:
-        joints = wearers[0][0].R_parent_child.shape[1] if wearers else 1
-        frames = len(wearers[0][0]) if wearers else len(camera[0])
+    for pair in cameras:
+        frames, joints = wearers[0][0].R_parent_child.shape[:2]
         # A static camera has one instant, which is repeated.
-        times = joints * max(1, frames // len(camera[0]))
-        points.append([np.repeat(path.p_world_camera, times, axis=0) for path in camera])
+        repeats = max(1, joints * max(1, frames // len(pair[0])) // len(cameras))
+        points.append([np.repeat(path.p_world_camera, repeats, axis=0) for path in pair])
     estimated, true = (np.concatenate(side) for side in zip(*points, strict=True))
     return align_yaw(estimated, true)
 

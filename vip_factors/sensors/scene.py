@@ -61,6 +61,7 @@ class CameraTruth(Summarised):
         pixels: ``(N, K, 2)`` true keypoints in the (distorted) image; NaN out of view or unknown.
         calibration: heading and mounting of the camera's IMU.
         clock: map from the video's clock to the IMUs'.
+        model: intrinsics.
     """
 
     path: CameraPath
@@ -68,6 +69,7 @@ class CameraTruth(Summarised):
     pixels: Array | None = None
     calibration: SensorCalibration | None = None
     clock: VideoClock = field(default_factory=VideoClock)
+    model: CameraModel | None = None
 
 
 @dataclass(frozen=True, repr=False)

@@ -144,7 +144,8 @@ def _film(
     known = _known_pose(path, settings, own_seed) if settings.has_known_pose else None
     name = "camera" if number == 0 else f"camera_{number + 1}"
     detections = detections.shifted(-settings.time_offset_s)
-    truth = CameraTruth(path, wearer[owner], pixels, calibration, VideoClock(settings.time_offset_s))
+    clock = VideoClock(settings.time_offset_s)
+    truth = CameraTruth(path, wearer[owner], pixels, calibration, clock, settings.model)
     camera = Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known, truth=truth)
     if settings.calibrated:
         return camera

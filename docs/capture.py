@@ -77,7 +77,7 @@ class Viewer:
             })""",
             truth,
         )
-        self.tab.evaluate("(truth) => canvas.world.filming && (canvas.world.filming.visible = !truth)", truth)
+        self.tab.evaluate("(truth) => canvas.world.cameras.forEach(({ frustum }) => (frustum.visible = !truth))", truth)
 
     def picture(self, time: float, size: tuple[int, int], eye: str) -> np.ndarray:
         """``(height, width, 3)`` uint8, red green blue; ``eye`` is JavaScript that sets ``world.eye``."""
@@ -118,7 +118,7 @@ def through(path: CameraPath, model: vip.CameraModel, time: float) -> str:
 def footage(viewer: Viewer, drawn: DrawnScene) -> Video:
     """A video of the people as they really moved, through the true camera."""
     viewer.people(truth=True)
-    camera, detections, _ = drawn.filmed()
+    camera, detections, _ = drawn.filmed()[0]
     size, images = (camera.model.width // 2, camera.model.height // 2), {}
     for frame, time in enumerate(detections.time.tolist()):
         picture = viewer.picture(time, size, through(camera.true_path, camera.model, time))
@@ -178,7 +178,7 @@ def heading_chart(errors: list[tuple[Array, Array]], time: float, last: float, s
 
 def hero(viewer: Viewer, scene: vip.Scene, drawn: DrawnScene) -> list[Image.Image]:
     """Pictures of the film: bodies in a room, skeletons over what the camera saw, and headings as they settle."""
-    video = drawn.filmed()[1].time
+    video = drawn.filmed()[0][1].time
     frames = np.arange(0, len(video), round(1 / HERO_RATE / float(np.median(np.diff(video)))))
     errors = heading_errors(scene)
     seen = overlaid_frames(drawn, frames, (FINER * FILM[2], FINER * FILM[3]), names=False)
@@ -207,7 +207,7 @@ def capture_scene(browser: Browser, folder: Path) -> None:
     scene, estimate = vip.read(path), vip.read_estimate(estimate_path)
     drawn, viewer = drawn_scene(scene, estimate), Viewer(tab)
     video = footage(viewer, drawn)
-    drawn = replace(drawn, cameras=(replace(drawn.camera, video=video),))
+    drawn = replace(drawn, cameras=(replace(drawn.cameras[0], video=video),))
     shown = replace(scene, cameras=(replace(scene.camera, video=video),))
     vip.picture(estimate, DOCS / "scene.png", shown, title="Two wearers before a hand-held camera", overwrite=True)
     first, *others = hero(viewer, scene, drawn)

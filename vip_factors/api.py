@@ -347,7 +347,7 @@ def report(
     *,
     truth: Recording | Scene | None = None,
     overwrite: bool = False,
-    video: bool | StrPath = False,
+    video: bool | StrPath | Sequence[StrPath] = False,
     video_height: int = 480,
     video_seconds: tuple[float, float] | None = None,
 ) -> Path:
@@ -359,7 +359,7 @@ def report(
         recording: the recording behind it; the page then covers sensors and video as well.
         truth: recording that holds the truth, if ``recording`` does not.
         overwrite: whether files may be replaced.
-        video: True for a film (.mp4) of skeletons over the recording's own video and of the room, or a video file.
+        video: True for films (.mp4) of skeletons over the recording's own videos, or video files, one for each camera.
         video_height: height of the film in pixels.
         video_seconds: first and last second of the recording in the film; None for all of it.
 

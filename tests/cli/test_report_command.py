@@ -1,6 +1,7 @@
 """``vip-factors report``: the page appears beside the estimate, and what the user can mend is told in one line."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,13 +9,14 @@ import numpy as np
 import pytest
 from cli.conftest import SMALL
 from films import write_video
-from scene_sample import estimate_of, scene_sample
+from scene_sample import Injected, estimate_of, scene_sample
 
 from tests.io.mcap_samples import copy_messages
 from vip_factors.cli.main import main
 from vip_factors.io.mcap_estimate import write_estimate
 from vip_factors.io.mcap_messages import MessageWriter
 from vip_factors.io.mcap_recording import read_scene, write_recording
+from vip_factors.sensors.camera import VideoClock
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +55,7 @@ def test_the_truth_is_named(files: Path, tmp_path: Path) -> None:
         (["scene.estimate.mcap", "--out", "page.html", "--video"], "filmed recording"),
         (["scene.estimate.mcap", "--out", "page.html", "--video", "scene.mcap"], "not a video"),
         (["scene.estimate.mcap", "--out", "page.html", "--video", "gone.mp4"], "no such video"),
-        (["scene.estimate.mcap", "--out", "page.html", "--video", "a.mp4", "b.mp4"], "one file at most"),
+        (["scene.estimate.mcap", "--out", "page.html", "--video", "gone.mp4", "b.mp4"], "no such video"),
         (
             ["scene.estimate.mcap", "--out", "page.html", "--video", "--video-height", "8"],
             "64 or more and 2160 at most",
@@ -86,6 +88,25 @@ def test_a_film_is_beside_the_page(files: Path, tmp_path: Path, capsys: pytest.C
     assert main(words) == 2
     assert f"{film} exists" in capsys.readouterr().err
     assert not page.exists()
+
+
+def test_two_cameras_have_films_frusta_and_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    scene = scene_sample(0.2, wearers=1)
+    left = replace(scene.camera, name="left", video=None, focal_sigma=0.1)
+    estimate = estimate_of(scene, Injected(camera_m=0.1))
+    found = replace(estimate.camera, name="left", focal_sigma=0.03, clock=VideoClock(0.02))
+    write_recording(replace(scene, cameras=(scene.camera, left)), tmp_path / "scene.mcap")
+    write_estimate(replace(estimate, cameras=(estimate.camera, found)), tmp_path / "found.mcap")
+    words = ["report", str(tmp_path / "found.mcap"), "--recording", str(tmp_path / "scene.mcap")]
+    assert main([*words, "--video-height", "64", "--video"]) == 0
+    films = [tmp_path / f"found.{name}.mp4" for name in ("phone", "left")]
+    assert capsys.readouterr().out.splitlines()[1:] == list(map(str, films))
+    text = (tmp_path / "found.html").read_text(encoding="utf-8")
+    for part in (*(f'src="{film.name}"' for film in films), "± 3.0 %", ">phone</button>", ">left</button>"):
+        assert part in text
+    assert text.count("<h3>Camera “left”</h3>") == 2  # as it was found, and as it was recorded
+    assert main([*words, "--overwrite", "--video", str(films[0])]) == 2
+    assert "1 video files for 2 cameras (phone, left)" in capsys.readouterr().err
 
 
 def test_a_film_is_of_the_video_that_is_named(files: Path, tmp_path: Path) -> None:

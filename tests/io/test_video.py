@@ -21,7 +21,7 @@ from vip_factors.io.video import (
     torso_colour,
     video_facts,
     with_torso_colours,
-    with_video,
+    with_videos,
 )
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Scene, Video
@@ -54,7 +54,7 @@ def test_frames_come_in_order_with_their_times(video: Path) -> None:
 
 
 def test_an_embedded_video_is_seen_without_its_file(video: Path, tmp_path: Path) -> None:
-    scene = embed_video(with_video(filmed_walk(20), video))
+    scene = embed_video(with_videos(filmed_walk(20), [video]))
     write_recording(scene, tmp_path / "s.mcap")
     camera = read_scene(tmp_path / "s.mcap").camera
     assert camera is not None
@@ -87,7 +87,9 @@ def test_a_video_that_does_not_belong_is_refused(video: Path) -> None:
     assert camera is not None
     check_video(facts, replace(camera, model=replace(MODEL, height=488)))
     with pytest.raises(InputError, match="shorter than its detections"):
-        with_video(filmed_walk(31), video)
+        with_videos(filmed_walk(31), [video])
+    with pytest.raises(InputError, match=r"2 video files for 1 cameras \(.*\): expected one for each"):
+        with_videos(filmed_walk(20), [video, video])
     with pytest.raises(InputError, match="held as in the video"):
         check_video(facts, replace(camera, model=replace(MODEL, width=480, height=640)))
 

@@ -29,27 +29,27 @@ def test_an_estimate_in_another_gauge_lies_on_the_truth(sample: Scene, with_came
     for wearer in drawn.wearers:
         assert wearer.motion.p_world_pelvis == pytest.approx(wearer.truth.p_world_pelvis, abs=1e-6)
         assert wearer.error_mm == pytest.approx(0.0, abs=1e-6)
-    assert drawn.camera.path.p_world_camera == pytest.approx(sample.camera.truth.path.p_world_camera, abs=1e-6)
+    assert drawn.cameras[0].path.p_world_camera == pytest.approx(sample.camera.truth.path.p_world_camera, abs=1e-6)
 
 
 def test_bodies_project_onto_their_detections(sample: Scene) -> None:
     drawn = drawn_scene(sample, estimate_of(sample, GAUGE))
     for wearer in drawn.wearers:
         mine = sample.camera.truth.wearer == wearer.index
-        assert drawn.camera.reprojected(wearer) == pytest.approx(sample.camera.truth.pixels[mine], abs=1e-5)
-        assert drawn.camera.reprojection_px(wearer) == pytest.approx(0.0, abs=1e-5)
+        assert drawn.cameras[0].reprojected(wearer) == pytest.approx(sample.camera.truth.pixels[mine], abs=1e-5)
+        assert drawn.cameras[0].reprojection_px(wearer) == pytest.approx(0.0, abs=1e-5)
     labels = sample.camera.truth.wearer.copy()
     labels[0] = -1  # the first frame's detection of the first wearer
     drawn = drawn_scene(sample, replace(estimate_of(sample, GAUGE), wearer_of_detection=labels))
-    assert np.isnan(drawn.camera.reprojection_px(drawn.wearers[0])).tolist() == [True] + [False] * 15
+    assert np.isnan(drawn.cameras[0].reprojection_px(drawn.wearers[0])).tolist() == [True] + [False] * 15
 
 
 def test_the_clock_of_the_video_is_the_estimates(sample: Scene) -> None:
     late = replace(sample, cameras=(replace(sample.camera, detections=sample.camera.detections.shifted(-0.2)),))
     estimate = estimate_of(late, GAUGE)
     drawn = drawn_scene(late, replace(estimate, cameras=(replace(estimate.camera, clock=VideoClock(0.2)),)))
-    assert drawn.camera.detections.time == pytest.approx(sample.camera.detections.time)
-    assert drawn.camera.reprojection_px(drawn.wearers[1]) == pytest.approx(0.0, abs=1e-5)
+    assert drawn.cameras[0].detections.time == pytest.approx(sample.camera.detections.time)
+    assert drawn.cameras[0].reprojection_px(drawn.wearers[1]) == pytest.approx(0.0, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", KEYPOINT_SETS)

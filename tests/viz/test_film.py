@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from scene_sample import Injected, estimate_of, scene_sample
+from scene_sample import MODEL, Injected, estimate_of, scene_sample
 
 from vip_factors.errors import InputError
 from vip_factors.sensors.scene import Scene, Video
@@ -30,12 +30,16 @@ def filmed(sample: Scene, video: Video) -> DrawnScene:
     return drawn_scene(scene, estimate_of(scene))
 
 
-def test_skeletons_lie_where_their_joints_are_seen(sample: Scene) -> None:
-    drawn = drawn_scene(sample, estimate_of(sample))
-    (picture,) = overlaid_frames(drawn, np.array([6]), (640, 360))
-    names = drawn.camera.detections.keypoints.keypoints
+@pytest.mark.parametrize("camera", [0, 1])
+def test_skeletons_lie_where_their_joints_are_seen(camera: int, sample: Scene) -> None:
+    estimate, lens = estimate_of(sample), MODEL.zoomed(-0.2)
+    wide, found = replace(sample.camera, name="wide", model=lens), replace(estimate.camera, name="wide", model=lens)
+    both = replace(sample, cameras=(sample.camera, wide))
+    drawn = drawn_scene(both, replace(estimate, cameras=(estimate.camera, found)))
+    (picture,) = overlaid_frames(drawn, np.array([6]), (640, 360), camera=camera)
+    names = wide.detections.keypoints.keypoints
     for wearer in drawn.wearers:
-        pixels = drawn.camera.reprojected(wearer)[6] * 0.5
+        pixels = drawn.cameras[camera].reprojected(wearer)[6] * 0.5
         for side in ("left", "right"):
             shank = [names.index(f"{side}_{joint}") for joint in ("knee", "ankle")]
             x, y = np.round(pixels[shank].mean(axis=0)).astype(int)

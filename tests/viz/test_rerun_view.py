@@ -51,8 +51,8 @@ def test_further_cameras_have_frusta_and_images(sample: Scene, found: Estimate, 
     standing = scene_sample(0.5, moving=False)
     second = replace(standing.camera, name="left", known_path=standing.camera.truth.path, mount=None)
     there = entities(replace(sample, cameras=(sample.camera, second)), found, tmp_path / "a.rrd")
-    for entity in ("", "/image", "/image/body/ann/limbs"):
-        assert f"/world/cameras/left{entity}" in there, entity
+    for entity in ("phone", "phone/image/detected/ann/points", "left", "left/image", "left/image/body/ann/limbs"):
+        assert f"/world/cameras/{entity}" in there, entity
     assert any(re.fullmatch(r"/world/cameras/left/image/detected/nobody.*/points", one) for one in there)
 
 

@@ -29,9 +29,9 @@ class ReportOptions(WritingOptions):
     """Recording (.mcap) that it was made from; the estimate's own file if the recording is in it."""
     truth: Path | None = None
     """Recording (.mcap) whose truth to compare with, if it is not the one above."""
-    video: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="[FILM]")] = None
-    """Also write a film beside the page (.mp4): skeletons over the camera's video, or that in a file; needs
-    vip-factors[film]."""
+    video: Annotated[tuple[Path, ...] | None, tyro.conf.arg(metavar="[FILM …]")] = None
+    """Also write a film of each camera beside the page (.mp4): skeletons over the recording's videos, or over those in
+    files, one for each camera; needs vip-factors[film]."""
     video_height: Annotated[int, Range(least=64, most=2160)] = 480
     """Pixels, of the film."""
     video_seconds: tuple[float, float] | None = None
@@ -46,12 +46,9 @@ def main(options: ReportOptions) -> None:
     """Run the command with its parsed options."""
     out = options.target(options.out, options.estimate, ".html")
     if options.video is not None:
-        if len(options.video) > 1:
-            raise InputError(f"--video {' '.join(map(str, options.video))}: expected one file at most")
         from vip_factors.viz.film import check_film
 
         check_film(out.with_suffix(".mp4"))
-        check_target(out.with_suffix(".mp4"), options.overwrite)
     from vip_factors.cli.files import open_one
     from vip_factors.io.mcap_recording import read_scene
 
@@ -64,11 +61,15 @@ def main(options: ReportOptions) -> None:
             )
         scene = opened.scene if options.recording is None else read_scene(options.recording)
         truth = None if options.truth is None else read_scene(options.truth)
-        from vip_factors.report.page import write_report  # late: what cannot be read is told at once
+        from vip_factors.report.page import film_paths, write_report  # late: input is checked first
 
-        video = options.video[0] if options.video else options.video is not None
-        if video is True:
-            _tell_missing(scene)
+        films = list[Path]()
+        if options.video is not None and scene is not None:
+            films = film_paths(out, [camera.name for camera in scene.cameras])
+            for path in films:
+                check_target(path, options.overwrite)
+            if not options.video:
+                _note_missing_videos(scene)
         write_report(
             estimate,
             out,
@@ -76,18 +77,19 @@ def main(options: ReportOptions) -> None:
             truth,
             options.overwrite,
             progress,
-            video,
+            options.video or options.video is not None,
             video_height=options.video_height,
             video_seconds=options.video_seconds,
         )
     say(out)
-    if video:
-        say(out.with_suffix(".mp4"))
+    for path in films:
+        say(path)
     fail_on(options.fail_on, estimate.verdict)
 
 
-def _tell_missing(scene: "Scene | None") -> None:
-    """Say that the recording's video is not where it was."""
-    video = scene.camera.video if scene is not None and scene.camera is not None else None
-    if video is not None and video.path is not None and not video.path.is_file() and not video.images:
-        note(f"note: no video at {video.path}: the film has a plain ground instead; --video FILM names it")
+def _note_missing_videos(scene: "Scene") -> None:
+    """Say which of the recording's videos are not where they were."""
+    for camera in scene.cameras:
+        video = camera.video
+        if video is not None and video.path is not None and not video.path.is_file() and not video.images:
+            note(f"note: no video at {video.path}: the film has a plain ground instead; --video FILM names it")

@@ -40,7 +40,7 @@ def verdict_facts(estimate: Estimate) -> Table:
 
 def figure_table(estimate: Estimate) -> Table:
     """Table of the main figures, each with a remark."""
-    wearers, camera = estimate.wearers, estimate.camera
+    wearers = estimate.wearers
     motion, sensors = wearers[0].motion, sum(len(wearer.sensors) for wearer in wearers)
     duration = Quantity(len(motion) / motion.rate, unit="s", decimals=1)
     rows: list[Row] = [
@@ -57,10 +57,11 @@ def figure_table(estimate: Estimate) -> Table:
     median = finite_quantile(np.concatenate(residuals), 0.5)
     if math.isfinite(median):
         rows.append(("fit to the sensors", Quantity(median, unit="°", decimals=1), "median difference of orientation"))
-    if camera is not None and camera.residual_px is not None:
-        median = finite_quantile(camera.residual_px, 0.5)
+    for camera in estimate.cameras:
+        median = math.nan if camera.residual_px is None else finite_quantile(camera.residual_px, 0.5)
         share = f"{100 * median / camera.model.height:.1f} % of the image's height"
-        rows += [("fit to the video", Quantity(median, unit="px"), share)] if math.isfinite(median) else []
+        label = f"fit to the video, {camera.name}" if len(estimate.cameras) > 1 else "fit to the video"
+        rows += [(label, Quantity(median, unit="px"), share)] if math.isfinite(median) else []
     if len(wearers) == 1:
         is_fitted = wearers[0].body is not None and len(wearers[0].body.names) > 0
         remark = "lengths fitted to the video" if is_fitted else "lengths not measured here"

@@ -1,6 +1,7 @@
 """Frames of a video, from a file or from images embedded in a recording, and the colours of people's torsos in them."""
 
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,7 +50,7 @@ class VideoFacts:
         return len(self.time)
 
 
-def video_facts(path: str | Path) -> VideoFacts:
+def video_facts(path: str | os.PathLike[str]) -> VideoFacts:
     """Size, frames and times of a video file; all frames are gone through, as counts in the header are estimates.
 
     Raises:
@@ -173,16 +174,22 @@ def _shown(image: np.ndarray, width: int | None) -> np.ndarray:
 
 
 def embed_video(scene: Scene) -> Scene:
-    """The scene with frames of its first camera's video as JPEG, so that its file can be viewed anywhere.
+    """The scene with frames of its cameras' videos as JPEG, so that its file can be viewed anywhere.
 
     Raises:
         InputError: if the scene has no video.
-        FileFormatError: if the file is no video.
+        FileFormatError: if a file is no video.
     """
-    camera = scene.camera
-    source = None if camera is None or camera.video is None else camera.video.path
-    if camera is None or source is None:
+    if all(camera.video is None or camera.video.path is None for camera in scene.cameras):
         raise InputError(f"scene '{scene.name}' names no video file: give one to embed")
+    return replace(scene, cameras=tuple(map(_embedded, scene.cameras)))
+
+
+def _embedded(camera: Camera) -> Camera:
+    """The camera with frames of its video file, if it has one."""
+    source = camera.video.path if camera.video is not None else None
+    if source is None:
+        return camera
     import cv2
 
     every, width = 3, 640  # ten images a second of a video at 30, about 50 kB each: enough to see who is who
@@ -193,21 +200,26 @@ def embed_video(scene: Scene) -> Scene:
         if not good:
             raise InputError(f"{source}: frame {index} cannot be encoded as JPEG")
         images[index] = data.tobytes()
-    return replace(scene, cameras=(replace(camera, video=Video(source, images)), *scene.cameras[1:]))
+    return replace(camera, video=Video(source, images))
 
 
-def with_video(scene: Scene | None, path: Path) -> Scene:
-    """The scene with a video file that its detections were made from.
+def with_videos(scene: Scene | None, paths: Sequence[str | os.PathLike[str]]) -> Scene:
+    """The scene with the video files that its detections were made from, one for each camera in their order.
 
     Raises:
-        InputError: if there is no such file, no camera, or the video does not belong to the detections.
-        FileFormatError: if it is no video.
+        InputError: if there is no such file, another number of cameras, or a video does not belong to the detections.
+        FileFormatError: if a file is no video.
     """
-    facts = video_facts(path)
-    if scene is None or scene.camera is None:
-        raise InputError(f"{path}: no camera is known that took it: expected a filmed recording beside it")
-    check_video(facts, scene.camera)
-    return replace(scene, cameras=(replace(scene.camera, video=Video(path)), *scene.cameras[1:]))
+    facts = [video_facts(path) for path in paths]
+    if scene is None or not scene.cameras:
+        raise InputError(f"{facts[0].path}: no camera is known that took it: expected a filmed recording beside it")
+    if len(facts) != len(scene.cameras):
+        names = ", ".join(camera.name for camera in scene.cameras)
+        raise InputError(f"{len(facts)} video files for {len(scene.cameras)} cameras ({names}): expected one for each")
+    for video, camera in zip(facts, scene.cameras, strict=True):
+        check_video(video, camera)
+    cameras = (replace(camera, video=Video(video.path)) for video, camera in zip(facts, scene.cameras, strict=True))
+    return replace(scene, cameras=tuple(cameras))
 
 
 def check_video(facts: VideoFacts, camera: Camera) -> None:

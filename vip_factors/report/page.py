@@ -28,7 +28,7 @@ from vip_factors.estimate import Estimate
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
 from vip_factors.gait import files as gait_files
 from vip_factors.io.live_json import VERSION, guessed_angles
-from vip_factors.io.video import with_video
+from vip_factors.io.video import with_videos
 from vip_factors.repetitions.files import repetition_table
 from vip_factors.repetitions.repetitions import all_repetitions
 from vip_factors.report import sections
@@ -126,11 +126,17 @@ ROOM = "vip_factors.report"
 
 @dataclass(frozen=True)
 class ShownFilm:
-    """A film beside a page: its file's name, the recording's second at which it begins, and seconds of the recording in
-    one of the film.
+    """A film beside a page.
+
+    Attributes:
+        name: of the file.
+        camera: name of the camera.
+        start: second of the recording at which it begins.
+        pace: seconds of the recording in one of the film.
     """
 
     name: str
+    camera: str
     start: float
     pace: float
 
@@ -142,12 +148,12 @@ def write_report(
     truth: Scene | None = None,
     overwrite: bool = False,
     progress: ProgressCallback | None = None,
-    video: bool | str | os.PathLike[str] = False,
+    video: bool | str | os.PathLike[str] | Sequence[str | os.PathLike[str]] = False,
     *,
     video_height: int = 480,
     video_seconds: tuple[float, float] | None = None,
 ) -> None:
-    """Write an estimate as one HTML page, with a film beside it if one is wanted.
+    """Write an estimate as one HTML page, with a film of each camera beside it on request.
 
     Args:
         estimate: of one wearer or several.
@@ -156,8 +162,8 @@ def write_report(
         truth: a scene whose truth counts, if it is not ``scene``'s own.
         overwrite: whether an existing file may be replaced.
         progress: called with the name of the stage and the fraction of it done.
-        video: a film of skeletons over the camera's pictures is to be beside the page: of the recording's own video,
-            or of that in a file.
+        video: whether to write films of skeletons over the videos of the recording, or files of these videos, one for
+            each camera in the recording's order. Films of several cameras have the camera's name in theirs.
         video_height: of the film, pixels; 480 fill the page's width, 720 take twice as long.
         video_seconds: first and last second of the recording that the film shows; all of it if None.
 
@@ -166,28 +172,43 @@ def write_report(
         FileFormatError: if the video is none.
     """
     if not isinstance(video, bool):
-        scene = with_video(scene, Path(video))
-    data, shown_film = report_data(estimate, scene, truth), None
+        scene = with_videos(scene, [video] if isinstance(video, str | os.PathLike) else video)
+    data, films = report_data(estimate, scene, truth), list[ShownFilm]()
     if video:
         from vip_factors.viz.film import film
 
-        file_path = Path(path).with_suffix(".mp4")
-        times, rate = film(
-            data.drawn, file_path, video_height, video_seconds, overwrite=overwrite, on_progress=progress or silent
-        )
-        pace = float(times[-1] - times[0]) * rate / (len(times) - 1) if len(times) > 1 else 1.0
-        shown_film = ShownFilm(file_path.name, float(times[0]), pace)
-    text = report_page(data, progress, shown_film)
+        cameras = [camera for camera, _, _ in data.drawn.filmed()]
+        paths = film_paths(path, [camera.name for camera in cameras])
+        for number, (camera, file_path) in enumerate(zip(cameras, paths, strict=True)):
+            times, rate = film(
+                data.drawn,
+                file_path,
+                video_height,
+                video_seconds,
+                camera=number,
+                overwrite=overwrite,
+                on_progress=progress or silent,
+            )
+            pace = float(times[-1] - times[0]) * rate / (len(times) - 1) if len(times) > 1 else 1.0
+            films.append(ShownFilm(file_path.name, camera.name, float(times[0]), pace))
+    text = report_page(data, progress, films)
     with atomic_open(path, "w", overwrite) as file:
         file.write(text)
 
 
-def report_page(data: ReportData, progress: ProgressCallback | None = None, film: ShownFilm | None = None) -> str:
-    """The page as HTML, which links to the film beside it; see :func:`write_report`."""
+def film_paths(page: str | os.PathLike[str], cameras: Sequence[str]) -> list[Path]:
+    """Files of the films beside a page, one for each camera."""
+    if len(cameras) == 1:
+        return [Path(page).with_suffix(".mp4")]
+    return [Path(page).with_suffix(f".{name.replace(os.sep, '_')}.mp4") for name in cameras]
+
+
+def report_page(data: ReportData, progress: ProgressCallback | None = None, films: Sequence[ShownFilm] = ()) -> str:
+    """The page as HTML, which links to the films beside it; see :func:`write_report`."""
     report_progress, wearers, contents = progress or silent, data.wearers, dict[str, object]()
-    with_camera = data.estimate.camera is not None
+    with_camera = bool(data.estimate.cameras)
     makers: dict[str, Callable[[], object]] = {
-        "angles": lambda: [sections.angle_section(wearer, data.estimate.camera is not None) for wearer in wearers],
+        "angles": lambda: [sections.angle_section(wearer, with_camera) for wearer in wearers],
         "gait": lambda: [sections.gait_section(wearer, with_camera, str(data.estimate.verdict)) for wearer in wearers],
         "repetitions": lambda: [
             replace(repetition_table(exercises), title=exercises.counts) for exercises in all_repetitions(data.estimate)
@@ -209,7 +230,7 @@ def report_page(data: ReportData, progress: ProgressCallback | None = None, film
             data=data,
             **contents,
             remarks=remarks(data),
-            film=film,
+            films=films,
             version=__version__,
             style=packaged("templates/report.css"),
             script=packaged("viewer/viewer.min.js"),
@@ -280,7 +301,8 @@ def live_page(setup: Scene) -> str:
         setup: of the stream.
     """
     extent = 8.0  # m of the ground that is drawn around who walks on it
-    camera, bodies = setup.camera, [wearer.subject.body() for wearer in setup.wearers]
+    cameras = setup.cameras[:1]  # an answer has the pose of the first camera
+    bodies = [wearer.subject.body() for wearer in setup.wearers]
     waiting = poses_data(calibration_pose("n-pose")[None], np.zeros((1, 3)))
     data = {
         "version": VERSION,
@@ -288,15 +310,16 @@ def live_page(setup: Scene) -> str:
         "floor": 0.0,
         "centre": [0.0, 0.0],
         "extent": extent,
-        "apart": len(bodies) > 1 and camera is None,  # where they stand beside each other is not known
+        "apart": len(bodies) > 1 and not cameras,  # where they stand beside each other is not known
         "bodies": [
             body_data(wearer.subject.name, body, (number, len(bodies))) | waiting | {"mesh": number}
             for number, (wearer, body) in enumerate(zip(setup.wearers, bodies, strict=True))
         ],
         "meshes": [mesh_data(body) for body in bodies],
-        "camera": None
-        if camera is None
-        else {"corners": corners(camera.model)} | poses_data(np.eye(3)[None], np.zeros((1, 3))),
+        "cameras": [
+            {"name": camera.name, "corners": corners(camera.model)} | poses_data(np.eye(3)[None], np.zeros((1, 3)))
+            for camera in cameras
+        ],
     }
     angles = []
     for wearer in setup.wearers:
@@ -315,7 +338,7 @@ def live_page(setup: Scene) -> str:
             version=__version__,
             style=packaged("templates/live.css"),
             script=packaged("viewer/viewer.min.js"),
-            with_camera=camera is not None,
+            with_camera=bool(cameras),
             apart=data["apart"],
             sensors=[sensor for _, sensor in sensor_columns(setup)],
         )

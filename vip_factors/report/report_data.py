@@ -162,7 +162,12 @@ def motion_data(data: ReportData) -> dict[str, object]:
             for (wearer, motion, is_ghost), number in zip(bodies, numbers, strict=True)
         ],
         "meshes": [mesh_data(skeleton) for skeleton in skins],
-        "camera": _camera(data, time),
+        "cameras": [
+            {"name": camera.name, "corners": corners(camera.model)}
+            | poses_data(camera.path.at(time).R_world_camera, camera.path.at(time).p_world_camera)
+            for camera in data.drawn.cameras
+            if camera.path is not None
+        ],
     }
 
 
@@ -243,14 +248,6 @@ def poses_data(R: Array, p: Array) -> dict[str, object]:
 def _quaternions(R: Array) -> str:
     unit = 32767  # of a quaternion's numbers: 0.002° at worst
     return _base64(np.round(unit * quaternion_from_matrix(R, Order.XYZW)).astype("<i2"))
-
-
-def _camera(data: ReportData, time: Array) -> dict[str, object] | None:
-    camera = data.drawn.camera
-    if camera is None or camera.path is None:
-        return None
-    path = camera.path.at(time)
-    return {"corners": corners(camera.model), **poses_data(path.R_world_camera, path.p_world_camera)}
 
 
 def corners(model: CameraModel) -> list[list[float]]:

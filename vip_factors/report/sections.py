@@ -263,7 +263,7 @@ def truth_table(data: ReportData) -> Table:
     if scene is None or not data.has_truth:
         return Table((), ())
     truth = scene.wearers[0].truth
-    if len(names) == 1 and scene.camera is None and truth is not None:
+    if len(names) == 1 and not scene.cameras and truth is not None:
         columns = {names[0]: evaluate(data.estimate.wearers[0], truth).metrics}
     else:
         evaluation = evaluate_scene(data.estimate, scene)

@@ -96,7 +96,7 @@ class DrawnScene:
     """Everything in one world, on the recording's clock.
 
     Attributes:
-        cameras: the estimate knows who is who in the detections of the first one alone.
+        cameras: an estimate labels the detections of the scene's first camera only; those of others are nobody's.
         estimate: None if there is none, or of one wearer alone.
         apart: whether the wearers were moved apart, because their places beside each other are unknown.
     """
@@ -108,11 +108,6 @@ class DrawnScene:
     apart: bool = False
 
     @property
-    def camera(self) -> DrawnCamera | None:
-        """The first camera."""
-        return self.cameras[0] if self.cameras else None
-
-    @property
     def one_alone(self) -> bool:
         """Whether it is one wearer without a camera: limbs are coloured by side, and single sensors are plotted."""
         return len(self.wearers) == 1 and not self.cameras
@@ -122,18 +117,25 @@ class DrawnScene:
         """Of the wearers."""
         return [wearer.name for wearer in self.wearers]
 
-    def filmed(self) -> tuple[DrawnCamera, Detections, np.ndarray]:
-        """The first camera, the detections in its video, and their labels.
+    def filmed(self) -> list[tuple[DrawnCamera, Detections, np.ndarray]]:
+        """Cameras with the detections in their videos and the labels of these.
 
         Raises:
             InputError: if there are none.
         """
-        camera = self.camera
-        if camera is None or camera.detections is None or camera.labels is None:
+        films = [
+            (camera, camera.detections, camera.labels)
+            for camera in self.cameras
+            if camera.detections is not None and camera.labels is not None
+        ]
+        if not films:
             raise InputError(f"scene '{self.name}' has no camera: give the filmed recording beside its estimate")
-        if not len(camera.detections.time):
-            raise InputError(f"scene '{self.name}': its camera has no video frames to draw: was its file cut off?")
-        return camera, camera.detections, camera.labels
+        for camera, detections, _ in films:
+            if not len(detections.time):
+                raise InputError(
+                    f"scene '{self.name}': camera '{camera.name}' has no video frames to draw: was its file cut off?"
+                )
+        return films
 
 
 def drawn_wearer(

@@ -14,9 +14,10 @@ from vip_factors.body.mannequin import Colour
 from vip_factors.body.skeleton import PARENTS
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
+from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Video
 from vip_factors.viz.colours import UNCLAIMED, mixed, wearer_colour
-from vip_factors.viz.drawn_scene import DrawnScene
+from vip_factors.viz.drawn_scene import DrawnCamera, DrawnScene
 
 # No loss to be seen on a screen, and drawing takes longer than this; g: whole pictures are near for who jumps in time.
 H264 = {"crf": "20", "preset": "veryfast", "g": "30"}
@@ -30,6 +31,7 @@ def film(
     height: int,
     seconds: tuple[float, float] | None = None,
     *,
+    camera: int = 0,
     overwrite: bool = False,
     on_progress: Callable[[str, float], None] = lambda stage, fraction: None,
 ) -> tuple[Array, float]:
@@ -40,6 +42,7 @@ def film(
         path: ends in .mp4.
         height: of the pictures in pixels; the width follows.
         seconds: first and last second of the recording to show; all of it if None.
+        camera: index in :meth:`~vip_factors.viz.drawn_scene.DrawnScene.filmed`.
         overwrite: replace an existing file.
         on_progress: called with how much is done.
 
@@ -50,7 +53,7 @@ def film(
         InputError: if no camera or motion is known, nothing is left of the time, or PyAV is not installed.
     """
     check_film(path)
-    camera, detections, _ = drawn.filmed()
+    drawn_camera, detections, _ = drawn.filmed()[camera]
     motions = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
     if not motions:
         raise InputError("no motion for a film: give an estimate, or a recording with its truth")
@@ -59,16 +62,16 @@ def film(
         if not seconds[0] < seconds[1]:
             raise InputError(f"film from second {seconds[0]} to {seconds[1]}: expected a later end")
         start, end = max(start, seconds[0]), min(end, seconds[1])
-    time, frames = detections.time, frames_left(camera.video, len(detections.time))
+    time, frames, model = detections.time, frames_left(drawn_camera.video, len(detections.time)), drawn_camera.model
     span = float(time[frames[-1]] - time[frames[0]])
     rate = (len(frames) - 1) / span if span > 0 else FASTEST_HZ
     step = max(1, int(np.ceil(rate / FASTEST_HZ - 0.01)))
     frames, rate = frames[(time[frames] >= start - 1e-6) & (time[frames] <= end + 1e-6)][::step], rate / step
     if not len(frames):
         raise InputError(f"nothing to film between {start:.2f} and {end:.2f} s: expected seconds of the recording")
-    size = 2 * round(height * camera.model.width / camera.model.height / 2), height // 2 * 2  # H.264 takes even ones
+    size = 2 * round(height * model.width / model.height / 2), height // 2 * 2  # H.264 takes even ones
     with film_file(path, rate, overwrite) as add:
-        for index, picture in enumerate(overlaid_frames(drawn, frames, size)):
+        for index, picture in enumerate(overlaid_frames(drawn, frames, size, camera=camera)):
             add(picture)
             on_progress("drawing the film", (index + 1) / len(frames))
     return time[frames], rate
@@ -128,7 +131,7 @@ NEAREST_M = 0.1  # joints behind the camera are in no picture
 
 
 def overlaid_frames(
-    drawn: DrawnScene, frames: np.ndarray, size: tuple[int, int], *, names: bool = True
+    drawn: DrawnScene, frames: np.ndarray, size: tuple[int, int], *, camera: int = 0, names: bool = True
 ) -> Iterator[np.ndarray]:
     """Frames of the video, or a plain ground, with skeletons (broad) and detections (thin, pale) over them.
 
@@ -136,26 +139,28 @@ def overlaid_frames(
         drawn: a scene with the camera's model and detections.
         frames: ``(N,)`` increasing indices of video frames.
         size: width and height of the pictures in pixels.
+        camera: index in :meth:`~vip_factors.viz.drawn_scene.DrawnScene.filmed`.
         names: write the wearers' names above their heads, if there are several.
 
     Yields:
         ``(height, width, 3)`` uint8, red green blue.
     """
-    camera, detections, _ = drawn.filmed()
-    scale = np.array([size[0] / camera.model.width, size[1] / camera.model.height])
-    for frame, image in zip(frames.tolist(), video_stream(camera.video, frames.tolist()), strict=True):
+    drawn_camera, detections, labels = drawn.filmed()[camera]
+    scale = np.array([size[0] / drawn_camera.model.width, size[1] / drawn_camera.model.height])
+    for frame, image in zip(frames.tolist(), video_stream(drawn_camera.video, frames.tolist()), strict=True):
         if image is None:
             picture = np.full((size[1], size[0], 3), GROUND, np.uint8)
         else:
             picture = np.ascontiguousarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA)[..., ::-1])
-        _draw_detections(picture, drawn, frame, scale)
-        _draw_skeletons(picture, drawn, float(detections.time[frame]), scale, names)
+        _draw_detections(picture, detections, labels, frame, scale)
+        _draw_skeletons(picture, drawn, drawn_camera, float(detections.time[frame]), scale, names)
         yield picture
 
 
-def _draw_skeletons(picture: np.ndarray, drawn: DrawnScene, time: float, scale: Array, names: bool) -> None:
+def _draw_skeletons(
+    picture: np.ndarray, drawn: DrawnScene, camera: DrawnCamera, time: float, scale: Array, names: bool
+) -> None:
     """Draw every wearer's skeleton at a time (s); ``scale`` ``(2,)``: the picture's pixels in one of the camera."""
-    camera, _, _ = drawn.filmed()
     if camera.path is None:
         return
     pose = camera.path.at(np.array([time]))
@@ -170,9 +175,8 @@ def _draw_skeletons(picture: np.ndarray, drawn: DrawnScene, time: float, scale: 
         draw_pose(picture, BONES, pixels, is_before.astype(float), wearer.index, label, 2.0)
 
 
-def _draw_detections(picture: np.ndarray, drawn: DrawnScene, frame: int, scale: Array) -> None:
+def _draw_detections(picture: np.ndarray, detections: Detections, labels: np.ndarray, frame: int, scale: Array) -> None:
     """Draw the keypoints that were detected in a video frame, in a pale shade of the wearer's colour."""
-    _, detections, labels = drawn.filmed()
     limbs, radius = limb_pairs(detections.keypoints), max(1, round(picture.shape[0] / 260))
     people = detections.of_frame(frame)
     for label, is_seen, pixels in zip(

@@ -70,7 +70,7 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
         pixels = _reprojection_px(drawn, wearer)
         if pixels is not None:
             entity = "/plots/reprojection_px"
-            log_curves(stream, f"{entity}/{part}", drawn.filmed()[1].time, pixels[:, None], curve)
+            log_curves(stream, f"{entity}/{part}", drawn.filmed()[0][1].time, pixels[:, None], curve)
             titles[entity] = "Reprojection error (px)"
         if wearer.error_mm is not None and wearer.motion is not None:
             entity = "/plots/joint_error_mm"
@@ -315,8 +315,11 @@ def scene_summary(drawn: DrawnScene) -> str:
     tables = [] if estimate is None else list(estimate_tables(estimate))
     more = [] if estimate is None else [figure_table(estimate)]
     details = [recording_facts(wearer.recording) for wearer in drawn.wearers if wearer.recording is not None]
-    if drawn.camera is not None and drawn.camera.detections is not None:
-        details.insert(0, facts("camera", *detection_rows(drawn.camera.detections)))
+    details += [
+        facts(f"camera '{camera.name}'", *detection_rows(camera.detections))
+        for camera in drawn.cameras
+        if camera.detections is not None
+    ]
     lines = [f"# {plain(drawn.name)}", ""]
     for table in (*tables[:1], *more, _error_table(drawn)):
         lines += markdown(table)
@@ -327,8 +330,8 @@ def scene_summary(drawn: DrawnScene) -> str:
 
 
 def _reprojection_px(drawn: DrawnScene, wearer: DrawnWearer) -> Array | None:
-    """Reprojection error of an estimate; None without one."""
-    return None if drawn.camera is None or drawn.estimate is None else drawn.camera.reprojection_px(wearer)
+    """Reprojection error of an estimate in the first camera, the one with labels; None without one."""
+    return None if not drawn.cameras or drawn.estimate is None else drawn.cameras[0].reprojection_px(wearer)
 
 
 def _error_table(drawn: DrawnScene) -> Table:
@@ -352,13 +355,14 @@ def _colour_lines(drawn: DrawnScene) -> list[str]:
         placed = "- In colour: the estimate, turned about the vertical once, drawn on the true root path."
         lines += [placed] if drawn.one_alone else []
         lines.append("- See-through and grey: the truth.")
-    return _legend(lines, drawn.camera is not None, drawn.apart)
+    return _legend(lines, len(drawn.cameras), drawn.apart)
 
 
-def _legend(lines: Iterable[str], has_camera: bool, has_separate_worlds: bool) -> list[str]:
-    image = "- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's."
+def _legend(lines: Iterable[str], cameras: int, has_separate_worlds: bool) -> list[str]:
+    others = ", and those of all cameras but the first" if cameras > 1 else ""
+    image = f"- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's{others}."
     sensors = "- Small boxes are the sensors, each in the colour of its curves."
-    return ["## Colours", "", *lines, *[image] * has_camera, sensors, *[f"- **{APART}**"] * has_separate_worlds, ""]
+    return ["## Colours", "", *lines, *[image] * (cameras > 0), sensors, *[f"- **{APART}**"] * has_separate_worlds, ""]
 
 
 def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], has_separate_worlds: bool) -> str:
@@ -378,4 +382,4 @@ def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], has_se
     ]
     colours.append("- Newest, preliminary (the first seconds, from little data): dark grey, solid.")
     colours.append("- Smoothed, a moment earlier: dark grey, see-through.")
-    return "\n".join([*lines, *_legend(colours, setup.camera is not None, has_separate_worlds)])
+    return "\n".join([*lines, *_legend(colours, len(setup.cameras), has_separate_worlds)])

@@ -72,9 +72,9 @@ def show(drawn: DrawnScene, save: Path | None = None, overwrite: bool = False) -
 
 def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
     """Log everything and the layout."""
-    detections = None if drawn.camera is None else drawn.camera.detections
     bodies = [body for wearer in drawn.wearers if (body := wearer.truth or wearer.shown or wearer.rest) is not None]
-    if not bodies and (detections is None or not len(detections.time)):
+    has_frames = any(camera.detections is not None and len(camera.detections.time) for camera in drawn.cameras)
+    if not bodies and not has_frames:
         raise InputError(
             f"scene '{drawn.name}' has no camera with video frames, no truth and no estimate: nothing to show"
         )
@@ -94,7 +94,7 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
     text = rr.TextDocument(scene_summary(drawn), media_type=rr.MediaType.MARKDOWN)
     stream.log(SUMMARY, text, static=True)
     standing = [body for wearer in drawn.wearers if (body := wearer.shown or wearer.rest) is not None]
-    has_video = drawn.camera is not None and drawn.camera.video is not None
+    has_video = any(camera.video is not None for camera in drawn.cameras)
     seen_through = [_body_of(wearer) for wearer in drawn.wearers if wearer.shown is not None and not has_video]
     stage = Stage(standing, floor, images, seen_through, bool(shown), _towards_camera(drawn), drawn.apart)
     panels = recorded_panels(plots, span_of(drawn))
@@ -104,17 +104,19 @@ def _log(stream: rr.RecordingStream, drawn: DrawnScene) -> None:
 def span_of(drawn: DrawnScene) -> tuple[float, float]:
     """Seconds from the first to the last that is drawn: of bodies, video frames, or single sensors."""
     times = [wearer.shown.time for wearer in drawn.wearers if wearer.shown is not None]
-    if drawn.camera is not None and drawn.camera.detections is not None and len(drawn.camera.detections.time):
-        times.append(drawn.camera.detections.time)
+    detections = [camera.detections for camera in drawn.cameras if camera.detections is not None]
+    times += [film.time for film in detections if len(film.time)]
     if drawn.one_alone:
         times += [np.array(wearer.recording.interval) for wearer in drawn.wearers if wearer.recording is not None]
     return min(float(time[0]) for time in times), max(float(time[-1]) for time in times)
 
 
 def _towards_camera(drawn: DrawnScene) -> np.ndarray | None:
-    """The horizontal direction to the camera, so that its picture shows the same side of people; None without one."""
+    """Horizontal direction to the first camera of known path, whose picture shows the same side of people; None without
+    one.
+    """
     shown = [body for wearer in drawn.wearers if (body := wearer.shown or wearer.rest) is not None]
-    path = None if drawn.camera is None else drawn.camera.path
+    path = next((camera.path for camera in drawn.cameras if camera.path is not None), None)
     if path is None or not shown:
         return None
     direction = (path.p_world_camera[0] - centre_path(shown)[1][0]) * [1, 1, 0]
@@ -163,8 +165,8 @@ def _log_camera(
     """Log a camera, what it saw, and bodies as it should have seen them; returns title, entity and model of its image
     if there is one.
     """
-    is_first = camera is drawn.camera
-    where = "camera" if is_first else f"cameras/{rr.escape_entity_path_part(camera.name)}"
+    is_alone = len(drawn.cameras) == 1
+    where = "camera" if is_alone else f"cameras/{rr.escape_entity_path_part(camera.name)}"
     entity = f"{WORLD}/{where}"
     if camera.path is None:
         entity = f"/{where}"  # outside the world: its place is unknown
@@ -189,4 +191,4 @@ def _log_camera(
         if pixels is not None:
             log_projection(stream, body, detections.time, pixels, detections.keypoints)
     log_detections(stream, image, detections, camera.labels, drawn.names)
-    return "Camera" if is_first else camera.name, image, camera.model
+    return "Camera" if is_alone else camera.name, image, camera.model

@@ -84,12 +84,13 @@ export function showLive() {
       poses[index].positions.set(at.map((one, axis) => one + shifts[index][axis]));
     });
     const camera = newest.camera && (newest.camera[find("pose").value] ?? newest.camera.newest);
-    if (camera && world.filming) {
+    const [filming] = world.cameras;  // answers have the pose of the first camera
+    if (camera && filming) {
       const [w, x, y, z] = camera.orientation_wxyz;
       const positions = Float32Array.from(camera.position);
-      Object.assign(world.filmed, { rotations: Float32Array.of(x, y, z, w), positions });
+      Object.assign(filming.poses, { rotations: Float32Array.of(x, y, z, w), positions });
     }
-    if (world.filming) world.filming.visible = Boolean(camera);
+    if (filming) filming.frustum.visible = Boolean(camera);
     lowest.push(Math.min(all[0].joints.left_foot.position[2], all[0].joints.right_foot.position[2]));
     if (lowest.length > FLOOR_ANSWERS) lowest.shift();
     data.floor = [...lowest].sort((a, b) => a - b)[lowest.length >> 1] - BALL_OVER_SOLE_M;

@@ -7,7 +7,7 @@ export function showReport() {
   const [slider, play, clock, speed] = ["slider", "play", "clock", "speed"].map(find);
   const last = data.frames - 1;
   let place = 0, playing = false, before = 0;
-  const stage = new Stage(data), { world } = stage, film = find("film");
+  const stage = new Stage(data), { world } = stage, films = [...document.querySelectorAll("video")];
 
   function setPlace(to) {
     place = Math.min(Math.max(to, 0), last);
@@ -19,7 +19,9 @@ export function showReport() {
       world.show(place);
     }
     drawn.forEach((chart) => chart.show(time));
-    if (film && !playing && !isFilmUsed()) film.currentTime = Math.max((time - film.dataset.start) / film.dataset.pace, 0);
+    for (const film of films) {
+      if (!playing && !isUsed(film)) film.currentTime = Math.max((time - film.dataset.start) / film.dataset.pace, 0);
+    }
     stage.draw();
   }
 
@@ -29,7 +31,7 @@ export function showReport() {
     playing = to && last > 0;
     play.textContent = playing ? "Pause" : "Play";
     if (!playing) return;
-    film?.pause();
+    films.forEach((film) => film.pause());
     if (place >= last) setPlace(0);
     before = performance.now();
     requestAnimationFrame(step);
@@ -43,19 +45,22 @@ export function showReport() {
     else requestAnimationFrame(step);
   }
 
-  const isFilmUsed = () => !film.paused || film.matches(":hover");
+  const isUsed = (film) => !film.paused || film.matches(":hover");
 
-  /** The page's time is that of the film while somebody plays or scrubs it. */
-  function followFilm() {
-    if (isFilmUsed() && !playing) setTime(Number(film.dataset.start) + film.currentTime * film.dataset.pace);
-    if (!film.paused) requestAnimationFrame(followFilm);
+  /** The page's time is that of a film while somebody plays or scrubs it. */
+  function follow(film) {
+    if (isUsed(film) && !playing) setTime(Number(film.dataset.start) + film.currentTime * film.dataset.pace);
+    if (!film.paused) requestAnimationFrame(() => follow(film));
   }
 
-  film?.addEventListener("play", () => {
-    setPlaying(false);
-    requestAnimationFrame(followFilm);
+  films.forEach((film) => {
+    film.addEventListener("play", () => {
+      setPlaying(false);
+      films.forEach((other) => other !== film && other.pause());
+      requestAnimationFrame(() => follow(film));
+    });
+    film.addEventListener("seeked", () => follow(film));
   });
-  film?.addEventListener("seeked", followFilm);
   const drawn = charts((time, chosen) => {
     if (chosen) setPlaying(false);
     if (!playing) setTime(time);

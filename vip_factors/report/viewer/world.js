@@ -1,4 +1,4 @@
-// The scene: bodies, floor, the camera that filmed them; the eye that looks at it.
+// The scene: bodies, floor, the cameras that filmed them; the eye that looks at it.
 import {
   BufferGeometry, Color, DirectionalLight, Float32BufferAttribute, Fog, HemisphereLight, Line, LineBasicMaterial,
   LineSegments, Mesh, Object3D, PerspectiveCamera, PlaneGeometry, Scene, ShadowMaterial, Vector3, WebGLRenderer,
@@ -23,7 +23,7 @@ export class World {
     this.bodies = data.bodies.map((one) => new Body(one, meshes[one.mesh]));
     this.bodies.forEach((body) => this.scene.add(body.root));
     this.#ground();
-    if (data.camera) this.#filming();
+    this.cameras = data.cameras.map((camera) => this.#camera(camera));
     this.eye = new PerspectiveCamera(38, 1, 0.05, 500);
     this.eye.up.set(0, 0, 1);
     this.controls = new OrbitControls(this.eye, canvas);
@@ -42,10 +42,10 @@ export class World {
   show(place) {
     const last = this.data.frames - 1, frame = Math.min(Math.floor(place), last), next = Math.min(frame + 1, last);
     this.bodies.forEach((body) => body.show(frame, next, place - frame));
-    if (this.filming) {
-      this.filmed.rotation(frame, next, place - frame, 0, this.filming.quaternion);
-      this.filmed.position(frame, next, place - frame, this.filming.position);
-    }
+    this.cameras.forEach(({ poses, frustum }) => {
+      poses.rotation(frame, next, place - frame, 0, frustum.quaternion);
+      poses.position(frame, next, place - frame, frustum.position);
+    });
     const middle = this.middle();
     if (this.follows) {
       this.eye.position.add(middle).sub(this.controls.target);
@@ -55,13 +55,13 @@ export class World {
     this.sun.target.position.copy(middle);
   }
 
-  /** Look from a side: front (of the first wearer as it stands now), side, above, or the camera that filmed. */
+  /** Look from a side: front (of the first wearer as it stands now), side, above, or a camera by its number. */
   look(from) {
     this.show(this.place ?? 0);
     const middle = this.middle(), away = this.#distance();
     this.controls.target.copy(middle);
-    if (from === "camera" && this.filming) {
-      this.eye.position.copy(this.filming.position);
+    if (this.cameras[from]) {
+      this.eye.position.copy(this.cameras[from].frustum.position);
     } else {
       const left = new Vector3(1, 0, 0).applyQuaternion(this.bodies[0].bones[0].quaternion).setZ(0).normalize();
       const forward = new Vector3(left.y, -left.x, 0);
@@ -172,18 +172,17 @@ export class World {
     return new Line(new BufferGeometry().setFromPoints(points), new LineBasicMaterial({ color: colour }));
   }
 
-  #filming() {
-    const corners = this.data.camera.corners.map((one) => new Vector3().fromArray(one).multiplyScalar(FRUSTUM_M));
+  #camera(camera) {
+    const corners = camera.corners.map((one) => new Vector3().fromArray(one).multiplyScalar(FRUSTUM_M));
     const points = [];
     corners.forEach((corner, index) => points.push(new Vector3(), corner, corner, corners[(index + 1) % 4]));
     const [a, b] = corners;  // a hat over the upper edge: which way up it was held
     const peak = a.clone().add(b).multiplyScalar(0.5).setY(a.y - 0.25 * a.distanceTo(b));
     points.push(a, peak, peak, b);
-    this.filming = new Object3D();
-    this.filming.add(new LineSegments(new BufferGeometry().setFromPoints(points), this.wire));
-    this.filmed = new Poses(this.data.camera, 1);
-    const path = [];
-    for (let at = 0; at < this.data.frames; at++) path.push(new Vector3().fromArray(this.filmed.positions, 3 * at));
-    this.scene.add(this.filming, new Line(new BufferGeometry().setFromPoints(path), this.wire));
+    const frustum = new LineSegments(new BufferGeometry().setFromPoints(points), this.wire);
+    const poses = new Poses(camera, 1), path = [];
+    for (let at = 0; at < this.data.frames; at++) path.push(new Vector3().fromArray(poses.positions, 3 * at));
+    this.scene.add(frustum, new Line(new BufferGeometry().setFromPoints(path), this.wire));
+    return { poses, frustum };
   }
 }

@@ -57,6 +57,18 @@ def test_without_graphviz_the_graph_is_written_for_it(
     assert {"frame 4", "frame 5", "frame 6"} <= set(re.findall(r"frame \d+", text))
 
 
+def test_each_of_two_cameras_has_variables_of_its_own(run: Callable, tmp_path: Path) -> None:
+    scene = tmp_path / "two.mcap"
+    words = ("--camera", "fixed", "--cameras", "2", "--no-calibrated", "--seconds", "1", "--placement", "sip6")
+    assert run("simulate", "gestures", scene, *words).code == 0
+    told = run("graph", scene, *SMALL)
+    assert told.code == 0, told.err
+    text = Path(told.out.splitlines()[-1]).read_text(encoding="utf-8")
+    for kind in ("camera pose", "focal length", "clock offset", "clock drift", "lens prior", "reprojection"):
+        for number in (1, 2):
+            assert f"{kind}, camera {number}" in text
+
+
 @needs_graphviz
 def test_picture_and_table_of_a_scene(run: Callable, filmed: Path, tmp_path: Path) -> None:
     picture = tmp_path / "graph.svg"

@@ -4,12 +4,14 @@ import itertools
 import re
 import subprocess
 from collections import Counter
+from collections.abc import Iterable
 
 import gtsam
 
 from vip_factors.errors import InputError
 from vip_factors.factor_graph.graph import FactorGraph
 from vip_factors.factor_graph.variables import Variable
+from vip_factors.problem.layout import Owner
 
 FRAMES = 3  # spanned by an acceleration
 LAYOUT_SECONDS = 60.0
@@ -29,7 +31,8 @@ def dot(graph: FactorGraph, title: str, first_frame: int | None = None) -> str:
     """Draw three frames of a graph as DOT text: ellipses are kinds of variables, boxes kinds of factors, with counts.
 
     GTSAM writes the graph; colours, frames and the order of columns are added. Variables of a kind share a node, also
-    those of several wearers. The frames begin with ``first_frame``, by default in the recording's middle.
+    those of several wearers; each camera has its own. The frames begin with ``first_frame``, by default in the
+    recording's middle.
 
     Raises:
         InputError: if the graph has no such frame.
@@ -47,7 +50,10 @@ def dot(graph: FactorGraph, title: str, first_frame: int | None = None) -> str:
     for factor in graph.factors:
         sees = dict.fromkeys(_node(graph, variable) for variable in factor.variables)
         if all(node in keys for node in sees):
-            box = factor.kind, tuple(sorted({frame for _, frame in sees if frame is not None}))
+            box = (
+                _title(graph, factor.kind, factor.variables),
+                tuple(sorted({frame for _, frame in sees if frame is not None})),
+            )
             connections.setdefault(box, {}).update(sees)
             factors[box] += 1
     symbolic = gtsam.SymbolicFactorGraph()
@@ -87,7 +93,13 @@ def _body(text: str) -> str:
 
 def _node(graph: FactorGraph, variable: Variable) -> Node:
     path = variable.is_of_the_camera_path and graph.problem.cameras[variable.wearer].moving
-    return variable.kind, variable.frame if variable.is_of_a_frame or path else None
+    return _title(graph, variable.kind, [variable]), variable.frame if variable.is_of_a_frame or path else None
+
+
+def _title(graph: FactorGraph, kind: str, variables: Iterable[Variable]) -> str:
+    """A kind of variables or factors, with the camera's number, from 1, if there are several."""
+    numbers = [variable.wearer for variable in variables if variable.owner.kind is Owner.CAMERA]
+    return f"{kind}, camera {numbers[0] + 1}" if numbers and len(graph.problem.cameras) > 1 else kind
 
 
 def _label(kind: str, count: int, between: str = " ") -> str:

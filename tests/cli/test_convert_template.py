@@ -117,13 +117,6 @@ def test_existing_files_are_kept_and_one_thing_is_asked_at_a_time(run, tmp_path:
     assert "no RECORDING.mcap" in run("convert", log).err
 
 
-def test_sites_are_drawn(run, tmp_path) -> None:
-    picture = tmp_path / "sites.svg"
-    assert run("info", "--sites", "--picture", str(picture)).code == 0
-    assert "left_shank_side" in picture.read_text(encoding="utf-8")
-    assert "goes with --sites" in run("info", "--picture", str(tmp_path / "other.svg")).err
-
-
 def spoiled(log: Path, row: int, column: int, cell: str) -> None:
     lines = log.read_text(encoding="utf-8-sig").splitlines()
     cells = lines[row].split(",")

@@ -4,15 +4,25 @@ import numpy as np
 import pytest
 from matplotlib.axes import Axes
 
+from vip_factors.body.anthropometry import skeleton_from_stature
+from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Side
-from vip_factors.body.skeleton import joint_index
+from vip_factors.body.skeleton import calibration_pose, joint_index
 from vip_factors.sensors.calibration import sensor_site
-from vip_factors.viz.body_view import draw_body, draw_sensors, standing_body, view_from
+from vip_factors.viz.body_view import draw_body, draw_sensors, view_from
 from vip_factors.viz.charts import canvas, pixels
 
 SIZE = (200, 240)
 FRONT = view_from(0.0, 0.0, (100.0, 230.0), 110.0)
 RED = dict.fromkeys(Side, (255, 0, 0))
+
+
+def standing_body(pose: str) -> Motion:
+    """A person of 1.75 m in a calibration pose, facing x, heels at z = 0."""
+    skeleton = skeleton_from_stature(1.75)
+    heel = skeleton.landmarks["left_heel"]
+    height = -(skeleton.p_pelvis_joint[heel.bone] + heel.p_bone_point)[1]
+    return Motion(skeleton, calibration_pose(pose)[None], np.array([[0.0, 0.0, height]]), 1.0)
 
 
 def shown(axes: Axes) -> np.ndarray:

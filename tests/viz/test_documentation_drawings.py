@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from vip_factors.sensors.calibration import SITES
-from vip_factors.viz.body_view import sites_picture
 
 DOCS = Path(__file__).parents[2] / "docs"
 DRAWINGS = runpy.run_path(str(DOCS / "draw.py"))["DRAWINGS"]
@@ -20,7 +19,7 @@ def texts(svg: str) -> list[str]:
 
 
 def test_every_site_is_drawn_on_one_side_at_least() -> None:
-    drawn = set(texts(sites_picture()))
+    drawn = set(texts(DRAWINGS["sites.svg"]()))
     for name in SITES:
         mirrored = name.replace("left_", "right_") if name.startswith("left_") else name.replace("right_", "left_")
         assert drawn & {name, mirrored}, f"{name} is not in the picture"

@@ -7,9 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
-from vip_factors.atomic import atomic_open
-from vip_factors.cli.options import Flag, Output, WritingOptions
-from vip_factors.cli.terminal import say
+from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,7 +17,7 @@ READ_S = 300.0  # seconds of a recording that are read: of longer ones the index
 
 
 @dataclass(frozen=True)
-class InfoOptions(WritingOptions):
+class InfoOptions:
     """Say what a recording, an estimate or a motion holds: who, which sensors, how long, with which gaps.
 
     Of a scene also what filmed it, and how much of whom a detector saw there. Of a recording without a camera that
@@ -30,8 +28,6 @@ class InfoOptions(WritingOptions):
     """Recording or estimate (.mcap), or motion (.bvh …)."""
     sites: Flag = False
     """Instead of a file, say where on the body sensors may be placed by name, and how their axes are taken to lie."""
-    picture: Annotated[Path | None, Output(".svg")] = None
-    """With --sites, also draw them on a body, into this file (.svg)."""
     verbose: Flag = False
     """Of an estimate also how each solve went: steps, and the cost before and after."""
 
@@ -41,22 +37,13 @@ def main(options: InfoOptions) -> None:
     from vip_factors.cli.terminal import print_tables
 
     if (options.file is None) != options.sites:
-        raise InputError("info takes either a FILE or --sites; --picture goes with --sites")
+        raise InputError("info takes either a FILE or --sites")
     if options.file is not None:
-        if options.picture is not None:
-            raise InputError("--picture draws the sites: give --sites instead of a file")
         print_tables(file_tables(options.file, options.verbose))
         return
     from vip_factors.describe.recordings import site_table
 
-    if options.picture is not None:
-        from vip_factors.viz.body_view import sites_picture
-
-        with atomic_open(options.picture, overwrite=options.overwrite) as file:
-            file.write(sites_picture())
     print_tables([site_table()])
-    if options.picture is not None:
-        say(options.picture)
 
 
 def file_tables(path: Path, verbose: bool = False) -> Iterator["Table"]:

@@ -174,8 +174,8 @@ def sensor_table(error: CalibrationError) -> dict[str, Mapping[str, float]]:
 
 def consistency_metrics(name: str, values: Array) -> dict[str, Metric]:
     """Mean of those NEES values that are known; empty if none is."""
-    known = values[np.isfinite(values)]
-    return {f"nees_{name}": Metric(float(known.mean()), "")} if len(known) else {}
+    finite = values[np.isfinite(values)]
+    return {f"nees_{name}": Metric(float(finite.mean()), "")} if len(finite) else {}
 
 
 def common_instants(estimate: CameraPath, truth: CameraPath) -> tuple[CameraPath, CameraPath, np.ndarray]:
@@ -196,8 +196,10 @@ def common_instants(estimate: CameraPath, truth: CameraPath) -> tuple[CameraPath
             f"camera path ({estimate.time[0]:.3f} to {estimate.time[-1]:.3f} s) and its truth ({truth.time[0]:.3f} to "
             f"{truth.time[-1]:.3f} s) share no time: check that both use the recording's clock"
         )
-    after = np.clip(np.searchsorted(estimate.time, time), 1, max(len(estimate) - 1, 1))
-    nearest = after - (time - estimate.time[after - 1] < estimate.time[after % len(estimate)] - time)
+    next_instant = np.clip(np.searchsorted(estimate.time, time), 1, max(len(estimate) - 1, 1))
+    nearest = next_instant - (
+        time - estimate.time[next_instant - 1] < estimate.time[next_instant % len(estimate)] - time
+    )
     return estimate.at(time), truth.at(time), nearest if len(estimate) > 1 else np.zeros(len(time), int)
 
 
@@ -235,14 +237,14 @@ _ENDS = {name: (f"left_{end}", f"right_{end}") for name, end in (LIMBS | WIDTHS)
 
 def compared_lengths(skeleton: Skeleton) -> dict[str, float]:
     """Metres by name: limbs as the mean of both sides, widths between joints, trunk from mid hip to neck."""
-    rest = skeleton.p_pelvis_joint
-    hips = (rest[joint_index("left_hip")] + rest[joint_index("right_hip")]) / 2
+    p_rest = skeleton.p_pelvis_joint
+    hips = (p_rest[joint_index("left_hip")] + p_rest[joint_index("right_hip")]) / 2
     limbs = {
         name: (skeleton.bone_length(f"left_{end}") + skeleton.bone_length(f"right_{end}")) / 2
         for name, end in LIMBS.items()
     }
     widths = {name: width(skeleton, joint) for name, joint in WIDTHS.items()}
-    return {**limbs, **widths, "trunk": float(np.linalg.norm(rest[joint_index("neck")] - hips))}
+    return {**limbs, **widths, "trunk": float(np.linalg.norm(p_rest[joint_index("neck")] - hips))}
 
 
 def length_table(skeleton: Skeleton, truth: Skeleton, compared: Compared = EVERYTHING) -> dict[str, dict[str, float]]:
@@ -250,12 +252,12 @@ def length_table(skeleton: Skeleton, truth: Skeleton, compared: Compared = EVERY
 
     A truth that does not know how a limb moved has its length from a table, and it is left out.
     """
-    found, true = compared_lengths(skeleton), compared_lengths(truth)
+    estimated, true = compared_lengths(skeleton), compared_lengths(truth)
     return {
         name: {
-            "estimate_mm": MM * found[name],
+            "estimate_mm": MM * estimated[name],
             "truth_mm": MM * true[name],
-            "error_mm": MM * (found[name] - true[name]),
+            "error_mm": MM * (estimated[name] - true[name]),
         }
         for name in true
         if compared.positions(_ENDS[name])

@@ -147,8 +147,8 @@ def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:
     }:
         sentences.append(f"the estimate is of '{estimate.name}', the truth of '{scene.name}'")
     same_start_s = 60.0  # clocks of computers that record together differ by less
-    if start_ns and begins and (apart := abs(start_ns - begins) / 1e9) > same_start_s:
-        sentences.append(f"they begin {apart:.0f} s apart")
+    if start_ns and begins and (start_difference := abs(start_ns - begins) / 1e9) > same_start_s:
+        sentences.append(f"they begin {start_difference:.0f} s apart")
     little = 0.9  # of the estimate's time: a truth that begins late or ends early has more
     for estimated, wearer in zip(estimate.wearers, scene.wearers, strict=False):
         who = f" of {wearer.subject.name}" if len(scene.wearers) > 1 else ""
@@ -159,7 +159,7 @@ def doubts(estimate: Estimate, scene: Scene, start_ns: int = 0) -> str:
             )
         if wearer.truth is not None and len(estimated.motion) and len(wearer.truth.motion):
             time, truth = estimated.motion.time, wearer.truth.motion.time
-            common, whole = min(time[-1], truth[-1]) - max(time[0], truth[0]), time[-1] - time[0]
-            if common < little * whole:
-                sentences.append(f"of {whole:.1f} s of the estimate the truth covers {max(common, 0.0):.1f} s")
+            common, duration = min(time[-1], truth[-1]) - max(time[0], truth[0]), time[-1] - time[0]
+            if common < little * duration:
+                sentences.append(f"of {duration:.1f} s of the estimate the truth covers {max(common, 0.0):.1f} s")
     return f"is this the truth of the same recording? {'; '.join(sentences)}" if sentences else ""

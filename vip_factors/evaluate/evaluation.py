@@ -85,14 +85,11 @@ class Evaluation(Summarised):
     def to_table(self) -> str:
         """Markdown: the metrics, then joints, lengths and sensors, or every wearer of a scene."""
         lines = [f"## {self.name}, {self.method}", ""] if self.wearers else []
-        rows = [(name, number(metric.value), metric.unit) for name, metric in self.metrics.items()]
-        lines += markdown(Table(("metric", "value", "unit"), rows))
-        cameras = self.cameras if len(self.cameras) > 1 else {}
-        tables = {"joint": self.joints, "length": self.lengths, "sensor": self.sensors, "camera": cameras}
-        for title, values in tables.items():
-            columns = list(dict.fromkeys(column for row in values.values() for column in row))
-            cells = [(name, *(number(row.get(column, np.nan)) for column in columns)) for name, row in values.items()]
-            lines += markdown(Table((title, *columns), cells))
+        metrics = [(name, number(metric.value), metric.unit) for name, metric in self.metrics.items()]
+        lines += markdown(Table(("metric", "value", "unit"), metrics))
+        tables = {"joint": self.joints, "length": self.lengths, "sensor": self.sensors, "camera": self.cameras}
+        for title, rows in tables.items():
+            lines += markdown(_table(title, rows, {column: column for row in rows.values() for column in row}))
         for name, wearer in self.wearers.items():
             lines += [f"## {name}", "", wearer.to_table()]
         return "\n".join(lines).rstrip() + "\n"
@@ -124,21 +121,17 @@ class Evaluation(Summarised):
 
     def _sensor_table(self) -> Table:
         """Errors of the sensors of one wearer."""
-        rows = [(name, *map(number, sensor.values())) for name, sensor in self.sensors.items()]
-        return Table(("sensor", "heading, °", "mounting, °"), rows)
+        return _table("sensor", self.sensors, {"heading_deg": "heading, °", "mounting_deg": "mounting, °"})
 
     def _camera_table(self) -> Table:
-        """Errors of each camera, if there are several."""
+        """Errors of each camera."""
         columns = {
             "camera_translation": "place, m",
             "camera_rotation": "turn, °",
             "focal_length_error": "focal length, %",
             "time_offset_error": "clock, ms",
         }
-        rows = [
-            (name, *(number(camera.get(column, np.nan)) for column in columns)) for name, camera in self.cameras.items()
-        ]
-        return Table(("camera", *columns.values()), rows if len(rows) > 1 else [])
+        return _table("camera", self.cameras, columns)
 
     def to_json(self) -> str:
         """Everything, as JSON; a number that is not defined is null, what is empty is left out."""
@@ -155,6 +148,12 @@ def number(value: float) -> str:
     if np.isnan(value):
         return NOTHING
     return f"{value:.2g}" if 0 < abs(value) < 0.1 else f"{value:.2f}"
+
+
+def _table(title: str, rows: Mapping[str, Mapping[str, float]], columns: Mapping[str, str]) -> Table:
+    """Rows of numbers by name; ``columns`` are their keys and titles."""
+    cells = [(name, *(number(row.get(column, np.nan)) for column in columns)) for name, row in rows.items()]
+    return Table((title, *columns.values()), cells)
 
 
 Metrics = Mapping[str, Metric]
@@ -216,11 +215,11 @@ def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
         for words, name in names.items()
         if any(f"nees_{name}" in metrics for metrics in (scene, *wearers))
     }
-    known = "squared error over the told variance (1 is honest, more is too sure): " + ", ".join(
+    ratios_text = "squared error over the told variance (1 is honest, more is too sure): " + ", ".join(
         f"{words} {ratio}" for words, ratio in ratios.items()
     )
     unknown = "not compared: the estimate tells no standard deviations, or the truth not what they are of"
-    lines["honesty"] = known if ratios else unknown
+    lines["honesty"] = ratios_text if ratios else unknown
     return [f"{name:<12} {text}" for name, text in lines.items()]
 
 
@@ -256,12 +255,12 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
         turned = [row for row in compared.orientations() if row in compared.positions() and row]
         table |= consistency_metrics("joints", values[:, turned])
         for name, row in joints.items():
-            known = values[np.isfinite(values[:, joint_index(name)]), joint_index(name)]
-            row["nees"] = float(known.mean()) if len(known) else float("nan")
+            finite = values[np.isfinite(values[:, joint_index(name)]), joint_index(name)]
+            row["nees"] = float(finite.mean()) if len(finite) else float("nan")
     sensors: dict[str, Mapping[str, float]] = {}
     if estimate.calibration and truth.calibration and not share_sensors(estimate.calibration, truth.calibration):
-        ours, true = _some(estimate.calibration), _some(truth.calibration)
-        sentence = f"the estimate's sensors are called {ours}, those of the truth {true}"
+        estimated, true = _first_names(estimate.calibration), _first_names(truth.calibration)
+        sentence = f"the estimate's sensors are called {estimated}, those of the truth {true}"
         warnings.warn(EvaluationWarning(f"headings and mountings are not compared: {sentence}"), stacklevel=3)
     elif estimate.calibration and truth.calibration:
         error = calibration_error(estimate.calibration, truth.calibration, gauge)
@@ -271,11 +270,11 @@ def _evaluate(estimate: WearerEstimate, truth: Truth, comparison: Comparison, ga
             consistency.pop("nees_heading", None)
         table |= error_metrics([error]) | consistency
         sensors = sensor_table(error)
-    told = Estimate.of_one(estimate).verdict.severity
-    return Evaluation(estimate.name, estimate.method, table, told, len(motion), joints, sensors, lengths)
+    severity = Estimate.of_one(estimate).verdict.severity
+    return Evaluation(estimate.name, estimate.method, table, severity, len(motion), joints, sensors, lengths)
 
 
-def _some(names: Collection[str]) -> str:
+def _first_names(names: Collection[str]) -> str:
     shown = 3  # names of sensors in a sentence
     return ", ".join(list(names)[:shown]) + (" …" if len(names) > shown else "")
 
@@ -289,7 +288,7 @@ def _motion_metrics(motion: Motion, truth: Motion, compared: Compared) -> dict[s
     root_cm, root_percent = metrics.root_translation_error(motion, truth)
     legs = [side for side in ("left", "right") if len(compared.orientations((f"{side}_hip", f"{side}_knee"))) == 2]
     angles = [joint_angles(motion), joint_angles(truth)]
-    pairs = [[each.of(f"{side}_knee_flexion") for each in angles] for side in legs]
+    pairs = [[joint_values.of(f"{side}_knee_flexion") for joint_values in angles] for side in legs]
     flexion = float(np.mean([np.sqrt(np.mean((knee - true) ** 2)) for knee, true in pairs])) if pairs else np.nan
     return {
         "mpjpe": Metric(metrics.mpjpe(motion, truth, compared), "mm"),
@@ -353,9 +352,9 @@ def evaluate_scene(estimate: Estimate, scene: Scene) -> Evaluation:
     consistency, prior_gauge = _consistency(estimate, scene, comparison)
     cameras = {camera.estimate.name: _camera(camera, gauge, prior_gauge) for camera in comparison.cameras}
     table |= _mean_of_cameras(list(cameras.values())) | consistency | _association(estimate, scene)
-    values = {name: {metric: row[metric].value for metric in row} for name, row in cameras.items()}
+    errors = {name: {metric: row[metric].value for metric in row} for name, row in cameras.items()}
     severity = estimate.verdict.severity
-    return Evaluation(estimate.name, estimate.method, table, severity, cameras=values, wearers=wearers)
+    return Evaluation(estimate.name, estimate.method, table, severity, cameras=errors, wearers=wearers)
 
 
 def _wearer(estimate: Estimate, scene: Scene, index: int, scene_comparison: SceneComparison) -> Evaluation:
@@ -392,9 +391,9 @@ def _camera(camera: CameraComparison, gauge: Alignment | None, prior_gauge: Alig
         table["camera_mounting_error"] = Metric(float(np.rad2deg(error.mounting_magnitude[0])), "deg")
     table["time_offset_error"] = Metric(1e3 * (estimate.clock.offset - truth.clock.offset), "ms")
     if camera.model is not None and estimate.focal_sigma is not None:
-        error = float(np.log(np.divide(estimate.model.focal, camera.model.focal)).mean())
-        table["focal_length_error"] = Metric(100 * float(np.expm1(error)), "%")
-        table["nees_focal_length"] = Metric((error / estimate.focal_sigma) ** 2, "")
+        log_ratio = float(np.log(np.divide(estimate.model.focal, camera.model.focal)).mean())
+        table["focal_length_error"] = Metric(100 * float(np.expm1(log_ratio)), "%")
+        table["nees_focal_length"] = Metric((log_ratio / estimate.focal_sigma) ** 2, "")
     if prior_gauge is not None and estimate.covariance is not None:
         path_nees = nees(camera_error(camera.pair, prior_gauge), estimate.covariance[camera.instants])
         table |= consistency_metrics("camera", path_nees)

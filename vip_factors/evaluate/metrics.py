@@ -24,19 +24,19 @@ class Metric:
     unit: str
 
 
-def _both(*names: str) -> tuple[str, ...]:
+def _both_sides(*names: str) -> tuple[str, ...]:
     return tuple(f"{side}_{name}" for name in names for side in ("left", "right"))
 
 
 # MPJPE of VIP and SIP (thesis 2.5.2): 14 joints.
-POSITION_JOINTS = (*_both("hip", "knee", "ankle"), "neck", "head", *_both("shoulder", "elbow", "wrist"))
+POSITION_JOINTS = (*_both_sides("hip", "knee", "ankle"), "neck", "head", *_both_sides("shoulder", "elbow", "wrist"))
 # MPJAE of VIP and SIP (thesis 2.5.2): 9 joints.
-ORIENTATION_JOINTS = (*_both("hip", "knee"), "neck", *_both("shoulder", "elbow"))
+ORIENTATION_JOINTS = (*_both_sides("hip", "knee"), "neck", *_both_sides("shoulder", "elbow"))
 # SIP error, as published by TransPose, PIP and their successors: thighs and upper arms.
-SIP_JOINTS = _both("hip", "shoulder")
+SIP_JOINTS = _both_sides("hip", "shoulder")
 # Kaichi et al. average over 16 joints without naming them: the 14 and the ends of the trunk's two halves are ours.
 GLOBAL_JOINTS = ("pelvis", "spine3", *POSITION_JOINTS)
-FEET = _both("foot")
+FEET = _both_sides("foot")
 
 
 def indices(names: tuple[str, ...]) -> list[int]:
@@ -76,10 +76,10 @@ def resample(motion: Motion, start: float, rate: float, count: int) -> Motion:
         InputError: where a frame lies outside the motion.
     """
     time = start + np.arange(count) / rate
-    first, last = motion.time[[0, -1]]
-    if count < 1 or time[0] < first - TIME_TOLERANCE or time[-1] > last + TIME_TOLERANCE:
+    start_time, end_time = motion.time[[0, -1]]
+    if count < 1 or time[0] < start_time - TIME_TOLERANCE or time[-1] > end_time + TIME_TOLERANCE:
         raise InputError(
-            f"motion '{motion.name}' lasts from {first:.3f} to {last:.3f} s: cannot give {count} frames from "
+            f"motion '{motion.name}' lasts from {start_time:.3f} to {end_time:.3f} s: cannot give {count} frames from "
             f"{start:.3f} s at {rate:g} Hz"
         )
     return Motion(motion.skeleton, *motion.poses_at(time), rate, start, motion.name)
@@ -107,8 +107,8 @@ def common_frames(estimate: Motion, truth: Motion) -> tuple[Motion, Motion, slic
             f"{truth.time[-1]:.3f} s) share no frame: check that both use the recording's clock"
         )
     chosen = slice(int(inside[0]), int(inside[-1]) + 1)
-    part = estimate.frames(chosen)
-    return part, resample(truth, part.start, part.rate, len(part)), chosen
+    estimate_part = estimate.frames(chosen)
+    return estimate_part, resample(truth, estimate_part.start, estimate_part.rate, len(estimate_part)), chosen
 
 
 MM, CM = 1e3, 1e2
@@ -262,8 +262,8 @@ def wa_mpjpe(estimate: Motion, truth: Motion, compared: Compared = EVERYTHING) -
 def _chunked(estimate: Motion, truth: Motion, compared: Compared, fitted: Callable[[Array], Array]) -> float:
     points, reference = (motion.state.p_world_joint[:, compared.positions()] for motion in (estimate, truth))
     errors = []
-    for first in range(0, len(points), CHUNK):
-        chunk, target = points[first : first + CHUNK], reference[first : first + CHUNK]
+    for first_frame in range(0, len(points), CHUNK):
+        chunk, target = points[first_frame : first_frame + CHUNK], reference[first_frame : first_frame + CHUNK]
         alignment = align_similarity(fitted(chunk).reshape(-1, 3), fitted(target).reshape(-1, 3))
         moved = alignment.apply(chunk.reshape(-1, 3)).reshape(target.shape)
         errors.append(np.linalg.norm(moved - target, axis=-1))

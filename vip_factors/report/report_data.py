@@ -138,7 +138,7 @@ def motion_data(data: ReportData) -> dict[str, object]:
     if frames > max_poses:
         rate, frames = (max_poses - 1) / (end - start), max_poses
     time = start + np.arange(frames) / rate
-    places = np.concatenate([_at(motion, time)[1] for motion in estimated])
+    places = np.concatenate([_poses_at(motion, time)[1] for motion in estimated])
     low, high = places[:, :2].min(axis=0), places[:, :2].max(axis=0)
     skins: list[Skeleton] = []
     numbers = [_number(motion.skeleton, skins) for motion in motions]
@@ -157,7 +157,7 @@ def motion_data(data: ReportData) -> dict[str, object]:
                 (wearer.index, len(data.wearers)),
                 is_ghost,
             )
-            | poses_data(*_at(motion, time))
+            | poses_data(*_poses_at(motion, time))
             | {"mesh": number, "sensors": [] if is_ghost else _sensors(wearer)}
             for (wearer, motion, is_ghost), number in zip(bodies, numbers, strict=True)
         ],
@@ -194,7 +194,7 @@ def _sensors(wearer: DrawnWearer) -> list[dict[str, object]]:
     return sensors
 
 
-def _at(motion: Motion, time: Array) -> tuple[Array, Array]:
+def _poses_at(motion: Motion, time: Array) -> tuple[Array, Array]:
     """Joint rotations ``(T, 24, 3, 3)`` and places ``(T, 3)`` at the nearest frames."""
     frame = np.clip(np.round((time - motion.start) * motion.rate), 0, len(motion) - 1).astype(int)
     return motion.R_parent_child[frame], motion.p_world_pelvis[frame]

@@ -78,8 +78,8 @@ def single_people(
     chance = lasting_chance(random, F, step, EVENT_S, axes=P * K).reshape(F, P, K).swapaxes(0, 1)
     missed = chance < settings.missed * share
     # A point is found only where it is in the image itself: nobody's detector points beside the picture.
-    there = np.all(np.isfinite(view.pixels), axis=3) & np.all(np.isfinite(pixels), axis=3) & ~missed
-    return DetectedPeople(np.where(there[..., None], pixels, np.nan), np.where(there, confidence, 0.0))
+    is_detected = np.all(np.isfinite(view.pixels), axis=3) & np.all(np.isfinite(pixels), axis=3) & ~missed
+    return DetectedPeople(np.where(is_detected[..., None], pixels, np.nan), np.where(is_detected, confidence, 0.0))
 
 
 GROUPS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle", "heel", "toe")}
@@ -127,23 +127,23 @@ def mixed_people(
     absent = np.zeros((P, F), bool)
     middle = _middles(view)
     for a, b in combinations(range(P), 2):
-        both = lasting_chance(random, F, step, EVENT_S, 2)
-        theirs = lasting_chance(random, F, step, EVENT_S, int(limb.max()) + 1) < second_share
+        chances = lasting_chance(random, F, step, EVENT_S, 2)
+        is_exchanged_limb = lasting_chance(random, F, step, EVENT_S, int(limb.max()) + 1) < second_share
         near = np.where(view.depth[a] <= view.depth[b], view.height[a], view.height[b])
         with np.errstate(invalid="ignore"):
             close = np.linalg.norm(middle[a] - middle[b], axis=1) < overlap * near
             close &= np.abs(np.log(view.height[a] / view.height[b])) < overlap_depth
-        merged = close & (both[:, 0] < settings.mixed * merged_share)
-        exchanged = close & (both[:, 1] < settings.mixed * exchanged_share)
-        moves = (merged | exchanged)[:, None] & theirs[:, limb]
+        merged = close & (chances[:, 0] < settings.mixed * merged_share)
+        exchanged = close & (chances[:, 1] < settings.mixed * exchanged_share)
+        moves = (merged | exchanged)[:, None] & is_exchanged_limb[:, limb]
         for values in (pixels, confidence):
             old = values[a][moves].copy()
             values[a][moves] = values[b][moves]
             values[b][moves] = old
         # The nearer of the two is the one that the detector has; its limbs may be the other's now.
-        gone = np.where(view.depth[a] <= view.depth[b], b, a)
+        hidden_person = np.where(view.depth[a] <= view.depth[b], b, a)
         frames = np.flatnonzero(merged)
-        absent[gone[frames], frames] = True
+        absent[hidden_person[frames], frames] = True
     return DetectedPeople(pixels, confidence), absent
 
 
@@ -158,23 +158,25 @@ def false_people(
     a_frame = 0.03  # detections, ours
     count = random.poisson(settings.people * a_frame * F * step / false_time_s)
     pixels, confidence = np.full((count, F, K, 2), np.nan), np.zeros((count, F, K))
-    whole = np.argwhere(np.all(np.isfinite(view.height)[..., None], axis=2))
-    if not len(whole):
+    visible = np.argwhere(np.all(np.isfinite(view.height)[..., None], axis=2))
+    if not len(visible):
         return DetectedPeople(pixels, confidence)
     time = step * np.arange(F)
-    for one in range(count):
+    for number in range(count):
         start, lasts = random.uniform(0, F * step), random.exponential(false_time_s)
         frames = (time >= start) & (time < start + lasts)
-        person, frame = whole[random.integers(len(whole))]
+        person, frame = visible[random.integers(len(visible))]
         shape = view.aimed[person, frame] - np.nanmean(view.aimed[person, frame], axis=0)
         size = random.uniform(0.3, 1.0)
         place = random.uniform([0, 0], [model.width, model.height])
         jitter = keypoints.sigmas[:, None] * ROOT_AREA_PER_HEIGHT * view.height[person, frame] * size
-        kept = random.random(K) < false_keypoints
+        has_keypoint = random.random(K) < false_keypoints
         shaking = random.standard_normal((F, K, 2)) * WHITE_ERROR + random.standard_normal((K, 2))
-        pixels[one] = np.where(frames[:, None, None] & kept[:, None], place + size * shape + jitter * shaking, np.nan)
+        pixels[number] = np.where(
+            frames[:, None, None] & has_keypoint[:, None], place + size * shape + jitter * shaking, np.nan
+        )
         sure = np.clip(false_confidence * random.uniform(0.5, 1.5, (F, K)), 0.05, 1.0)
-        confidence[one] = np.where(np.isfinite(pixels[one, ..., 0]), sure, 0.0)
+        confidence[number] = np.where(np.isfinite(pixels[number, ..., 0]), sure, 0.0)
     return DetectedPeople(pixels, confidence)
 
 
@@ -182,9 +184,9 @@ def _limbs(keypoints: KeypointSet) -> np.ndarray:
     """Number ``(K,)`` of the limb of each keypoint: 0 head and trunk, then the four limbs."""
     number = np.zeros(len(keypoints), int)
     for k, name in enumerate(keypoints.keypoints):
-        for one, words in enumerate((("elbow", "wrist"), ("knee", "ankle", "heel", "toe"))):
+        for limb, words in enumerate((("elbow", "wrist"), ("knee", "ankle", "heel", "toe"))):
             if any(word in name for word in words):
-                number[k] = 1 + 2 * one + (name.startswith("right"))
+                number[k] = 1 + 2 * limb + (name.startswith("right"))
     return number
 
 
@@ -257,11 +259,11 @@ def owners(detections: Detections, view: View, keypoints: KeypointSet) -> np.nda
     least_correct = 7
     joints = ("neck", "shoulder", "elbow", "wrist", "hip", "knee", "ankle")  # major ones (thesis 4.4.3)
     major = np.array([name.split("_")[-1] in joints for name in keypoints.keypoints])
-    there = view.pixels[:, detections.frame]
+    true_pixels = view.pixels[:, detections.frame]
     with np.errstate(invalid="ignore"):
-        distance = np.nan_to_num(np.linalg.norm(detections.pixels - there, axis=3), nan=np.inf)
+        distance = np.nan_to_num(np.linalg.norm(detections.pixels - true_pixels, axis=3), nan=np.inf)
         right = distance <= right_within * view.height[:, detections.frame, None]
     right &= (distance <= distance.min(axis=0)) & major
     count = right.sum(axis=2)
-    best = count.argmax(axis=0)
-    return np.where(count.max(axis=0) >= least_correct, best, -1)
+    owner = count.argmax(axis=0)
+    return np.where(count.max(axis=0) >= least_correct, owner, -1)

@@ -74,19 +74,19 @@ def look(people: Sequence[Person], camera: CameraPath, model: CameraModel, keypo
     """What a camera would see of people at its ``F`` poses, with a detector that adds ``bias`` ``(P, K, 3)`` metres,
     bone axes, to each keypoint's place.
     """
-    seen = [_Seen(person, camera, model, keypoints, offsets) for person, offsets in zip(people, bias, strict=True)]
-    hidden = np.stack([one.hidden_by(one, own=True) for one in seen])
+    views = [_Seen(person, camera, model, keypoints, offsets) for person, offsets in zip(people, bias, strict=True)]
+    hidden = np.stack([view.hidden_by(view, is_self=True) for view in views])
     behind = np.zeros_like(hidden)
-    for far, near in permutations(range(len(seen)), 2):
-        behind[far] |= seen[far].hidden_by(seen[near], own=False)
+    for far, near in permutations(range(len(views)), 2):
+        behind[far] |= views[far].hidden_by(views[near], is_self=False)
     return View(
-        np.stack([one.pixels for one in seen]),
-        np.stack([one.aimed for one in seen]),
-        np.stack([one.height for one in seen]),
-        np.stack([one.pelvis_depth for one in seen]),
+        np.stack([view.pixels for view in views]),
+        np.stack([view.aimed for view in views]),
+        np.stack([view.height for view in views]),
+        np.stack([view.pelvis_depth for view in views]),
         hidden,
         behind,
-        np.stack([one.facing for one in seen]),
+        np.stack([view.facing for view in views]),
     )
 
 
@@ -140,7 +140,7 @@ class _Seen:
         self.low = np.nan_to_num(np.nanmin(_or_zero(self.capsule_pixels), axis=(1, 2)), nan=0.0) - 0.2 * reach
         self.high = np.nan_to_num(np.nanmax(_or_zero(self.capsule_pixels), axis=(1, 2)), nan=0.0) + 0.2 * reach
 
-    def hidden_by(self, other: "_Seen", own: bool) -> np.ndarray:
+    def hidden_by(self, other: "_Seen", is_self: bool) -> np.ndarray:
         """``(F, K)`` whether the other's capsules (not those a keypoint lies on, if one's own) hide the keypoints."""
         buried = 0.3  # of its radius: how far behind the axis of a limb a point must be, to be hidden by it
         hidden = np.zeros(self.depth.shape, bool)
@@ -159,7 +159,7 @@ class _Seen:
             with np.errstate(invalid="ignore"):
                 inside = np.linalg.norm(from_a - share[..., None] * along, axis=2) < radius * self.focal / depth
                 inside &= self.depth[frames] > depth + buried * radius
-            if own:
+            if is_self:
                 inside[:, [_lies_on(landmark, c) for landmark in self.landmarks]] = False
             hidden[frames] |= inside
         return hidden

@@ -149,9 +149,9 @@ def simulate_sensor(
     force = force + _error(random["acceleration"], count, settings, WHITE_FORCE, 0.05)
     rate = rate + _error(random["gyro"], count, settings, np.deg2rad(0.5), np.deg2rad(0.1))
 
-    here = received(random["packets"], count, settings.imu_rate, settings.packet_loss, settings.gap_s)
-    angular_rate = rate[here] if settings.angular_rate else None
-    stream = ImuStream(site.sensor, time[here], force[here], R_inertial_sensor[here], angular_rate)
+    is_received = received(random["packets"], count, settings.imu_rate, settings.packet_loss, settings.gap_s)
+    angular_rate = rate[is_received] if settings.angular_rate else None
+    stream = ImuStream(site.sensor, time[is_received], force[is_received], R_inertial_sensor[is_received], angular_rate)
     heading_time, heading_path = _path(time, heading + drift)
     return stream, SensorCalibration(
         heading, R_bone_sensor, heading_time=heading_time, heading_path=heading_path, bone=site.bone
@@ -164,8 +164,8 @@ def _path(time: Array, heading: Array) -> tuple[Array, Array]:
         return np.zeros(0), np.zeros(0)
     step_s = 1.0  # it drifts over minutes
     every = max(1, round(step_s * (len(time) - 1) / (time[-1] - time[0])))
-    kept = np.unique([*range(0, len(time), every), len(time) - 1])
-    return time[kept], heading[kept]
+    samples = np.unique([*range(0, len(time), every), len(time) - 1])
+    return time[samples], heading[samples]
 
 
 def _strapped(site: SensorSite, settings: SimulateSettings, random: np.random.Generator) -> tuple[Array, Array]:
@@ -260,8 +260,8 @@ def received(
     length = round(gap_s * rate)
     start = random.random()  # drawn always, so that one setting does not shift the draws of another
     if 0 < length < count - 2:
-        first = 1 + int(start * (count - 2 - length))
-        arrives[first : first + length] = False
+        gap_start = 1 + int(start * (count - 2 - length))
+        arrives[gap_start : gap_start + length] = False
     arrives[[0, -1]] = True
     return arrives
 

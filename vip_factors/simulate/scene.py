@@ -88,33 +88,37 @@ def simulate_scene(
     """
     seed_step = 7919  # between the seeds of wearers; the first has the scene's: a scene of one is the recording of one
     settings = settings or SceneSettings()
-    if all(one.placement is None for one in performers):
+    if all(performer.placement is None for performer in performers):
         raise InputError(f"scene '{name}' has nobody with sensors: expected at least one performer with a placement")
-    if len({one.name for one in performers}) < len(performers):
-        raise InputError(f"scene '{name}': performers {', '.join(one.name for one in performers)}: names repeat")
-    dense = [dense_motion(one.motion, settings.imu.lowpass_hz) for one in performers]
-    worn = [number for number, one in enumerate(performers) if one.placement is not None]
+    if len({performer.name for performer in performers}) < len(performers):
+        raise InputError(
+            f"scene '{name}': performers {', '.join(performer.name for performer in performers)}: names repeat"
+        )
+    dense = [dense_motion(performer.motion, settings.imu.lowpass_hz) for performer in performers]
+    wearer_numbers = [number for number, performer in enumerate(performers) if performer.placement is not None]
     recordings = []
-    for order, number in enumerate(worn):
+    for order, number in enumerate(wearer_numbers):
         performer, placement = performers[number], performers[number].placement
         assert placement is not None
-        own = record(
+        recording = record(
             dense[number], placement, settings.imu, seed + seed_step * order, performer.name, performer.initial_pose
         )
-        recordings.append(replace(own, subject=replace(own.subject, name=performer.name)))
-    time = _video_times([dense[number] for number in worn], settings, name)
+        recordings.append(replace(recording, subject=replace(recording.subject, name=performer.name)))
+    time = _video_times([dense[number] for number in wearer_numbers], settings, name)
     people = []
     for motion in dense:  # before and after their motion people are not there
         present = (time >= motion.start - 1e-9) & (time <= motion.end + 1e-9)
         people.append(Person(motion.skeleton, motion.state(np.clip(time, motion.start, motion.end)), present))
-    wearer = np.array([worn.index(number) if number in worn else -1 for number in (*range(len(performers)), -1)])
+    wearer = np.array(
+        [wearer_numbers.index(number) if number in wearer_numbers else -1 for number in (*range(len(performers)), -1)]
+    )
 
     cameras, azimuth = list[Camera](), None
     for number, film in enumerate(_films(settings)):
         film = film if azimuth is None else replace(film, azimuth_deg=azimuth + 360.0 * number / settings.cameras)
         # A hand moves by itself; tripods stand as far away as they did without carried cameras.
         own_seed = seed + number if film.camera == "hand-held" else seed
-        body, first_azimuth = _camera_body(dense, worn, film, own_seed)
+        body, first_azimuth = _camera_body(dense, wearer_numbers, film, own_seed)
         azimuth = first_azimuth if azimuth is None else azimuth
         cameras.append(_film(body, people, wearer, time, film, seed, number))
     return Scene(name, tuple(recordings), tuple(cameras))
@@ -141,12 +145,12 @@ def _film(
     moving = settings.camera != "fixed"
     if not moving:
         path = CameraPath(path.time[:1], path.R_world_camera[:1], path.p_world_camera[:1])
-    known = _known_pose(path, settings, own_seed) if settings.has_known_pose else None
+    known_path = _known_pose(path, settings, own_seed) if settings.has_known_pose else None
     name = "camera" if number == 0 else f"camera_{number + 1}"
     detections = detections.shifted(-settings.time_offset_s)
     clock = VideoClock(settings.time_offset_s)
     truth = CameraTruth(path, wearer[owner], pixels, calibration, clock, settings.model)
-    camera = Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known, truth=truth)
+    camera = Camera(name, settings.model, detections, moving=moving, mount=mount, known_path=known_path, truth=truth)
     if settings.calibrated:
         return camera
     lens = uncalibrated_camera(settings.width, settings.height)
@@ -165,7 +169,7 @@ def _known_pose(path: CameraPath, settings: SceneSettings, seed: int) -> CameraP
 
 def _video_times(wearers: Sequence[DenseMotion], settings: SceneSettings, name: str) -> Array:
     """Instants ``(F,)`` of the video frames on the sensors' clock."""
-    start, end = max(one.start for one in wearers), min(one.end for one in wearers)
+    start, end = max(motion.start for motion in wearers), min(motion.end for motion in wearers)
     count = int(np.floor((end - start) * settings.video_rate + 1e-6)) + 1
     if count < 2:
         raise InputError(f"scene '{name}': its wearers' motions share {max(end - start, 0):.2f} s: expected two frames")
@@ -173,19 +177,19 @@ def _video_times(wearers: Sequence[DenseMotion], settings: SceneSettings, name: 
 
 
 def _camera_body(
-    people: Sequence[DenseMotion], worn: Sequence[int], settings: SceneSettings, seed: int
+    people: Sequence[DenseMotion], wearer_numbers: Sequence[int], settings: SceneSettings, seed: int
 ) -> tuple[DenseMotion, float]:
     """The camera's path: it films the wearers, from a place that nobody runs into; and from which side, degrees."""
     path_hz = 30.0  # at which the camera's operator watches the people
-    start = max(people[number].start for number in worn)
-    end = min(people[number].end for number in worn)
+    start = max(people[number].start for number in wearer_numbers)
+    end = min(people[number].end for number in wearer_numbers)
     time = np.linspace(start, end, max(8, int(np.ceil((end - start) * path_hz)) + 1))
-    pelves = np.stack([one.root(np.clip(time, one.start, one.end)) for one in people])
-    there = np.stack([(time >= one.start) & (time <= one.end) for one in people])
-    others = np.where(there[..., None], pelves, np.nan)
+    pelves = np.stack([motion.root(np.clip(time, motion.start, motion.end)) for motion in people])
+    is_present = np.stack([(time >= motion.start) & (time <= motion.end) for motion in people])
+    visible_pelves = np.where(is_present[..., None], pelves, np.nan)
     random = np.random.default_rng([seed, 0xCA3E7A])
-    filmed = pelves[list(worn)]
-    body = camera_motion(filmed, time, settings, random, others)
+    filmed = pelves[list(wearer_numbers)]
+    body = camera_motion(filmed, time, settings, random, visible_pelves)
     away = body.bone(0, time[:1]).position[0] - filmed.mean(axis=(0, 1))
     return body, float(np.rad2deg(np.arctan2(away[1], away[0])))
 
@@ -312,7 +316,7 @@ def _lagging(path: Array, grid: Array) -> Array:
     lag_s = 0.3  # of the operator's following, three times in a row: about a second behind
     keep = np.exp(-(grid[1] - grid[0]) / lag_s)
     for _ in range(3):
-        state = np.stack([lfiltic([1 - keep], [1, -keep], [first]) for first in path[0]], axis=1)
+        state = np.stack([lfiltic([1 - keep], [1, -keep], [start]) for start in path[0]], axis=1)
         path, _ = lfilter([1 - keep], [1, -keep], path, axis=0, zi=state)
     return path
 

@@ -61,8 +61,8 @@ class SimulateSettings:
     @classmethod
     def noise_free(cls, **changes: Any) -> "SimulateSettings":
         """No error at all, all sensors in step; ``changes`` switches single errors on."""
-        kept = {"imu_rate", "angular_rate", "lowpass_hz", "phases"}
-        off = {f.name: 0.0 for f in fields(cls) if f.name not in kept}
+        unchanged = {"imu_rate", "angular_rate", "lowpass_hz", "phases"}
+        off = {f.name: 0.0 for f in fields(cls) if f.name not in unchanged}
         return replace(cls(phases=False, **off), **changes)  # type: ignore[arg-type]
 
 
@@ -87,7 +87,7 @@ class DetectorSettings:
     @classmethod
     def noise_free(cls, **changes: Any) -> "DetectorSettings":
         """Every keypoint inside the image, hidden or not, exactly where it is, with confidence one."""
-        return cls(**({one.name: 0.0 for one in fields(cls)} | changes))
+        return cls(**({setting.name: 0.0 for setting in fields(cls)} | changes))
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def with_initial_pose(
     Raises:
         InputError: for another pose, or a motion shorter than the blend.
     """
-    blended, held = round(blend_s * motion.rate), round(hold_s * motion.rate)
+    blended, hold_frames = round(blend_s * motion.rate), round(hold_s * motion.rate)
     if blended >= len(motion):
         raise InputError(f"motion '{motion.name}' is shorter than the blend of {blend_s:g} s: shorten the blend")
     R_held, p_held = _held_pose(motion, pose, pose_error_deg, seed)
@@ -72,8 +72,8 @@ def with_initial_pose(
     p[:blended] = p_held + weight[:, None] * (p[:blended] - p_held)
     held_pose, motion_poses = (R_held[None], p_held[None]), (motion.R_parent_child, motion.p_world_pelvis)
     p[:blended, 2] += _blended_lift(motion, R[:blended], p[:blended], held_pose, motion_poses, weight)
-    R = np.concatenate([np.repeat(R_held[None], held, axis=0), R])
-    p = np.concatenate([np.repeat(p_held[None], held, axis=0), p])
+    R = np.concatenate([np.repeat(R_held[None], hold_frames, axis=0), R])
+    p = np.concatenate([np.repeat(p_held[None], hold_frames, axis=0), p])
     return replace(motion, R_parent_child=R, p_world_pelvis=p)
 
 
@@ -152,13 +152,13 @@ def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tup
     walks_m = 0.4  # net way of a clip that leads somewhere
     count = len(p_end)
     start = motion.p_world_pelvis[:count].mean(axis=0)
-    way = motion.p_world_pelvis[-count:].mean(axis=0) - start
+    direction = motion.p_world_pelvis[-count:].mean(axis=0) - start
     back = home - p_end[-1, :2]
     turn = float(yaw_of(R_end[count // 2, 0] @ transpose(motion.R_parent_child[count // 2, 0])))  # straight on
-    if np.linalg.norm(way[:2]) > walks_m and np.linalg.norm(back) > walks_m:
-        homeward = np.arctan2(back[1], back[0]) - np.arctan2(way[1], way[0])
-        most = TURN_RAD_S * count / motion.rate
-        turn += float(np.clip(wrap_angle(homeward - turn), -most, most))
+    if np.linalg.norm(direction[:2]) > walks_m and np.linalg.norm(back) > walks_m:
+        homeward = np.arctan2(back[1], back[0]) - np.arctan2(direction[1], direction[0])
+        max_turn = TURN_RAD_S * count / motion.rate
+        turn += float(np.clip(wrap_angle(homeward - turn), -max_turn, max_turn))
     R_turn = rotation_z(turn)
     shift = np.array([*(p_end.mean(axis=0) - R_turn @ start)[:2], 0.0])
     R = motion.R_parent_child.copy()
@@ -192,32 +192,32 @@ def staged(
     middles of their paths may be. A person alone is in the middle.
     """
     random = np.random.default_rng([seed, 0x57A6E])
-    there = list(others)
+    people = list(others)
     for motion in motions:
-        best, room = None, -1.0
-        for _ in range(TRIES if there else 1):
+        chosen, room = None, -1.0
+        for _ in range(TRIES if people else 1):
             angle, yaw = random.uniform(-np.pi, np.pi, 2)
-            radius = reach_m * np.sqrt(random.random()) if there else 0.0
+            radius = reach_m * np.sqrt(random.random()) if people else 0.0
             candidate = placed(motion, yaw, (radius * np.cos(angle), radius * np.sin(angle)))
-            free = min((_nearest(candidate, other) for other in there), default=np.inf)
+            free = min((_nearest(candidate, other) for other in people), default=np.inf)
             if free > room:
-                best, room = candidate, free
+                chosen, room = candidate, free
             if free > APART_M:
                 break
-        assert best is not None
-        there.append(best)
-    return tuple(there[len(others) :])
+        assert chosen is not None
+        people.append(chosen)
+    return tuple(people[len(others) :])
 
 
-def _nearest(one: Motion, other: Motion) -> float:
+def _nearest(motion: Motion, other: Motion) -> float:
     """Least distance in metres of two people's pelves, on the ground, at common times."""
-    start, end = max(one.start, other.start), min(one.time[-1], other.time[-1])
+    start, end = max(motion.start, other.start), min(motion.time[-1], other.time[-1])
     time = np.arange(start, end, 0.1)
     if not len(time):
         return np.inf
-    apart = [
-        np.interp(time, one.time, one.p_world_pelvis[:, axis])
+    offsets = [
+        np.interp(time, motion.time, motion.p_world_pelvis[:, axis])
         - np.interp(time, other.time, other.p_world_pelvis[:, axis])
         for axis in (0, 1)
     ]
-    return float(np.hypot(*apart).min())
+    return float(np.hypot(*offsets).min())

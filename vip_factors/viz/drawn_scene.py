@@ -153,11 +153,11 @@ def drawn_wearer(
     Raises:
         InputError: if none is given, the estimate has no frames, or estimate and truth have no time in common.
     """
-    known = Truth(truth) if truth is not None else recording.truth if recording is not None else None
+    known_truth = Truth(truth) if truth is not None else recording.truth if recording is not None else None
     comparison = None
-    if estimate is not None and known is not None and len(known.motion):
-        comparison = compare_motion(estimate.motion, known)
-    wearer = _wearer(0, recording, estimate, comparison, known)
+    if estimate is not None and known_truth is not None and len(known_truth.motion):
+        comparison = compare_motion(estimate.motion, known_truth)
+    wearer = _wearer(0, recording, estimate, comparison, known_truth)
     if wearer.motion is not None and wearer.truth is not None:
         wearer = replace(wearer, motion=onto_truth(wearer.motion, wearer.truth))
     elif wearer.shown is None:
@@ -227,7 +227,9 @@ def _cameras(scene: Scene | None, estimate: Estimate | None, gauge: Alignment | 
     What was not estimated is drawn where it really is or is said to be.
     """
     if scene is None:
-        return tuple(DrawnCamera(one.name, one.model, one.path) for one in (estimate.cameras if estimate else ()))
+        return tuple(
+            DrawnCamera(camera.name, camera.model, camera.path) for camera in (estimate.cameras if estimate else ())
+        )
     pairs = () if estimate is None else camera_pairs(scene, estimate)
     drawn = list[DrawnCamera]()
     for number, camera in enumerate(scene.cameras):
@@ -309,7 +311,7 @@ def set_apart(motions: Sequence[Motion]) -> list[Array]:
     return shifts
 
 
-def _nearest(time: Array, path: Array, other_time: Array, other: Array) -> float:
+def _nearest(time: Array, path: Array, other_time: Array, other_path: Array) -> float:
     """Least horizontal distance in metres of two paths at the same times."""
-    at = [np.interp(time, other_time, other[:, axis]) for axis in range(2)]
-    return float(np.hypot(path[:, 0] - at[0], path[:, 1] - at[1]).min())
+    coordinates = [np.interp(time, other_time, other_path[:, axis]) for axis in range(2)]
+    return float(np.hypot(path[:, 0] - coordinates[0], path[:, 1] - coordinates[1]).min())

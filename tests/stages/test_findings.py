@@ -110,7 +110,7 @@ def test_everybody_visible_wears_no_imus() -> None:
 @pytest.mark.slow
 def test_two_wearers_with_the_same_motion() -> None:
     estimate = smooth(filmed_gestures(people=("anna", "bob"), in_step=True), HASTY)
-    sentence(estimate, "'anna'", "'bob'", "cannot be told apart")
+    sentence(estimate, "'anna'", "'bob'", "cannot be distinguished")
 
 
 @pytest.mark.parametrize("imu", [True, False], ids=["camera with IMU", "camera without"])

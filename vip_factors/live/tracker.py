@@ -46,21 +46,19 @@ class SolvePace:
 
     FRAME_WAIT_S = 0.025  # wait for each further frame to an update; longer than an update takes
     WIDEST = 6  # frames to each update at most: 10 solved each second, with 15 frames of lag
-    REPORT_S = 2.0  # over which the reported rate is counted; shorter periods are not reported
-    RECOVER_S = 5.0  # with all frames solved, before the recovery is reported
+    REPORT_S = 2.0  # over which solved frames are counted; shorter periods are not reported
+    START_S = 5.0  # in which the delay from a start is made up for
     LEAST_SHARE = 0.8  # of the usual number of solved frames, below which a finding is made
 
     def __init__(self, usual: int, frame_rate: float) -> None:
         self.solve_every = self._usual = usual
         self._rate = frame_rate
-        self._recent = deque[bool](maxlen=max(1, round(self.REPORT_S * frame_rate)))  # whether frames were solved
+        self._solved = deque[bool](maxlen=max(1, round(self.REPORT_S * frame_rate)))  # of recent frames
         self._begun: float | None = None  # s, when the first frame came
-        self._late_at = 0.0  # s, when fewer frames were solved last
-        self._reported_from: float | None = None  # s, begin of the reported period
-        self._least = frame_rate  # lowest number of solved frames a second since then
+        self._is_reported = False
 
     def step(self, time: float, behind_s: float, solved: bool) -> list[Finding]:
-        """Take in one frame.
+        """Take in one frame; reports once when fewer frames are solved, until as many as usual are again.
 
         Args:
             time: seconds of the stream.
@@ -69,27 +67,15 @@ class SolvePace:
         """
         self._begun = time if self._begun is None else self._begun
         self.solve_every = min(self._usual + int(behind_s / self.FRAME_WAIT_S), max(self.WIDEST, self._usual))
-        is_late = self.solve_every > self._usual
-        self._late_at = time if is_late else self._late_at
-        if self._recent or not is_late or time - self._begun >= self.RECOVER_S:
-            self._recent.append(solved)
-        return self._findings(time, behind_s)
-
-    def _findings(self, time: float, behind_s: float) -> list[Finding]:
-        """Report once that fewer frames are solved, and the end of that."""
-        if len(self._recent) < (self._recent.maxlen or 0):
+        if self._solved or self.solve_every == self._usual or time - self._begun >= self.START_S:
+            self._solved.append(solved)
+        share = sum(self._solved) * self._usual / len(self._solved) if self._solved else 1.0
+        is_slow = len(self._solved) == self._solved.maxlen and share < self.LEAST_SHARE
+        is_new, self._is_reported = is_slow and not self._is_reported, is_slow or (self._is_reported and share < 1)
+        if not is_new:
             return []
-        rate, begin = self._rate * sum(self._recent) / len(self._recent), self._reported_from
-        self._least = min(self._least, rate)
-        if begin is None and rate < self.LEAST_SHARE * self._rate / self._usual:
-            self._reported_from, self._least = time, rate
-            return [Finding("fewer frames solved", numbers={"begin": time, "rate": rate, "behind": behind_s})]
-        if begin is not None and time - self._late_at >= self.RECOVER_S:
-            self._reported_from = None
-            numbers = {"begin": begin, "end": time, "rate": rate, "least": self._least}
-            what = f"are solved again; the lowest was {self._least:.0f}, from {begin:.1f} to {time:.1f} s"
-            return [Finding("recovered", subject=f"{rate:.0f} frames a second", numbers=numbers, words={"what": what})]
-        return []
+        numbers = {"begin": time, "rate": share * self._rate / self._usual, "behind": behind_s}
+        return [Finding("fewer frames solved", numbers=numbers)]
 
 
 def _no_poses(when: str, reason: str) -> Finding:

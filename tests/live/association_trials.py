@@ -67,9 +67,8 @@ class Predictions:
         own = slice(window.start, window.stop)
         part = [BodyState(one.R_world_bone[own], one.p_world_joint[own]) for one in (bodies or self.bodies)]
         covariance = np.eye(3) * self.root_m.T[own, :, None, None] ** 2
-        return self.frames[own], Belief(
-            window.start, part, self.R_world_camera[own], self.p_world_camera[own], covariance
-        )
+        pose = self.R_world_camera[own], self.p_world_camera[own]
+        return self.frames[own], Belief(window.start, part, covariance, *pose)
 
 
 def predictions(

@@ -136,7 +136,7 @@ def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) ->
     views = []
     for one in (SETTINGS, settings):
         observer = CameraObserver(setup.camera, [skeleton], [0.0], [1.0], one.camera)
-        belief = Belief(0, [body], R[None], p[None], np.eye(3)[None, None])
+        belief = Belief(0, [body], np.eye(3)[None, None], R[None], p[None])
         views.append(observer._view(video, 0, 0, belief, None))
     plain, careful = views
     assert careful.seen[0, 0] == (far_px < 100)

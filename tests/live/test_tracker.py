@@ -24,9 +24,14 @@ from vip_factors.geometry.poses import align_yaw
 from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.pipeline import smooth
+from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.sensors.live import ImuSample, LiveSample, VideoFrame, live_samples, stream_head
 from vip_factors.settings import Settings
+from vip_factors.simulate.gestures import gestures
+from vip_factors.simulate.scene import Performer, simulate_scene
+from vip_factors.simulate.settings import SceneSettings
+from vip_factors.simulate.staging import placed
 
 FRAMES = round(4.0 * RATE) - 1  # the first is where video and the last of the sensors have begun
 
@@ -236,6 +241,20 @@ def test_a_known_camera_holds_the_wearer_in_place() -> None:
 
 
 @pytest.mark.slow
+def test_two_carried_cameras_are_tracked_in_one_world() -> None:
+    motion = placed(gestures(4.0), 0.3, (0.4, -0.2))
+    settings = SceneSettings(camera="hand-held", cameras=2, carried=1, azimuth_deg=20.0)
+    scene = simulate_scene([Performer("anna", motion, preset("tnt10", motion.skeleton))], settings, seed=1)
+    second = replace(scene, cameras=scene.cameras[1:])
+    assert all(camera.moving and camera.known_path is None for camera in scene.cameras)
+    both = track(scene)
+    assert both.error_mm("smoothed") < 0.8 * track(second).error_mm("smoothed")
+    camera = both.answers[-1].smoothed_camera
+    true_path = scene.cameras[0].truth.path
+    assert camera.covariance.shape == (6, 6)
+    assert abs(camera.p_world_camera[2] - true_path.at(np.array([camera.time])).p_world_camera[0, 2]) < 0.3
+
+
 def test_memory_does_not_grow() -> None:
     scene = unfilmed(filmed_gestures("fixed", 3.0))
     tracker = FixedLagTracker(stream_head(scene), SETTINGS)

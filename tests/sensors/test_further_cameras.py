@@ -47,11 +47,3 @@ def test_a_truth_belongs_to_its_detections() -> None:
     camera = scene_sample(0.5).camera
     with pytest.raises(RecordingError, match="camera 'phone': its truth does not belong to its detections"):
         replace(camera, detections=camera.detections.select(camera.truth.wearer == 0))
-
-
-def test_a_stream_takes_one_camera_that_moves() -> None:
-    scene = two_cameras()
-    both = tuple(replace(camera, moving=True) for camera in scene.cameras)
-    stream_head(replace(scene, cameras=both[:1]))
-    with pytest.raises(RecordingError, match="cameras phone, left move: expected at most one moving camera"):
-        stream_head(replace(scene, cameras=both))

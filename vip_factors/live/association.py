@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice, pairwise, permutations
 
 import numpy as np
@@ -105,16 +105,16 @@ class Belief:
     Attributes:
         first_number: number of the first frame.
         bodies: bodies of the ``W`` wearers.
-        R_world_camera, p_world_camera: ``(F, 3, 3)`` and ``(F, 3)``.
         root_covariance: ``(F, W, 3, 3)`` m² of each wearer's position relative to the camera, world axes; without the
             uncertainty of the camera's rotation.
+        R_world_camera, p_world_camera: ``(F, 3, 3)`` and ``(F, 3)`` of one camera; empty without one.
     """
 
     first_number: int
     bodies: Sequence[BodyState]
-    R_world_camera: Array
-    p_world_camera: Array
     root_covariance: Array
+    R_world_camera: Array = field(default_factory=lambda: np.zeros((0, 3, 3)))
+    p_world_camera: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def at(self, numbers: Sequence[int]) -> "Belief":
         """The belief about some of the frames, in order."""
@@ -122,7 +122,7 @@ class Belief:
         rows = np.array(numbers) - self.first_number if len(numbers) > 1 else slice(index, index + 1)
         bodies = [BodyState(body.R_world_bone[rows], body.p_world_joint[rows]) for body in self.bodies]
         R, p = self.R_world_camera[rows], self.p_world_camera[rows]
-        return Belief(numbers[0], bodies, R, p, self.root_covariance[rows])
+        return Belief(numbers[0], bodies, self.root_covariance[rows], R, p)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import math
 import time as clock
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
@@ -52,18 +52,19 @@ class AnswerFilter:
             previous_states: current estimates of the frames shown last; None to start a sequence.
             new_states: current estimates of the next frames.
         """
-        anew = [old is None or not self._filtered for old in previous_states]
-        shown = zip(anew, new_states, self._filtered or new_states, strict=True)
-        last = _stacked([new if begins else old for begins, new, old in shown])
+        shown = zip(previous_states, new_states, self._filtered or new_states, strict=True)
+        last = _stacked([new if old is None else _with_cameras_of(new, filtered) for old, new, filtered in shown])
         expected = _stacked([old or new for new, old in zip(new_states, previous_states, strict=True)])
         believed = _stacked(new_states)
         off = log(transpose(expected[0]) @ last[0])
         R = believed[0] @ exp(off * self._remaining_share(off, self.most_rad))
         off = last[1] - expected[1]
         p = believed[1] + off * self._remaining_share(off, self.most_m)
-        shape = new_states[0].R_parent_child.shape
+        shape, joints = new_states[0].R_parent_child.shape, new_states[0].R_parent_child[..., 0, 0].size
         rows = zip(R, p, strict=True)
-        self._filtered = [FrameState(R[:-1].reshape(shape), p[:-1], R[-1], p[-1]) for R, p in rows]
+        self._filtered = [
+            FrameState(R[:joints].reshape(shape), p[: shape[0]], R[joints:], p[shape[0] :]) for R, p in rows
+        ]
         return self._filtered
 
     def _remaining_share(self, off: Array, limit: float) -> Array:
@@ -72,10 +73,17 @@ class AnswerFilter:
         return np.maximum(1 - self.share, 1 - limit / np.maximum(distance, limit))
 
 
+def _with_cameras_of(state: FrameState, filtered: FrameState) -> FrameState:
+    """A filtered state, with the cameras of a new one where other cameras are carried now."""
+    if len(filtered.p_world_camera) == len(state.p_world_camera):
+        return filtered
+    return replace(filtered, R_world_camera=state.R_world_camera, p_world_camera=state.p_world_camera)
+
+
 def _stacked(states: Sequence[FrameState]) -> tuple[Array, Array]:
-    """Rotations and positions of ``n`` frames, ``(n, ..., 3, 3)`` and ``(n, ..., 3)``; the camera comes last."""
-    R = [np.concatenate([state.R_parent_child.reshape(-1, 3, 3), state.R_world_camera[None]]) for state in states]
-    p = [np.concatenate([state.p_world_pelvis, state.p_world_camera[None]]) for state in states]
+    """Rotations and positions of ``n`` frames, ``(n, ..., 3, 3)`` and ``(n, ..., 3)``; cameras come last."""
+    R = [np.concatenate([state.R_parent_child.reshape(-1, 3, 3), state.R_world_camera]) for state in states]
+    p = [np.concatenate([state.p_world_pelvis, state.p_world_camera]) for state in states]
     return np.stack(R), np.stack(p)
 
 
@@ -229,10 +237,12 @@ class EstimateBuilder:
         problem = smoother.problem
         if not self._head.cameras or not problem.has_views:
             return None
-        if problem.carried is not None:
-            free = problem.cameras[problem.carried].free_pose and covariance is not None
-            camera_covariance = covariance[-6:, -6:] if free and covariance is not None else None
-            return LiveCameraPose(time, state.R_world_camera, state.p_world_camera, camera_covariance)
+        if problem.carried:
+            chain, camera_covariance = problem.layout.chain_of(camera_owner(problem.carried[0])), None
+            if chain is not None and covariance is not None:
+                columns = problem.layout.chain_columns[chain]
+                camera_covariance = covariance[columns, columns]
+            return LiveCameraPose(time, state.R_world_camera[0], state.p_world_camera[0], camera_covariance)
         poses, columns = smoother.shared.cameras[0].poses, problem.layout.columns(camera_owner(0), "poses")
         camera_covariance = None
         if self._shared is not None and len(columns):

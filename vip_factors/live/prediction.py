@@ -16,7 +16,7 @@ from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array, exp, log, mean_rotation, rotation_z, transpose, yaw_of
 from vip_factors.live.association_evidence import NEAREST_M, people_of, stack_people
 from vip_factors.live.measurement import LiveFrame
-from vip_factors.live.problem import FrameState, LagProblem
+from vip_factors.live.problem import FrameState, LagProblem, stacked
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
 from vip_factors.problem.state import CameraPoses, SceneState
@@ -65,7 +65,7 @@ def predict_frame(
                 number,
                 problem.has_views,
             )
-    return _predict_camera(problem, turned, older, state, last_frame, frame, shared) if problem.moving else turned
+    return _predict_cameras(problem, turned, older, state, last_frame, frame, shared)
 
 
 def turn_bones(
@@ -137,7 +137,7 @@ def _with_turned_bones(R_world_bone: Array, bones: Sequence[int], turns: Array, 
     return turned @ (3 * np.eye(3) - transpose(turned) @ turned) / 2
 
 
-def _predict_camera(
+def _predict_cameras(
     problem: LagProblem,
     state: FrameState,
     older: FrameState,
@@ -146,19 +146,20 @@ def _predict_camera(
     frame: LiveFrame,
     shared: SceneState,
 ) -> FrameState:
-    """Let the camera continue, turned with its IMU if it has one."""
-    carried = problem.carried
-    if carried is None or not problem.cameras[carried].free_pose:
-        return state
-    p = newer.p_world_camera + CAMERA_VELOCITY_SHARE * (newer.p_world_camera - older.p_world_camera)
-    turn, measured = np.eye(3), False
-    if problem.cameras[carried].imu is not None:
-        heading = np.array([shared.cameras[carried].heading])
-        (turn,), (measured,) = _turns(last_frame, frame, problem.camera_sensors(carried), heading)
-    if not measured:
-        spin = CAMERA_VELOCITY_SHARE * log(newer.R_world_camera @ older.R_world_camera.T)
-        turn = exp(spin)
-    return replace(state, R_world_camera=turn @ newer.R_world_camera, p_world_camera=p)
+    """Let carried cameras continue, turned with their IMUs if they have some."""
+    R, p = state.R_world_camera.copy(), state.p_world_camera.copy()
+    for m, number in enumerate(problem.carried):
+        if not problem.cameras[number].free_pose:
+            continue
+        p[m] = newer.p_world_camera[m] + CAMERA_VELOCITY_SHARE * (newer.p_world_camera[m] - older.p_world_camera[m])
+        turn, measured = np.eye(3), False
+        if problem.cameras[number].imu is not None:
+            heading = np.array([shared.cameras[number].heading])
+            (turn,), (measured,) = _turns(last_frame, frame, problem.camera_sensors(number), heading)
+        if not measured:
+            turn = exp(CAMERA_VELOCITY_SHARE * log(newer.R_world_camera[m] @ older.R_world_camera[m].T))
+        R[m] = turn @ newer.R_world_camera[m]
+    return replace(state, R_world_camera=R, p_world_camera=p)
 
 
 # Largest median error of the keypoints of a detection that fits a wearer, in heights of the person in the image: 5 %
@@ -267,7 +268,7 @@ def continued_start(
     problem, shared = start.problem, start.shared
     yaw = yaw_of(state.R_parent_child[:, 0] @ transpose(at_find.R_parent_child[:, 0]))  # of each wearer
     frames, states = [], []
-    stands = start.has_views and not problem.moving
+    stands = start.has_views and not problem.carried
     for number in smoother.numbers:
         frame, tracked = smoother.frame(number), smoother.state(number)
         contacts = [
@@ -277,7 +278,8 @@ def continued_start(
         frames.append(replace(frame, views=[None] * len(problem.cameras), contacts=contacts))
         R = turn_bones(problem, last_frame, state, frame, shared)
         moved_by = (rotation_z(yaw) @ (tracked.p_world_pelvis - at_find.p_world_pelvis)[..., None])[..., 0]
-        states.append(FrameState(R, state.p_world_pelvis + moved_by, *_camera(float(yaw[0]), state, at_find, tracked)))
+        p = state.p_world_pelvis + moved_by
+        states.append(FrameState(R, p, *_carried_poses(float(yaw[0]), state, at_find, tracked)))
     if start.has_views:
         placed = None
         for number, associated in enumerate(start.associated):
@@ -342,19 +344,22 @@ def _placed(
     """States from ``first_number`` on with the wearers located by one camera; None if it shows nobody."""
     if not video:
         return None
-    skeletons, standing = [wearer.skeleton for wearer in start.problem.wearers], start.shared.cameras[number].poses
-    index = np.array([frame.frame - first_number for frame in video])
-    R, p = (np.stack([getattr(states[t], name) for t in index]) for name in ("R_parent_child", "p_world_pelvis"))
-    bodies = [forward_kinematics(skeleton, R[:, w], p[:, w]) for w, skeleton in enumerate(skeletons)]
-    pose = [np.stack([getattr(states[t], name) for t in index]) for name in ("R_world_camera", "p_world_camera")]
-    if len(standing):
-        pose = [np.stack([value] * len(index)) for value in (standing.R_world_camera[0], standing.p_world_camera[0])]
-    places = locate_wearers(camera, (pose[0], pose[1]), bodies, skeletons, video)
+    skeletons, index = (
+        [wearer.skeleton for wearer in start.problem.wearers],
+        [frame.frame - first_number for frame in video],
+    )
+    scene = stacked([states[t] for t in index], start.shared)
+    bodies = [
+        forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
+        for skeleton, wearer in zip(skeletons, scene.wearers, strict=True)
+    ]
+    poses = scene.cameras[number].at_frames(slice(0, len(index)))
+    places = locate_wearers(camera, (poses.R_world_camera, poses.p_world_camera), bodies, skeletons, video)
     visible, p_world_pelvis = np.isfinite(places[..., 0]), np.stack([state.p_world_pelvis for state in states])
     if not visible.any():
         return None
     for w in np.flatnonzero(visible.any(axis=0)):
-        index_of_wearer = index[visible[:, w]]
+        index_of_wearer = np.array(index)[visible[:, w]]
         line = np.polyfit(
             index_of_wearer, places[visible[:, w], w], min(1, len(np.unique(index_of_wearer)) - 1)
         )  # a single depth is off by a tenth
@@ -362,12 +367,16 @@ def _placed(
     return [replace(state, p_world_pelvis=p) for state, p in zip(states, p_world_pelvis, strict=True)]
 
 
-def _camera(yaw: float, state: FrameState, at_find: FrameState, state_after: FrameState) -> tuple[Array, Array]:
-    """Pose of the camera, moved in the first wearer's new world as in the old one; a standing camera stays."""
-    turn = rotation_z(yaw)
-    step = state_after.p_world_camera - at_find.p_world_camera
-    R = turn @ state_after.R_world_camera @ at_find.R_world_camera.T @ turn.T @ state.R_world_camera
-    return np.asarray(R), np.asarray(state.p_world_camera + turn @ step)
+def _carried_poses(yaw: float, state: FrameState, at_find: FrameState, tracked: FrameState) -> tuple[Array, Array]:
+    """Poses of the carried cameras, moved in the first wearer's new world as in the old one.
+
+    Where other cameras are carried than before, they stay.
+    """
+    if len(tracked.p_world_camera) != len(state.p_world_camera):
+        return state.R_world_camera, state.p_world_camera
+    turn, step = rotation_z(yaw), tracked.p_world_camera - at_find.p_world_camera
+    R = turn @ tracked.R_world_camera @ transpose(at_find.R_world_camera) @ turn.T @ state.R_world_camera
+    return np.asarray(R), np.asarray(state.p_world_camera + step @ turn.T)
 
 
 def correction_findings(seconds: float, old_smoother: LagSmoother, new_smoother: LagSmoother) -> list[Finding]:

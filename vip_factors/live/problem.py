@@ -1,7 +1,7 @@
 """Frames of the lag: measurements, variables, and the least-squares problem of any stretch of them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from vip_factors.body.skeleton import JOINT_COUNT
 from vip_factors.geometry.poses import retract_pose
 from vip_factors.geometry.rotations import Array, exp
 from vip_factors.live.measurement import LiveFrame, imu_arrays
-from vip_factors.problem.layout import ROOT, Layout, Owner
+from vip_factors.problem.layout import ROOT, Owner
 from vip_factors.problem.scene import CameraProblem, KeypointView, SceneProblem
 from vip_factors.problem.state import CameraPoses, SceneState
 from vip_factors.problem.variables import scene_layout
@@ -25,8 +25,7 @@ class FrameState:
     Attributes:
         R_parent_child: ``(W, 24, 3, 3)`` joint rotations of the wearers.
         p_world_pelvis: ``(W, 3)`` metres.
-        R_world_camera, p_world_camera: ``(3, 3)`` and ``(3,)`` of the carried camera, otherwise of the first one;
-            standing cameras have no coordinates here.
+        R_world_camera, p_world_camera: ``(M, 3, 3)`` and ``(M, 3)`` of the carried cameras, in their order.
     """
 
     R_parent_child: Array
@@ -34,35 +33,32 @@ class FrameState:
     R_world_camera: Array
     p_world_camera: Array
 
+    @classmethod
+    def of(cls, state: SceneState, t: int) -> "FrameState":
+        """Frame ``t`` of a scene."""
+        carried = [camera.poses for camera in state.cameras if len(camera.poses) > 1]
+        return cls(
+            np.stack([wearer.R_parent_child[t] for wearer in state.wearers]),
+            np.stack([wearer.p_world_pelvis[t] for wearer in state.wearers]),
+            np.array([poses.R_world_camera[t] for poses in carried]).reshape(-1, 3, 3),
+            np.array([poses.p_world_camera[t] for poses in carried]).reshape(-1, 3),
+        )
 
-CAMERA_ARRAYS = ("R_world_camera", "p_world_camera")  # of a frame
 
-
-def moved_frames(layout: Layout, origins: Sequence[FrameState], steps: Array) -> list[FrameState]:
-    """States of frames at coordinates ``(n, w)`` from their origins."""
-    R, p = (np.array([getattr(origin, name) for origin in origins]) for name in ("R_parent_child", "p_world_pelvis"))
-    camera = [(origin.R_world_camera, origin.p_world_camera) for origin in origins]
-    for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
-        step = steps[:, columns]
-        if chain.owner.kind is Owner.CAMERA:
-            R_camera, p_camera = (np.array(values) for values in zip(*camera, strict=True))
-            camera = list(zip(*retract_pose(R_camera, p_camera, step), strict=True))
-        else:
-            wearer = chain.owner.number
-            R[:, wearer] @= exp(step[:, :ROOT].reshape(len(step), JOINT_COUNT, 3))
-            p[:, wearer] += step[:, ROOT:]
-    return [FrameState(R[t], p[t], *camera[t]) for t in range(len(origins))]
+def frame_arrays(frames: Sequence[FrameState]) -> list[Array]:
+    """The arrays of :class:`FrameState`, each with the frames along its first axis."""
+    return [np.array([getattr(frame, entry.name) for frame in frames]) for entry in fields(FrameState)]
 
 
 def stacked(frames: Sequence[FrameState], static: SceneState) -> SceneState:
-    """State of a scene from a stretch of frames; shared variables, and which camera moves, as in ``static``."""
-    R, p = (np.array([getattr(frame, name) for frame in frames]) for name in ("R_parent_child", "p_world_pelvis"))
+    """State of a scene from a stretch of frames; shared variables, and which cameras move, as in ``static``."""
+    R, p, R_camera, p_camera = frame_arrays(frames)
     wearers = tuple(
         replace(wearer, R_parent_child=R[:, number], p_world_pelvis=p[:, number])
         for number, wearer in enumerate(static.wearers)
     )
-    carried = CameraPoses(*(np.array([getattr(frame, name) for frame in frames]) for name in CAMERA_ARRAYS))
-    cameras = tuple(camera if len(camera.poses) else replace(camera, poses=carried) for camera in static.cameras)
+    carried = iter([CameraPoses(R_camera[:, number], p_camera[:, number]) for number in range(p_camera.shape[1])])
+    cameras = tuple(camera if len(camera.poses) else replace(camera, poses=next(carried)) for camera in static.cameras)
     return replace(static, wearers=wearers, cameras=cameras)
 
 
@@ -75,11 +71,12 @@ class LagProblem:
     """Makes the problem of any stretch of frames.
 
     Attributes:
-        wearers, cameras: problems without frames: body, sensors, priors, free variables. At most one camera moves.
+        wearers, cameras: problems without frames: body, sensors, priors, free variables.
         step: seconds between frames.
         sensors: for each wearer, its columns among all sensors; then the column of the IMU of each camera with one.
         feet: by camera and wearer, the feet whose ground contact is used; None where it is not.
         layout: layout of the variables.
+        carried: numbers of the cameras whose poses belong to the frames.
     """
 
     def __init__(
@@ -98,10 +95,11 @@ class LagProblem:
         self.feet = [[None if ground is None else ground.feet for ground in row] for row in grounds]
         bare = SceneProblem(self.wearers, self.cameras, tuple(map(tuple, views)))
         self.layout = scene_layout(bare, settings.walk, settings.relinearisation.shared_deg)
+        self.carried = [number for number, camera in enumerate(self.cameras) if camera.moving]
 
     def begin_at(self, p_world_pelvis: Array) -> None:
         """Place the wearers at ``(W, 3)`` metres in the first frame, unless a standing camera determines that."""
-        gauge = self.moving or not self.has_views
+        gauge = bool(self.carried) or not self.has_views
         self.wearers = tuple(
             replace(wearer, p_world_start=p, is_gauge=wearer.is_gauge and gauge)
             for wearer, p in zip(self.wearers, p_world_pelvis, strict=True)
@@ -112,15 +110,18 @@ class LagProblem:
         self.wearers = tuple(replace(wearer, prior_headings=wearer.prior_headings + angle) for wearer in self.wearers)
         self.cameras = tuple(replace(camera, prior_heading=camera.prior_heading + angle) for camera in self.cameras)
 
-    @property
-    def carried(self) -> int | None:
-        """Number of the camera whose pose belongs to the frames; None if all stand still."""
-        return next((number for number, camera in enumerate(self.cameras) if camera.moving), None)
-
-    @property
-    def moving(self) -> bool:
-        """Whether a camera's pose belongs to the frames."""
-        return self.carried is not None
+    def moved_frames(self, origins: Sequence[FrameState], steps: Array) -> list[FrameState]:
+        """States of frames at coordinates ``(n, w)`` from their origins."""
+        R, p, R_camera, p_camera = frame_arrays(origins)
+        for chain, columns in zip(self.layout.chains, self.layout.chain_columns, strict=True):
+            step, number = steps[:, columns], chain.owner.number
+            if chain.owner.kind is Owner.CAMERA:
+                m = self.carried.index(number)
+                R_camera[:, m], p_camera[:, m] = retract_pose(R_camera[:, m], p_camera[:, m], step)
+            else:
+                R[:, number] @= exp(step[:, :ROOT].reshape(len(step), JOINT_COUNT, 3))
+                p[:, number] += step[:, ROOT:]
+        return [FrameState(*values) for values in zip(R, p, R_camera, p_camera, strict=True)]
 
     def camera_sensors(self, camera: int) -> np.ndarray:
         """Column among all sensors of the IMU on a camera that has one."""

@@ -12,7 +12,7 @@ from vip_factors.assembly.system import far_columns
 from vip_factors.factor_graph.extra import ExtraFactors, StreamedTerms
 from vip_factors.geometry.rotations import Array
 from vip_factors.live.measurement import LiveFrame
-from vip_factors.live.problem import FrameState, LagProblem, moved_frames, stacked
+from vip_factors.live.problem import FrameState, LagProblem, stacked
 from vip_factors.problem.layout import Layout, Owner, OwnerId
 from vip_factors.problem.scene import SceneProblem
 from vip_factors.problem.state import SceneState
@@ -220,7 +220,7 @@ class LagSmoother:
         """Hold predicted states where no measurement determines them.
 
         This applies to frames that are estimated independently, and to the ``first_frames`` that tracking continues
-        from: the root of a wearer whom no camera has seen and whose feet do not stand, and a carried camera that has
+        from: the root of a wearer whom no camera has seen and whose feet do not stand, and carried cameras that have
         seen nobody.
         """
         predicted_sigma = 10.0  # rad or m: weaker than any measurement
@@ -239,7 +239,7 @@ class LagSmoother:
 
     def _update_states(self) -> None:
         self._solution = solution = self._chain.solution()
-        states = moved_frames(self._layout, [entry.origin for entry in self._frames], solution.values)
+        states = self.problem.moved_frames([entry.origin for entry in self._frames], solution.values)
         for entry, coordinates, state in zip(self._frames, solution.values, states, strict=True):
             entry.coordinates, entry.state = coordinates, state
         if self._layout.static_width:

@@ -1,6 +1,6 @@
 """Start and restart of tracking: the stages of the batch pipeline over the last second."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from vip_factors.initialise.start_search import Starts
 from vip_factors.live.measurement import LiveFrame, MeasuredStretch
 from vip_factors.live.problem import FrameState, LagProblem, without_frames
 from vip_factors.problem.scene import KeypointView, SceneProblem
-from vip_factors.problem.state import CameraState, SceneState, WearerState
+from vip_factors.problem.state import SceneState, WearerState
 from vip_factors.problem.wearer import WearerProblem
 from vip_factors.sensors.calibration import Calibration, SensorCalibration
 from vip_factors.sensors.frames import ImuFrames, coarser
@@ -273,8 +273,8 @@ def tracking_start(
 ) -> TrackingStart:
     """Start from a solution ``fine`` on all frames of a stretch."""
     model, state, spreads = fine.model, fine.state, fine.spreads
-    frames, carried = _lag_frames(stretch, model), [camera for camera in state.cameras if len(camera.poses) > 1]
-    states = [_frame_state(state, [*carried, *state.cameras][:1], t) for t in range(len(frames))]
+    frames = _lag_frames(stretch, model)
+    states = [FrameState.of(state, t) for t in range(len(frames))]
     problem, video = _lag_problem(stretch, coarse, model, settings), tuple(stretch.video)
     return TrackingStart(problem, without_frames(state), frames, states, coarse.associated, spreads, video=video)
 
@@ -302,17 +302,3 @@ def _lag_frames(stretch: MeasuredStretch, model: SceneProblem) -> list[LiveFrame
         ]
         frames.append(replace(frame, views=views, contacts=[wearer.contact_confidence[t] for wearer in model.wearers]))
     return frames
-
-
-def _frame_state(state: SceneState, cameras: Sequence[CameraState], t: int) -> FrameState:
-    """State of frame ``t``, with the pose of the only one of ``cameras``; the identity without one."""
-    R, p = np.eye(3)[None], np.zeros((1, 3))
-    for camera in cameras:
-        R, p = camera.poses.R_world_camera, camera.poses.p_world_camera
-    index = t if len(p) > 1 else 0
-    return FrameState(
-        np.stack([wearer.R_parent_child[t] for wearer in state.wearers]),
-        np.stack([wearer.p_world_pelvis[t] for wearer in state.wearers]),
-        R[index],
-        p[index],
-    )

@@ -15,6 +15,7 @@ from vip_factors.live.association import Belief
 from vip_factors.live.camera_observer import CameraObserver, standing_feet
 from vip_factors.live.measurement import LiveFrame
 from vip_factors.live.prediction import predict_frame
+from vip_factors.live.problem import stacked
 from vip_factors.live.sensor_slips import KnockDetector, SlipTest
 from vip_factors.live.smoother import LagSmoother
 from vip_factors.live.start import TrackingStart
@@ -74,7 +75,7 @@ class Tracking:
             self.smoother.append(frame, state)
         self.observers = self._start_observers(start)
         self._observe_unseen(unseen)
-        is_continued, standing = start.information is not None, bool(self.observers) and not start.problem.moving
+        is_continued, standing = start.information is not None, bool(self.observers) and not start.problem.carried
         if is_continued and standing and not self._is_anybody_seen():
             raise SolveError("no camera shows a wearer in the frames that tracking goes on from")
         rate, begin = settings.frame_rate, self.smoother.numbers[0]
@@ -238,9 +239,7 @@ class Tracking:
             )
             for number, wearer in enumerate(smoother.problem.wearers)
         )
-        R = np.array([state.R_world_camera for state in states])
-        p = np.array([state.p_world_camera for state in states])
-        return Belief(first_number, bodies, R, p, np.broadcast_to(root_covariance, (len(R), *root_covariance.shape)))
+        return Belief(first_number, bodies, np.broadcast_to(root_covariance, (len(states), *root_covariance.shape)))
 
     def _find_contacts(self, belief: Belief) -> None:
         """Determine which feet stand from the last frame to the newest one."""
@@ -266,10 +265,9 @@ class Tracking:
         news = [frame for frame in video if frame.camera == name and frame.frame in numbers]
         if not news:
             return []
-        pose = self._fixed_pose(camera)
-        if pose is not None:
-            R, p = (np.broadcast_to(value, (len(belief.R_world_camera), *value.shape)) for value in pose)
-            belief = replace(belief, R_world_camera=R, p_world_camera=p)
+        path = stacked(self.smoother.states(belief.first_number), self.smoother.shared).cameras[camera]
+        poses = path.at_frames(slice(0, len(belief.root_covariance)))
+        belief = replace(belief, R_world_camera=poses.R_world_camera, p_world_camera=poses.p_world_camera)
 
         def feet(number: int) -> list[Array | None]:
             return self._stance_confidence(camera, belief, number)
@@ -301,14 +299,6 @@ class Tracking:
                 else standing_feet(wearer, columns, feet, body.at(recent), frames, recently, settings)
             )
         return foot_contacts
-
-    def _fixed_pose(self, camera: int) -> tuple[Array, Array] | None:
-        """Pose of a standing camera; None if the camera's pose belongs to the frames."""
-        problem = self.smoother.problem
-        if camera == problem.carried:
-            return None
-        poses = self.smoother.shared.cameras[camera].poses
-        return poses.R_world_camera[0], poses.p_world_camera[0]
 
     def _notice_slips(self) -> list[Finding]:
         """Findings about sensors that have slipped in the last seconds."""

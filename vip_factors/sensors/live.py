@@ -108,22 +108,16 @@ def stream_head(scene: Scene) -> Scene:
 
 
 def checked_head(head: Scene) -> Scene:
-    """Check that names of wearers and cameras are unique and that at most one camera moves; returns the head.
+    """Check that names of wearers and cameras are unique; returns the head.
 
     Raises:
-        RecordingError: for a name that two of them share, or for a second camera that moves.
+        RecordingError: for a name that two of them share.
     """
     names = [*(wearer.subject.name for wearer in head.wearers), *(camera.name for camera in head.cameras)]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise RecordingError(
             f"stream '{head.name}': two wearers or cameras are called {', '.join(twice)}: give each its own name"
-        )
-    carried = [camera.name for camera in head.cameras if camera.moving]
-    if len(carried) > 1:
-        raise RecordingError(
-            f"stream '{head.name}': cameras {', '.join(carried)} move: expected at most one moving camera and any "
-            "number of static ones; leave the others out, or smooth the recording, which supports all of them"
         )
     return head
 

@@ -1,1 +1,1 @@
-"""Who is who: which 2D detection shows which wearer of sensors (thesis 4.3.2)."""
+"""Association (thesis 4.3.2): which 2D detection shows which wearer of sensors."""

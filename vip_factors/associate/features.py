@@ -48,12 +48,12 @@ LIMB_ENDS = (
 FITTING_M = 0.15  # half a head, and the error of an inertial tracker
 WINDOWS_S = (0.5, 2.0)  # over which features are averaged along a tracklet: half a step, and a few
 
-UNARY = (
-    "log_cost", "log_cost_half_second", "log_cost_two_seconds", "limbs", "limbs_half_second", "limbs_two_seconds",
-    "joints_seen", "joints_fitting", "seven_seen", "seven_fitting", "tilt", "unsteady",
-    "unsteady_two_seconds", "track_seconds", "rival_person", "rival_person_two_seconds",
-    "rival_wearer", "rival_wearer_two_seconds",
-)  # fmt: skip
+_UNARY = (
+    "log_cost log_cost_half_second log_cost_two_seconds limbs limbs_half_second limbs_two_seconds joints_seen "
+    "joints_fitting seven_seen seven_fitting tilt unsteady unsteady_two_seconds track_seconds rival_person "
+    "rival_person_two_seconds rival_wearer rival_wearer_two_seconds"
+)
+UNARY = tuple(_UNARY.split())
 UNARY_CAMERA = (*UNARY, "path_error", "path_error_two_seconds", "path_rival", "path_turn")
 INTER_PLAIN = ("trans", "ori", "turn", "image", "tracklet")
 INTER = (*INTER_PLAIN, *(f"{name}_by_time" for name in INTER_PLAIN), "time")

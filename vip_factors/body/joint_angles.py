@@ -91,8 +91,10 @@ class _Joint:
 
 
 _SPINE = (
-    ("flexion", -1, "forward"), ("lateral_bending", 1, "to the right"), ("axial_rotation", 1, "to the left"),
-)  # fmt: skip
+    ("flexion", -1, "forward"),
+    ("lateral_bending", 1, "to the right"),
+    ("axial_rotation", 1, "to the left"),
+)
 _MIDDLE = (
     _Joint("pelvis", "", "pelvis", "yxz", (
         ("rotation", 1, "facing further to the left; 0 is along the world's x axis"),

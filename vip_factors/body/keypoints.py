@@ -78,9 +78,13 @@ _BLAZEPOSE_SITES = _FEET_SITES | _both_sides(
     big_toe=_Site("left_foot", (0.003, 0.014, -0.016), landmark="left_toe_tip"),
 )
 _FAMILIES = {
-    "coco17": _COCO_SITES, "openpose18": _OPENPOSE_SITES, "body25": _OPENPOSE_SITES,
-    "body25b": _OPENPOSE_SITES | _UPPER_NECK, "halpe26": _COCO_SITES | _UPPER_NECK, "blazepose33": _BLAZEPOSE_SITES,
-}  # fmt: skip
+    "coco17": _COCO_SITES,
+    "openpose18": _OPENPOSE_SITES,
+    "body25": _OPENPOSE_SITES,
+    "body25b": _OPENPOSE_SITES | _UPPER_NECK,
+    "halpe26": _COCO_SITES | _UPPER_NECK,
+    "blazepose33": _BLAZEPOSE_SITES,
+}
 
 # COCO's OKS sigmas: standard deviation of annotations over the square root of the person's area. The last rows are
 # ours: neck and head as shoulders, feet as ankles.
@@ -93,23 +97,20 @@ OKS_SIGMA: dict[str, float] = {
 } | {"neck": 0.079, "mid_hip": 0.107, "head_top": 0.079}
 
 _COCO17 = (
-    "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder", "left_elbow",
-    "right_elbow", "left_wrist", "right_wrist", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle",
-    "right_ankle",
-)  # fmt: skip
-_OPENPOSE_ARMS = (
-    "nose", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist",
-)  # fmt: skip
-_OPENPOSE_LEGS = ("right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle")
-_OPENPOSE_FACE = ("right_eye", "left_eye", "right_ear", "left_ear")
-_FEET = ("left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel")
+    "nose left_eye right_eye left_ear right_ear left_shoulder right_shoulder left_elbow right_elbow left_wrist "
+    "right_wrist left_hip right_hip left_knee right_knee left_ankle right_ankle"
+)
+_OPENPOSE_ARMS = "nose neck right_shoulder right_elbow right_wrist left_shoulder left_elbow left_wrist"
+_OPENPOSE_LEGS = "right_hip right_knee right_ankle left_hip left_knee left_ankle"
+_OPENPOSE_FACE = "right_eye left_eye right_ear left_ear"
+_FEET = "left_big_toe left_small_toe left_heel right_big_toe right_small_toe right_heel"
+_HALPE_FEET = "left_big_toe right_big_toe left_small_toe right_small_toe left_heel right_heel"
 _BLAZEPOSE = (
-    "nose", "left_eye_inner", "left_eye", "left_eye_outer", "right_eye_inner", "right_eye", "right_eye_outer",
-    "left_ear", "right_ear", "mouth_left", "mouth_right", "left_shoulder", "right_shoulder", "left_elbow",
-    "right_elbow", "left_wrist", "right_wrist", "left_pinky", "right_pinky", "left_index", "right_index",
-    "left_thumb", "right_thumb", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle",
-    "left_heel", "right_heel", "left_big_toe", "right_big_toe",
-)  # fmt: skip
+    "nose left_eye_inner left_eye left_eye_outer right_eye_inner right_eye right_eye_outer left_ear right_ear "
+    "mouth_left mouth_right left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist left_pinky "
+    "right_pinky left_index right_index left_thumb right_thumb left_hip right_hip left_knee right_knee left_ankle "
+    "right_ankle left_heel right_heel left_big_toe right_big_toe"
+)
 
 
 # Keypoints whose position on the bone depends on the detector, alike on both sides.
@@ -175,22 +176,16 @@ def _landmark(site: _Site, skeleton: Skeleton) -> Landmark | None:
 
 
 KEYPOINT_SETS: dict[str, KeypointSet] = {
-    keypoints.name: keypoints
-    for keypoints in (
-        KeypointSet("coco17", _COCO17),
-        KeypointSet("openpose18", (*_OPENPOSE_ARMS, *_OPENPOSE_LEGS, *_OPENPOSE_FACE)),
-        KeypointSet("body25", (*_OPENPOSE_ARMS, "mid_hip", *_OPENPOSE_LEGS, *_OPENPOSE_FACE, *_FEET)),
-        KeypointSet("body25b", (*_COCO17, "neck", "head_top", *_FEET)),
-        KeypointSet(
-            "halpe26",
-            (
-                *_COCO17, "head_top", "neck", "mid_hip", "left_big_toe", "right_big_toe", "left_small_toe",
-                "right_small_toe", "left_heel", "right_heel",
-            ),
-        ),
-        KeypointSet("blazepose33", _BLAZEPOSE),
-    )
-}  # fmt: skip
+    name: KeypointSet(name, tuple(keypoints.split()))
+    for name, keypoints in {
+        "coco17": _COCO17,
+        "openpose18": f"{_OPENPOSE_ARMS} {_OPENPOSE_LEGS} {_OPENPOSE_FACE}",
+        "body25": f"{_OPENPOSE_ARMS} mid_hip {_OPENPOSE_LEGS} {_OPENPOSE_FACE} {_FEET}",
+        "body25b": f"{_COCO17} neck head_top {_FEET}",
+        "halpe26": f"{_COCO17} head_top neck mid_hip {_HALPE_FEET}",
+        "blazepose33": _BLAZEPOSE,
+    }.items()
+}
 
 # Pairs of keypoints that are connected in drawings.
 LIMBS = (

@@ -3,7 +3,6 @@
 Rotations are perturbed on the right, ``R_parent_child ← R_parent_child Exp(δ)``, as the graph's variables are.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -22,18 +21,6 @@ for _bone in range(JOINT_COUNT):
     MOVES[:JOINT_COUNT, _bone] = np.isin(np.arange(JOINT_COUNT), ancestors(_bone))
 
 
-def _generations() -> Iterator[tuple[slice, np.ndarray]]:
-    """Ranges of joints whose parents precede the range, and those parents."""
-    start = 1
-    while start < JOINT_COUNT:
-        stop = start + 1
-        while stop < JOINT_COUNT and PARENTS[stop] < start:
-            stop += 1
-        yield slice(start, stop), np.array(PARENTS[start:stop])
-        start = stop
-
-
-GENERATIONS = tuple(_generations())
 _PARENTS = np.array(PARENTS)
 
 
@@ -120,8 +107,8 @@ def forward_kinematics(
         return BodyState(R_world_bone, p_world_joint)
     R_world_bone = np.empty_like(R_parent_child)
     R_world_bone[:, 0] = R_parent_child[:, 0]
-    for joints, parents in GENERATIONS:
-        R_world_bone[:, joints] = R_world_bone[:, parents] @ R_parent_child[:, joints]
+    for joint, parent in enumerate(PARENTS[1:], start=1):
+        R_world_bone[:, joint] = R_world_bone[:, parent] @ R_parent_child[:, joint]
     bones = np.empty(R_parent_child.shape[:-1])  # from each joint's parent to the joint, world axes
     bones[:, 0] = p_world_pelvis
     bones[:, 1:] = (R_world_bone[:, PARENTS[1:]] @ skeleton.p_parent_joint[1:, :, None])[..., 0]

@@ -17,12 +17,12 @@ from vip_factors.geometry.rotations import Array, exp
 # Orientation of an upright pelvis that faces the x axis of a world with z up.
 R_WORLD_FACING_X = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 POSES = ("t-pose", "n-pose")
-JOINT_NAMES = (
-    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
-    "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
-    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
-    "left_hand", "right_hand",
-)  # fmt: skip
+_JOINT_NAMES = (
+    "pelvis left_hip right_hip spine1 left_knee right_knee spine2 left_ankle right_ankle spine3 left_foot "
+    "right_foot neck left_collar right_collar head left_shoulder right_shoulder left_elbow right_elbow left_wrist "
+    "right_wrist left_hand right_hand"
+)
+JOINT_NAMES = tuple(_JOINT_NAMES.split())
 PARENTS = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
 JOINT_COUNT = len(JOINT_NAMES)
 LONGEST_BONE_M = 10.0  # larger than any person; leaves room for animated giants
@@ -31,11 +31,15 @@ LONGEST_BONE_M = 10.0  # larger than any person; leaves room for animated giants
 BONE_ALIASES = {
     f"{side}_{alias}": f"{side}_{joint}"
     for side in ("left", "right")
-    for alias, joint in {
-        "thigh": "hip", "upper_leg": "hip", "shank": "knee", "lower_leg": "knee", "toe": "foot",
-        "upper_arm": "shoulder", "forearm": "elbow", "lower_arm": "elbow",
+    for joint, aliases in {
+        "hip": ("thigh", "upper_leg"),
+        "knee": ("shank", "lower_leg"),
+        "foot": ("toe",),
+        "shoulder": ("upper_arm",),
+        "elbow": ("forearm", "lower_arm"),
     }.items()
-} | {"hips": "pelvis", "sternum": "spine3", "chest": "spine3", "lower_back": "spine1"}  # fmt: skip
+    for alias in aliases
+} | {"hips": "pelvis", "sternum": "spine3", "chest": "spine3", "lower_back": "spine1"}
 SIDES = ("left", "right")
 # Bones of the limbs, from the trunk outwards.
 LIMBS = {"legs": ("hip", "knee", "ankle", "foot"), "arms": ("collar", "shoulder", "elbow", "wrist", "hand")}

@@ -19,10 +19,11 @@ GRAPH = """rankdir=LR; ranksep=1; nodesep=0.1; fontname="Helvetica,Arial,sans-se
   node[fontname="Helvetica,Arial,sans-serif", fontsize=13, style=filled, fillcolor="#dbe6f5", color="#3f6fb5"];"""
 FRAME = 'style=rounded; color="#b9c2cc"; fontsize=13'
 FACTOR = 'shape=box, color=white, fontcolor=white, margin="0.08,0.04", width=0, height=0'
-COLOURS = (
-    "#2f5fa8", "#c93238", "#b85f0b", "#2f7f36", "#8f4f86", "#6a42a3", "#0f7a7a", "#8f6b08", "#85573a", "#b03d72",
-    "#6b6b1c", "#2f78a6", "#5a6473", "#8a1f31", "#a33c10", "#3b3f8f", "#1f7a58",
-)  # fmt: skip
+_COLOURS = (
+    "#2f5fa8 #c93238 #b85f0b #2f7f36 #8f4f86 #6a42a3 #0f7a7a #8f6b08 #85573a #b03d72 #6b6b1c #2f78a6 #5a6473 "
+    "#8a1f31 #a33c10 #3b3f8f #1f7a58"
+)
+COLOURS = tuple(_COLOURS.split())
 Node = tuple[str, int | None]
 """Kind of variables and their frame; None for static variables."""
 

@@ -186,11 +186,9 @@ def variable_columns(layout: Layout, variable: Variable) -> tuple[int, int] | No
             return None
         return chain, layout.chains[chain].names["root"].start if variable.block == ROOT else 3 * variable.item
     columns = layout.columns_of(owner, variable.block)
-    return (
-        None
-        if columns is None
-        else (columns.chain, columns.start + variable.width * variable.item * (not variable.is_one_vector))
-    )
+    if columns is None:
+        return None
+    return columns.chain, columns.start + (0 if variable.is_one_vector else variable.width * variable.item)
 
 
 class StreamedTerms:

@@ -251,20 +251,9 @@ class EstimateBuilder:
 
 
 def _with_current_values(calibration: Calibration, state: WearerState) -> Calibration:
-    """The same sensors with current headings and mountings, and unchanged standard deviations."""
+    """Calibration with current headings and mountings, and unchanged standard deviations."""
     values = zip(calibration.items(), wrap_angle(state.headings).tolist(), state.R_bone_sensor, strict=True)
-    return {
-        sensor: SensorCalibration(
-            heading,
-            R,
-            estimate.heading_sigma,
-            estimate.mounting_sigma,
-            estimate.heading_time,
-            estimate.heading_path,
-            estimate.bone,
-        )
-        for (sensor, estimate), heading, R in values
-    }
+    return {name: replace(sensor, heading=heading, R_bone_sensor=R) for (name, sensor), heading, R in values}
 
 
 def _pose(state: FrameState, wearer: int, time: float, covariance: Array | None, errors: ModelErrors) -> LivePose:

@@ -189,7 +189,7 @@ class LagSmoother:
         return self._solution.covariance(number)
 
     def covariance_in_steps(self, number: int) -> Iterator[Array | None]:
-        """The same for the current solution, one step at a time; None until the last step."""
+        """Compute :meth:`covariance` one step at a time; None until the last step."""
         assert self._solution is not None
         return self._solution.covariance_in_steps(number)
 

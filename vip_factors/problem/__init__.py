@@ -1,1 +1,1 @@
-"""What is to be found and from what: wearers, cameras and what they saw, the layout of variables, and their values."""
+"""Least-squares problem of a scene: wearers, cameras, keypoint views, layout of the variables and their values."""

@@ -1,4 +1,4 @@
-"""The variables of a problem as columns: what each frame has of its own, and named blocks of what all frames share."""
+"""Columns of a problem's variables: those of each frame, and named blocks that all frames share (static)."""
 
 import itertools
 from collections.abc import Collection, Iterable, Sequence
@@ -16,11 +16,11 @@ from vip_factors.geometry.rotations import Array, exp, right_jacobian
 ROOT = 3 * JOINT_COUNT  # first column of the root translation in a wearer's frame
 FRAME = ROOT + 3  # width of a wearer's frame
 POSE = 6  # width of a camera's pose: rotation, then translation
-STATIC = -1  # instead of a chain's number: what all frames share
+STATIC = -1  # instead of a chain's number, for static variables
 
 
 class Manifold(StrEnum):
-    """How a variable moves by a step."""
+    """Manifold of a variable, by which a step moves it."""
 
     VECTOR = "vector"
     POINT = "point"
@@ -29,12 +29,12 @@ class Manifold(StrEnum):
 
     @property
     def width(self) -> int:
-        """Columns of one variable."""
+        """Dimension of the tangent space."""
         return {Manifold.VECTOR: 1, Manifold.POINT: 3, Manifold.ROTATION: 3, Manifold.POSE: 6}[self]
 
     @property
     def is_flat(self) -> bool:
-        """Whether steps simply add."""
+        """True if a step is added to the value."""
         return self in (Manifold.VECTOR, Manifold.POINT)
 
 
@@ -42,20 +42,20 @@ class Retractable(Protocol):
     """Several variables that move by steps ``(n, c)`` of their tangents."""
 
     def retract(self, steps: Array) -> Self:
-        """The variables moved."""
+        """Return the variables moved by steps."""
         ...
 
 
 class Owner(StrEnum):
-    """Whose variables they are."""
+    """Kind of owner of variables."""
 
     WEARER = "wearer"
     CAMERA = "camera"
-    DETECTOR = "detector"  # shared by all whom it looks at
+    DETECTOR = "detector"  # shared by all cameras
 
 
 class OwnerId(NamedTuple):
-    """One of the owners of a kind."""
+    """Owner of variables: its kind, and its number among those of the kind."""
 
     kind: Owner
     number: int = 0
@@ -63,17 +63,17 @@ class OwnerId(NamedTuple):
 
 @dataclass(frozen=True)
 class StaticBlock:
-    """Variables of one kind that all frames share.
+    """Static variables of one kind and owner.
 
     Attributes:
-        name: of the attribute of the owner's state that holds them.
-        manifold: of each.
-        items: how many: one for each sensor, say.
-        free: whether they move; else they are kept as they are.
+        name: attribute of the owner's state that holds them.
+        manifold: of each item.
+        items: their number, such as one for each sensor.
+        free: True if they are variables, False if they are constant.
         step: one unit of damping is a prior of this size on each column of a step (rad, m, s); a number, or one for
             each column of an item.
-        process_noise: how far each column may wander, per √second, in a stream.
-        relinearise: a column that moved by more is linearised anew, in a stream.
+        process_noise: random walk of each column in a stream, per √second.
+        relinearise: change of a column in a stream, beyond which it is linearised again.
     """
 
     name: str
@@ -86,24 +86,23 @@ class StaticBlock:
 
     @property
     def item_width(self) -> int:
-        """Columns of one item."""
+        """Number of columns of one item."""
         return self.manifold.width
 
     @property
     def width(self) -> int:
-        """Columns in the tangent: none where it is kept."""
+        """Number of columns: zero for constants."""
         return self.items * self.item_width if self.free else 0
 
     def per_column(self, value: float | tuple[float, ...]) -> Array:
-        """A number, or one for each column of an item, as one for each of all columns."""
+        """Expand a number, or one for each column of an item, to all columns."""
         return np.tile(np.broadcast_to(np.asarray(value, dtype=float), self.item_width), self.items)
 
     def retract(self, value: Array | float | Retractable, step: Array) -> Array | float | Retractable:
-        """The variables moved by steps ``(width,)``; every solver moves them by this.
+        """Move variables by steps ``(width,)``.
 
-        Vectors are ``(items,)`` or, a single one, a number; points ``(items, 3)``; rotations ``(items, 3, 3)`` or
-        ``(3, 3)``; poses
-        :class:`~vip_factors.problem.state.CameraPoses`.
+        Vectors are ``(items,)`` or a single number; points ``(items, 3)``; rotations ``(items, 3, 3)`` or ``(3, 3)``;
+        poses :class:`~vip_factors.problem.state.CameraPoses`.
         """
         item_steps = step.reshape(self.items, self.item_width)
         if isinstance(value, float):
@@ -122,16 +121,13 @@ class StaticBlock:
         item_coordinates = coordinates.reshape(self.items, self.item_width)
         if self.manifold.is_flat:
             return np.broadcast_to(np.eye(self.item_width), (self.items, self.item_width, self.item_width))
-        return (
-            right_jacobian(item_coordinates)
-            if self.manifold is Manifold.ROTATION
-            else pose_right_jacobian(item_coordinates)
-        )
+        jacobian = right_jacobian if self.manifold is Manifold.ROTATION else pose_right_jacobian
+        return jacobian(item_coordinates)
 
 
 @dataclass(frozen=True)
 class FrameBlock:
-    """What one owner has of its own in every frame: ``width`` columns, of which some have names."""
+    """Columns of one owner in every frame: ``width`` of them; ``names`` are those of named variables."""
 
     owner: OwnerId
     width: int
@@ -141,7 +137,7 @@ class FrameBlock:
 
 @dataclass(frozen=True)
 class ColumnRange:
-    """Columns of a block: in the frames of ``chain``, or in the static vector where that is ``STATIC``."""
+    """Columns of a block in the frames of a ``chain``, or in the static vector if that is ``STATIC``."""
 
     chain: int
     start: int
@@ -149,20 +145,19 @@ class ColumnRange:
 
     @property
     def columns(self) -> slice:
-        """The same as a slice."""
+        """The columns as a slice."""
         return slice(self.start, self.stop)
 
 
 @dataclass(frozen=True)
 class Layout:
-    """All variables of a problem that move.
+    """Columns of all variables of a problem.
 
-    A frame's vector is what each owner has in it, side by side: the chains. The static vector is the free blocks side
-    by side, those of one owner together.
+    A frame's vector concatenates the chains, the static vector the free blocks, owner by owner.
 
     Attributes:
-        chains: what each owner has in a frame.
-        blocks: of all owners, by owner.
+        chains: columns of each owner in a frame.
+        blocks: static blocks by owner.
     """
 
     chains: tuple[FrameBlock, ...]
@@ -170,29 +165,29 @@ class Layout:
 
     @cached_property
     def frame_width(self) -> int:
-        """Of a whole frame."""
+        """Number of columns of a frame's vector."""
         return sum(chain.width for chain in self.chains)
 
     @cached_property
     def chain_columns(self) -> tuple[slice, ...]:
-        """Of each chain in a frame's vector."""
+        """Columns of each chain in a frame's vector."""
         return _consecutive([chain.width for chain in self.chains])
 
     @cached_property
     def static_width(self) -> int:
-        """Of the static vector."""
+        """Number of columns of the static vector."""
         return sum(block.width for _, block, _ in self.placed)
 
     @cached_property
     def placed(self) -> tuple[tuple[OwnerId, StaticBlock, slice], ...]:
-        """Every block with its columns in the static vector; none of a kept one."""
+        """All static blocks with their columns in the static vector; constant ones have none."""
         every = [(owner, block) for owner, blocks in self.blocks for block in blocks]
         columns = _consecutive([block.width for _, block in every])
         return tuple((*owned_block, block_columns) for owned_block, block_columns in zip(every, columns, strict=True))
 
     @cached_property
     def owners(self) -> tuple[tuple[OwnerId, slice], ...]:
-        """Those that have free blocks, each with its columns in the static vector."""
+        """Owners of free blocks with their columns in the static vector."""
         widths = [sum(block.width for block in blocks) for _, blocks in self.blocks]
         columns = _consecutive(widths)
         return tuple(
@@ -202,37 +197,32 @@ class Layout:
         )
 
     @cached_property
-    def _ranges(self) -> dict[tuple[OwnerId, str], tuple[ColumnRange, StaticBlock | None]]:
-        ranges: dict[tuple[OwnerId, str], tuple[ColumnRange, StaticBlock | None]] = {}
-        for owner, block, columns in self.placed:
-            if block.free:
-                ranges[owner, block.name] = ColumnRange(STATIC, columns.start, columns.stop), block
+    def _ranges(self) -> dict[tuple[OwnerId, str], ColumnRange]:
+        ranges = {
+            (owner, block.name): ColumnRange(STATIC, columns.start, columns.stop)
+            for owner, block, columns in self.placed
+            if block.free
+        }
         for number, chain in enumerate(self.chains):
             for name, columns in chain.names.items():
-                ranges[chain.owner, name] = ColumnRange(number, columns.start, columns.stop), None
+                ranges[chain.owner, name] = ColumnRange(number, columns.start, columns.stop)
         return ranges
 
     def columns_of(self, owner: OwnerId, name: str) -> ColumnRange | None:
-        """Where a block's columns are; None where it does not move."""
-        entry = self._ranges.get((owner, name))
-        return None if entry is None else entry[0]
-
-    def block(self, owner: OwnerId, name: str) -> StaticBlock | None:
-        """A free static block."""
-        entry = self._ranges.get((owner, name))
-        return None if entry is None else entry[1]
+        """Columns of a block; None if it is constant."""
+        return self._ranges.get((owner, name))
 
     def chain_of(self, owner: OwnerId) -> int | None:
-        """Number of an owner's chain; None where it has none."""
+        """Number of an owner's chain; None without one."""
         return next((number for number, chain in enumerate(self.chains) if chain.owner == owner), None)
 
     def of_owners(self, owners: Collection[OwnerId]) -> "Layout":
-        """The same of some owners alone."""
+        """Layout of some of the owners."""
         blocks = tuple((owner, owned) for owner, owned in self.blocks if owner in owners)
         return Layout(tuple(chain for chain in self.chains if chain.owner in owners), blocks)
 
     def frame_columns(self, owners: Collection[OwnerId]) -> np.ndarray:
-        """Of some owners in a frame's vector."""
+        """Columns of some owners in a frame's vector."""
         return _joined(
             chain_columns
             for chain, chain_columns in zip(self.chains, self.chain_columns, strict=True)
@@ -240,23 +230,25 @@ class Layout:
         )
 
     def static_columns(self, owners: Collection[OwnerId]) -> np.ndarray:
-        """Of some owners in the static vector."""
+        """Columns of some owners in the static vector."""
         return _joined(owner_columns for owner, owner_columns in self.owners if owner in owners)
 
     def columns(self, owner: OwnerId, name: str) -> np.ndarray:
-        """Columns of a static block in the static vector; empty where it does not move."""
+        """Columns of a static block in the static vector; empty if it is constant."""
         column_range = self.columns_of(owner, name)
         if column_range is None or column_range.chain != STATIC:
             return np.zeros(0, dtype=int)
         return np.arange(column_range.start, column_range.stop)
 
     def item_columns(self, owner: OwnerId, name: str, item: int) -> np.ndarray:
-        """Columns of one item of a static block; empty where the block does not move."""
-        block, columns = self.block(owner, name), self.columns(owner, name)
-        return columns if block is None else columns[item * block.item_width : (item + 1) * block.item_width]
+        """Columns of one item of a static block; empty if the block is constant."""
+        width = next(
+            block.item_width for block_owner, block, _ in self.placed if (block_owner, block.name) == (owner, name)
+        )
+        return self.columns(owner, name)[item * width : (item + 1) * width]
 
     def per_column(self, attribute: str) -> Array:
-        """``step``, ``process_noise`` or ``relinearise`` of the blocks, for each column of the static vector."""
+        """Attribute ``step``, ``process_noise`` or ``relinearise`` of the blocks, by column of the static vector."""
         values = [block.per_column(getattr(block, attribute)) for _, block, _ in self.placed if block.free]
         return np.concatenate([np.zeros(0), *values])
 

@@ -1,4 +1,4 @@
-"""Everything that defines the cost of a filmed scene: the problems of wearers and cameras, and the keypoint views."""
+"""Least-squares problem of a scene: the problems of its wearers and cameras, and the keypoint views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -23,23 +23,23 @@ from vip_factors.solve.slices import Blocks
 
 @dataclass(frozen=True, repr=False)
 class CameraProblem(Summarised):
-    """The camera's share of a scene.
+    """Problem of one camera.
 
     Attributes:
-        model: its intrinsics, as supposed.
-        moving: one pose for each frame, or one for all.
-        free_pose: False keeps the poses of the state.
+        model: nominal intrinsics.
+        moving: True for one pose in each frame, False for a single pose.
+        free_pose: False if the poses are constant.
         imu: measurements of the sensor on it (one column), or None.
-        p_camera_imu: ``(3,)`` metres.
-        prior_heading: radians, of that sensor.
-        prior_R_camera_imu, mounting_sigma: its rough mounting, and radians about each axis.
-        free_clock: whether the offset and the drift of the video's clock move.
-        clock_middle: seconds, the instant at which the offset is that.
-        focal_sigma: standard deviation of the logarithm of the focal length; 0 keeps the lens of the state.
-        is_beginning: False for a stretch of something longer, whose beginning holds the priors.
-        settings: of the terms.
-        learned_offsets: of the detector's keypoints, where they were learnt.
-        odometry: the camera's motion as visual odometry measured it, or None.
+        p_camera_imu: ``(3,)`` metres, position of that sensor in the camera's frame.
+        prior_heading: prior of that sensor's heading, radians.
+        prior_R_camera_imu, mounting_sigma: its rough mounting, and standard deviation about each axis, radians.
+        free_clock: True if offset and drift of the video's clock are variables.
+        clock_middle: instant to which the offset refers, seconds.
+        focal_sigma: standard deviation of the logarithm of the focal length; 0 if the lens is constant.
+        is_beginning: False for a later stretch of a recording, without priors on static variables.
+        settings: settings of the terms.
+        learned_offsets: learned prior on the detector's keypoint offsets, if any.
+        odometry: motion of the camera by visual odometry, or None.
     """
 
     model: CameraModel
@@ -60,26 +60,26 @@ class CameraProblem(Summarised):
 
     @cached_property
     def prior_offsets(self) -> KeypointOffsets:
-        """Of the detector's keypoints."""
+        """Prior on the offsets of the detector's keypoints."""
         sigmas = keypoint_offset_sigmas(self.settings.keypoint_offset)
         return self.learned_offsets or KeypointOffsets(np.zeros_like(sigmas), sigmas)
 
     def window(self, frames: slice) -> "CameraProblem":
-        """The problem of some consecutive frames; its priors are those of the first frame."""
+        """Select consecutive frames; priors belong to the recording's first frame."""
         imu = None if self.imu is None else self.imu.window(frames)
         odometry = None if self.odometry is None else self.odometry.window(frames)
         return replace(self, imu=imu, odometry=odometry, is_beginning=self.is_beginning and frames.start == 0)
 
     def orientation_weight(self, step: float) -> float:
-        """What divides the variance of one frame's orientation.
+        """Divisor of the variance of one frame's orientation.
 
-        A camera that stands still is told the same, errors included, in every frame: a second of it weighs as one.
+        The sensor of a standing camera repeats the same error in every frame: a second counts as one measurement.
         """
         return 1.0 if self.moving else min(1.0, step)
 
 
 def keypoint_offset_sigmas(settings: KeypointOffsetSettings) -> Array:
-    """Of each keypoint and axis ``(K, 3)``, metres."""
+    """Standard deviations ``(K, 3)`` of the prior on each keypoint offset and axis, metres."""
     sigmas = np.full((len(OFFSET_KEYPOINTS), 3), settings.sigma)
     sigmas[OFFSET_KEYPOINTS.index("hip")] = settings.hip_sigma
     for name in ("elbow", "wrist"):
@@ -89,12 +89,12 @@ def keypoint_offset_sigmas(settings: KeypointOffsetSettings) -> Array:
 
 @dataclass(frozen=True)
 class Foot:
-    """One foot.
+    """Foot of a skeleton.
 
     Attributes:
-        bone: it is on.
-        p_bone_ankle: ``(3,)`` metres.
-        p_bone_sole: ``(n, 3)``, points of its skin that may touch the ground, or a shoe's sole there.
+        bone: bone of the foot.
+        p_bone_ankle: ``(3,)`` metres, the ankle in bone axes.
+        p_bone_sole: ``(n, 3)`` metres, points of the skin that may touch the ground or a shoe's sole.
     """
 
     bone: int
@@ -102,28 +102,25 @@ class Foot:
     p_bone_sole: Array
 
     def lowest(self, body: BodyState) -> Array:
-        """Which of the sole's points is the lowest, ``(T,)``."""
+        """Index ``(T,)`` of the lowest point of the sole."""
         down = np.einsum("tk,nk->tn", body.R_world_bone[:, self.bone, 2], self.p_bone_sole)
         return np.argmin(down, axis=1)
 
     def ankle(self, body: BodyState, sole: float) -> tuple[Array, Array]:
-        """World positions ``(T, 3)`` of the ankle, and the height ``(T,)`` that it has where the foot stands.
-
-        ``sole`` is the shoe's thickness in metres.
-        """
+        """World positions ``(T, 3)`` of the ankle, and its height ``(T,)`` if the foot stands on a ``sole`` (m)."""
         height = np.einsum("tk,tk->t", body.R_world_bone[:, self.bone, 2], self._arm(body, sole))
         return body.point(self.bone, self.p_bone_ankle), height
 
     def height_by_sole(self, body: BodyState) -> Array:
-        """Derivative ``(T,)`` of that height by the thickness."""
+        """Derivative ``(T,)`` of the standing height by the sole's thickness."""
         return -body.R_world_bone[:, self.bone, 2] @ sole_shift(1.0)
 
     def _arm(self, body: BodyState, sole: float) -> Array:
-        """From what touches the ground to the ankle, ``(T, 3)`` in bone axes."""
+        """Vector ``(T, 3)`` from the point that touches the ground to the ankle, bone axes."""
         return self.p_bone_ankle - self.p_bone_sole[self.lowest(body)] - sole_shift(sole)
 
     def height_by_turn(self, body: BodyState, sole: float) -> Array:
-        """Derivative ``(T, 3)`` of that height by a turn of the foot in the world: ``−hat(R arm)``, its last row."""
+        """Derivative ``(T, 3)`` of the standing height by a turn of the foot: last row of ``−hat(R arm)``."""
         arm = self._arm(body, sole)
         turned = np.einsum("tij,tj->ti", body.R_world_bone[:, self.bone], arm)
         return -hat(turned)[:, 2]
@@ -131,13 +128,13 @@ class Foot:
 
 @dataclass(frozen=True)
 class GroundView:
-    """Where one camera saw one wearer's ``G`` feet stand.
+    """Standing feet of one wearer in the view of one camera.
 
     Attributes:
-        feet: of the body.
-        rays: ``(T, G, 3)`` of the ankles' pixels, in the camera's frame.
+        feet: the ``G`` feet.
+        rays: ``(T, G, 3)`` through the ankles' pixels, in the camera's frame.
         whitening: ``(T, G, 3, 3)`` per metre.
-        stands: ``(T, G)`` where the factor exists; elsewhere the others mean nothing.
+        stands: ``(T, G)`` mask of standing feet; only there the other arrays are valid.
     """
 
     feet: tuple[Foot, ...]
@@ -147,7 +144,7 @@ class GroundView:
 
     @classmethod
     def joined(cls, feet: tuple[Foot, ...], views: Sequence["GroundView | None"]) -> "GroundView":
-        """Views of single frames, one after the other; None where no foot is known to stand."""
+        """Concatenate views of single frames; None for a frame without a standing foot."""
         T, G = len(views), len(feet)
         rays, whitening, stands = np.ones((T, G, 3)), np.zeros((T, G, 3, 3)), np.zeros((T, G), bool)
         for t, view in enumerate(views):
@@ -156,29 +153,29 @@ class GroundView:
         return cls(feet, rays, whitening, stands)
 
     def at_frames(self, frames: slice) -> "GroundView":
-        """A stretch of frames."""
+        """Select consecutive frames."""
         return GroundView(self.feet, self.rays[frames], self.whitening[frames], self.stands[frames])
 
 
-OF_FRAMES = ("pixels", "sigma", "oks_px", "seen", "pixels_per_second", "confidence")  # of a view, frame by frame
+OF_FRAMES = ("pixels", "sigma", "oks_px", "seen", "pixels_per_second", "confidence")  # arrays of a view along frames
 
 
 @dataclass(frozen=True, repr=False)
 class KeypointView(Summarised):
-    """Where one wearer's ``K`` keypoints were seen in the ``T`` frames.
+    """Keypoints of one wearer in the view of one camera.
 
     Attributes:
-        points: on the body.
+        points: positions of the ``K`` keypoints on the body.
         pixels: ``(T, K, 2)``; zero where not seen.
         sigma: ``(T, K)`` pixels; one where not seen.
-        oks_px: ``(T, K)`` pixels, one OKS sigma over the root of the confidence: how detections scatter is told in it.
-        seen: ``(T, K)``.
-        pixels_per_second: ``(T, K, 2)`` how fast the detections move, for the clock.
-        confidence: ``(T, K)`` of the detector, times the biweight; zero where not seen. Sigma has it already.
-        ground: of the feet among them, if their contact with the ground is used.
-        names: of the keypoints, where the detector's own way of placing them is of interest.
-        clock: offset and drift of the video's clock with which the pixels were put onto the frames.
-        frames_apart: from one frame that the camera saw to the next: a video may be slower than the frames.
+        oks_px: ``(T, K)`` pixels, one OKS sigma over the root of the confidence: unit of the scatter of detections.
+        seen: ``(T, K)`` mask of detected keypoints.
+        pixels_per_second: ``(T, K, 2)`` velocity of the detections, for the video's clock.
+        confidence: ``(T, K)`` of the detector, times the biweight; zero where not seen. It is included in ``sigma``.
+        ground: standing feet, if their contact with the ground is used.
+        names: names of the keypoints, if the detector's offsets apply.
+        clock: offset and drift of the video's clock with which the pixels were resampled.
+        frames_apart: frames between two video frames, at least 1.
     """
 
     points: tuple[BodyPoint, ...]
@@ -195,7 +192,7 @@ class KeypointView(Summarised):
 
     @cached_property
     def offsets(self) -> tuple[np.ndarray, Array]:
-        """Which of the detector's offsets each point has ``(K,)``, −1 for none, and its axes' signs ``(K, 3)``."""
+        """Index ``(K,)`` of each point's keypoint offset, −1 for none, and the signs ``(K, 3)`` of its axes."""
         offsets = [offset_of(name) for name in self.names] or [(-1, 1)] * len(self.points)
         index = np.array([number for number, _ in offsets], dtype=int)
         signs = np.ones((len(offsets), 3))
@@ -204,7 +201,7 @@ class KeypointView(Summarised):
 
     @classmethod
     def unseen(cls, points: tuple[BodyPoint, ...], frames: int = 1) -> "KeypointView":
-        """Of somebody who is not in the picture."""
+        """Make a view without any detection."""
         none, pixels = np.zeros((frames, len(points))), np.zeros((frames, len(points), 2))
         return cls(points, pixels, none + 1.0, none + 1.0, none.astype(bool), pixels, none)
 
@@ -212,7 +209,7 @@ class KeypointView(Summarised):
     def joined(
         cls, points: tuple[BodyPoint, ...], views: Sequence["KeypointView | None"], feet: tuple[Foot, ...] | None
     ) -> "KeypointView":
-        """Views of single frames, one after the other; None of a frame that the camera did not take."""
+        """Concatenate views of single frames; None for a frame without a video frame."""
         unseen = cls.unseen(points)
         frame_views = [unseen if view is None else view for view in views]
 
@@ -234,24 +231,18 @@ class KeypointView(Summarised):
 
     @cached_property
     def body_points(self) -> BodyPoints:
-        """The points, as arrays."""
+        """Positions of the keypoints on the body, as arrays."""
         return BodyPoints.of(self.points)
 
     def at_frames(self, frames: slice) -> "KeypointView":
-        """A stretch of frames."""
+        """Select consecutive frames."""
         arrays = {name: getattr(self, name)[frames] for name in OF_FRAMES}
         return replace(self, ground=None if self.ground is None else self.ground.at_frames(frames), **arrays)
 
 
 @dataclass(frozen=True)
 class Viewpoint:
-    """Where one camera is, and what it saw.
-
-    Attributes:
-        problem: the camera's.
-        state: its poses.
-        views: of each wearer.
-    """
+    """Camera at a state: its problem, its state and its view of each wearer."""
 
     problem: CameraProblem
     state: CameraState
@@ -259,16 +250,16 @@ class Viewpoint:
 
     @property
     def lens(self) -> CameraModel:
-        """The intrinsics at the state."""
+        """Intrinsics at the state."""
         return self.problem.model.zoomed(self.state.zoom)
 
 
 class LinearTerms(Protocol):
-    """Normal equations of a user's own terms."""
+    """Normal equations of a user's terms."""
 
     @property
     def multipliers(self) -> int:
-        """Number of columns, behind those of what all frames share, of rows that tie frames further apart."""
+        """Number of columns after the static ones, for rows that connect distant frames."""
         ...
 
     def add_to(self, blocks: Blocks, begin: int) -> None:
@@ -277,27 +268,26 @@ class LinearTerms(Protocol):
 
 
 class ExtraTerms(Protocol):
-    """Terms of a user's own, on the variables of a scene."""
+    """A user's terms on the variables of a scene."""
 
     def cost(self, problem: "SceneProblem", state: "SceneState") -> float:
-        """Half the sum of their squared whitened residuals, losses applied."""
+        """Half the sum of squared whitened residuals, with robust losses."""
         ...
 
     def linearised(self, problem: "SceneProblem", layout: Layout, state: "SceneState") -> "LinearTerms":
-        """Their normal equations at a state."""
+        """Linearise the terms at a state."""
         ...
 
 
 @dataclass(frozen=True, repr=False)
 class SceneProblem(Summarised):
-    """The least-squares problem of a scene; all wearers have the same frames.
+    """Least-squares problem of a scene; all wearers have the same frames.
 
     Attributes:
-        wearers: their own problems.
-        cameras: their own problems.
-        views: of each camera, of each wearer.
-        extra: terms of a user's own.
-        free_keypoints: whether the detector's keypoint offsets are variables.
+        wearers, cameras: their problems.
+        views: keypoints by camera, then wearer.
+        extra: a user's terms, if any.
+        free_keypoints: True if the detector's keypoint offsets are variables.
     """
 
     wearers: tuple[WearerProblem, ...]
@@ -307,7 +297,7 @@ class SceneProblem(Summarised):
     free_keypoints: bool = False
 
     def viewpoints(self, state: SceneState) -> tuple[Viewpoint, ...]:
-        """All cameras at a state."""
+        """Combine each camera with its state and views."""
         return tuple(map(Viewpoint, self.cameras, state.cameras, self.views))
 
     @property
@@ -321,7 +311,7 @@ class SceneProblem(Summarised):
         return self.wearers[0].frames.step
 
     def window(self, frames: slice) -> "SceneProblem":
-        """The problem of some consecutive frames, without a user's own terms."""
+        """Select consecutive frames, without a user's terms."""
         return SceneProblem(
             tuple(wearer.window(frames) for wearer in self.wearers),
             tuple(camera.window(frames) for camera in self.cameras),

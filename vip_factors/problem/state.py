@@ -1,4 +1,4 @@
-"""The values of all variables, as arrays."""
+"""State: the values of all variables, as arrays."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -39,11 +39,11 @@ class CameraPoses(Summarised):
         return np.concatenate([-R @ hat(p_camera_point), R], axis=2)
 
     def shifted(self, shift: Array) -> "CameraPoses":
-        """Moved by ``(3,)`` metres in the world."""
+        """Shift by ``(3,)`` metres in the world."""
         return CameraPoses(self.R_world_camera, self.p_world_camera + shift)
 
     def retract(self, steps: Array) -> "CameraPoses":
-        """Moved by tangent steps ``(T, 6)``, as ``Pose3`` moves: the translation turns along."""
+        """Move by tangent steps ``(T, 6)``, as ``Pose3.retract``."""
         return CameraPoses(*retract_pose(self.R_world_camera, self.p_world_camera, steps))
 
 
@@ -54,12 +54,12 @@ class WearerState(Summarised):
     Attributes:
         R_parent_child: ``(T, 24, 3, 3)`` joint rotations.
         p_world_pelvis: ``(T, 3)`` metres.
-        headings: ``(S,)`` radians; at first, where they drift.
+        headings: ``(S,)`` radians; the first ones if they drift.
         R_bone_sensor: ``(S, 3, 3)`` mountings.
-        pose_mean: ``(69,)`` the recording's mean joint vector, radians.
-        later_headings: ``(K − 1, S)`` radians, at later times; none where headings are constant.
+        pose_mean: ``(69,)`` mean joint vector of the recording, radians.
+        later_headings: ``(K − 1, S)`` radians, headings at later times; empty if they are constant.
         body: ``(B,)`` metres, changes of the skeleton's lengths.
-        sensor_positions: ``(S, 3)`` metres, from where the sensors were said to sit to where they do, in bone axes.
+        sensor_positions: ``(S, 3)`` metres, position of each sensor minus the declared one, bone axes.
         hinges: ``(H,)`` radians, tilts of the axes of elbows and knees, and offsets.
         sole: logarithm of the sole's thickness over the likeliest one.
     """
@@ -76,16 +76,16 @@ class WearerState(Summarised):
     sole: float = 0.0
 
     def __post_init__(self) -> None:
-        if not len(self.sensor_positions):  # where they were said to
+        if not len(self.sensor_positions):  # as declared
             object.__setattr__(self, "sensor_positions", np.zeros((len(self.headings), 3)))
 
     @property
     def heading_path(self) -> Array:
-        """Headings ``(K, S)``: at first, and at later times."""
+        """Headings ``(K, S)`` at all times."""
         return np.vstack([self.headings, self.later_headings.reshape(-1, len(self.headings))])
 
     def with_headings(self, count: int) -> "WearerState":
-        """The same headings, now at ``count`` times: all as the first."""
+        """Repeat the first headings at ``count`` times."""
         return replace(self, later_headings=np.tile(self.headings, (max(count - 1, 0), 1)))
 
     @property
@@ -94,11 +94,11 @@ class WearerState(Summarised):
         return len(self.p_world_pelvis)
 
     def window(self, frames: slice) -> "WearerState":
-        """Some consecutive frames."""
+        """Select consecutive frames."""
         return replace(self, R_parent_child=self.R_parent_child[frames], p_world_pelvis=self.p_world_pelvis[frames])
 
     def retract_frames(self, steps: Array) -> "WearerState":
-        """Poses moved by steps ``(T, 75)`` of joints and root; rotations on the right, as GTSAM moves them."""
+        """Move poses by steps ``(T, 75)`` of joints and root; rotations on the right, as in GTSAM."""
         joints = steps[:, :ROOT].reshape(len(steps), JOINT_COUNT, 3)
         return replace(
             self,
@@ -107,7 +107,7 @@ class WearerState(Summarised):
         )
 
     def turned(self, angle: float, shift: Array | None = None) -> "WearerState":
-        """The same motion in a world turned about the vertical by an angle in radians, then shifted ``(3,)``."""
+        """Turn the world about the vertical by an angle in radians, then shift it by ``(3,)`` metres."""
         turn, R = rotation_z(angle), self.R_parent_child.copy()
         R[:, 0] = turn @ R[:, 0]
         p = self.p_world_pelvis @ turn.T + (0.0 if shift is None else shift)
@@ -119,15 +119,15 @@ class WearerState(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class CameraState(Summarised):
-    """Values of the camera's variables.
+    """Values of a camera's variables.
 
     Attributes:
         poses: one for each frame, or a single one.
-        heading: radians, of the IMU on it.
-        R_camera_imu: ``(3, 3)``.
-        clock: seconds by which the video's clock must be put forward in the recording's middle.
-        clock_drift: seconds more in every second from there.
-        zoom: logarithm of the focal length over the supposed one.
+        heading: heading of the IMU on the camera, radians.
+        R_camera_imu: ``(3, 3)`` mounting of that IMU.
+        clock: seconds to add to the video's clock in the recording's middle.
+        clock_drift: further seconds to add for each second from there.
+        zoom: logarithm of the focal length over the nominal one.
         path_scale: logarithm of the scale of the camera's odometry.
     """
 
@@ -140,7 +140,7 @@ class CameraState(Summarised):
     path_scale: float = 0.0
 
     def at_frames(self, frames: slice) -> CameraPoses:
-        """The poses at a stretch of frames."""
+        """Poses in a stretch of frames; a single pose is repeated."""
         if len(self.poses) > 1:
             return CameraPoses(self.poses.R_world_camera[frames], self.poses.p_world_camera[frames])
         count = frames.stop - frames.start
@@ -150,11 +150,11 @@ class CameraState(Summarised):
         )
 
     def window(self, frames: slice) -> "CameraState":
-        """Some consecutive frames; the one pose of a camera that stands still."""
+        """Select consecutive frames; a standing camera keeps its pose."""
         return replace(self, poses=self.at_frames(frames)) if len(self.poses) > 1 else self
 
     def retract_frames(self, steps: Array) -> "CameraState":
-        """A moving camera's poses moved by steps ``(T, 6)``."""
+        """Move the poses by steps ``(T, 6)``."""
         return replace(self, poses=self.poses.retract(steps))
 
 
@@ -179,15 +179,15 @@ class SceneState(Summarised):
 
     @classmethod
     def unfilmed(cls, wearers: Sequence[WearerState]) -> "SceneState":
-        """Of wearers whom no camera sees."""
+        """Make the state of wearers without cameras."""
         return cls(tuple(wearers), ())
 
     def count(self, kind: Owner) -> int:
-        """How many owners of a kind there are."""
+        """Number of owners of a kind."""
         return {Owner.WEARER: len(self.wearers), Owner.CAMERA: len(self.cameras)}.get(kind, 1)
 
     def of(self, owner: OwnerId) -> "OwnerState":
-        """One owner's values."""
+        """Values of one owner's variables."""
         match owner.kind:
             case Owner.CAMERA:
                 return self.cameras[owner.number]
@@ -196,12 +196,12 @@ class SceneState(Summarised):
         return self.wearers[owner.number]
 
     def window(self, frames: slice) -> "SceneState":
-        """Some consecutive frames."""
+        """Select consecutive frames."""
         wearers = tuple(wearer.window(frames) for wearer in self.wearers)
         return SceneState(wearers, tuple(camera.window(frames) for camera in self.cameras), self.detector)
 
     def replaced(self, owners: Mapping[OwnerId, "OwnerState"]) -> "SceneState":
-        """With other values of some owners."""
+        """Replace the values of some owners."""
         wearers, cameras, detector = list(self.wearers), list(self.cameras), self.detector
         for owner, state in owners.items():
             match state:
@@ -214,7 +214,7 @@ class SceneState(Summarised):
         return SceneState(tuple(wearers), tuple(cameras), detector)
 
     def retract_static(self, layout: Layout, step: Array) -> "SceneState":
-        """What all frames share moved by a step ``(s,)`` of the layout's static vector."""
+        """Move static variables by a step ``(s,)`` of the layout's static vector."""
         moved = {owner: dict(vars(self.of(owner))) for owner, _ in layout.owners}
         for owner, block, columns in layout.placed:
             if block.free:
@@ -222,11 +222,11 @@ class SceneState(Summarised):
         return self.replaced({owner: type(self.of(owner))(**values) for owner, values in moved.items()})
 
     def retract_frames(self, layout: Layout, steps: Array) -> "SceneState":
-        """Every frame moved by steps ``(T, w)`` of the layout's frames."""
+        """Move all frames by steps ``(T, w)`` of the layout's frame vectors."""
         changed = dict[OwnerId, OwnerState]()
         for chain, columns in zip(layout.chains, layout.chain_columns, strict=True):
             state = self.of(chain.owner)
-            assert not isinstance(state, DetectorState)  # which has nothing of its own in a frame
+            assert not isinstance(state, DetectorState)  # it has no variables in frames
             changed[chain.owner] = state.retract_frames(steps[:, columns])
         return self.replaced(changed)
 
@@ -236,5 +236,5 @@ OwnerState = WearerState | CameraState | DetectorState
 
 
 def seconds_late(offset: float, drift: float, time: Array, middle: float) -> Array:
-    """Seconds by which the video's clock is to be put forward at instants ``time``, of any shape."""
+    """Seconds to add to the video's clock at instants ``time`` of any shape."""
     return offset + drift * (time - middle)

@@ -1,6 +1,6 @@
-"""What is to be found, one row a variable: layout, columns, GTSAM's keys and values, covariances derive from it.
+"""Table of static variables, from which layout, columns, GTSAM's keys and values, and covariances derive.
 
-Values stand in an attribute of that name of the owner's state (:mod:`vip_factors.problem.state`).
+The owner's state (:mod:`vip_factors.problem.state`) has an attribute of each row's name.
 """
 
 from collections.abc import Callable
@@ -27,9 +27,9 @@ STEP_CLOCK_DRIFT = 1e-3  # s/s
 STEP_ZOOM = 0.1  # of its logarithm
 STEP_BODY = 0.05  # m
 STEP_SOLE = 0.5  # of its logarithm
-BODY_MOVED = 0.003  # m: from where on a length is linearised anew in a stream
-SOLE_MOVED = 0.1  # and a sole's logarithm
-ZOOM_MOVED = 0.005  # and that of a focal length
+BODY_MOVED = 0.003  # m: change of a length in a stream, beyond which it is linearised again
+SOLE_MOVED = 0.1  # the same for the sole's logarithm
+ZOOM_MOVED = 0.005  # and for that of the focal length
 DETECTOR = OwnerId(Owner.DETECTOR)
 
 
@@ -41,17 +41,17 @@ class Row(Generic[Problem]):
     """One kind of variable.
 
     Attributes:
-        name: of the block, and of the attribute of the owner's state.
-        title: in words, of counts and drawings.
-        letter: of its GTSAM keys.
-        owner: whose it is.
-        manifold: of each item.
+        name: name of the block, and of the attribute of the owner's state.
+        title: kind of variable in words.
+        letter: letter of the GTSAM keys.
+        owner: kind of owner.
+        manifold: manifold of each item.
         step: one unit of damping is a prior of this size on a step (rad, m, s).
-        count: how many items; None: one for each of the wearer's sensors.
-        free: whether they move, given the owner's problem.
-        process_noise: how far each may wander in a stream, per √second.
-        relinearise: linearised anew in a stream where it moved by more; None: by the angle that the stream sets.
-        one_vector: all items are one variable of GTSAM.
+        count: number of items; None for one of each sensor of the wearer.
+        free: function of the owner's problem; True if these are variables.
+        process_noise: random walk in a stream, per √second.
+        relinearise: change in a stream beyond which it is linearised again; None for the stream's angle.
+        one_vector: True if all items are one variable of GTSAM.
     """
 
     name: str
@@ -68,11 +68,11 @@ class Row(Generic[Problem]):
 
     @property
     def of_sensors(self) -> bool:
-        """Whether there is one for each of the wearer's sensors."""
+        """True if each sensor of the wearer has an item."""
         return self.count is None
 
     def block(self, problem: Problem, sensors: int, noise: ProcessNoiseSettings, angle: float) -> StaticBlock:
-        """The block of one owner, whose ``problem`` says whether they move."""
+        """Make the block of the owner of a ``problem``."""
         count, free = sensors if self.count is None else self.count, self.free(problem)
         limit = angle if self.relinearise is None else self.relinearise
         return StaticBlock(self.name, self.manifold, count, free, self.step, self.process_noise(noise), limit)
@@ -109,7 +109,7 @@ WEARER_ROWS: tuple[Row[WearerProblem], ...] = (
         lambda wearer: wearer.free_pose_mean, one_vector=True),
 )  # fmt: skip
 CAMERA_ROWS: tuple[Row[CameraProblem], ...] = (
-    # Of a camera that moves every frame has a pose.
+    # A moving camera has a pose in every frame instead.
     Row("poses", "camera pose", "c", Owner.CAMERA, Manifold.POSE, (STEP_ANGLE,) * 3 + (STEP_LENGTH,) * 3, 1,
         lambda camera: camera.free_pose and not camera.moving, _pose_noise),
     Row("heading", "camera heading", "g", Owner.CAMERA, VECTOR, STEP_ANGLE, 1, lambda camera: camera.imu is not None,
@@ -141,7 +141,7 @@ def scene_layout(
     relinearise_deg: float = RelinearisationSettings.shared_deg,
     wearers_move: bool = True,
 ) -> Layout:
-    """All variables of a scene that move; without the wearers' if these are kept as they are."""
+    """Build the layout of a scene's variables, without those of the wearers if these do not move."""
     noise, limit = noise or ProcessNoiseSettings(), float(np.deg2rad(relinearise_deg))
     chains, blocks = list[FrameBlock](), list[tuple[OwnerId, tuple[StaticBlock, ...]]]()
     if wearers_move:
@@ -160,7 +160,7 @@ def scene_layout(
 
 
 def camera_owner(number: int) -> OwnerId:
-    """The owner of a camera's variables."""
+    """Owner of a camera's variables."""
     return OwnerId(Owner.CAMERA, number)
 
 

@@ -1,4 +1,4 @@
-"""Everything that defines one wearer's cost: measurements, body, priors and settings."""
+"""Least-squares problem of one wearer: measurements, body, priors and settings."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -19,26 +19,26 @@ from vip_factors.sensors.frames import ImuFrames
 
 @dataclass(frozen=True)
 class BodyPoint:
-    """A point fixed to a bone."""
+    """Point fixed to a bone: ``p_bone_point`` ``(3,)`` metres, bone axes."""
 
     bone: int
     p_bone_point: Array
 
     def of(self, body: BodyState) -> Array:
-        """World positions ``(T, 3)``."""
+        """World positions ``(T, 3)`` of the point, metres."""
         return body.point(self.bone, self.p_bone_point)
 
 
 @dataclass(frozen=True)
 class BodyPoints:
-    """Points on the body, as arrays: ``bones`` they are on, and ``p_bone_point`` ``(n, 3)`` metres."""
+    """Points on the body, as arrays: their ``bones``, and ``p_bone_point`` ``(n, 3)`` metres."""
 
     bones: tuple[int, ...]
     p_bone_point: Array
 
     @classmethod
     def of(cls, points: Sequence[BodyPoint]) -> "BodyPoints":
-        """The same points."""
+        """Make arrays of points."""
         p = np.array([point.p_bone_point for point in points]).reshape(-1, 3)
         return cls(tuple(point.bone for point in points), p)
 
@@ -48,16 +48,13 @@ class BodyPoints:
 
 
 def sole_shift(thickness: float) -> Array:
-    """From the foot's skin to what touches the ground, ``(3,)`` metres in bone axes: at rest down."""
+    """Vector ``(3,)`` from the foot's skin to the underside of the sole, metres, bone axes."""
     return np.array([0.0, -thickness, 0.0])
 
 
 @dataclass(frozen=True, repr=False)
 class InitialPose(Summarised):
-    """A declared pose over the first ``frames``; the root's heading is free.
-
-    Of a stretch of something longer, ``passed`` frames are before it.
-    """
+    """Declared pose in the first ``frames``; the root's heading is free. ``passed`` of these precede the stretch."""
 
     pose: HeldPose
     frames: int
@@ -65,45 +62,41 @@ class InitialPose(Summarised):
 
     @property
     def left(self) -> int:
-        """How many frames of this stretch it is held in."""
+        """Number of frames of the stretch in which the pose is held."""
         return max(self.frames - self.passed, 0)
 
 
 @dataclass(frozen=True, repr=False)
 class WearerProblem(Summarised):
-    """One wearer's least-squares problem.
+    """Least-squares problem of one wearer.
 
     Attributes:
-        name: the wearer's.
-        skeleton, prior, limits: the body.
+        name: name of the wearer.
+        skeleton, prior, limits: the body, its pose prior and joint limits.
         frames: the measurements.
-        sensors: ``S`` points where the sensors sit, in the order of ``frames.sensors``.
-        prior_headings, heading_sigma: ``(S,)`` radians; at first, where headings drift.
+        sensors: ``S`` sensor positions, in the order of ``frames.sensors``.
+        prior_headings, heading_sigma: ``(S,)`` radians; of the first headings if they drift.
         prior_R_bone_sensor: ``(S, 3, 3)``.
         mounting_sigma: ``(S,)`` radians.
-        settings: of the terms.
+        settings: settings of the terms.
         p_world_start: root position of the first frame, metres; or ``(N, 3)``, of the first frame of each stretch.
-        initial_pose: declared by the wearer, or None.
+        initial_pose: declared pose, or None.
         contacts: points of the feet that may bear the body.
-        contact_confidence: ``(T, C)`` in [0, 1], whether each contact holds from its frame to the next.
-        use_acceleration: False leaves acceleration, contact and gauge factors out: frames decouple (IT, SOP).
-        free_headings, free_mountings, free_pose_mean: whether those variables move.
-        gauge_sensor: whose heading defines the world's.
-        is_gauge: whether this wearer's first root position and gauge heading define the world. Where headings drift,
-            the gauge sensor's is pinned at first only: what it drifts shows against a camera that stands, and without
-            one it stays as the walk's prior has it.
-        is_beginning: False for a stretch of something longer, whose beginning holds the priors on what all frames
-            share and on the first root position.
-        variation: how the skeleton may change, and how likely; None of a body that is known.
-        free_body: whether it does.
-        free_hinges: whether the axes of elbows and knees are variables.
-        hinge_prior: what is likely of those.
-        free_places: whether the sensors' places on their bones are variables.
-        free_sole: whether the sole's thickness is a variable.
-        heading_times: ``(K,)`` seconds around which headings are the same: frames have those of the nearest, and they
-            step half-way between; one or none: constant.
-        heading_drift_deg: ``(S,)`` degrees per √minute by which headings drift; empty before anything shows it.
-        restarts: ``(P, 2)`` seconds of pauses over which they begin anew: they step in the middle of each.
+        contact_confidence: ``(T, C)`` in [0, 1], that each contact holds from its frame to the next.
+        use_acceleration: False without acceleration, contact and gauge factors: frames are independent (IT, SOP).
+        free_headings, free_mountings, free_pose_mean, free_body, free_hinges, free_places, free_sole: True for
+            variables, False for constants.
+        gauge_sensor: sensor whose heading defines the world's.
+        is_gauge: True if this wearer's first root position and gauge heading define the world. A drifting gauge heading
+            is fixed in the first frame only.
+        is_beginning: False for a later stretch of a recording, without priors on static variables and the first root
+            position.
+        variation: prior over changes of the skeleton; None if it is exact.
+        hinge_prior: prior on the axes of elbows and knees.
+        heading_times: ``(K,)`` seconds of the headings: frames have the nearest one. Headings are constant if there is
+            one or none.
+        heading_drift_deg: ``(S,)`` drift of the headings, degrees per √minute; empty if unknown.
+        restarts: ``(P, 2)`` seconds of pauses after which headings are new; they change in the middle of each.
     """
 
     skeleton: Skeleton
@@ -140,32 +133,32 @@ class WearerProblem(Summarised):
 
     @cached_property
     def sensor_points(self) -> BodyPoints:
-        """Where the sensors sit, as arrays."""
+        """Sensor positions on the bones, as arrays."""
         return BodyPoints.of(self.sensors)
 
     @cached_property
     def contact_points(self) -> BodyPoints:
-        """The contacts, as arrays."""
+        """Contact points of the feet, as arrays."""
         return BodyPoints.of(self.contacts)
 
     @property
     def frame_share(self) -> float:
-        """What a frame counts: its share of a correlation time."""
+        """Scale of one frame's information: its share of a correlation time, at most 1."""
         return float(min(1.0, self.frames.step / self.settings.correlation_s))
 
     @property
     def body_moves(self) -> bool:
-        """Whether lengths are variables."""
+        """True if the body's lengths are variables."""
         return self.free_body and self.variation is not None
 
     def skeleton_at(self, lengths: Array) -> Skeleton:
-        """The skeleton, changed by ``(B,)`` metres."""
+        """Change the skeleton by ``(B,)`` metres."""
         if self.variation is None or not np.any(lengths):
             return self.skeleton
         return self.variation.varied(self.skeleton, lengths)
 
     def with_body(self, lengths: Array) -> "WearerProblem":
-        """The problem of the body changed by ``(B,)`` metres: what is left to change starts from there."""
+        """Change the body by ``(B,)`` metres; further changes are relative to the new body."""
         if self.variation is None or not np.any(lengths):
             return self
         points = self.sensor_points
@@ -176,7 +169,7 @@ class WearerProblem(Summarised):
         )
 
     def window(self, frames: slice) -> "WearerProblem":
-        """The problem of some consecutive frames; its priors are those of the first frame."""
+        """Select consecutive frames; priors belong to the recording's first frame."""
         pose, starts = self.initial_pose, self.p_world_start
         if starts.ndim > 1:
             begins = self.frames.beginnings
@@ -192,10 +185,7 @@ class WearerProblem(Summarised):
 
     @property
     def placed_starts(self) -> list[tuple[int, Array]]:
-        """The frames whose root positions are chosen, and these ``(3,)``: of the whole's beginning, or of each stretch.
-
-        A part of several stretches may begin within one: it has the positions of those that begin in it.
-        """
+        """Frames with a chosen root position, and the positions ``(3,)``: of the beginning, or of each stretch."""
         if self.p_world_start.ndim == 1:
             return [(0, self.p_world_start)] if self.is_beginning else []
         frames = self.frames.beginnings.tolist()
@@ -203,21 +193,21 @@ class WearerProblem(Summarised):
 
     @property
     def has_floor(self) -> bool:
-        """Whether contacts stand on the floor at z = 0; where frames are independent, roots are free."""
+        """True if contacts are on the floor at z = 0; roots of independent frames are free."""
         return self.use_acceleration and self.settings.floor_contact.use
 
     @property
     def headings_drift(self) -> bool:
-        """Whether headings change with time."""
+        """True if headings change with time."""
         return len(self.heading_times) > 1
 
     def heading_numbers(self, frames: slice = slice(None)) -> np.ndarray:
-        """Which of the ``K`` headings frames have, ``(t,)``: the nearest one on their side of a pause."""
+        """Index ``(t,)`` of each frame's heading among the ``K``: the nearest one on its side of a pause."""
         between = (self.heading_times[1:] + self.heading_times[:-1]) / 2
         between[self.restart_steps] = self.restarts.mean(axis=1)
         return np.searchsorted(between, self.frames.time[frames], side="right")
 
     @property
     def restart_steps(self) -> np.ndarray:
-        """``(P,)`` numbers of the steps at which headings begin anew: others drift on to the next ones."""
+        """Indices ``(P,)`` of the steps at which headings are new."""
         return np.searchsorted(self.heading_times, self.restarts.mean(axis=1)) - 1

@@ -1,1 +1,1 @@
-"""One residual per file."""
+"""Terms of the objective: residuals, derivatives and equations of each kind of factor."""

@@ -11,6 +11,7 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.live import prediction
 from vip_factors.live.prediction import correction_findings
 from vip_factors.live.problem import FrameState
+from vip_factors.problem.state import CameraPoses, CameraState, SceneState, WearerState
 from vip_factors.sensors.live import VideoFrame
 from vip_factors.simulate.gestures import gestures
 
@@ -20,10 +21,11 @@ def test_two_sightings_of_one_frame_do_not_tell_how_fast_a_wearer_goes(monkeypat
     sightings = np.array([[[1.0, 3.8, 0.9]], [[1.0, 4.2, 0.9]]])
     monkeypatch.setattr(prediction, "locate_wearers", lambda *_: sightings)
     motion = gestures(seconds=0.5)
-    found = SimpleNamespace(
-        problem=SimpleNamespace(wearers=[motion]), shared=SimpleNamespace(cameras=[SimpleNamespace(poses=())])
-    )
-    state = FrameState(motion.R_parent_child[:1], np.zeros((1, 3)), np.eye(3), np.zeros(3))
+    R, p = motion.R_parent_child[:0], motion.p_world_pelvis[:0]
+    wearer = WearerState(R, p, np.zeros(0), np.zeros((0, 3, 3)), np.zeros(69))
+    carried = CameraState(CameraPoses(np.zeros((0, 3, 3)), np.zeros((0, 3))))
+    found = SimpleNamespace(problem=SimpleNamespace(wearers=[motion]), shared=SceneState((wearer,), (carried,)))
+    state = FrameState(motion.R_parent_child[:1], np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)))
     placed = prediction._placed(found, [state] * 9, 20, 0, None, [VideoFrame("phone", 0.0, None, None, 23)] * 2)  # type: ignore[arg-type]
     assert placed is not None
     np.testing.assert_allclose([one.p_world_pelvis[0] for one in placed], [[1.0, 4.0, 0.9]] * 9, atol=1e-9)

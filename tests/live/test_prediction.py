@@ -41,7 +41,7 @@ def truth_at(time: float) -> FrameState:
     truth = recorded()[0].truth
     assert truth is not None
     R, p = truth.motion.poses_at(np.array([time]))
-    return FrameState(R, p, np.eye(3), np.zeros(3))
+    return FrameState(R, p, np.eye(3)[None], np.zeros((1, 3)))
 
 
 def problem_of(use_acceleration: bool = True) -> tuple[LagProblem, SceneState]:

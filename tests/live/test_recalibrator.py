@@ -21,7 +21,7 @@ from vip_factors.settings import LiveSettings
 
 SETTINGS = LiveSettings()
 RATE = 60
-NEWEST = FrameState(np.zeros((1, 24, 3, 3)), np.zeros((1, 3)), np.eye(3), np.zeros(3))
+NEWEST = FrameState(np.zeros((1, 24, 3, 3)), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)))
 SENSORS = 10  # of the filmed wearer
 KNOWN = EarlierCalibration({}, np.zeros((1, 3)))
 

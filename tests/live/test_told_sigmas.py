@@ -11,7 +11,7 @@ from vip_factors.live.problem import FrameState
 
 def test_hinges_of_a_stream_are_a_fifth_less_sure_than_the_model_says() -> None:
     """Their axes stay where they were found: no later frame mends them."""
-    state = FrameState(np.tile(np.eye(3), (1, JOINT_COUNT, 1, 1)), np.zeros((1, 3)), np.eye(3), np.zeros(3))
+    state = FrameState(np.tile(np.eye(3), (1, JOINT_COUNT, 1, 1)), np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)))
     told = _pose(state, 0, 1.0, 1e-4 * np.eye(75), FILMED).joint_covariance
     assert told is not None
     sigmas = 100 * np.sqrt(told[:, 0, 0])

@@ -64,7 +64,7 @@ class AssignmentProblem:
 
 
 def solve(problem: AssignmentProblem) -> np.ndarray:
-    """The best choice ``(H,)``."""
+    """Choose the hypotheses of least cost: ``(H,)``."""
     hopeful, chosen = _settled(problem)
     rows = np.flatnonzero(hopeful & ~chosen)
     if len(rows):

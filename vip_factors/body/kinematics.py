@@ -167,7 +167,7 @@ class Motion(Summarised):
         return len(self.p_world_pelvis)
 
     def summary(self) -> list[str]:
-        """Describe duration and body."""
+        """Describe duration and body, line by line."""
         frames = f"frames: {len(self)} at {self.rate:g} Hz, from {self.start:.2f} s on"
         return [f"motion '{self.name}'", frames, f"body: {self.skeleton.source}"]
 

@@ -103,7 +103,7 @@ def _factors_of_term(
     window = _Window(
         term, evaluate_at, problem.window(frames), state.window(frames), layout, begin, slice(t - begin, t - begin + 1)
     )
-    evaluation = window.at(window.problem, window.state)
+    evaluation = window.evaluate_at(window.problem, window.state)
     equations = window.equations(evaluation)
     if equations is None:
         return
@@ -121,15 +121,15 @@ class _Window:
     """Term in the frames of the factors with one first frame."""
 
     term: Term
-    at: Callable[[SceneProblem, SceneState], Evaluation]
+    evaluate_at: Callable[[SceneProblem, SceneState], Evaluation]
     problem: SceneProblem
     state: SceneState
     layout: Layout
     begin: int
-    first: slice
+    stretch: slice
 
     def equations(self, evaluation: Evaluation) -> Equations | None:
-        return next(iter(self.term.equations(evaluation, self.first)), None)
+        return next(iter(self.term.equations(evaluation, self.stretch)), None)
 
     def factor(self, evaluation: Evaluation, equations: Equations, row: int, n: int) -> TermFactor | None:
         """Make one of the factors; None if all its variables are constant."""
@@ -140,7 +140,7 @@ class _Window:
         root = float(np.sqrt(confidence))
 
         def evaluate(values: gtsam.Values, derived: bool) -> tuple[Array, list[Array]]:
-            evaluation = self.at(self.problem, state_of(values, self.state, variables, self.begin))
+            evaluation = self.evaluate_at(self.problem, state_of(values, self.state, variables, self.begin))
             eq = self.equations(evaluation)
             assert eq is not None
             blocks = [root * block for _, block in self._blocks(eq, evaluation, row, n)] if derived else []
@@ -185,7 +185,7 @@ class _Window:
         """Derivatives by the joints above a bone and by the root (not for rotations); None: the root alone."""
         if self.layout.chain_of(eq.owner) is None:
             return []
-        number, t = eq.owner.number, self.first.start + ahead
+        number, t = eq.owner.number, self.stretch.start + ahead
         frame, k = self.begin + t, by_twist.shape[1]
         joints: tuple[int, ...] = ancestors(bone) if bone is not None else ()
         assert not isinstance(evaluation, CameraEvaluation)
@@ -223,7 +223,7 @@ class _Window:
 
     def _by_block(self, block: JacobianBlock, jacobian: Array, n: int) -> Blocks:
         number = block.owner.number
-        frame = self.begin + self.first.start + block.ahead
+        frame = self.begin + self.stretch.start + block.ahead
         if block.block in JOINT_NAMES:
             return [(Variable(JOINT, number, frame, joint_index(block.block)), jacobian)]
         if block.block == ROOT:
@@ -232,7 +232,7 @@ class _Window:
             return [(Variable(POSES, number, frame if self.problem.cameras[number].moving else 0), jacobian)]
         width, step = Variable(block.block).width, 0
         if block.block == HEADINGS:  # the heading of the factor's first frame
-            step = int(self.problem.wearers[block.owner.number].heading_numbers(self.first)[0])
+            step = int(self.problem.wearers[block.owner.number].heading_numbers(self.stretch)[0])
         indices = [n] if block.is_per_factor else range(jacobian.shape[1] // width)
         return [
             (Variable(block.block, number, 0, index, step), jacobian[:, place * width : (place + 1) * width])

@@ -57,7 +57,7 @@ class Variable:
 
     @property
     def manifold(self) -> Manifold:
-        """Manifold of the variable."""
+        """Manifold of the variable's values."""
         if self.is_of_a_frame:
             return Manifold.ROTATION if self.block == JOINT else Manifold.POINT
         return ROWS[self.block].manifold

@@ -148,7 +148,7 @@ class _Odds:
 
 @dataclass
 class _WearerTrack:
-    """State of one wearer."""
+    """State of one wearer's track."""
 
     track: int = NOBODY  # number of the wearer's last track
     seen_at: float | None = None  # s, time of that

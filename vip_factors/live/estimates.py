@@ -53,12 +53,12 @@ class AnswerFilter:
             new_states: current estimates of the next frames.
         """
         shown = zip(previous_states, new_states, self._filtered or new_states, strict=True)
-        last = _stacked([new if old is None else _with_cameras_of(new, filtered) for old, new, filtered in shown])
+        displayed = _stacked([new if old is None else _with_cameras_of(new, filtered) for old, new, filtered in shown])
         expected = _stacked([old or new for new, old in zip(new_states, previous_states, strict=True)])
         believed = _stacked(new_states)
-        off = log(transpose(expected[0]) @ last[0])
+        off = log(transpose(expected[0]) @ displayed[0])
         R = believed[0] @ exp(off * self._remaining_share(off, self.most_rad))
-        off = last[1] - expected[1]
+        off = displayed[1] - expected[1]
         p = believed[1] + off * self._remaining_share(off, self.most_m)
         shape, joints = new_states[0].R_parent_child.shape, new_states[0].R_parent_child[..., 0, 0].size
         rows = zip(R, p, strict=True)

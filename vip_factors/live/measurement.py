@@ -85,7 +85,7 @@ class MeasuredStretch:
 
     @property
     def video(self) -> list[VideoFrame]:
-        """Video of these frames."""
+        """Video frames of the stretch, in order."""
         return video_of(self.frames)
 
     def tail(self, frames: int) -> "MeasuredStretch":

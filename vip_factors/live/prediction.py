@@ -367,15 +367,15 @@ def _placed(
     return [replace(state, p_world_pelvis=p) for state, p in zip(states, p_world_pelvis, strict=True)]
 
 
-def _carried_poses(yaw: float, state: FrameState, at_find: FrameState, tracked: FrameState) -> tuple[Array, Array]:
+def _carried_poses(yaw: float, state: FrameState, at_find: FrameState, state_after: FrameState) -> tuple[Array, Array]:
     """Poses of the carried cameras, moved in the first wearer's new world as in the old one.
 
     Where other cameras are carried than before, they stay.
     """
-    if len(tracked.p_world_camera) != len(state.p_world_camera):
+    if len(state_after.p_world_camera) != len(state.p_world_camera):
         return state.R_world_camera, state.p_world_camera
-    turn, step = rotation_z(yaw), tracked.p_world_camera - at_find.p_world_camera
-    R = turn @ tracked.R_world_camera @ transpose(at_find.R_world_camera) @ turn.T @ state.R_world_camera
+    turn, step = rotation_z(yaw), state_after.p_world_camera - at_find.p_world_camera
+    R = turn @ state_after.R_world_camera @ transpose(at_find.R_world_camera) @ turn.T @ state.R_world_camera
     return np.asarray(R), np.asarray(state.p_world_camera + step @ turn.T)
 
 

@@ -432,7 +432,7 @@ class Recalibrator:
             self._process.close()
 
     def close(self) -> None:
-        """End collecting and solving."""
+        """End the collection and the process."""
         self._is_closed, self._job = True, None
         self._measurements.clear()
         if self._process is not None:

@@ -69,7 +69,10 @@ class LagSmoother:
         self._usual_walk = layout.per_column("process_noise") * np.sqrt(settings.walk.every_s)
         owner_sets = _parts(layout, extra is not None)
         self._layouts = [layout.of_owners(owners) for owners in owner_sets]
-        far = [None if extra is not None else far_columns(part, problem.wearers) for part in self._layouts]
+        far = [
+            None if extra is not None else far_columns(layout_of_part, problem.wearers)
+            for layout_of_part in self._layouts
+        ]
         self._columns = [
             Columns(layout.frame_columns(owners), layout.static_columns(owners), far_of_part)
             for owners, far_of_part in zip(owner_sets, far, strict=True)
@@ -163,11 +166,14 @@ class LagSmoother:
         self._hold_undetermined(coordinates, first_frames)
         if self._information is not None and start == self._beginning:
             self._add_information(self._information)
-        parts = [(coordinates[:, part.frame], self._coordinates[part.static]) for part in self._columns]
+        origins = [
+            (coordinates[:, part_columns.frame], self._coordinates[part_columns.static])
+            for part_columns in self._columns
+        ]
         for t, entry in enumerate(entries):
             quadratics = [
                 slices_of_part.in_coordinates(t, frames[t : t + REACH + 1], shared)
-                for slices_of_part, (frames, shared) in zip(slices, parts, strict=True)
+                for slices_of_part, (frames, shared) in zip(slices, origins, strict=True)
             ]
             self._chain.eliminate(entry.frame.number, quadratics, self._walks.get(entry.frame.number))
             entry.linearised, entry.shared = entry.coordinates, self._coordinates

@@ -83,19 +83,19 @@ def solve_stretch(
         scene = replace(scene, wearers=tuple(previous_calibration.embodied(wearer) for wearer in scene.wearers))
     frames = [stretch.imu_frames(wearer.subject.name, wearer.placed) for wearer in scene.wearers]
     coarse = [coarser(imu_frames, settings.coarse_factor) for imu_frames in frames]
-    worn = list(zip(scene.wearers, coarse, strict=True))
+    recordings = list(zip(scene.wearers, coarse, strict=True))
     is_calibrated = False
     if previous_calibration is not None:
-        wearers = tuple(_inertial_after(*pair, settings, solver, previous_calibration) for pair in worn)
+        wearers = tuple(_inertial_after(*pair, settings, solver, previous_calibration) for pair in recordings)
     else:
-        starts = [find_start(*pair, settings, solver.progress_of("start")) for pair in worn]
+        starts = [find_start(*pair, settings, solver.progress_of("start")) for pair in recordings]
         calibrations = list[InitialCalibration | None]()
         if previous is not None:
             solved = zip(previous.problem.wearers, previous.shared.wearers, strict=True)
-            pairs = zip(starts, worn, solved, strict=False)
+            pairs = zip(starts, recordings, solved, strict=False)
             calibrations = [_as_before(start, imu_frames, *wearer) for (start, _), (_, imu_frames), wearer in pairs]
         is_calibrated = bool(calibrations) and all(calibration is not None for calibration in calibrations)
-        every = zip(worn, starts, calibrations if is_calibrated else [None] * len(worn), strict=True)
+        every = zip(recordings, starts, calibrations if is_calibrated else [None] * len(recordings), strict=True)
         wearers = tuple(_inertial(*pair, settings, solver, start, calibration) for pair, start, calibration in every)
     if settings.fusion.use_camera and any(len(camera.detections) for camera in scene.cameras):
         start = start_before_cameras(scene, wearers, settings, solver, is_calibrated)

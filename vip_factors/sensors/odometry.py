@@ -40,10 +40,10 @@ class Odometry:
         is_broken = (step > LONGEST_GAP_S) | (turn > FASTEST_TURN * step) | (shift > FASTEST_SHIFT * step)
         # A frame is tied to the next where the path covers both and no interval between them is broken.
         broken = np.concatenate([[0], np.cumsum(is_broken)])
-        first = np.clip(np.searchsorted(path.time, time[:-1], side="right") - 1, 0, len(broken) - 1)
+        first_pose = np.clip(np.searchsorted(path.time, time[:-1], side="right") - 1, 0, len(broken) - 1)
         end = np.clip(np.searchsorted(path.time, time[1:], side="left"), 0, len(broken) - 1)
         is_covered = (time[:-1] >= path.time[0]) & (time[1:] <= path.time[-1])
-        valid = np.append(is_covered & (broken[np.maximum(end, first)] == broken[first]), False)
+        valid = np.append(is_covered & (broken[np.maximum(end, first_pose)] == broken[first_pose]), False)
         return cls(R_camera_next, p_camera_next, valid, is_scale_free)
 
     def window(self, frames: slice) -> "Odometry":

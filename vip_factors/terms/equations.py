@@ -57,7 +57,7 @@ class Residuals:
 
     @property
     def cost(self) -> float:
-        """Sum of the losses."""
+        """Sum of the factors' robust losses."""
         return float(np.sum(robust_cost(self.loss, self.norm)))
 
     @property
@@ -192,7 +192,7 @@ class Evaluation(Protocol):
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Number of frames of the problem."""
         ...
 
     @property

@@ -42,7 +42,7 @@ class WearerEvaluation:
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Number of frames of the problem."""
         return self.state.frames
 
     @property
@@ -239,7 +239,7 @@ class ViewEvaluation:
 
     @property
     def frames(self) -> int:
-        """Number of frames."""
+        """Number of frames of the problem."""
         return self.wearer.frames
 
     @property

@@ -1,4 +1,4 @@
-"""Registry of all terms."""
+"""Registry of all terms of the objective."""
 
 from collections.abc import Sequence
 

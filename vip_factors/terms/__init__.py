@@ -1,1 +1,1 @@
-"""Terms of the objective: residuals, derivatives and equations of each kind of factor."""
+"""Terms of the objective, one residual per file: residuals, derivatives and equations of each kind of factor."""

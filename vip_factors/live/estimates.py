@@ -240,8 +240,8 @@ class EstimateBuilder:
         if problem.carried:
             chain, camera_covariance = problem.layout.chain_of(camera_owner(problem.carried[0])), None
             if chain is not None and covariance is not None:
-                columns = problem.layout.chain_columns[chain]
-                camera_covariance = covariance[columns, columns]
+                pose = problem.layout.chain_columns[chain]
+                camera_covariance = covariance[pose, pose]
             return LiveCameraPose(time, state.R_world_camera[0], state.p_world_camera[0], camera_covariance)
         poses, columns = smoother.shared.cameras[0].poses, problem.layout.columns(camera_owner(0), "poses")
         camera_covariance = None

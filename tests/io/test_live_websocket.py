@@ -273,7 +273,7 @@ def test_samples_as_json_are_those_of_the_binary_messages() -> None:
 def test_the_page_says_what_the_stream_waits_for_and_why_angles_of_six_sensors_are_missing() -> None:
     """The command, and the documented sender: nobody there, then a stream."""
     command = [sys.executable, "-m", "vip_factors", "stream", "ws://:0", "--web", str(free_port()), "--json"]
-    command += ["--limits.next-client-wait", "0", "--recalibration.no-use"]
+    command += ["--limits.next-client-wait", "0"]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as stream:
         told = [stream.stderr.readline() for _ in range(2)]
         where, page = (line.split(" at ")[1].split(",")[0] for line in told)
@@ -284,7 +284,7 @@ def test_the_page_says_what_the_stream_waits_for_and_why_angles_of_six_sensors_a
 
         assert f"waiting for a sender at {where} (a header, then a second of samples" in shown()
         script = str(ROOT / "data_schemas" / "example_sender.py")
-        sender = subprocess.Popen([sys.executable, script, where, "3"])
+        sender = subprocess.Popen([sys.executable, script, where, "6"])
         first = json.loads(stream.stdout.readline())
         assert first["wearers"][0]["guessed_angles"]["left_knee"] == "no sensor on left thigh"
         live = shown()

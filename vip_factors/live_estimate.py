@@ -1,4 +1,8 @@
-"""What the fixed-lag tracker answers with, frame by frame. Plain data."""
+"""Answers of the fixed-lag tracker: one frame each, with the frame of one lag earlier beside it. Plain data.
+
+:func:`estimate_of` makes an :class:`~vip_factors.estimate.Estimate` of consecutive answers, which is written and drawn
+as that of a recording.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,15 +12,20 @@ import numpy as np
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import Skeleton
 from vip_factors.display import Summarised
+from vip_factors.estimate import CameraEstimate, Estimate, PoseCovariance, WearerEstimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
 from vip_factors.sensors.calibration import Calibration
 from vip_factors.sensors.camera import CameraPath
+from vip_factors.sensors.recording import Recording
+from vip_factors.sensors.scene import Camera, Scene
+
+METHOD = "fixed lag"
 
 
 @dataclass(frozen=True, repr=False)
 class LivePose(Summarised):
-    """One wearer at one instant.
+    """Pose of one wearer at one instant.
 
     Attributes:
         time: seconds from the start of the stream.
@@ -35,7 +44,14 @@ class LivePose(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class LiveCameraPose(Summarised):
-    """The camera at one instant; ``covariance`` ``(6, 6)`` of right perturbations: rotation (rad), translation (m)."""
+    """Pose of the camera at one instant.
+
+    Attributes:
+        time: seconds from the start of the stream.
+        R_world_camera: ``(3, 3)``.
+        p_world_camera: ``(3,)`` metres.
+        covariance: ``(6, 6)`` of right perturbations: rotation (rad), translation (m); None if not asked for.
+    """
 
     time: float
     R_world_camera: Array
@@ -43,29 +59,17 @@ class LiveCameraPose(Summarised):
     covariance: Array | None = None
 
 
-def motion_of(poses: Sequence[LivePose], body: Skeleton, rate: float, name: str, start: float | None = None) -> Motion:
-    """Poses one frame apart as a motion, from the first one's time on if no other start is given."""
-    R, p = np.array([pose.R_parent_child for pose in poses]), np.array([pose.p_world_pelvis for pose in poses])
-    return Motion(body, R, p, rate, poses[0].time if start is None else start, name)
-
-
-def path_of(poses: Sequence[LiveCameraPose]) -> CameraPath:
-    """A camera's poses as a path."""
-    R, p = np.array([pose.R_world_camera for pose in poses]), np.array([pose.p_world_camera for pose in poses])
-    return CameraPath(np.array([pose.time for pose in poses]), R, p)
-
-
 @dataclass(frozen=True, repr=False)
 class LiveWearerEstimate(Summarised):
-    """One wearer.
+    """Estimate of one wearer.
 
     Attributes:
         name: of the subject.
         newest: the pose at the newest frame (zero lag).
-        smoothed: the pose one lag earlier, never to change again; None as long as there is none.
-        calibration: headings and mountings as they are believed now, with their standard deviations, by sensor.
-        detection: index of the person in the newest video frame who is the wearer; None if not seen.
-        skeleton: the body that the poses are of, as it is believed now; None: as the set-up has it.
+        smoothed: the pose one lag earlier, which is final; None before the first.
+        calibration: current headings and mountings with their standard deviations, by sensor.
+        detection: index of the wearer's detection in the newest video frame; None if not seen.
+        skeleton: current estimate of the body; None if it is that of the set-up.
     """
 
     name: str
@@ -78,17 +82,17 @@ class LiveWearerEstimate(Summarised):
 
 @dataclass(frozen=True, repr=False)
 class LiveEstimate(Summarised):
-    """The answer to one frame; every frame gets one, in order.
+    """Answer to one frame; every frame gets one, in order.
 
     Attributes:
         frame: number, from 0.
         time: seconds of the newest frame.
         wearers: in the order of the set-up.
         camera, smoothed_camera: the first camera's pose at the newest frame and one lag earlier; None without one.
-        findings: for the user, about what has happened since the frame before.
-        seconds: what this update took.
-        preliminary: whether the calibration is still that of the start's one second: bones may be turned wrong, and
-            will be corrected.
+        findings: since the previous frame.
+        seconds: duration of this update.
+        preliminary: whether the calibration is still that of the first second: bones may be turned wrong, and will be
+            corrected.
     """
 
     frame: int
@@ -100,9 +104,67 @@ class LiveEstimate(Summarised):
     seconds: float = 0.0
     preliminary: bool = False
 
+    @property
+    def smoothed_time(self) -> float | None:
+        """Seconds of the smoothed frame, the same for all wearers; None before the first."""
+        smoothed = self.wearers[0].smoothed
+        return None if smoothed is None else smoothed.time
+
     def summary(self) -> list[str]:
-        """When it is of, where everybody is, and what was noticed."""
-        poses = ((one.name, one.newest) for one in self.wearers)
+        """Frame and time, the position of every wearer, and findings."""
+        poses = ((wearer.name, wearer.newest) for wearer in self.wearers)
         wearers = (f"{name}: pelvis at {pose.p_world_pelvis.round(2)} m at {pose.time:.2f} s" for name, pose in poses)
         title = f"answer to frame {self.frame}, {self.time:.2f} s{', preliminary' * self.preliminary}"
-        return [title, *wearers, *(f"{one.severity}: {one}" for one in self.findings)]
+        return [title, *wearers, *(f"{finding.severity}: {finding}" for finding in self.findings)]
+
+
+def motion_of(poses: Sequence[LivePose], body: Skeleton, rate: float, name: str, start: float | None = None) -> Motion:
+    """Motion of poses that are one frame apart; it starts at ``start`` seconds, by default at the first pose."""
+    R, p = np.array([pose.R_parent_child for pose in poses]), np.array([pose.p_world_pelvis for pose in poses])
+    return Motion(body, R, p, rate, poses[0].time if start is None else start, name)
+
+
+def estimate_of(
+    answers: Sequence[LiveEstimate], setup: Scene, rate: float, is_smoothed: bool = False, start: float | None = None
+) -> Estimate:
+    """Estimate of the frames of answers that follow each other.
+
+    Args:
+        answers: at least one.
+        setup: of the stream.
+        rate: frames per second.
+        is_smoothed: takes the smoothed poses of one lag earlier, which all answers must have, instead of the newest.
+        start: seconds of the first frame; by default those of its pose.
+    """
+    wearers = []
+    for index, recording in enumerate(setup.wearers):
+        rows = [answer.wearers[index] for answer in answers]
+        poses = [pose for row in rows if (pose := row.smoothed if is_smoothed else row.newest) is not None]
+        wearers.append(_wearer_estimate(recording, rows[-1], poses, rate, start))
+    camera, path = setup.camera, [answer.smoothed_camera if is_smoothed else answer.camera for answer in answers]
+    camera_poses = [pose for pose in path if pose is not None]
+    cameras = (_camera_estimate(camera, camera_poses),) if camera is not None and camera_poses else ()
+    return Estimate(setup.name, METHOD, tuple(wearers), cameras)
+
+
+def _wearer_estimate(
+    recording: Recording, row: LiveWearerEstimate, poses: Sequence[LivePose], rate: float, start: float | None
+) -> WearerEstimate:
+    """Estimate of one wearer; body and calibration are those of the last answer's ``row``."""
+    name, sensors = recording.subject.name, tuple(site.sensor for site in recording.placement.sites)
+    motion = motion_of(poses, row.skeleton or recording.subject.body(), rate, name, start)
+    joints = _stacked([pose.joint_covariance for pose in poses])
+    roots = _stacked([pose.root_covariance for pose in poses])
+    covariance = None if joints is None or roots is None else PoseCovariance(joints, roots)
+    return WearerEstimate(name, METHOD, motion, row.calibration, covariance, sensors=sensors)
+
+
+def _camera_estimate(camera: Camera, poses: Sequence[LiveCameraPose]) -> CameraEstimate:
+    R, p = np.array([pose.R_world_camera for pose in poses]), np.array([pose.p_world_camera for pose in poses])
+    path = CameraPath(np.array([pose.time for pose in poses]), R, p)
+    return CameraEstimate(camera.name, camera.model, path, covariance=_stacked([pose.covariance for pose in poses]))
+
+
+def _stacked(covariances: Sequence[Array | None]) -> Array | None:
+    """Covariances of frames as one array; None if one of them is unknown."""
+    return None if any(covariance is None for covariance in covariances) else np.array(covariances, float)

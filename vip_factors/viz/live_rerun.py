@@ -6,7 +6,7 @@ it does so without Python's lock.
 """
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
@@ -15,14 +15,14 @@ import numpy as np
 import rerun as rr
 
 from vip_factors.atomic import check_partial, partial_file, partial_path
+from vip_factors.body.keypoints import KeypointSet
 from vip_factors.body.kinematics import Motion
-from vip_factors.body.mannequin import Colour
+from vip_factors.estimate import CameraEstimate, Estimate
 from vip_factors.findings import Finding
 from vip_factors.geometry.rotations import Array
-from vip_factors.live_estimate import LiveEstimate, LivePose, LiveWearerEstimate, motion_of, path_of
+from vip_factors.live_estimate import LiveEstimate, estimate_of
 from vip_factors.sensors.detections import keypoints_in_image
 from vip_factors.sensors.live import VideoFrame, detections_of
-from vip_factors.sensors.recording import Recording
 from vip_factors.sensors.scene import Camera, Scene
 from vip_factors.viz.colours import body_colours
 from vip_factors.viz.drawn_scene import NOBODY, floor_height, set_apart
@@ -66,44 +66,6 @@ SeenFrame = tuple[VideoFrame, np.ndarray]
 """One video frame with the wearer of each person in it, :data:`NOBODY` for others."""
 
 
-class LiveBody:
-    """One wearer: the newest pose solid in the wearer's colour, the smoothed one, a lag earlier, a dark ghost.
-
-    Attributes:
-        newest: the newest pose; a body of which little is known yet is grey.
-        shift: ``(3,)`` metres by which the wearer is drawn elsewhere.
-    """
-
-    def __init__(self, stream: rr.RecordingStream, index: int, wearer: Recording, rate: float) -> None:
-        self.shift: Array = np.zeros(3)
-        self._stream, self._wearer, self._rate = stream, wearer, rate
-        self._skeleton, self._colours = wearer.subject.body(), body_colours(index)
-        below = f"{WORLD}/{rr.escape_entity_path_part(wearer.subject.name)}"
-        self.newest, self._smoothed = (
-            BodyLog(stream, f"{below}/newest"),
-            BodyLog(stream, f"{below}/smoothed", ghost=True),
-        )
-
-    def motion(self, poses: Sequence[LivePose]) -> Motion:
-        """Poses one frame apart, where they are drawn."""
-        motion = motion_of(poses, self._skeleton, self._rate, self._wearer.subject.name)
-        return replace(motion, p_world_pelvis=motion.p_world_pelvis + self.shift)
-
-    def log(self, estimates: Sequence[LiveWearerEstimate], is_preliminary: bool) -> Motion:
-        """Log the poses; returns the newest ones."""
-        self._skeleton = estimates[-1].skeleton or self._skeleton
-        newest = self.motion([estimate.newest for estimate in estimates])
-        self.newest.log(newest, GHOST_COLOURS if is_preliminary else self._colours)
-        smoothed = [estimate.smoothed for estimate in estimates if estimate.smoothed is not None]
-        if smoothed:
-            self._smoothed.log(self.motion(smoothed), GHOST_COLOURS)
-        return newest
-
-    def log_sensors(self, estimate: LiveWearerEstimate, colours: Mapping[str, Colour]) -> None:
-        """Log the sensors on the bones, as their mountings are believed to be now."""
-        log_sensors(self._stream, self.newest.entity, self._wearer.placement, estimate.calibration, colours)
-
-
 class LiveView:
     """Drawing of a stream.
 
@@ -114,10 +76,13 @@ class LiveView:
     """
 
     def __init__(self, stream: rr.RecordingStream, setup: Scene, rate: float) -> None:
-        self._stream, self._setup = stream, setup
+        self._stream, self._setup, self._rate = stream, setup, rate
         self._sensor_colours = sensor_colours_of(setup.wearers)
         self._series = LiveSeries(stream, setup, self._sensor_colours)
-        self._bodies = [LiveBody(stream, index, wearer, rate) for index, wearer in enumerate(setup.wearers)]
+        entities = [f"{WORLD}/{rr.escape_entity_path_part(name)}" for name in setup.names]
+        self._newest = [BodyLog(stream, f"{entity}/newest") for entity in entities]
+        self._smoothed = [BodyLog(stream, f"{entity}/smoothed", ghost=True) for entity in entities]
+        self._shifts: list[Array] = [np.zeros(3)] * len(entities)  # metres by which wearers are drawn elsewhere
         self._findings: list[tuple[float, Finding]] = []
         self._apart = setup.camera is None and len(setup.wearers) > 1
         self._pending: VideoFrame | None = None  # waits for the answer that says who is who in it
@@ -146,17 +111,11 @@ class LiveView:
         if not self._is_laid_out:
             self._lay_out(estimates[0])
         for run in _runs(estimates):
-            motions = [
-                body.log([estimate.wearers[index] for estimate in run], run[-1].preliminary)
-                for index, body in enumerate(self._bodies)
-            ]
-            time, centre = centre_path(motions)
-            log_centre(self._stream, time, centre * [1, 1, 0] + [0, 0, self._height])
-            self._log_camera(run, motions)
+            self._log_run(run)
         newest = estimates[-1]
         if newest.time - self._mounted >= CALIBRATION_S and newest.wearers[0].calibration:
-            for body, wearer in zip(self._bodies, newest.wearers, strict=True):
-                body.log_sensors(wearer, self._sensor_colours)
+            for body, recording, wearer in zip(self._newest, self._setup.wearers, newest.wearers, strict=True):
+                log_sensors(self._stream, body.entity, recording.placement, wearer.calibration, self._sensor_colours)
             self._mounted = newest.time
         self._series.log(estimates)
         self._log_findings(estimates)
@@ -181,17 +140,34 @@ class LiveView:
                 self._pending = None
         return seen_frames
 
-    def _log_camera(self, estimates: Sequence[LiveEstimate], motions: Sequence[Motion]) -> None:
+    def _log_run(self, estimates: Sequence[LiveEstimate]) -> None:
+        """Log bodies and the first camera of answers that follow each other."""
+        newest = estimate_of(estimates, self._setup, self._rate)
+        motions = self._shifted(newest)
+        for index, (body, motion) in enumerate(zip(self._newest, motions, strict=True)):
+            body.log(motion, GHOST_COLOURS if estimates[-1].preliminary else body_colours(index))
+        with_smoothed = [estimate for estimate in estimates if estimate.smoothed_time is not None]
+        if with_smoothed:
+            smoothed = estimate_of(with_smoothed, self._setup, self._rate, is_smoothed=True)
+            for body, motion in zip(self._smoothed, self._shifted(smoothed), strict=True):
+                body.log(motion, GHOST_COLOURS)
+        time, centre = centre_path(motions)
+        log_centre(self._stream, time, centre * [1, 1, 0] + [0, 0, self._height])
+        if newest.camera is not None and self._setup.camera is not None:
+            self._log_camera(newest.camera, self._setup.camera.keypoints, motions)
+
+    def _shifted(self, estimate: Estimate) -> list[Motion]:
+        """Motions of the wearers where they are drawn."""
+        motions = zip((wearer.motion for wearer in estimate.wearers), self._shifts, strict=True)
+        return [replace(motion, p_world_pelvis=motion.p_world_pelvis + shift) for motion, shift in motions]
+
+    def _log_camera(self, camera: CameraEstimate, keypoints: KeypointSet, motions: Sequence[Motion]) -> None:
         """Log the first camera, and the newest bodies as it should see them."""
-        poses = [estimate.camera for estimate in estimates if estimate.camera is not None]
-        camera = self._setup.camera
-        if camera is None or not poses:
-            return
-        path = path_of(poses)
+        path = camera.path
         log_camera_poses(self._stream, CAMERA, path)
         for motion, entity in zip(motions, people_below(IMAGE, "body", self._setup.names), strict=False):
-            pixels = keypoints_in_image(motion, camera.keypoints, path, camera.model, path.time)
-            log_projection(self._stream, entity, path.time, pixels, camera.keypoints)
+            pixels = keypoints_in_image(motion, keypoints, path, camera.model, path.time)
+            log_projection(self._stream, entity, path.time, pixels, keypoints)
 
     def _log_findings(self, estimates: Sequence[LiveEstimate]) -> None:
         """Log the text that lists the findings, anew at the moment of each."""
@@ -208,17 +184,15 @@ class LiveView:
 
     def _lay_out(self, estimate: LiveEstimate) -> None:
         """Before the first drawing: where the wearers stand, whence they are looked at, and the text."""
-        newest = [[wearer.newest] for wearer in estimate.wearers]
+        newest = estimate_of([estimate], self._setup, self._rate)
         if self._apart:
-            placed = [body.motion(poses) for body, poses in zip(self._bodies, newest, strict=True)]
-            for body, shift in zip(self._bodies, set_apart(placed), strict=True):
-                body.shift = shift
-        motions = [body.motion(poses) for body, poses in zip(self._bodies, newest, strict=True)]
+            self._shifts = set_apart([wearer.motion for wearer in newest.wearers])
+        motions = self._shifted(newest)
         self._height = float(np.mean([motion.p_world_pelvis[0, 2] for motion in motions]))
         floor = min(floor_height(motion) for motion in motions)
         camera = self._setup.camera
         images = [("Camera", IMAGE, camera.model)] if camera is not None else []
-        stage = Stage(motions, floor, images, [body.newest.entity for body in self._bodies], apart=self._apart)
+        stage = Stage(motions, floor, images, [body.entity for body in self._newest], apart=self._apart)
         self._stream.send_blueprint(stage.blueprint(live_panels(PLOTS), live=True))
         self._stream.set_time("time", duration=estimate.time)
         self._log_text()

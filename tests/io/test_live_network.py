@@ -113,28 +113,22 @@ def test_a_wrong_token_waits_and_the_time_does_not_tell_how_wrong(monkeypatch: p
 
 
 @pytest.mark.parametrize("request_line", [b"hello", b"GET", b"\x00\xff\x00", b"GET / HTTP/9.9\r\nHost"])
-def test_what_is_no_request_gets_a_400(opened: Opened, request_line: bytes, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_invalid_request_ends_the_connection(
+    opened: Opened, request_line: bytes, capfd: pytest.CaptureFixture
+) -> None:
     with opened() as door, socket.create_connection(("127.0.0.1", door.port), timeout=20) as client:
         client.sendall(request_line + b"\r\n\r\n")
-        answer = client.makefile("rb").readline()
+        assert client.recv(1) == b""
         assert status(door, door.path) == 101
-    assert answer.startswith(b"HTTP/1.1 400 ")
     assert capfd.readouterr().err == ""
 
 
 def test_clients_without_a_request_keep_nobody_out(opened: Opened) -> None:
     with opened(token=TOKEN) as door, ExitStack() as stack:
-        for number in range(network.MOST_OPENING + 40):
+        for number in range(100):
             client = stack.enter_context(socket.create_connection(("127.0.0.1", door.port)))
             client.sendall(b"GET /stream HTTP/1.1\r\n"[: number % 20])
         assert status(door, door.path, Authorization=f"Bearer {TOKEN}") == 101
-        # Those that were first had to make room for those that came later.
-        first = socket.create_connection(("127.0.0.1", door.port))
-        with first:
-            for _ in range(2 * network.MOST_OPENING):
-                stack.enter_context(socket.create_connection(("127.0.0.1", door.port)))
-            first.settimeout(20)
-            assert first.recv(1) in (b"", b"H")
 
 
 def test_readers_are_limited_and_one_that_goes_makes_room() -> None:

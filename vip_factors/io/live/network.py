@@ -1,4 +1,4 @@
-"""A port for HTTP and WebSocket, and who may use it; the protocol and its threads are the library's."""
+"""A port for HTTP and WebSocket with access control; websockets provides protocol and threads."""
 
 import logging
 import socket
@@ -10,7 +10,7 @@ from hmac import compare_digest
 from http import HTTPStatus
 from ipaddress import ip_address
 from secrets import token_urlsafe
-from threading import Lock, Thread
+from threading import Thread
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -20,7 +20,6 @@ from vip_factors.io.live.source import JOIN, POLL
 try:
     from websockets.datastructures import Headers
     from websockets.exceptions import ConnectionClosed as ConnectionClosed
-    from websockets.exceptions import InvalidMessage
     from websockets.http11 import Request, Response
     from websockets.sync.server import Server, serve
     from websockets.sync.server import ServerConnection as ServerConnection
@@ -31,15 +30,13 @@ LOCAL = "127.0.0.1"
 GOING, REFUSED = 1001, 1008  # close codes: going away, policy violation
 WRONG_TOKEN_S = 0.5  # that a wrong guess costs
 REQUEST_WAIT_S = 5.0  # that a client may take for its request: a browser sends it at once
-MOST_OPENING = 64  # clients that have not sent a valid request yet; beyond, the oldest of them is cut off
 # A peer whose cable was pulled says nothing any more; the system asks after a while, and gives up.
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}  # seconds, seconds, times; by the system's names
 NOTHING = "default-src 'none'; frame-ancestors 'none'"
-BAD_REQUEST = b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
 
 
 def is_local(host: str) -> bool:
-    """Whether an address, or a name, is this machine's for itself alone."""
+    """Return whether an address or a name is of the loopback interface."""
     try:
         return host == "localhost" or ip_address(host).is_loopback
     except ValueError:  # a name
@@ -47,10 +44,10 @@ def is_local(host: str) -> bool:
 
 
 class Gate:
-    """Decides which requests are answered.
+    """Access control of requests.
 
-    Whoever has the token may come in. Without a token, programs and pages of this machine may: what a browser sends on
-    behalf of another site is refused, as is a request to a name that somebody made lead to this machine.
+    A request with the token is accepted. Without a token, programs and pages of this machine are accepted: requests
+    from pages of other sites, or to another host name, are refused.
 
     Args:
         host: that is listened at; beyond this machine a token is made up if there is none.
@@ -58,7 +55,7 @@ class Gate:
 
     Attributes:
         token: the secret, or an empty text.
-        is_made_up: whether it was made up here, and has to be told.
+        is_made_up: whether it was generated here, and must be printed.
     """
 
     def __init__(self, host: str, token: str) -> None:
@@ -66,7 +63,7 @@ class Gate:
         self.token = token_urlsafe(16) if self.is_made_up else token
 
     def refusal(self, request: Request) -> str:
-        """A sentence about why a request is refused; empty if it is not."""
+        """Return why a request is refused; empty if it is accepted."""
         try:
             query = parse_qs(urlsplit(request.path).query)
             host = urlsplit(f"//{request.headers.get('Host', '')}")
@@ -88,7 +85,7 @@ class Gate:
 
 @dataclass(frozen=True)
 class Page:
-    """What is answered to a request.
+    """Answer to a request.
 
     Attributes:
         html: the page.
@@ -108,7 +105,7 @@ class Listener:
         token: that clients must have (see :class:`Gate`).
         path: of the WebSocket.
         talk: called in a thread of its own with each WebSocket; the connection is closed when it returns.
-        is_full: whether there is no place for another WebSocket.
+        is_full: returns whether no further WebSocket is accepted.
         pages: path → page.
         largest: bytes of a message from a client.
 
@@ -129,22 +126,25 @@ class Listener:
         largest: int,
     ) -> None:
         self._path, self._is_full, self._pages = path, is_full, pages
-        self._opening: list[_Connection] = []
-        self._changing = Lock()
         listening = _listening_socket(host, port, name)
         self.host, self.port = listening.getsockname()[:2]
         self.gate = Gate(self.host, token)
         self._server: Server = serve(
-            talk, sock=listening, process_request=self._response, create_connection=self._connection,  # type: ignore[arg-type]
-            open_timeout=REQUEST_WAIT_S, ping_interval=None, max_size=largest,
-            compression=None, server_header=None, logger=_silent_logger(),
-        )  # fmt: skip
+            talk,
+            sock=listening,
+            process_request=self._response,
+            open_timeout=REQUEST_WAIT_S,
+            ping_interval=None,
+            max_size=largest,
+            compression=None,
+            server_header=None,
+            logger=_silent_logger(),
+        )
         # Its threads are daemons as this one is: they do not keep a program from ending.
-        self._thread = Thread(target=self._server.serve_forever, name=name, daemon=True)
-        self._thread.start()
+        Thread(target=self._server.serve_forever, name=name, daemon=True).start()
 
     def url(self, scheme: str) -> str:
-        """Address for clients, with a token that was made up; one that was given is not told."""
+        """Address for clients, with a generated token; a given one is not shown."""
         host = _outer_address() if ip_address(self.host).is_unspecified else self.host
         shown = self.gate.token if self.gate.is_made_up else "…"
         query = f"?token={shown}" if self.gate.token else ""
@@ -152,37 +152,21 @@ class Listener:
 
     @property
     def audience(self) -> str:
-        """Who can come in, in words."""
+        """Description of the permitted clients."""
         if not is_local(self.host):
             return "whoever has the token; nothing is encrypted"
         return "whoever on this machine has the token" if self.gate.token else "this machine alone"
 
     def close(self) -> None:
-        """Let go of the port; whoever has not gone after a moment is cut off."""
-        with self._changing:
-            opening = list(self._opening)
-        for client in opening:
-            cut_off(client)
-        until = time.monotonic() + JOIN
-        while (left := self._server.connections) and time.monotonic() < until:
+        """Close the port; connections that remain after a moment are cut off."""
+        deadline = time.monotonic() + JOIN
+        while (connections := self._server.connections) and time.monotonic() < deadline:
             time.sleep(POLL / 10)
-        for connection in left:
+        for connection in connections:
             cut_off(connection)
-        self._server.shutdown()
-        self._thread.join(JOIN)
-
-    def _connection(self, *arguments: Any, **options: Any) -> ServerConnection:
-        connection = _Connection(*arguments, **options)
-        connection.on_opened = lambda: self._opened(connection)
-        with self._changing:
-            self._opening.append(connection)
-            if len(self._opening) > MOST_OPENING:
-                cut_off(self._opening.pop(0))
-        return connection
-
-    def _opened(self, connection: "_Connection") -> None:
-        with self._changing, suppress(ValueError):  # cut off already
-            self._opening.remove(connection)
+        closing = Thread(target=self._server.shutdown, daemon=True)  # waits for clients that have sent no request
+        closing.start()
+        closing.join(JOIN)
 
     def _response(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request; None opens the WebSocket."""
@@ -204,28 +188,8 @@ def cut_off(connection: ServerConnection) -> None:
         connection.socket.shutdown(socket.SHUT_RDWR)
 
 
-class _Connection(ServerConnection):
-    """The library's connection, which tells when its request has been dealt with, and answers what is no request."""
-
-    on_opened: Callable[[], None]
-    _is_told = False
-
-    def handshake(self, *arguments: Any, **options: Any) -> None:
-        try:
-            super().handshake(*arguments, **options)
-        finally:
-            self.on_opened()
-
-    def send_data(self) -> None:
-        if isinstance(self.protocol.handshake_exc, InvalidMessage) and not self._is_told:
-            self._is_told = True
-            with suppress(OSError):
-                self.socket.sendall(BAD_REQUEST)
-        super().send_data()
-
-
 class _ListeningSocket(socket.socket):
-    """Goes on accepting after an error, which the library takes for the end: too many open files, a client gone."""
+    """Socket that goes on accepting after errors such as too many open files, at which the library would stop."""
 
     def accept(self) -> tuple[socket.socket, Any]:
         while True:
@@ -274,7 +238,7 @@ def _response(status: HTTPStatus, text: str, kind: str = "text/plain", policy: s
 
 
 def _silent_logger() -> logging.Logger:
-    """What the library would log is told as findings."""
+    """Logger that discards: findings report the problems."""
     logger = logging.getLogger("vip_factors.websockets")
     logger.addHandler(logging.NullHandler())
     logger.propagate = False
@@ -282,7 +246,7 @@ def _silent_logger() -> logging.Logger:
 
 
 def _outer_address() -> str:
-    """By which others may reach this machine."""
+    """Address by which others may reach this machine."""
     with suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.connect(("192.0.2.1", 9))  # an address for documents: nothing is sent, the system chooses its own
         return str(probe.getsockname()[0])

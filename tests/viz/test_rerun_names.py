@@ -9,7 +9,7 @@ from vip_factors.findings import bare
 from vip_factors.simulate.gestures import gestures
 from vip_factors.viz.drawn_scene import drawn_scene
 from vip_factors.viz.rerun_body import cut_skin, see_through
-from vip_factors.viz.rerun_layout import KEPT, live_summary, scene_summary
+from vip_factors.viz.rerun_layout import MOST_SHOWN, live_summary, scene_summary
 
 
 def test_findings_are_a_list_and_names_are_no_markup() -> None:
@@ -27,7 +27,7 @@ def test_a_streams_text_says_what_is_newest_and_what_is_smoothed() -> None:
     assert "- **ann**, newest: orange" in text
     assert "Smoothed" in text
     assert text.index("finding 59") < text.index("finding 58")
-    assert text.count("finding ") == KEPT
+    assert text.count("finding ") == MOST_SHOWN
     assert "- **verdict**: CARE, usable with care" in text
 
 

@@ -137,7 +137,7 @@ class Session:
 
 
 def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
-    """One line: where the stream is, what updates take, who is seen, how sure headings are."""
+    """Status line: time of the stream, duration of updates, visible wearers, uncertainty of headings."""
     median, late = 1e3 * np.percentile(update_s, [50, 99])
     phrases = [f"frame {estimate.frame}", f"{estimate.time:.1f} s", f"update {median:.1f} ms, p99 {late:.1f} ms"]
     if estimate.preliminary:
@@ -159,7 +159,7 @@ def status(estimate: LiveEstimate, update_s: np.ndarray) -> str:
 
 
 def summary(update_s: Sequence[float], frame_rate: float) -> str:
-    """Frames, and the distribution of what updates took, against what there is time for."""
+    """Number of frames and distribution of the updates' durations."""
     median, longest, late = 1e3 * np.percentile(np.asarray(update_s), [50, 95, 99])
     return (
         f"{len(update_s)} frames; update: median {median:.1f} ms, 95 % {longest:.1f} ms, 99 % {late:.1f} ms, "

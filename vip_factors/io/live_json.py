@@ -1,7 +1,6 @@
-"""A fixed-lag tracker's answers as JSON, for programs in any language: one object a frame, whole in itself.
+"""Answers of the fixed-lag tracker as JSON: one self-contained object a frame, for programs in any language.
 
-The classes here say what is in it: ``data_schemas/live_answer.schema.json`` is generated from them by
-``python data_schemas/generate.py``.
+``python data_schemas/generate.py`` generates ``data_schemas/live_answer.schema.json`` from the classes here.
 """
 
 from collections.abc import Collection
@@ -41,7 +40,7 @@ JOINT_WORDS = {
 
 
 def _keys(words: dict[str, str], schema: dict[str, object]) -> dict[str, object]:
-    """What the JSON Schema of an object says of its keys, which are always the same."""
+    """JSON Schema of an object with fixed keys."""
     named = {name: schema | {"description": text} for name, text in words.items()}
     return {"properties": named, "required": list(words), "additionalProperties": False}
 
@@ -153,7 +152,7 @@ class Answer(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LiveJsonEncoder:
-    """Makes answers of estimates.
+    """Converts estimates to answers.
 
     Args:
         setup: of the stream.
@@ -162,10 +161,10 @@ class LiveJsonEncoder:
     def __init__(self, setup: Scene) -> None:
         self._bodies = [_Body(wearer.subject.body()) for wearer in setup.wearers]
         self._guessed = [guessed_angles({site.bone for site in wearer.placement.sites}) for wearer in setup.wearers]
-        self._found: dict[str, Finding] = {}  # the last of each kind
+        self._findings: dict[str, Finding] = {}  # the last of each kind
 
     def answer(self, estimate: LiveEstimate) -> Answer:
-        """What is known of a frame."""
+        """Make the answer to one frame."""
         self.note(estimate)
         camera: CameraAnswer | UnsetType = UNSET
         if estimate.camera is not None or estimate.smoothed_camera is not None:
@@ -176,20 +175,20 @@ class LiveJsonEncoder:
             time=round(estimate.time, TIME_DIGITS),
             wearers=[self._wearer(number, wearer) for number, wearer in enumerate(estimate.wearers)],
             camera=camera,
-            verdict=verdict(self._found.values()).severity,
+            verdict=verdict(self._findings.values()).severity,
             preliminary=estimate.preliminary,
             update_ms=round(1e3 * estimate.seconds, UPDATE_DIGITS),
             findings=[_finding(finding) for finding in estimate.findings],
         )
 
     def note(self, estimate: LiveEstimate) -> None:
-        """Take the findings of a frame into the verdict, without making an answer of it."""
-        self._found |= {finding.kind: finding for finding in estimate.findings}
+        """Add the findings of a frame to the verdict, without making an answer."""
+        self._findings |= {finding.kind: finding for finding in estimate.findings}
 
     @property
     def findings(self) -> list[FindingAnswer]:
         """The last finding of each kind so far."""
-        return [_finding(finding) for finding in self._found.values()]
+        return [_finding(finding) for finding in self._findings.values()]
 
     def _wearer(self, number: int, wearer: LiveWearerEstimate) -> WearerAnswer:
         if wearer.skeleton is not None and wearer.skeleton is not self._bodies[number].skeleton:
@@ -215,32 +214,30 @@ class LiveJsonEncoder:
 
 
 def guessed_angles(bones: Collection[str]) -> dict[str, str]:
-    """Why angles are a guess where sensors are on ``bones`` alone, by joint: ``no sensor on left thigh``."""
+    """Reasons, by joint, why angles are a guess with sensors only on ``bones``: ``no sensor on left thigh``."""
     joints = {angle.joint: bare_segments(bones, angle.name) for angle in ANGLE_DEFINITIONS}
-    return {
-        joint: f"no sensor on {', '.join(' or '.join(map(bone_words, one[:3])) for one in segments)}"
-        for joint, segments in joints.items()
-        if segments
+    words = {
+        joint: [" or ".join(map(bone_words, bones[:3])) for bones in segments] for joint, segments in joints.items()
     }
+    return {joint: f"no sensor on {', '.join(segments)}" for joint, segments in words.items() if segments}
 
 
 class _Body:
-    """What all poses of a skeleton share."""
+    """A skeleton with the segment axes of its joint angles."""
 
     def __init__(self, skeleton: Skeleton) -> None:
         self.skeleton = skeleton
         self._R_bone_segment = segment_axes(skeleton)
 
     def answers(self, poses: list[LivePose]) -> list[PoseAnswer]:
-        """All at once: the cost of each is that of its calls."""
+        """Convert poses, all at once."""
         R = np.stack([pose.R_parent_child for pose in poses])
         state = forward_kinematics(self.skeleton, R, np.stack([pose.p_world_pelvis for pose in poses]))
         degrees = angles_of_segments(R_WORLD_ISB.T @ state.R_world_bone @ self._R_bone_segment)
         bones, turns = quaternion_from_matrix(np.stack([state.R_world_bone, R]), Order.WXYZ)
-        rows = zip(
-            poses, _list(state.p_world_joint, METRE_DIGITS), _list(bones, QUATERNION_DIGITS),
-            _list(turns, QUATERNION_DIGITS), _list(degrees, DEGREE_DIGITS), strict=True,
-        )  # fmt: skip
+        positions, angles_deg = _list(state.p_world_joint, METRE_DIGITS), _list(degrees, DEGREE_DIGITS)
+        quaternions = _list(bones, QUATERNION_DIGITS), _list(turns, QUATERNION_DIGITS)
+        rows = zip(poses, positions, *quaternions, angles_deg, strict=True)
         answers = []
         for pose, *columns, angles in rows:
             root: list[Number] | UnsetType = UNSET
@@ -273,7 +270,7 @@ class LiveJsonSink:
         self._encoder = LiveJsonEncoder(setup)
 
     def write(self, estimate: LiveEstimate) -> None:
-        """One line.
+        """Write one line.
 
         Raises:
             BrokenPipeError: if nobody reads any more.

@@ -1,6 +1,6 @@
-"""Answers for browsers and for programs: a page, and a WebSocket with the answers as JSON, on one port.
+"""Server of a page and of a WebSocket with the answers as JSON, on one port.
 
-Nobody who reads holds the tracker up: whoever is too slow misses answers, and goes on with the newest.
+It never waits for readers: a slow reader misses answers and continues with the newest.
 """
 
 import base64
@@ -35,8 +35,8 @@ INLINE = re.compile(r"<(script|style)(?![^>]*application/json)[^>]*>(.*?)</\1>",
 class LiveServer:
     """Serves the answers of a stream. A context manager.
 
-    ``/`` is the page, ``/stream`` a WebSocket with an answer a message. On this machine nobody needs a token unless one
-    is given, but pages of other sites, which a browser may show as well, get nothing without.
+    ``/`` is the page, ``/stream`` a WebSocket with one answer a message. Programs and pages of this machine need no
+    token unless one is given; pages of other sites always do.
 
     Args:
         setup: of the stream; None until :meth:`begin`.
@@ -59,9 +59,16 @@ class LiveServer:
         self._changing = Lock()
         self._stop = Event()
         self._listener = Listener(
-            f"live page at {host}:{port}", host, port, token, STREAM, self._send,
-            lambda: len(self._readers) >= MOST_READERS, self._pages, MOST_REQUEST,
-        )  # fmt: skip
+            f"live page at {host}:{port}",
+            host,
+            port,
+            token,
+            STREAM,
+            talk=self._send,
+            is_full=lambda: len(self._readers) >= MOST_READERS,
+            pages=self._pages,
+            largest=MOST_REQUEST,
+        )
         self.port = self._listener.port
 
     def __enter__(self) -> "LiveServer":
@@ -72,12 +79,12 @@ class LiveServer:
 
     @property
     def address(self) -> str:
-        """Of the page, with a token that was made up; one that was given is not told."""
+        """Address of the page, with a generated token; a given one is not shown."""
         return self._listener.url("http")
 
     @property
     def listens(self) -> str:
-        """Where the page is and for whom, in words."""
+        """Address and permitted readers of the page."""
         return f"the live page is at {self.address}, for {self._listener.audience}"
 
     def begin(self, setup: Scene, page: str) -> None:
@@ -100,7 +107,7 @@ class LiveServer:
                 reader.put(answer, text)
 
     def close(self) -> None:
-        """Send what waits, say goodbye, and let go of the port."""
+        """Send what waits, and close the port."""
         self._stop.set()
         self._listener.close()
 
@@ -121,7 +128,7 @@ class LiveServer:
 
 
 class _Reader:
-    """Answers that wait for one who reads.
+    """Answers that wait for one reader.
 
     Args:
         connection: to the reader.
@@ -136,7 +143,7 @@ class _Reader:
         self._sending_since = float("inf")
 
     def put(self, answer: Answer, text: bytes) -> None:
-        """One more; those that wait are left out if they are too many, and a reader that takes nothing is let go."""
+        """Add an answer; too many that wait are left out, and a stalled reader is cut off."""
         with self._changed:
             if time.monotonic() - self._sending_since > STALLED_S:
                 cut_off(self._connection)

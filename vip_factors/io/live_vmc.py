@@ -1,4 +1,4 @@
-"""A fixed-lag tracker's poses as VMC messages, for avatars.
+"""Poses of the fixed-lag tracker as VMC messages, for avatars.
 
 VMC is OSC over UDP, which avatars in Unity, Unreal and Blender follow: https://protocol.vmc.info, marionette
 specification 2.0. Its axes are Unity's: left-handed, y up, an avatar at rest facing z, its right along x; metres,
@@ -25,10 +25,10 @@ DATAGRAM = 1400  # bytes: a larger one is cut up on its way, and lost with any o
 
 
 class LiveVmcSink:
-    """Sends every frame's poses; the first wearer's to the port given, each further one's to the next port.
+    """Sends the poses of every frame: the first wearer to the given port, each further wearer to the next port.
 
-    The path over the floor is the root's, height and turning are those of ``Hips``. Nobody need listen: what cannot be
-    sent is lost, and told at the end.
+    The root follows the path over the floor; ``Hips`` have height and rotation. Messages that cannot be sent are
+    counted, and reported at the end.
 
     Args:
         target: ``host:port``.
@@ -55,11 +55,11 @@ class LiveVmcSink:
 
     @property
     def ports(self) -> Mapping[str, int]:
-        """Where each wearer's messages go."""
+        """Port of each wearer."""
         return {name: self._address[1] + number for number, name in enumerate(self._names)}
 
     def write(self, estimate: LiveEstimate) -> None:
-        """The messages of one frame; none of a wearer whose pose is not known yet."""
+        """Send the messages of one frame; a wearer without a pose has none."""
         for number, wearer in enumerate(estimate.wearers):
             pose = wearer.newest if self._pose is SentPose.NEWEST else wearer.smoothed
             if pose is None or not np.isfinite(pose.p_world_pelvis).all():
@@ -68,14 +68,14 @@ class LiveVmcSink:
                 self._send(datagram, number)
 
     def close(self) -> tuple[str, ...]:
-        """Sends no more; returns what there is to say."""
+        """Close the socket; return sentences for the user."""
         self._socket.close()
         return (f"{self._lost} VMC messages could not be sent: {self._reason}",) if self._lost else ()
 
     def _send(self, datagram: bytes, number: int) -> None:
-        host, port, *rest = self._address
+        host, port, *scope = self._address
         try:
-            self._socket.sendto(datagram, (host, port + number, *rest))
+            self._socket.sendto(datagram, (host, port + number, *scope))
         except OSError as error:
             self._lost, self._reason = self._lost + 1, str(error.strerror)
 

@@ -302,7 +302,7 @@ def _panels(plots: Sequence[rrb.View | rrb.Container]) -> rrb.Vertical:
     return rrb.Vertical(text, *plots, row_shares=[2.5, *[1.0] * len(plots)])
 
 
-KEPT = 40  # findings of a stream that are shown: an hour's list would be sent again with each
+MOST_SHOWN = 40  # findings of a stream: the list is sent again with each
 LIMBS = "left limbs are lighter, right ones darker"
 
 
@@ -371,11 +371,11 @@ def live_summary(setup: Scene, findings: Sequence[tuple[float, Finding]], has_se
     Args:
         setup: what is streamed.
         findings: with the seconds at which they were made, in their order.
-        apart: whether the wearers are set apart.
+        has_separate_worlds: whether the wearers are set apart.
     """
     lines = [f"# {plain(setup.name)}", ""]
     if findings:
-        newest = [(f"{time:.1f} s", str(finding)) for time, finding in reversed(findings[-KEPT:])]
+        newest = [(f"{time:.1f} s", str(finding)) for time, finding in reversed(findings[-MOST_SHOWN:])]
         lines += markdown(facts("Findings", ("verdict", str(verdict(finding for _, finding in findings))), *newest))
     colours = [
         f"- **{plain(name)}**, newest: {colour_name(index)}, solid; {LIMBS}." for index, name in enumerate(setup.names)

@@ -93,7 +93,7 @@ def complete(stream: "rr.RecordingStream", partial: Path, path: Path) -> None:
 
 
 def is_whole(path: Path) -> bool:
-    """Whether there is a file that was written to its end."""
+    """Return whether a file exists and is complete."""
     if not path.is_file():
         return False
     with open(path, "rb") as file:

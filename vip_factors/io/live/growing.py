@@ -88,7 +88,7 @@ class GrowingFile(FileIO):
 
 
 class GrowingFileSource(LiveSource):
-    """Follows the file to its footer, or until it has not grown for a while. Nothing is dropped: a file can wait.
+    """Source that follows a file to its footer, or until it stops growing. Nothing is dropped.
 
     Args:
         path: of the file, which may come a little later.
@@ -200,7 +200,7 @@ class GrowingFileSource(LiveSource):
 
 
 class _Head:
-    """The messages that come once, which say when the set-up is complete, and turn messages into samples.
+    """Messages of the set-up, and conversion of messages into samples.
 
     A file without a SceneInfo before its first sample is a recording of one wearer.
 
@@ -215,7 +215,7 @@ class _Head:
         self._start_ns = 0
 
     def is_complete(self, has_samples: bool) -> bool:
-        """Whether nothing is missing, nor the known pose of a camera that stands still yet to come."""
+        """Return whether all messages of the set-up have come, with the known pose of a static camera."""
         if not (has_samples or (SCENE_INFO, SceneInfo) in self.messages) or self._missing:
             return False
         cameras = zip(self._camera_topics, self.camera_infos, strict=True)
@@ -246,7 +246,7 @@ class _Head:
 
     @property
     def camera_infos(self) -> list[CameraInfo]:
-        """What each camera is, once nothing is missing."""
+        """Description of each camera, once nothing is missing."""
         return [self.messages[topic_of("info"), CameraInfo] for topic_of in self._camera_topics]
 
     @property
@@ -260,8 +260,8 @@ class _Head:
 
     @property
     def _camera_topics(self) -> list[CameraTopics]:
-        first = [FIRST_CAMERA] if self._scene.has_camera else []
-        return [*first, *map(CameraTopics, self._scene.further_camera_topics)]
+        first_camera = [FIRST_CAMERA] if self._scene.has_camera else []
+        return [*first_camera, *map(CameraTopics, self._scene.further_camera_topics)]
 
     @property
     def _missing(self) -> list[str]:
@@ -280,7 +280,7 @@ class _Head:
         return LiveCamera(info=info, calibration=calibration.SerializeToString(), known_poses=poses)
 
     def sample(self, topic: str, message: ImuSample | Detections2D) -> LiveSample | None:
-        """A sample; None of a carrier that is none of the set-up's.
+        """Return the sample of a message; None if its carrier is not in the set-up.
 
         Raises:
             FileFormatError: for one that cannot be used.
@@ -301,5 +301,5 @@ class _Head:
 
 
 def _stands_known(info: CameraInfo) -> bool:
-    """Whether a camera stands still at a pose that the file tells."""
+    """Return whether a static camera has a known pose in the file."""
     return info.known_poses == 1 and not info.moving

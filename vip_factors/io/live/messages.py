@@ -1,4 +1,4 @@
-"""Live messages: set-up to and from them, and samples from them."""
+"""Conversion between live messages and set-ups, and from live messages to samples."""
 
 from dataclasses import replace
 
@@ -36,7 +36,7 @@ INITIAL_POSES = ("t-pose", "n-pose", "none")
 
 
 def imu_sample_of(message: ImuMessage, carrier: str, start_ns: int, sensor: str = "") -> ImuSample:
-    """One sample; ``sensor`` counts where the message names none. Values are passed on as they are.
+    """Convert one IMU sample; ``sensor`` is its name where the message has none.
 
     Raises:
         FileFormatError: if it has no time, or its orientation is no unit quaternion.
@@ -81,14 +81,14 @@ def rotation_of(message: QuaternionWxyz) -> Array | None:
 def video_frame_of(
     message: Detections2D, camera: str, start_ns: int, keypoints: int | None = None, clock: VideoClock | None = None
 ) -> VideoFrame:
-    """One video frame.
+    """Convert one video frame.
 
     Args:
         message: of the frame; where its ``seconds`` are zero, the timestamp counts if there is one.
         camera: its name.
         start_ns: absolute time of t = 0.
-        keypoints: of every person; None if that is not known.
-        clock: what lies between the video's clock and the IMUs'; None: nothing.
+        keypoints: number for every person; None if unknown.
+        clock: offset and drift of the video clock against that of the IMUs; None for the same clock.
 
     Raises:
         FileFormatError: if a person has another number of keypoints.
@@ -111,13 +111,13 @@ def video_frame_of(
 
 
 def header_message(setup: Scene) -> LiveMessage:
-    """The message that a sender begins with."""
+    """Make the first message of a sender."""
     cameras = [_camera_message(camera, setup.start_ns) for camera in setup.cameras]
     return LiveMessage(header=HEADER.encode(setup, cameras=cameras))
 
 
 def setup_of(header: LiveHeader) -> Scene:
-    """The head of the stream that a header describes.
+    """Make the set-up that a header describes.
 
     Raises:
         InputError: for what no wearer or camera can be, and for a name that two of them share.

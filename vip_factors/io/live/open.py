@@ -1,4 +1,4 @@
-"""Live sources by what the user names: a recording, standard input, a file that grows, a port."""
+"""Live sources by name: a recording, standard input, a growing file, a port."""
 
 import io
 import os
@@ -37,7 +37,7 @@ def open_source(
     on_finding: Callable[[LiveFinding], None] | None = None,
     token: str = "",
 ) -> LiveSource:
-    """The source that a text names, to be entered as a context.
+    """Make the source that a text names; it is a context manager.
 
     Args:
         text: path of an MCAP file, ``-`` for standard input, or ``ws://host:port`` to listen there, without a host at
@@ -116,8 +116,8 @@ def read_token(path: Path | None = None) -> str:
 class RecordingSource(LiveSource):
     """The samples of a scene in the order of their times.
 
-    As fast as it goes, nothing is dropped; in its own time, a tracker that is too slow loses samples, as it would
-    lose those of real sensors.
+    Played as fast as possible, nothing is dropped. In real time, a tracker that is too slow loses samples as it would
+    from real sensors.
 
     Args:
         scene: to be played back.
@@ -127,18 +127,13 @@ class RecordingSource(LiveSource):
 
     def __init__(self, scene: Scene, real_time: bool = False, settings: LiveSourceSettings = DEFAULT) -> None:
         super().__init__(f"recording '{scene.name}'", settings, drops=real_time)
+        self.is_played = not real_time
         self._scene = scene
-        self._real_time = real_time
-
-    @property
-    def is_played(self) -> bool:
-        """Whether samples come as fast as they can be tracked."""
-        return not self._real_time
 
     def _read(self) -> None:
         samples = live_samples(self._scene)
         self._announce(stream_head(self._scene))
-        for sample in when_due(samples, self._stop.wait) if self._real_time else samples:
+        for sample in samples if self.is_played else when_due(samples, self._stop.wait):
             if self._stop.is_set():
                 return
             self._put(sample)
@@ -172,7 +167,7 @@ def delimited_messages(stream: BinaryIO) -> Iterator[bytes]:
 
 
 def follow(client: Client, stream: BinaryIO) -> str:
-    """Give a client the messages of a delimited stream; a clause about why it ended, empty if between two messages."""
+    """Pass the messages of a delimited stream to a client; return why it ended, empty if between two messages."""
     try:
         for message in delimited_messages(stream):
             client.take(message)
@@ -227,7 +222,7 @@ class StandardInputSource(LiveSource):
         client = Client(Session(self._announce, self._put), self.name)
 
         def wait() -> bool:
-            """Called ever again while nothing comes; whether to wait on."""
+            """Return whether to go on; called before each read."""
             self._pause()
             return not self._stop.is_set()
 
@@ -238,7 +233,7 @@ class StandardInputSource(LiveSource):
 
 
 class _Pipe(io.RawIOBase):
-    """A descriptor that is read as long as ``wait`` says so: who leaves a stream need not wait for its sender."""
+    """Raw input from a descriptor, read while ``wait`` returns True."""
 
     def __init__(self, descriptor: int, wait: Callable[[], bool]) -> None:
         self._descriptor, self._wait = descriptor, wait
@@ -257,7 +252,7 @@ class _Pipe(io.RawIOBase):
 
 
 def _is_file(descriptor: int | None) -> bool:
-    """Whether a file is read, which has time: nothing of it need be dropped."""
+    """Return whether a descriptor, standard input by default, is a file, which can wait."""
     try:
         return stat.S_ISREG(os.fstat(sys.stdin.fileno() if descriptor is None else descriptor).st_mode)
     except (AttributeError, OSError, ValueError):

@@ -1,4 +1,4 @@
-"""From the messages of senders, at once or one after the other, to the samples of one stream."""
+"""Messages of one or several senders, turned into the samples of one stream."""
 
 import time
 from collections.abc import Callable
@@ -15,7 +15,7 @@ from vip_factors.io.schemas.live_message_pb2 import LiveHeader, LiveMessage
 from vip_factors.sensors.live import LiveFinding, LiveItem, LiveSample
 from vip_factors.sensors.scene import Scene
 
-TELL_EVERY = 1.0  # seconds between findings of one kind about one sender: a person reads them
+REPORT_EVERY_S = 1.0  # seconds between findings of one kind about one sender
 CLAIM_S = 1.0  # of samples, which the first answer needs anyway
 MOST_HELD = 4096  # samples of a sender that has not claimed the stream
 # A header with the skeletons of ten wearers has 30 kB, a frame of fifty people 30 kB: more is a stray length.
@@ -23,7 +23,7 @@ LARGEST_MESSAGE = 16 * 1024 * 1024  # bytes
 
 
 class FindingReporter:
-    """Tells what is wrong with a source; sentences of one kind at most once a second, with their number.
+    """Reports problems of a source; sentences of one kind at most once a second, with their number.
 
     Args:
         put: gets the findings.
@@ -31,33 +31,33 @@ class FindingReporter:
 
     def __init__(self, put: Callable[[LiveItem], None]) -> None:
         self._put = put
-        self._log = FindingLog(TELL_EVERY)
+        self._log = FindingLog(REPORT_EVERY_S)
 
     def report(self, kind: str, sentence: str) -> None:
-        """Tell a sentence, or count it if another of its kind was told a moment ago."""
+        """Report a sentence, or count it if another of its kind was reported a moment ago."""
 
         def finding(count: int) -> Finding:
             return bare(f"{sentence} (and {count - 1} more of this kind)" if count > 1 else sentence)
 
         self._log.tally(kind, time.monotonic(), finding)
-        self._tell()
+        self._put_findings()
 
     def close(self) -> None:
-        """Tell what was only counted."""
+        """Report what was only counted."""
         self._log.close()
-        self._tell()
+        self._put_findings()
 
-    def _tell(self) -> None:
+    def _put_findings(self) -> None:
         for finding in self._log.take():
             self._put(LiveFinding(str(finding)))
 
 
 class ClientError(Exception):
-    """A client that cannot be listened to any longer; the message is one clause that says why."""
+    """A client that cannot be received any longer; the message is one clause with the reason."""
 
 
 class Session:
-    """What the clients of one source share: the set-up of the one that claims the stream, and whose turn it is.
+    """State shared by the clients of one source: the set-up of the stream, and the client that is received.
 
     Args:
         announce: gets the set-up, once.
@@ -82,10 +82,10 @@ class Session:
         self._described = b""
         self._lock = Lock()
         self._sender: Client | None = None
-        self._heard = -float("inf")
+        self._received_at = -float("inf")
 
     def check(self, described: bytes) -> None:
-        """Whether a set-up of this description may come in.
+        """Check the description of a set-up.
 
         Raises:
             ClientError: if it differs from the stream's.
@@ -96,7 +96,7 @@ class Session:
             )
 
     def claim(self, client: "Client", setup: Scene, described: bytes) -> None:
-        """Make this set-up the stream's, and this the client that is heard, unless another one was first.
+        """Make this the set-up of the stream and the client its sender, unless another one was first.
 
         Raises:
             ClientError: if the stream has another set-up.
@@ -105,20 +105,20 @@ class Session:
             self.check(described)
             if self.setup is None:
                 self._described, self.setup = described, setup
-                self._sender, self._heard = client, self._clock()
+                self._sender, self._received_at = client, self._clock()
                 self._announce(setup)
 
     def admit(self, client: "Client") -> bool:
-        """Whether it is a client's turn: nobody else is heard, or that one has said nothing for too long."""
+        """Return whether a client is received: no other sends, or that one has been silent for too long."""
         with self._lock:
             now = self._clock()
-            if self._sender not in (None, client) and now - self._heard < self._silence_s:
+            if self._sender not in (None, client) and now - self._received_at < self._silence_s:
                 return False
-            self._sender, self._heard = client, now
+            self._sender, self._received_at = client, now
             return True
 
     def release(self, client: "Client") -> None:
-        """Let the next client be heard."""
+        """Let the next client send."""
         with self._lock:
             if self._sender is client:
                 self._sender = None
@@ -135,7 +135,7 @@ class Client:
     Attributes:
         messages: how many have come.
         takes_part: whether samples of it were used.
-        heard: when the last one came, monotonic seconds.
+        heard: monotonic seconds of the last one.
     """
 
     def __init__(self, session: Session, name: str, claim_s: float = 0.0) -> None:
@@ -151,12 +151,12 @@ class Client:
 
     @property
     def has_header(self) -> bool:
-        """Whether its header has come, and describes what can be tracked."""
+        """Is true once a valid header has come."""
         return self._setup is not None
 
     @property
     def is_to_wait(self) -> bool:
-        """Whether another client is heard.
+        """Is true while another client is received.
 
         Raises:
             ClientError: if this one can never be, as the stream has another set-up.
@@ -170,7 +170,7 @@ class Client:
         """Take one LiveMessage, serialised or as JSON text; leave a sample that cannot be used out and report it.
 
         Raises:
-            ClientError: if this client cannot be listened to any longer.
+            ClientError: if this client cannot be received any longer.
             FileFormatError: if it is no LiveMessage.
         """
         from google.protobuf.json_format import Parse, ParseError
@@ -203,7 +203,7 @@ class Client:
         self._reporter.report(kind, f"{self._name}: {sentence}")
 
     def leave(self, sentence: str = "") -> None:
-        """The last words about this client."""
+        """End the client, with a last sentence about it."""
         self._session.release(self)
         self._reporter.close()
         if sentence:
@@ -234,7 +234,7 @@ class Client:
             self._claim(setup)
 
     def _claim(self, setup: Scene) -> None:
-        """Take part, with all that was held."""
+        """Claim the stream, and put the samples that were held."""
         self._session.claim(self, setup, self._described)
         self.takes_part = True
         stream = self._session.setup
@@ -255,6 +255,6 @@ class Client:
 
 
 def _described(setup: Scene) -> bytes:
-    """A set-up without what may differ between two connections of one session."""
+    """Serialised set-up, without values that may differ between two connections of one session."""
     wearers = tuple(replace(wearer, start_ns=0) for wearer in setup.wearers)
     return header_message(replace(setup, name="", wearers=wearers)).SerializeToString(deterministic=True)

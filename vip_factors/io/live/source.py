@@ -1,4 +1,4 @@
-"""What all live sources have in common: limits, a queue, a thread that reads, and an orderly end."""
+"""Base of all live sources: a queue with limits, a reading thread, and an orderly end."""
 
 import time
 from abc import ABC, abstractmethod
@@ -13,19 +13,18 @@ from vip_factors.io.settings import DEFAULT, LiveSourceSettings
 from vip_factors.sensors.live import ImuSample, LiveFinding, LiveItem, LiveLoss, VideoFrame
 from vip_factors.sensors.scene import Scene
 
-KEPT = 8  # one IMU sample in so many stays where they must be dropped: who is late is to catch up, not to stay late
-MOST_FINDINGS = 1000  # that wait: somebody who connects and errs all the time must not fill the memory
-SAY_EVERY = 1.0  # seconds between findings about dropped samples: the tracker is to know why there is a gap
-TELL_EVERY = 10.0  # seconds between those that are for people
-PAUSE_S = 0.008  # of a reader whose tracker is behind: what comes meanwhile is read at once, and costs it less
+KEPT_SHARE = 8  # one of so many IMU samples stays where they must be dropped, so that a late tracker catches up
+MOST_FINDINGS = 1000  # that wait: a client that errs all the time must not fill the memory
+LOSS_EVERY_S = 1.0  # seconds between losses reported to the tracker, which must know the reason of a gap
+LOSS_TEXT_EVERY_S = 10.0  # seconds between losses reported to people
+PAUSE_S = 0.008  # of a reader whose tracker is behind: larger reads cost less
 
 
 class LiveQueue:
-    """Items of one source in the order of their arrival; of findings, the newest thousand wait.
+    """Items of one source in the order of their arrival, with the newest thousand findings.
 
-    When more samples than ``limit`` wait, either the reader waits too (a file has time), or the oldest video frame is
-    dropped, and without one all IMU samples but the newest: a pose without a video frame is still a pose, and old
-    samples are of less use than new ones. How many were dropped is said in a finding, at most once a second.
+    When more than ``limit`` samples wait, the reader waits too, or the oldest video frame is dropped. Without a video
+    frame, the oldest IMU samples are dropped. A finding reports the numbers.
 
     Args:
         limit: of waiting samples.
@@ -33,7 +32,7 @@ class LiveQueue:
         clock: monotonic seconds.
 
     Attributes:
-        waited_s: seconds that the item got last had waited; 0 where the reader waits as well, as nothing is late then.
+        waited_s: seconds that the last item had waited; 0 if the reader waits as well.
     """
 
     def __init__(self, limit: int, drops: bool = True, clock: Callable[[], float] = time.monotonic) -> None:
@@ -43,10 +42,10 @@ class LiveQueue:
         self._changed = Condition()
         self._items: deque[tuple[float, LiveItem]] = deque()  # each with the time of its arrival
         self._waiting: Counter[type[LiveItem]] = Counter()
-        self._lost: Counter[type[LiveItem]] = Counter()  # since it was told last
+        self._lost: Counter[type[LiveItem]] = Counter()  # since the last report to people
         self.waited_s = 0.0
-        self._losing = False  # whether some were since it was said last
-        self._said = self._reported = -float("inf")
+        self._has_loss = False  # since the last report to the tracker
+        self._noticed_at = self._reported_at = -float("inf")
         self._finished = False
         self._closed = False
 
@@ -68,7 +67,7 @@ class LiveQueue:
             elif self._samples > self._limit and self._waiting[VideoFrame]:
                 self._drop(VideoFrame, self._waiting[VideoFrame] - 1)
             elif self._samples > self._limit:
-                self._drop(ImuSample, max(1, self._limit // KEPT))
+                self._drop(ImuSample, max(1, self._limit // KEPT_SHARE))
             self._changed.notify_all()
 
     def get(self) -> LiveItem | None:
@@ -87,68 +86,68 @@ class LiveQueue:
             return item
 
     def finish(self) -> None:
-        """Nothing more will come: :meth:`get` ends after what is there."""
+        """Mark the end of the source: :meth:`get` returns None after the last item."""
         with self._changed:
             self._finished = True
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Nothing more is wanted: whoever waits, returns."""
+        """Discard all items and wake all waiting threads."""
         with self._changed:
             self._closed = True
             self._changed.notify_all()
 
     @property
     def is_behind(self) -> bool:
-        """Whether the sample that came first has waited for longer than reading takes."""
+        """Is true if the oldest sample has waited longer than a pause."""
         with self._changed:
-            first = next((arrived for arrived, item in self._items if not isinstance(item, LiveFinding)), None)
-            return self._drops and first is not None and self._clock() - first > PAUSE_S
+            arrivals = (arrived for arrived, entry in self._items if not isinstance(entry, LiveFinding))
+            oldest = next(arrivals, None)
+            return self._drops and oldest is not None and self._clock() - oldest > PAUSE_S
 
     @property
     def _samples(self) -> int:
         return self._waiting[VideoFrame] + self._waiting[ImuSample]
 
-    def _drop(self, kind: type[LiveItem], left: int) -> None:
-        """Drop the oldest items of a kind until so many are left."""
-        kept: deque[tuple[float, LiveItem]] = deque()
+    def _drop(self, kind: type[LiveItem], limit: int) -> None:
+        """Drop the oldest items of a kind until ``limit`` remain."""
+        remaining: deque[tuple[float, LiveItem]] = deque()
         for entry in self._items:
-            if self._waiting[kind] > left and isinstance(entry[1], kind):
+            if self._waiting[kind] > limit and isinstance(entry[1], kind):
                 self._waiting[kind] -= 1
                 self._lost[kind] += 1
             else:
-                kept.append(entry)
-        self._items = kept
-        self._losing = self._losing or kind is not LiveFinding
+                remaining.append(entry)
+        self._items = remaining
+        self._has_loss = self._has_loss or kind is not LiveFinding
 
     def _loss(self) -> LiveLoss | None:
-        """That some were dropped since it was said last, if it is time to say it."""
+        """Report samples dropped since the last report, if one is due."""
         now = self._clock()
         lost = {"video frames": self._lost[VideoFrame], "IMU samples": self._lost[ImuSample]}
-        telling = any(lost.values()) and (now - self._reported >= TELL_EVERY or self._finished)
-        if not telling and not (self._losing and now - self._said >= SAY_EVERY):
+        is_for_people = any(lost.values()) and (now - self._reported_at >= LOSS_TEXT_EVERY_S or self._finished)
+        if not is_for_people and not (self._has_loss and now - self._noticed_at >= LOSS_EVERY_S):
             return None
-        self._said, self._losing = now, False
-        if telling:
-            self._reported = now
+        self._noticed_at, self._has_loss = now, False
+        if is_for_people:
+            self._reported_at = now
             self._lost.clear()
         what = " and ".join(f"{number} {name}" for name, number in lost.items() if number)
         return LiveLoss(
             f"the tracker does not keep up: {what} were dropped; this machine is too slow, or busy: use fewer frames "
             "per second (--frame-rate), fewer wearers, fewer cameras or a shorter lag",
-            is_repeat=not telling,
+            is_repeat=not is_for_people,
         )
 
 
-POLL = 0.1  # seconds after which a waiting thread looks whether it is still wanted: Ctrl-C should feel immediate
-JOIN = 2.0  # seconds that the end waits for the thread: it looks every POLL seconds
+POLL = 0.1  # seconds between checks of a waiting thread: Ctrl-C should feel immediate
+JOIN = 2.0  # seconds to wait for a thread at the end
 
 
 class LiveSource(ABC):
-    """A context manager: it opens and closes the source; ``setup`` comes first, then samples by iteration.
+    """A source of live samples: a context manager with ``setup`` first, then samples by iteration.
 
-    The thread holds the interpreter for microseconds a sample, so that it gets its turn even beside a busy tracker.
-    An interrupt (Ctrl-C) while waiting passes through, and leaving the context closes everything.
+    An interrupt (Ctrl-C) while waiting passes through; leaving the context closes everything.
 
     Args:
         name: for sentences.
@@ -157,11 +156,14 @@ class LiveSource(ABC):
 
     Attributes:
         on_finding: gets the findings that come before the header, at once; while it is None they begin the iteration.
+        is_played: whether it is a recording that is played as fast as possible.
+        listens: address and permitted senders, once open; empty if it does not listen.
     """
 
     def __init__(self, name: str, settings: LiveSourceSettings = DEFAULT, drops: bool = True) -> None:
         self.name = name
         self.on_finding: Callable[[LiveFinding], None] | None = None
+        self.is_played, self.listens = False, ""
         self._settings = settings
         self._queue = LiveQueue(settings.queue_limit, drops)
         self._stop = Event()
@@ -187,27 +189,17 @@ class LiveSource(ABC):
 
     @property
     def waited_s(self) -> float:
-        """Seconds that the item given last had waited for whoever iterates."""
+        """Seconds that the last item had waited."""
         return self._queue.waited_s
 
     @property
-    def is_played(self) -> bool:
-        """Whether it is a recording that is played as fast as it can be tracked."""
-        return False
-
-    @property
     def awaits(self) -> str:
-        """The first thing that has to come, in words that anybody may read."""
+        """Description of the expected header, without a token."""
         return f"the header of {self.name}"
 
     @property
-    def listens(self) -> str:
-        """Where it listens and who can send, in words, once open; empty if it does not listen."""
-        return ""
-
-    @property
     def setup(self) -> Scene:
-        """What the stream is about, waiting for its header.
+        """Wearers and cameras of the stream; waits for its header.
 
         Raises:
             InputError: if the source ends without one.
@@ -226,8 +218,8 @@ class LiveSource(ABC):
             if setup is not None:
                 return setup
             if ended:
-                last = self._early[-1].sentence if self._early else f"{self.name} ended without a header"
-                raise self._error or InputError(last)
+                reason = self._early[-1].sentence if self._early else f"{self.name} ended without a header"
+                raise self._error or InputError(reason)
 
     def __iter__(self) -> Iterator[LiveItem]:
         """Samples and findings in the order of their arrival, until the source ends.
@@ -278,7 +270,7 @@ class LiveSource(ABC):
                 self._changed.notify_all()
 
     def _open(self) -> None:  # noqa: B027  not every source has something to open
-        """Take hold of what is read.
+        """Open the source.
 
         Raises:
             InputError: if that is not possible.
@@ -289,4 +281,4 @@ class LiveSource(ABC):
         """Announce the set-up, put samples and findings, return at the end or soon after ``_stop`` is set."""
 
     def _close(self) -> None:  # noqa: B027
-        """Let go of what was opened; wakes the reader if it waits for longer than POLL."""
+        """Close the source, and wake a reader that waits longer than POLL."""

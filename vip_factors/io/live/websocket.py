@@ -13,8 +13,7 @@ MOST_SENDERS = 8  # connected at once; beyond, the one that has been silent long
 REASON_BYTES = 120  # a close frame holds 123
 HEADER_S = 10.0  # a program that has its header ready sends it at once; this forgives a slow start
 SILENCE_S = 2.0  # a sender that was lost comes back sooner than its old connection is known to be dead
-# Messages a second that are read of a sender, after the first second's: three wearers of 17 sensors at 100 Hz send
-# 5,100. Whoever sends more has to wait, and the tracker keeps its processor.
+# Messages a second read from a sender, after the first second: three wearers of 17 sensors at 100 Hz send 5,100.
 LARGEST_RATE = 10_000.0
 
 
@@ -40,10 +39,9 @@ class Pace:
 
 
 class WebSocketSource(LiveSource):
-    """Listens on a port. One sender is heard at a time; it gives way to the next when it goes, or falls silent.
+    """Source that listens on a port. One sender is received at a time; it gives way when it leaves or falls silent.
 
-    The stream becomes that of the first sender of a second of samples: a header alone, or a few samples, keep nobody
-    else out. A message that cannot be used is left out.
+    The first sender of one second of samples owns the stream. A message that cannot be used is left out.
 
     Args:
         host, port: to listen at; port 0 takes a free one, see :attr:`url`.
@@ -61,23 +59,19 @@ class WebSocketSource(LiveSource):
 
     @property
     def url(self) -> str:
-        """Where senders connect to, once open, with a token that was made up."""
+        """Address for senders, once open, with a generated token."""
         return self._listener.url("ws")
 
     @property
     def awaits(self) -> str:
-        """Where senders connect to, without the token."""
+        """Description of the expected sender, without the token."""
         return f"a sender at {self.url.partition('?')[0]} (a header, then a second of samples of its sensors)"
-
-    @property
-    def listens(self) -> str:
-        """Where, and to whom."""
-        return f"listening at {self.url}, to {self._listener.audience}"
 
     def _open(self) -> None:
         self._listener = Listener(
-            self.name, *self._where, self._token, "/", self._hear, self._is_full, {}, LARGEST_MESSAGE
+            self.name, *self._where, self._token, "/", self._receive, self._is_full, {}, LARGEST_MESSAGE
         )
+        self.listens = f"listening at {self.url}, to {self._listener.audience}"
 
     def _read(self) -> None:
         while not self._stop.wait(POLL):
@@ -93,14 +87,14 @@ class WebSocketSource(LiveSource):
         clients = list(self._clients.items())
         if len(clients) < MOST_SENDERS:
             return False
-        connection, client = min(clients, key=lambda item: item[1].heard)
+        connection, client = min(clients, key=lambda entry: entry[1].heard)
         if time.monotonic() - client.heard < SILENCE_S:
             return True
         cut_off(connection)
         return False
 
-    def _hear(self, connection: ServerConnection) -> None:
-        """One sender, in a thread of its own."""
+    def _receive(self, connection: ServerConnection) -> None:
+        """Receive one sender, in its own thread."""
         host, port = connection.remote_address[:2]
         client = Client(self._session, f"{self.name}, client {host}:{port}", CLAIM_S)
         self._clients[connection] = client
@@ -121,7 +115,7 @@ class WebSocketSource(LiveSource):
         connection.close(REFUSED if reason else GOING, reason.encode()[:REASON_BYTES].decode(errors="ignore"))
 
     def _follow(self, client: Client, connection: ServerConnection) -> str:
-        """Take a sender's messages to its end; a clause about why it ended, empty if it said goodbye."""
+        """Take the messages of a sender; return why it ended, empty after a normal close."""
         pace = Pace(LARGEST_RATE)
         while not self._stop.is_set():
             try:
@@ -146,7 +140,7 @@ class WebSocketSource(LiveSource):
 
 
 def _problem(error: ConnectionClosed) -> str:
-    """Why a connection ended; empty if the sender said goodbye."""
+    """Return why a connection ended; empty after a normal close."""
     if error.sent is not None and error.sent.code == 1009:
         return f"a message was larger than {LARGEST_MESSAGE:,} bytes: it is no live message"
     if error.rcvd is not None and error.rcvd.code in (1000, 1001, 1005):
@@ -155,10 +149,10 @@ def _problem(error: ConnectionClosed) -> str:
 
 
 def take_message(client: Client, data: str | bytes) -> None:
-    """One message of a client; what is no live message is told and left out.
+    """Take one message of a client; anything but a live message is reported and left out.
 
     Raises:
-        ClientError: if this client cannot be listened to any longer.
+        ClientError: if this client cannot be received any longer.
     """
     try:
         client.take(data)

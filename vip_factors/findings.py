@@ -25,7 +25,7 @@ class Severity(StrEnum):
     DOUBT = "doubt"
 
     def reaches(self, other: "Severity") -> bool:
-        """Whether it bears as much on them as another."""
+        """Whether it is at least as severe as another."""
         order = list(Severity)
         return order.index(self) >= order.index(other)
 
@@ -41,8 +41,8 @@ class Kind:
         headline: what is wrong, in a few words.
         affects: what it means for the use of the results.
         advice: what to do.
-        each: how one of the numbers is told in that list, by its ``name`` and ``value``.
-        is_fault: whether something may be wrong; else nothing is, but the set-up cannot tell more.
+        each: format of a number in that list, by its ``name`` and ``value``.
+        is_fault: whether something may be wrong; otherwise the set-up limits the accuracy.
     """
 
     severity: Severity
@@ -56,7 +56,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Finding:
-    """Something to be shown to the user; its text is the sentence.
+    """Message for the user; its text is the sentence.
 
     Attributes:
         kind: a name in :data:`KINDS`.
@@ -87,7 +87,7 @@ class Finding:
 
     @property
     def about(self) -> tuple[str, str, str, str]:
-        """Kind and whom it is about: findings that agree in it are told once."""
+        """Kind, wearer, camera and subject: findings that agree in these are reported once."""
         return self.kind, self.wearer, self.camera, self.subject or self.text
 
     def __hash__(self) -> int:
@@ -116,7 +116,7 @@ class Finding:
 
 
 def bare(sentence: str, kind: str = TEXT) -> Finding:
-    """A finding of which only the sentence is known, and perhaps its kind; an unknown one is :data:`TEXT`."""
+    """Make a finding from its sentence alone; an unknown kind becomes :data:`TEXT`."""
     return Finding(kind if sentence and kind in KINDS else TEXT, text=sentence)
 
 
@@ -134,11 +134,11 @@ VERDICTS = {
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether to rely on an estimate: the one that terminal, report, viewers, JSON and exit codes tell.
+    """Reliability of an estimate, as terminal, report, viewers, JSON and exit codes show it.
 
     Attributes:
         severity: GOOD, CARE or DOUBT.
-        deciding: headlines of the findings that weigh as much.
+        deciding: headlines of the findings with this severity.
     """
 
     severity: Severity
@@ -150,32 +150,32 @@ class Verdict:
 
 
 def verdict(findings: Iterable[Finding]) -> Verdict:
-    """The verdict on what has these findings: as its worst; notes do not speak against it."""
+    """Verdict from the most severe of the findings; notes do not count."""
     weighty = [finding for finding in findings if finding.severity.reaches(Severity.CARE)]
     severity = Severity.DOUBT if any(finding.severity is Severity.DOUBT for finding in weighty) else Severity.CARE
     deciding = dict.fromkeys(KINDS[finding.kind].headline for finding in weighty if finding.severity is severity)
     return Verdict(severity, tuple(deciding)) if weighty else Verdict(Severity.GOOD)
 
 
-MOST_WAITING = 1000  # findings that nobody has taken: beyond, new ones are lost rather than memory
+MOST_WAITING = 1000  # findings in a log; new ones beyond are dropped, so that memory stays bounded
 
 
 @dataclass
 class _Tally:
-    finding: Callable[[int], Finding]  # of how often it has happened since it was told last
+    finding: Callable[[int], Finding]  # made from the count since the last report
     count: int = 0
-    told: float = -math.inf
-    tellings: int = 0
-    due: float = math.inf  # when what has happened is to be told
+    reported: float = -math.inf  # s, of the last report
+    reports: int = 0
+    due: float = math.inf  # s, of the next report
 
 
 class FindingLog:
-    """Findings until they are taken; what happens again and again, or in many windows, is told once in a while.
+    """Queue of findings; repeated ones, also those of many windows, are counted and reported at intervals.
 
     Memory stays bounded as long as the keys do.
 
     Args:
-        repeat_after: seconds from one telling of a key to the next.
+        repeat_after: seconds between two reports of a key.
     """
 
     def __init__(self, repeat_after: float = math.inf) -> None:
@@ -191,28 +191,28 @@ class FindingLog:
     def tally(
         self, key: Hashable, now: float, finding: Callable[[int], Finding], wait: float = 0.0, often: int = 1
     ) -> None:
-        """Something of the kind ``key`` has happened once more: ``finding(count)`` is told, or counted until it is due.
+        """Count an event of ``key``, and report ``finding(count)`` when it is due.
 
         Args:
-            key: of what happens again and again.
+            key: of the repeated event.
             now: seconds.
-            finding: made from how often it has happened since it was told last; the first one's is told.
-            wait: seconds in which others of the key are waited for; infinite: until :meth:`close`.
-            often: tellings after which it is told only every ``repeat_after`` seconds.
+            finding: makes the finding from the count since the last report; that of the first event is used.
+            wait: seconds to collect more events of the key; infinite: until :meth:`close`.
+            often: reports after which ``repeat_after`` applies.
         """
         tally = self._tallies.setdefault(key, _Tally(finding))
         if not tally.count:
-            next_report = tally.told + self._repeat_after if tally.tellings >= often else -math.inf
+            next_report = tally.reported + self._repeat_after if tally.reports >= often else -math.inf
             tally.finding, tally.due = finding, max(now + wait, next_report)
         tally.count += 1
         if now >= tally.due:
             self._add(tally, now)
 
     def add_window(self, findings: Iterable[Finding], start: float, end: float, known: Iterable[Finding] = ()) -> None:
-        """Findings of a window of a recording, from ``start`` to ``end`` (s).
+        """Add the findings of a window of a recording, from ``start`` to ``end`` (s).
 
-        Each is told once, by :meth:`close`: as in its first window, and in how many more there were. What is ``known``
-        of the whole recording is told of a window only if that measured something more.
+        :meth:`close` reports each once, with its first window and the number of others. Findings ``known`` for the
+        whole recording are added only if the window has further numbers.
         """
         measured = {finding.about: finding.numbers.keys() for finding in known}
         for subject, finding in {finding.about: replace(finding, during=(start, end)) for finding in findings}.items():
@@ -220,13 +220,13 @@ class FindingLog:
                 self.tally(subject, start, partial(_in_windows, finding), wait=math.inf)
 
     def close(self) -> None:
-        """Tell what was only counted."""
+        """Report all events that were only counted."""
         for tally in self._tallies.values():
             if tally.count:
-                self._add(tally, tally.told)
+                self._add(tally, tally.reported)
 
     def take(self, now: float = -math.inf) -> tuple[Finding, ...]:
-        """All findings since the last time, in order; and what is due."""
+        """Remove and return all findings in order, with those that are due."""
         for tally in self._tallies.values():
             if now >= tally.due:
                 self._add(tally, now)
@@ -236,8 +236,8 @@ class FindingLog:
 
     def _add(self, tally: _Tally, now: float) -> None:
         self.add(tally.finding(tally.count))
-        tally.count, tally.told, tally.due = 0, now, math.inf
-        tally.tellings += 1
+        tally.count, tally.reported, tally.due = 0, now, math.inf
+        tally.reports += 1
 
 
 def _in_windows(finding: Finding, count: int) -> Finding:
@@ -245,7 +245,7 @@ def _in_windows(finding: Finding, count: int) -> Finding:
 
 
 def _kinds() -> dict[str, Kind]:
-    """All kinds by name, as the file beside this one has them."""
+    """Read all kinds by name from the file beside this one."""
     return msgspec.toml.decode(Path(__file__).with_name("finding_kinds.toml").read_bytes(), type=dict[str, Kind])
 
 

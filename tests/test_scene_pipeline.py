@@ -255,6 +255,6 @@ def test_where_the_inertial_frames_point_does_not_matter() -> None:
 
 
 def test_the_frame_rate_is_nobodys_evidence() -> None:
-    estimates = [smooth(scene(), Settings(frame_rate=rate, covariance=False)) for rate in (20.0, 40.0)]
+    estimates = [smooth(scene(), Settings(frame_rate=rate, covariance=False)) for rate in (20.0, 60.0)]
     errors = [[evaluate_scene(one, scene())[name] for name in ("mpjpe", "mpjae")] for one in estimates]
     assert np.all(np.ptp(errors, axis=0) < (0.7, 0.4)), errors

@@ -70,8 +70,8 @@ def test_what_is_known_of_the_whole_is_told_of_a_window_only_with_something_more
         return Finding("accelerometer corrected", "Ada", subject="LS", numbers=numbers, words={"what": str([*numbers])})
 
     log = FindingLog()
-    log.add_window([wrong(gravity=9.0)], 0.0, 60.0, known=[wrong(gravity=9.0)])
-    log.add_window([wrong(clipped=20.0)], 54.0, 114.0, known=[wrong(gravity=9.0)])
+    log.add_window([wrong(gravity=9.0)], 0.0, 60.0, reported=[wrong(gravity=9.0)])
+    log.add_window([wrong(clipped=20.0)], 54.0, 114.0, reported=[wrong(gravity=9.0)])
     log.close()
     (told,) = log.take()
     assert told.numbers == {"clipped": 20.0}

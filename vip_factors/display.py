@@ -69,8 +69,8 @@ def distinct_file_names(names: Iterable[str]) -> list[str]:
     return parts
 
 
-def _as_disks_compare(part: str) -> str:
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", part).casefold())
+def _as_disks_compare(name: str) -> str:
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
 def one_line(text: str) -> str:

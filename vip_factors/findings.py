@@ -208,13 +208,15 @@ class FindingLog:
         if now >= tally.due:
             self._add(tally, now)
 
-    def add_window(self, findings: Iterable[Finding], start: float, end: float, known: Iterable[Finding] = ()) -> None:
+    def add_window(
+        self, findings: Iterable[Finding], start: float, end: float, reported: Iterable[Finding] = ()
+    ) -> None:
         """Add the findings of a window of a recording, from ``start`` to ``end`` (s).
 
-        :meth:`close` reports each once, with its first window and the number of others. Findings ``known`` for the
+        :meth:`close` reports each once, with its first window and the number of others. Findings ``reported`` for the
         whole recording are added only if the window has further numbers.
         """
-        measured = {finding.about: finding.numbers.keys() for finding in known}
+        measured = {finding.about: finding.numbers.keys() for finding in reported}
         for subject, finding in {finding.about: replace(finding, during=(start, end)) for finding in findings}.items():
             if subject not in measured or not finding.numbers.keys() <= measured[subject]:
                 self.tally(subject, start, partial(_in_windows, finding), wait=math.inf)

@@ -79,7 +79,9 @@ class ConvertOptions(LogArguments, WritingOptions):
     """Name of the recording; the log's own if absent."""
     join: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING")] = ()
     """Recording (.mcap) of another wearer at the same time, to be part of the scene; may be said several times."""
-    filmed: Annotated[CameraOptions, UNPREFIXED, tyro.conf.FlagCreatePairsOff] = field(default_factory=FilmedOptions)
+    camera_options: Annotated[CameraOptions, UNPREFIXED, tyro.conf.FlagCreatePairsOff] = field(
+        default_factory=FilmedOptions
+    )
     carried_camera: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")] = ()
     """Name of a camera that is carried, though --static-camera is said of the others; may be said several times."""
 
@@ -142,9 +144,9 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
     """
     from vip_factors.io.camera_file import read_floor
 
-    filmed, cameras = options.filmed, list[CameraOptions]()
-    values = {field.name: getattr(filmed, field.name) for field in fields(filmed)}
-    given_options = [field.name for field in fields(filmed) if values[field.name] != field.default]
+    declared, cameras = options.camera_options, list[CameraOptions]()
+    values = {field.name: getattr(declared, field.name) for field in fields(declared)}
+    given_options = [field.name for field in fields(declared) if values[field.name] != field.default]
     count = len(values["detections"])
     if given_options and not count:
         words = ", ".join(_option(name) for name in given_options)
@@ -159,7 +161,7 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
     unknown = sorted(set(options.carried_camera) - set(names))
     if unknown:
         raise InputError(f"--carried-camera {unknown[0]}: expected the name of a camera: {', '.join(names)}")
-    carried = [name for name in names if not filmed.static_camera or name in options.carried_camera]
+    carried = [name for name in names if not declared.static_camera or name in options.carried_camera]
     paths = values[OF_CARRIED_CAMERA]
     if len(paths) not in (0, len(carried)):
         raise InputError(
@@ -171,7 +173,7 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
         camera_values |= {OF_CARRIED_CAMERA: paths[carried.index(name)] if paths and name in carried else None}
         shared = {key: values[key] for key in values if key not in OF_EACH_CAMERA and (number == 0 or "imu" not in key)}
         shared["static_camera"] = name not in carried
-        if count > 1 and filmed.known_camera_pose and "camera" in camera_values:
+        if count > 1 and declared.known_camera_pose and "camera" in camera_values:
             shared["known_camera_pose"] = read_floor(camera_values["camera"]) is not None
         cameras.append(CameraOptions(**shared | camera_values | {"camera_name": name}))
     return cameras

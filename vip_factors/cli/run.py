@@ -160,7 +160,7 @@ def run_options(options: RunOptions) -> "Run":
     ]
     return Run(
         logs=tuple(
-            (log, replace(import_options(parsed), **_known(options)))
+            (log, replace(import_options(parsed), **_declared_options(options)))
             for log, parsed in zip(options.log, converted, strict=True)
         ),
         out=folder,
@@ -175,7 +175,7 @@ def run_options(options: RunOptions) -> "Run":
     )
 
 
-def _known(options: LogOptions) -> dict[str, Any]:
+def _declared_options(options: LogOptions) -> dict[str, Any]:
     """Return the declared properties of a log, by name."""
     values = {field.name: getattr(options, field.name) for field in fields(LogOptions)}
     return {name: value for name, value in values.items() if value != getattr(LogOptions(), name)}

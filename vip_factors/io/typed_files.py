@@ -103,13 +103,13 @@ def _choices(kind: object) -> list[str]:
     return [choice for member in get_args(kind) for choice in _choices(member)]
 
 
-def _named_place(value: object, kind: object, place: str) -> str:
+def _named_place(value: object, kind: object, location: str) -> str:
     """Place of an error with the keys of free tables, which msgspec writes as ``[...]``.
 
     The entries of such a table are tried one at a time; the table is left with the wrong one alone.
     """
     named, table = "", value
-    for field, index in re.findall(r"\.([^.\[]+)|\[(\d+|\.\.\.)\]", place):
+    for field, index in re.findall(r"\.([^.\[]+)|\[(\d+|\.\.\.)\]", location):
         name = field or index
         if index == "..." and isinstance(table, dict):
             for name, entry in dict(table).items():

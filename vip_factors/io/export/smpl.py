@@ -135,14 +135,14 @@ def _camera(camera: CameraEstimate | None, time: Array) -> dict[str, Array]:
     return {"cam_poses": cam_poses, "cam_intrinsics": camera.model.K}
 
 
-def _poses2d(number: int, estimate: Estimate, filmed: tuple[Camera, CameraEstimate] | None, frames: int) -> Array:
+def _poses2d(number: int, estimate: Estimate, pair: tuple[Camera, CameraEstimate] | None, frames: int) -> Array:
     """``(N, 3, 18)`` pixels x, y and confidence of a wearer's keypoints, undistorted; zero without a detection."""
     poses = np.zeros((frames, 3, len(COCO18)))
-    if filmed is None:
+    if pair is None:
         return poses
-    mine = filmed[0].detections.select(np.flatnonzero(estimate.wearer_of_detection == number))
+    mine = pair[0].detections.select(np.flatnonzero(estimate.wearer_of_detection == number))
     confidence, pixels = _coco18(mine)
-    model = filmed[1].model
+    model = pair[1].model
     straight = model.normalise(pixels) * np.array(model.focal) + np.array(model.centre)
     is_visible = (confidence > 0) & np.isfinite(straight).all(axis=-1)
     rows = np.concatenate([straight, confidence[..., None]], axis=-1)

@@ -55,7 +55,7 @@ def retarget(clip: SourceClip) -> Motion:
     Raises:
         InputError: for an unknown skeleton, an implausible size, or a rest pose that is not an upright body.
     """
-    clip, table = _standing(clip, find_map(clip.names, clip.path))
+    clip, table = _stand_on_floor(clip, find_map(clip.names, clip.path))
     A = _body_from_source_axes(clip, table)
     stature = _stature(clip, table)
     unit = _unit_of(stature, clip.path)
@@ -88,7 +88,7 @@ def without_rest_frames(clip: SourceClip) -> SourceClip:
     return clip.frames(slice(min(drop, len(clip) - 1), None))
 
 
-def _standing(clip: SourceClip, table: SkeletonMap) -> tuple[SourceClip, SkeletonMap]:
+def _stand_on_floor(clip: SourceClip, table: SkeletonMap) -> tuple[SourceClip, SkeletonMap]:
     """The clip with our joints for nodes and a person who stands as its rest pose, if its bones hang down at rest."""
     if not table.directions:
         return clip, table

@@ -132,13 +132,13 @@ class StartChoice:
     """Which start of headings and mountings was chosen.
 
     Attributes:
-        supposition: what it supposes, in words.
+        hypothesis: what it supposes, in words.
         rival: what the likeliest start supposes that turns a sensor by more than 60° against it; empty without one.
         margin: nats by which that is less likely; infinite without one.
         doubtful: names of the sensors that starts turn which are nearly as likely.
     """
 
-    supposition: str
+    hypothesis: str
     rival: str = ""
     margin: float = math.inf
     doubtful: tuple[str, ...] = ()
@@ -160,7 +160,7 @@ class WearerEstimate(Summarised):
         reports: one per solve, in order.
         settings: the effective settings, flattened to text.
         body: what was found of the body; None if nothing of it was looked for.
-        sensor_places: of the sensors used; none if they were taken as told.
+        sensor_positions: of the sensors used; none if they were taken as told.
         findings: what is odd or not settled: to be shown to the user.
         start: how the first headings and mountings were chosen; None if they were not looked for.
     """
@@ -175,7 +175,7 @@ class WearerEstimate(Summarised):
     reports: tuple[SolveReport, ...] = ()
     settings: Mapping[str, str] = field(default_factory=dict)
     body: BodyEstimate | None = None
-    sensor_places: tuple[SensorPlaceEstimate, ...] = ()
+    sensor_positions: tuple[SensorPlaceEstimate, ...] = ()
     findings: tuple[Finding, ...] = ()
     start: StartChoice | None = None
 

@@ -125,23 +125,30 @@ def motion_of(poses: Sequence[LivePose], body: Skeleton, rate: float, name: str,
 
 
 def estimate_of(
-    answers: Sequence[LiveEstimate], setup: Scene, rate: float, is_smoothed: bool = False, start: float | None = None
+    live_estimates: Sequence[LiveEstimate],
+    setup: Scene,
+    rate: float,
+    is_smoothed: bool = False,
+    start: float | None = None,
 ) -> Estimate:
-    """Estimate of the frames of answers that follow each other.
+    """Estimate of the frames of live_estimates that follow each other.
 
     Args:
-        answers: at least one.
-        setup: of the stream.
+        live_estimates: consecutive frames, at least one.
+        setup: wearers and cameras of the stream.
         rate: frames per second.
-        is_smoothed: takes the smoothed poses of one lag earlier, which all answers must have, instead of the newest.
+        is_smoothed: whether to take the smoothed poses of one lag earlier, which all must have, instead of the newest.
         start: seconds of the first frame; by default those of its pose.
     """
     wearers = []
     for index, recording in enumerate(setup.wearers):
-        rows = [answer.wearers[index] for answer in answers]
+        rows = [live_estimate.wearers[index] for live_estimate in live_estimates]
         poses = [pose for row in rows if (pose := row.smoothed if is_smoothed else row.newest) is not None]
         wearers.append(_wearer_estimate(recording, rows[-1], poses, rate, start))
-    camera, path = setup.camera, [answer.smoothed_camera if is_smoothed else answer.camera for answer in answers]
+    camera, path = (
+        setup.camera,
+        [live_estimate.smoothed_camera if is_smoothed else live_estimate.camera for live_estimate in live_estimates],
+    )
     camera_poses = [pose for pose in path if pose is not None]
     cameras = (_camera_estimate(camera, camera_poses),) if camera is not None and camera_poses else ()
     return Estimate(setup.name, METHOD, tuple(wearers), cameras)

@@ -112,7 +112,7 @@ def hinge_of(rng: np.random.Generator, joint: str) -> HingeEstimate:
     return HingeEstimate(joint, 0.05 * rng.normal(size=count), 10 * covariance(rng, count))
 
 
-def sensor_places(rng: np.random.Generator, sensors: list[str]) -> tuple[SensorPlaceEstimate, ...]:
+def sensor_positions(rng: np.random.Generator, sensors: list[str]) -> tuple[SensorPlaceEstimate, ...]:
     return tuple(SensorPlaceEstimate(one, "left_knee", *rng.normal(size=(3, 3)), np.full(3, np.nan)) for one in sensors)
 
 
@@ -160,7 +160,7 @@ def estimates(draw: st.DrawFn) -> WearerEstimate:
         draw(st.lists(reports, max_size=2).map(tuple)),
         draw(st.dictionaries(names, st.text(max_size=10), max_size=3)),
         draw(st.sampled_from([None, body(rng, draw(st.lists(names, max_size=3, unique=True)))])),
-        sensor_places(rng, sensors),
+        sensor_positions(rng, sensors),
     )
 
 

@@ -78,7 +78,7 @@ def what_was_found_is_told_with_its_sigmas(estimate: WearerEstimate, usual: Skel
 
 
 def places_on_the_bones_are_told_with_their_sigmas(estimate: Estimate, scene: Scene) -> None:
-    places, placement = estimate.wearers[0].sensor_places, scene.wearers[0].placement
+    places, placement = estimate.wearers[0].sensor_positions, scene.wearers[0].placement
     assert [one.sensor for one in places] == list(estimate.wearers[0].sensors)
     assert [one.bone for one in places] == [placement.site(one.sensor).bone for one in places]
     moved, sigmas, before = (

@@ -112,7 +112,7 @@ def _start_rows(start: StartChoice | None) -> list[Row]:
     """Rows of the chosen start and its most likely alternative."""
     if start is None:
         return []
-    rows: list[Row] = [("start", start.supposition)]
+    rows: list[Row] = [("start", start.hypothesis)]
     if start.rival:
         largest = 7.0  # nats: a thousand times
         times = f"{math.exp(start.margin):.1f}" if start.margin < largest else f"{math.exp(largest):.0f} or more"
@@ -148,7 +148,7 @@ def hinge_table(body: BodyEstimate | None) -> Table:
 def calibration_table(wearer: WearerEstimate, recording: Recording | None = None) -> Table:
     """Table of headings and mountings; mountings are relative to the sites if the recording is given, else absolute."""
     sites = {} if recording is None else {site.sensor: site for site in recording.placement.sites}
-    bones = {place.sensor: place.bone for place in wearer.sensor_places}  # older files
+    bones = {place.sensor: place.bone for place in wearer.sensor_positions}  # older files
     rows = []
     for name, sensor in wearer.calibration.items():
         site, bone = sites.get(name), sensor.bone or bones.get(name, "")
@@ -192,7 +192,7 @@ LEFT, UP, FORWARD = 0, 1, 2  # bone axes
 def place_table(wearer: WearerEstimate) -> Table:
     """Table of estimated and prior positions of the sensors on their bones."""
     rows: list[Row] = []
-    for position in wearer.sensor_places:
+    for position in wearer.sensor_positions:
         coordinates = [_with_prior(position, axis) for axis in (LEFT, UP, FORWARD)]
         rows.append((position.sensor, bone_words(position.bone), *coordinates))
     title = "sensors' places on their bones, mm from the joint (supposed)"

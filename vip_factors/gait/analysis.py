@@ -273,7 +273,7 @@ def shank_site(estimate: WearerEstimate, recording: Recording | None, side: str)
     """Estimated position of the sensor on a shank; None without one."""
     site = _site(estimate, recording, (f"{side}_knee",))
     positions = [
-        place.posterior for place in estimate.sensor_places if site is not None and place.sensor == site.sensor
+        place.posterior for place in estimate.sensor_positions if site is not None and place.sensor == site.sensor
     ]
     return site if site is None or not positions else replace(site, p_bone_sensor=positions[0])
 
@@ -330,7 +330,7 @@ def _with_length(stride: Stride, stretch: float | None, by_foot: float) -> Strid
 def bones_with_sensors(estimate: WearerEstimate, recording: Recording | None) -> frozenset[str] | None:
     """Names of the bones that sensors which were used sit on; None if neither estimate nor recording tells."""
     calibrated = {calibration.bone for calibration in estimate.calibration.values() if calibration.bone}
-    bones = frozenset(calibrated | {place.bone for place in estimate.sensor_places})
+    bones = frozenset(calibrated | {place.bone for place in estimate.sensor_positions})
     if not bones and recording is not None:
         return frozenset(site.bone for site in recording.placement.sites if site.sensor in estimate.sensors)
     return bones or None

@@ -194,7 +194,7 @@ class LiveJsonEncoder:
         if wearer.skeleton is not None and wearer.skeleton is not self._bodies[number].skeleton:
             self._bodies[number] = _Body(wearer.skeleton)
         poses = [pose for pose in (wearer.newest, wearer.smoothed) if pose is not None]
-        newest, *smoothed = self._bodies[number].answers(poses)
+        newest, *smoothed = self._bodies[number].pose_answers(poses)
         time, calibrations = np.array(wearer.newest.time), wearer.calibration.values()
         turns = np.array([(sensor.heading_at(time), sensor.heading_sigma) for sensor in calibrations], float)
         degrees = np.rad2deg(turns.reshape(-1, 2))
@@ -229,7 +229,7 @@ class _Body:
         self.skeleton = skeleton
         self._R_bone_segment = segment_axes(skeleton)
 
-    def answers(self, poses: list[LivePose]) -> list[PoseAnswer]:
+    def pose_answers(self, poses: list[LivePose]) -> list[PoseAnswer]:
         """Convert poses, all at once."""
         R = np.stack([pose.R_parent_child for pose in poses])
         state = forward_kinematics(self.skeleton, R, np.stack([pose.p_world_pelvis for pose in poses]))

@@ -177,7 +177,7 @@ def write_report(
     if video:
         from vip_factors.viz.film import film
 
-        cameras = [camera for camera, _, _ in data.drawn.filmed()]
+        cameras = [camera for camera, _, _ in data.drawn.films()]
         paths = film_paths(path, [camera.name for camera in cameras])
         for number, (camera, file_path) in enumerate(zip(cameras, paths, strict=True)):
             times, rate = film(

@@ -86,9 +86,13 @@ GROUPS = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle
 
 
 def swapped_sides(
-    people: DetectedPeople, view: View, keypoints: KeypointSet, step: float, settings: DetectorSettings,
+    people: DetectedPeople,
+    view: View,
+    keypoints: KeypointSet,
+    step: float,
+    settings: DetectorSettings,
     random: np.random.Generator,
-) -> DetectedPeople:  # fmt: skip
+) -> DetectedPeople:
     """Left and right arms or legs exchanged for a while, mostly when seen from the side or from behind."""
     front, back = 0.5, -0.5  # cosines of the facing angle: 60 degrees to either side are front and back
     P, F, _ = people.confidence.shape
@@ -108,9 +112,13 @@ def swapped_sides(
 
 
 def mixed_people(
-    people: DetectedPeople, view: View, keypoints: KeypointSet, step: float, settings: DetectorSettings,
+    people: DetectedPeople,
+    view: View,
+    keypoints: KeypointSet,
+    step: float,
+    settings: DetectorSettings,
     random: np.random.Generator,
-) -> tuple[DetectedPeople, np.ndarray]:  # fmt: skip
+) -> tuple[DetectedPeople, np.ndarray]:
     """Overlapping people with limbs of each other.
 
     Returns:
@@ -148,9 +156,13 @@ def mixed_people(
 
 
 def false_people(
-    view: View, model: CameraModel, keypoints: KeypointSet, step: float, settings: DetectorSettings,
+    view: View,
+    model: CameraModel,
+    keypoints: KeypointSet,
+    step: float,
+    settings: DetectorSettings,
     random: np.random.Generator,
-) -> DetectedPeople:  # fmt: skip
+) -> DetectedPeople:
     """Detections of nobody (furniture, shadows, pictures on walls): shapes of real people elsewhere, in part."""
     false_time_s = 0.5  # that they last on average
     false_confidence, false_keypoints = 0.3, 0.5  # of detections of nobody: mean confidence, share of keypoints
@@ -199,9 +211,14 @@ def _middles(view: View) -> Array:
 
 
 def detect(
-    people: Sequence[Person], camera: CameraPath, model: CameraModel, keypoints: KeypointSet,
-    settings: DetectorSettings, seed: int, bias_seed: int | None = None,
-) -> tuple[Detections, np.ndarray, Array]:  # fmt: skip
+    people: Sequence[Person],
+    camera: CameraPath,
+    model: CameraModel,
+    keypoints: KeypointSet,
+    settings: DetectorSettings,
+    seed: int,
+    bias_seed: int | None = None,
+) -> tuple[Detections, np.ndarray, Array]:
     """What a detector finds in the video.
 
     Args:

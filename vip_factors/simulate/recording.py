@@ -33,10 +33,22 @@ DAMPING = 0.5
 # Our spring frequency (Hz) and slow-motion share of a thigh's, by segment: soft thigh, firm shoe; order of magnitude
 # from the review of Leardini et al. (2005), Gait & Posture 21(2), and vibration tests of Wakeling & Nigg (2001).
 SEGMENTS = {
-    "hip": (6.0, 1.0), "knee": (8.0, 0.7), "shoulder": (8.0, 0.9), "elbow": (9.0, 0.7), "pelvis": (8.0, 0.7),
-    "spine1": (8.0, 0.8), "spine2": (9.0, 0.7), "spine3": (10.0, 0.6), "collar": (8.0, 0.9), "neck": (10.0, 0.6),
-    "head": (12.0, 0.4), "wrist": (10.0, 0.6), "hand": (12.0, 0.5), "ankle": (14.0, 0.4), "foot": (14.0, 0.4),
-}  # fmt: skip
+    "hip": (6.0, 1.0),
+    "knee": (8.0, 0.7),
+    "shoulder": (8.0, 0.9),
+    "elbow": (9.0, 0.7),
+    "pelvis": (8.0, 0.7),
+    "spine1": (8.0, 0.8),
+    "spine2": (9.0, 0.7),
+    "spine3": (10.0, 0.6),
+    "collar": (8.0, 0.9),
+    "neck": (10.0, 0.6),
+    "head": (12.0, 0.4),
+    "wrist": (10.0, 0.6),
+    "hand": (12.0, 0.5),
+    "ankle": (14.0, 0.4),
+    "foot": (14.0, 0.4),
+}
 
 
 @dataclass(frozen=True)
@@ -50,9 +62,13 @@ class SensorSlide:
 
 
 def sensor_slide(
-    dense: DenseMotion, bone: int, p_bone_sensor: Array, R_bone_sensor: Array, settings: SimulateSettings,
+    dense: DenseMotion,
+    bone: int,
+    p_bone_sensor: Array,
+    R_bone_sensor: Array,
+    settings: SimulateSettings,
     random: np.random.Generator,
-) -> SensorSlide | None:  # fmt: skip
+) -> SensorSlide | None:
     """How the sensor slides during the motion; None if the settings hold it still."""
     if not (settings.wobble or settings.skin):
         return None

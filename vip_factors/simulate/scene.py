@@ -132,9 +132,14 @@ def _films(settings: SceneSettings) -> list[SceneSettings]:
 
 
 def _film(
-    body: DenseMotion, people: Sequence[Person], wearer: np.ndarray, time: Array, settings: SceneSettings, seed: int,
+    body: DenseMotion,
+    people: Sequence[Person],
+    wearer: np.ndarray,
+    time: Array,
+    settings: SceneSettings,
+    seed: int,
     number: int,
-) -> Camera:  # fmt: skip
+) -> Camera:
     """A camera and what its detector finds; ``wearer`` is the wearer's index by person, −1 for others and nobody."""
     camera_seed_step = 104_729  # between the seeds of cameras; the first has the scene's
     state, own_seed = body.bone(0, time), seed + camera_seed_step * number

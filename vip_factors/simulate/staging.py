@@ -49,9 +49,13 @@ def _lowest(heights: Array) -> tuple[Array, Array]:
 
 
 def with_initial_pose(
-    motion: Motion, pose: str = "n-pose", hold_s: float = 2.0, blend_s: float = 1.0, pose_error_deg: float = 0.0,
+    motion: Motion,
+    pose: str = "n-pose",
+    hold_s: float = 2.0,
+    blend_s: float = 1.0,
+    pose_error_deg: float = 0.0,
     seed: int = 0,
-) -> Motion:  # fmt: skip
+) -> Motion:
     """The motion after a held calibration pose; it starts ``hold_s`` later and its first ``blend_s`` are blended.
 
     The wearer stands where the first frame stands, with its heading. The blend is a slerp of every joint with a

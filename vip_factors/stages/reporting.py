@@ -74,7 +74,7 @@ def filmed_estimate(
         replace(
             with_sigmas(estimate, number, shared),
             body=body_estimate(coarse, number, shared),
-            sensor_places=sensor_position_estimates(coarse, number, shared),
+            sensor_positions=sensor_position_estimates(coarse, number, shared),
             start=start_choice(estimate.sensors, solution.wearers[number].starts),
         )
         for number, estimate in enumerate(decode_wearers(fine.model, fine.state, covariance))

@@ -117,7 +117,7 @@ class DrawnScene:
         """Of the wearers."""
         return [wearer.name for wearer in self.wearers]
 
-    def filmed(self) -> list[tuple[DrawnCamera, Detections, np.ndarray]]:
+    def films(self) -> list[tuple[DrawnCamera, Detections, np.ndarray]]:
         """Cameras with the detections in their videos and the labels of these.
 
         Raises:

@@ -42,7 +42,7 @@ def film(
         path: ends in .mp4.
         height: of the pictures in pixels; the width follows.
         seconds: first and last second of the recording to show; all of it if None.
-        camera: index in :meth:`~vip_factors.viz.drawn_scene.DrawnScene.filmed`.
+        camera: index in :meth:`~vip_factors.viz.drawn_scene.DrawnScene.films`.
         overwrite: replace an existing file.
         on_progress: called with how much is done.
 
@@ -53,7 +53,7 @@ def film(
         InputError: if no camera or motion is known, nothing is left of the time, or PyAV is not installed.
     """
     check_film(path)
-    drawn_camera, detections, _ = drawn.filmed()[camera]
+    drawn_camera, detections, _ = drawn.films()[camera]
     motions = [wearer.shown for wearer in drawn.wearers if wearer.shown is not None]
     if not motions:
         raise InputError("no motion for a film: give an estimate, or a recording with its truth")
@@ -139,13 +139,13 @@ def overlaid_frames(
         drawn: a scene with the camera's model and detections.
         frames: ``(N,)`` increasing indices of video frames.
         size: width and height of the pictures in pixels.
-        camera: index in :meth:`~vip_factors.viz.drawn_scene.DrawnScene.filmed`.
+        camera: index in :meth:`~vip_factors.viz.drawn_scene.DrawnScene.films`.
         names: write the wearers' names above their heads, if there are several.
 
     Yields:
         ``(height, width, 3)`` uint8, red green blue.
     """
-    drawn_camera, detections, labels = drawn.filmed()[camera]
+    drawn_camera, detections, labels = drawn.films()[camera]
     scale = np.array([size[0] / drawn_camera.model.width, size[1] / drawn_camera.model.height])
     for frame, image in zip(frames.tolist(), video_stream(drawn_camera.video, frames.tolist()), strict=True):
         if image is None:

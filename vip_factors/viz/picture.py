@@ -119,7 +119,7 @@ def pose_picture(motion: Motion, frame: int, size: tuple[int, int]) -> np.ndarra
 
 
 def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, overwrite: bool) -> None:
-    camera, detections, labels = drawn.filmed()[0]
+    camera, detections, labels = drawn.films()[0]
     count = len(detections.time)
     chosen = np.unique(np.round(np.linspace(0.04, 0.96, frames) * (count - 1)).astype(int))
     curves, label = _scene_curves(drawn)
@@ -252,7 +252,7 @@ def _draw_floor(axes: Axes, view: View) -> None:
 
 def _scene_curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
     """Joint errors of the wearers whose truth is known, else reprojection errors; and a label."""
-    camera, detections, _ = drawn.filmed()[0]
+    camera, detections, _ = drawn.films()[0]
 
     def curves(values: Sequence[tuple[DrawnWearer, Array | None, Array]]) -> list[Curve]:
         return [
@@ -272,7 +272,7 @@ def _scene_curves(drawn: DrawnScene) -> tuple[list[Curve], str]:
 
 def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> Iterator[np.ndarray]:
     """The part of each frame where people are, not less than half of it, ``(H, W, 3)`` red green blue, as in a film."""
-    camera, detections, _ = drawn.filmed()[0]
+    camera, detections, _ = drawn.films()[0]
     image_size, low, high = np.array([camera.model.width, camera.model.height], float), np.zeros(2), np.full(2, np.inf)
     pixels = detections.pixels[np.isin(detections.frame, chosen)]
     pixels = pixels[np.isfinite(pixels).all(axis=2)]

@@ -70,7 +70,7 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
         pixels = _reprojection_px(drawn, wearer)
         if pixels is not None:
             entity = "/plots/reprojection_px"
-            log_curves(stream, f"{entity}/{part}", drawn.filmed()[0][1].time, pixels[:, None], curve)
+            log_curves(stream, f"{entity}/{part}", drawn.films()[0][1].time, pixels[:, None], curve)
             titles[entity] = "Reprojection error (px)"
         if wearer.error_mm is not None and wearer.motion is not None:
             entity = "/plots/joint_error_mm"

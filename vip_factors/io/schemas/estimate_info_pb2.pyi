@@ -10,7 +10,7 @@ from typing import ClassVar as _ClassVar, Iterable as _Iterable, Mapping as _Map
 DESCRIPTOR: _descriptor.FileDescriptor
 
 class EstimateInfo(_message.Message):
-    __slots__ = ("name", "method", "settings", "start", "clock_s", "findings", "finding_kinds", "sensors", "residual_kinds", "start_choice", "motion", "body", "sensor_places", "wearer_topics", "wearer_of_detection", "association", "detector")
+    __slots__ = ("name", "method", "settings", "start", "clock_s", "findings", "finding_kinds", "sensors", "residual_kinds", "start_choice", "motion", "body", "sensor_positions", "wearer_topics", "wearer_of_detection", "association", "detector")
     class SettingsEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -30,7 +30,7 @@ class EstimateInfo(_message.Message):
     START_CHOICE_FIELD_NUMBER: _ClassVar[int]
     MOTION_FIELD_NUMBER: _ClassVar[int]
     BODY_FIELD_NUMBER: _ClassVar[int]
-    SENSOR_PLACES_FIELD_NUMBER: _ClassVar[int]
+    SENSOR_POSITIONS_FIELD_NUMBER: _ClassVar[int]
     WEARER_TOPICS_FIELD_NUMBER: _ClassVar[int]
     WEARER_OF_DETECTION_FIELD_NUMBER: _ClassVar[int]
     ASSOCIATION_FIELD_NUMBER: _ClassVar[int]
@@ -47,24 +47,24 @@ class EstimateInfo(_message.Message):
     start_choice: StartChoice
     motion: _body_pose_pb2.MotionInfo
     body: BodyEstimate
-    sensor_places: _containers.RepeatedCompositeFieldContainer[SensorPlaceEstimate]
+    sensor_positions: _containers.RepeatedCompositeFieldContainer[SensorPlaceEstimate]
     wearer_topics: _containers.RepeatedScalarFieldContainer[str]
     wearer_of_detection: _containers.RepeatedScalarFieldContainer[int]
     association: _containers.RepeatedScalarFieldContainer[str]
     detector: DetectorEstimate
-    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., clock_s: _Optional[float] = ..., findings: _Optional[_Iterable[str]] = ..., finding_kinds: _Optional[_Iterable[str]] = ..., sensors: _Optional[_Iterable[str]] = ..., residual_kinds: _Optional[_Iterable[str]] = ..., start_choice: _Optional[_Union[StartChoice, _Mapping]] = ..., motion: _Optional[_Union[_body_pose_pb2.MotionInfo, _Mapping]] = ..., body: _Optional[_Union[BodyEstimate, _Mapping]] = ..., sensor_places: _Optional[_Iterable[_Union[SensorPlaceEstimate, _Mapping]]] = ..., wearer_topics: _Optional[_Iterable[str]] = ..., wearer_of_detection: _Optional[_Iterable[int]] = ..., association: _Optional[_Iterable[str]] = ..., detector: _Optional[_Union[DetectorEstimate, _Mapping]] = ...) -> None: ...
+    def __init__(self, name: _Optional[str] = ..., method: _Optional[str] = ..., settings: _Optional[_Mapping[str, str]] = ..., start: _Optional[_Union[_timestamp_pb2.Timestamp, _Mapping]] = ..., clock_s: _Optional[float] = ..., findings: _Optional[_Iterable[str]] = ..., finding_kinds: _Optional[_Iterable[str]] = ..., sensors: _Optional[_Iterable[str]] = ..., residual_kinds: _Optional[_Iterable[str]] = ..., start_choice: _Optional[_Union[StartChoice, _Mapping]] = ..., motion: _Optional[_Union[_body_pose_pb2.MotionInfo, _Mapping]] = ..., body: _Optional[_Union[BodyEstimate, _Mapping]] = ..., sensor_positions: _Optional[_Iterable[_Union[SensorPlaceEstimate, _Mapping]]] = ..., wearer_topics: _Optional[_Iterable[str]] = ..., wearer_of_detection: _Optional[_Iterable[int]] = ..., association: _Optional[_Iterable[str]] = ..., detector: _Optional[_Union[DetectorEstimate, _Mapping]] = ...) -> None: ...
 
 class StartChoice(_message.Message):
-    __slots__ = ("supposition", "rival", "margin", "doubtful")
-    SUPPOSITION_FIELD_NUMBER: _ClassVar[int]
+    __slots__ = ("hypothesis", "rival", "margin", "doubtful")
+    HYPOTHESIS_FIELD_NUMBER: _ClassVar[int]
     RIVAL_FIELD_NUMBER: _ClassVar[int]
     MARGIN_FIELD_NUMBER: _ClassVar[int]
     DOUBTFUL_FIELD_NUMBER: _ClassVar[int]
-    supposition: str
+    hypothesis: str
     rival: str
     margin: float
     doubtful: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, supposition: _Optional[str] = ..., rival: _Optional[str] = ..., margin: _Optional[float] = ..., doubtful: _Optional[_Iterable[str]] = ...) -> None: ...
+    def __init__(self, hypothesis: _Optional[str] = ..., rival: _Optional[str] = ..., margin: _Optional[float] = ..., doubtful: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class BodyEstimate(_message.Message):
     __slots__ = ("lengths", "prior_m", "found_m", "prior_covariance_m2", "covariance_m2", "hinges", "prior_hinges")

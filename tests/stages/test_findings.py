@@ -54,9 +54,9 @@ def test_nothing_is_odd_about_a_good_scene(camera: CameraKind) -> None:
     ("joints", "filmed", "told"),
     [
         (("hip", "knee", "shoulder", "elbow"), True, ""),
-        (("hip", "knee", "shoulder", "elbow"), False, "8 sensors and no camera tell where joints are to ± 56 mm"),
+        (("hip", "knee", "shoulder", "elbow"), False, "8 sensors and no camera determine joints only to ± 56 mm"),
         (("hip", "knee"), True, ""),
-        (("knee", "elbow"), True, "how knees bend without a sensor on the thighs only"),
+        (("knee", "elbow"), True, "miss the flexion of knees without a sensor on the thighs"),
     ],
 )
 def test_a_set_up_that_cannot_tell_as_much_as_is_promised_is_told(

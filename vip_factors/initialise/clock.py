@@ -263,7 +263,7 @@ def _best_offset(curve: CorrelationCurve) -> ClockOffset:
         # limbs are not independent; exposure and rolling shutter blur a clock by milliseconds
         inflation, least = 1.5, 0.003  # s
         sigma = float(np.sqrt((inflation * np.hypot(scatter, curvature**-0.5)) ** 2 + least**2))
-        evidence = f"{limbs} limbs move as their sensors tell"
+        evidence = f"{limbs} limbs move as their sensors measure"
         at_edge = min(top_index, len(gain) - 1 - top_index) < 3
         is_distinct = (alternatives[0][1] if alternatives else 0.0) < rival and not at_edge
     if is_distinct:

@@ -199,7 +199,7 @@ LEG_BONES = {"hip": "thighs", "knee": "shanks"}  # by the joint above
 
 
 def precision_findings(wearer: str, bones: Set[str], sensors: int, is_filmed: bool) -> Iterator[Finding]:
-    """Sensors and cameras that cannot tell as much as GOOD promises, were nothing wrong at all.
+    """Finding about a set-up whose accuracy, even without faults, is below what GOOD promises.
 
     Args:
         wearer: name of the wearer.
@@ -214,12 +214,14 @@ def precision_findings(wearer: str, bones: Set[str], sensors: int, is_filmed: bo
     joints = [joint_index(f"{side}_{joint}") for limb in limbs for joint in limb[1:-1] for side in SIDES]
     off = float(errors.positions(bones)[joints].mean())
     unmeasured = [name for joint, name in LEG_BONES.items() if not {f"left_{joint}", f"right_{joint}"} <= bones]
-    limits = [f"where joints are to ± {1e3 * off:.0f} mm"] if off > good_joints else []
-    limits += [f"how knees bend without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
+    verb = "determines" if sensors == 1 and not is_filmed else "determine"
+    limits = [f"{verb} joints only to ± {1e3 * off:.0f} mm"] if off > good_joints else []
+    limits += (
+        [f"miss the flexion of knees without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
+    )
     if limits:
         better = ["a camera"] * (not is_filmed) + ["a sensor on every limb's bone"] * (is_filmed or bool(unmeasured))
-        verb = "tells" if sensors == 1 and not is_filmed else "tell"
-        words = {"limit": f"{verb} {' and '.join(limits)} only", "better": " and ".join(better)}
+        words = {"limit": " and ".join(limits), "better": " and ".join(better)}
         subject = f"{count(sensors, 'sensor')} and {'a' if is_filmed else 'no'} camera"
         yield Finding("limited set-up", wearer, subject=subject, words=words)
 

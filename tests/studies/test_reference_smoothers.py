@@ -87,11 +87,5 @@ def _at_the_minimum(window: RecordedWindow) -> RecordedWindow:
     solved, _ = levenberg_marquardt(
         SceneObjective(problem.model(window.frames, beginning=True)), state, SolveSettings(max_iterations=30)
     )
-    (body,), poses = solved.wearers, solved.cameras[0].poses
-    states = tuple(
-        FrameState(
-            body.R_parent_child[t, None], body.p_world_pelvis[t, None], poses.R_world_camera[t], poses.p_world_camera[t]
-        )
-        for t in range(len(window.frames))
-    )
+    states = tuple(FrameState.of(solved, t) for t in range(len(window.frames)))
     return replace(window, states=states, shared=without_frames(solved))

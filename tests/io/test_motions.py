@@ -60,6 +60,16 @@ def test_a_z_up_file_gives_the_same_motion_as_its_y_up_twin(tmp_path: Path) -> N
     np.testing.assert_allclose(z_up.R_parent_child, y_up.R_parent_child, atol=1e-6)
 
 
+@pytest.mark.parametrize("foot", [[0.0, -0.1, 0.0], [0.0, -0.05, -0.1]])
+def test_a_foot_that_hangs_or_points_backwards_is_not_turned(tmp_path: Path, foot: list[float]) -> None:
+    offsets, pose = rest_skeleton(), random_pose(2)
+    usual = read_bvh(write_bvh(tmp_path / "usual.bvh", MVN_NAMES, offsets, pose, ROOT))
+    offsets = {**offsets, "left_foot": np.array(foot)}
+    motion = read_bvh(write_bvh(tmp_path / "foot.bvh", MVN_NAMES, offsets, pose, ROOT))
+    ankle = joint_index("left_ankle")
+    np.testing.assert_allclose(motion.R_parent_child[:, ankle], usual.R_parent_child[:, ankle], atol=1e-6)
+
+
 def test_a_file_cut_off_in_its_last_line_gives_its_whole_frames(sample: Path) -> None:
     text = sample.read_text()
     sample.write_text(text[: text.rindex(" ") - 40])

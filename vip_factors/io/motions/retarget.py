@@ -11,6 +11,7 @@ itself follows from its hinge: ours bend elbows about y.
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from vip_factors.body.anthropometry import skeleton_from_stature
 from vip_factors.body.kinematics import Motion, local_rotations
@@ -42,6 +43,7 @@ for _side, _x in (("left", 1.0), ("right", -1.0)):
         for bone, end in (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"))
     }
 
+OPPOSITE = 1e-6  # of 1 + the cosine: 0.08° from the opposite direction, no axis is determined
 STRANGE_HAND = np.radians(45.0)  # a hand further than this from its forearm at rest is an exporter's dummy end
 
 # A rest pose before the take: this near to the T-pose, and left faster than any joint turns.
@@ -152,6 +154,13 @@ def _unit_of(stature: float, path: str) -> float:
     )
 
 
+def _turn_between(start: ArrayLike, end: ArrayLike) -> Array:
+    """The smallest rotation that takes a direction onto another; the identity for opposite ones, and for zero."""
+    a, b = np.asarray(start, float), np.asarray(end, float)
+    length = np.linalg.norm(a) * np.linalg.norm(b)
+    return rotation_between(a, b) if a @ b > (OPPOSITE - 1) * length else np.eye(3)
+
+
 def _rest_corrections(clip: SourceClip, table: SkeletonMap) -> Array:
     """``C`` ``(24, 3, 3)`` of each bone: from our T-pose to the source's rest pose."""
     C = np.broadcast_to(np.eye(3), (JOINT_COUNT, 3, 3)).copy()
@@ -169,13 +178,13 @@ def _rest_corrections(clip: SourceClip, table: SkeletonMap) -> Array:
             start, end = limb, AIMS[limb][0]
         if end in nodes and start in nodes:
             bone = clip.rest(nodes[end]) - clip.rest(nodes[start])
-            C[joint] = rotation_between(direction, bone) if np.linalg.norm(bone) > 0 else C[PARENTS[joint]]
+            C[joint] = _turn_between(direction, bone) if np.linalg.norm(bone) > 0 else C[PARENTS[joint]]
             if name.endswith("_wrist") and angle_between(C[joint], C[PARENTS[joint]]) > STRANGE_HAND:
                 C[joint] = C[PARENTS[joint]]
         elif name.endswith("_ankle") and f"{name[:-6]}_foot" in nodes and not table.straight:
             # The foot stands flat on the floor at rest, so its slope is its shape; only its toeing-out is a turn.
             foot = clip.rest(nodes[f"{name[:-6]}_foot"]) - clip.rest(nodes[name])
-            C[joint] = rotation_between((0.0, 0.0, 1.0), (foot[0], 0.0, foot[2]))
+            C[joint] = _turn_between((0.0, 0.0, 1.0), (foot[0], 0.0, foot[2]))
         elif name.endswith(("_wrist", "_hand", "_foot")):
             C[joint] = C[PARENTS[joint]]
     arms = [

@@ -118,7 +118,7 @@ def through(path: CameraPath, model: vip.CameraModel, time: float) -> str:
 def footage(viewer: Viewer, drawn: DrawnScene) -> Video:
     """A video of the people as they really moved, through the true camera."""
     viewer.people(truth=True)
-    camera, detections, _ = drawn.filmed()[0]
+    camera, detections, _ = drawn.films()[0]
     size, images = (camera.model.width // 2, camera.model.height // 2), {}
     for frame, time in enumerate(detections.time.tolist()):
         picture = viewer.picture(time, size, through(camera.true_path, camera.model, time))
@@ -178,7 +178,7 @@ def heading_chart(errors: list[tuple[Array, Array]], time: float, last: float, s
 
 def hero(viewer: Viewer, scene: vip.Scene, drawn: DrawnScene) -> list[Image.Image]:
     """Pictures of the film: bodies in a room, skeletons over what the camera saw, and headings as they settle."""
-    video = drawn.filmed()[0][1].time
+    video = drawn.films()[0][1].time
     frames = np.arange(0, len(video), round(1 / HERO_RATE / float(np.median(np.diff(video)))))
     errors = heading_errors(scene)
     seen = overlaid_frames(drawn, frames, (FINER * FILM[2], FINER * FILM[3]), names=False)

@@ -131,10 +131,10 @@ def estimate_of(
     is_smoothed: bool = False,
     start: float | None = None,
 ) -> Estimate:
-    """Estimate of the frames of live_estimates that follow each other.
+    """Estimate of consecutive answers.
 
     Args:
-        live_estimates: consecutive frames, at least one.
+        live_estimates: answers to consecutive frames, at least one.
         setup: wearers and cameras of the stream.
         rate: frames per second.
         is_smoothed: whether to take the smoothed poses of one lag earlier, which all must have, instead of the newest.
@@ -142,14 +142,11 @@ def estimate_of(
     """
     wearers = []
     for index, recording in enumerate(setup.wearers):
-        rows = [live_estimate.wearers[index] for live_estimate in live_estimates]
+        rows = [answer.wearers[index] for answer in live_estimates]
         poses = [pose for row in rows if (pose := row.smoothed if is_smoothed else row.newest) is not None]
         wearers.append(_wearer_estimate(recording, rows[-1], poses, rate, start))
-    camera, path = (
-        setup.camera,
-        [live_estimate.smoothed_camera if is_smoothed else live_estimate.camera for live_estimate in live_estimates],
-    )
-    camera_poses = [pose for pose in path if pose is not None]
+    path = [answer.smoothed_camera if is_smoothed else answer.camera for answer in live_estimates]
+    camera, camera_poses = setup.camera, [pose for pose in path if pose is not None]
     cameras = (_camera_estimate(camera, camera_poses),) if camera is not None and camera_poses else ()
     return Estimate(setup.name, METHOD, tuple(wearers), cameras)
 

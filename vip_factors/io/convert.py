@@ -57,7 +57,7 @@ NO_POSE = (
 class ImportOptions(LogOptions):
     """Options of a conversion: what the user knows beyond the log. All are optional, and win over the log's content.
 
-    The fields of :class:`~vip_factors.io.settings.LogOptions` say of themselves what they are.
+    :class:`~vip_factors.io.settings.LogOptions` describes the other fields.
 
     Attributes:
         placement: name of a preset, path of a placement file, or site → sensor name.

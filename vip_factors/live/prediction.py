@@ -344,10 +344,8 @@ def _placed(
     """States from ``first_number`` on with the wearers located by one camera; None if it shows nobody."""
     if not video:
         return None
-    skeletons, index = (
-        [wearer.skeleton for wearer in start.problem.wearers],
-        [frame.frame - first_number for frame in video],
-    )
+    skeletons = [wearer.skeleton for wearer in start.problem.wearers]
+    index = np.array([frame.frame - first_number for frame in video])
     scene = stacked([states[t] for t in index], start.shared)
     bodies = [
         forward_kinematics(skeleton, wearer.R_parent_child, wearer.p_world_pelvis)
@@ -359,7 +357,7 @@ def _placed(
     if not visible.any():
         return None
     for w in np.flatnonzero(visible.any(axis=0)):
-        index_of_wearer = np.array(index)[visible[:, w]]
+        index_of_wearer = index[visible[:, w]]
         line = np.polyfit(
             index_of_wearer, places[visible[:, w], w], min(1, len(np.unique(index_of_wearer)) - 1)
         )  # a single depth is off by a tenth

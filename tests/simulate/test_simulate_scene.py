@@ -28,7 +28,7 @@ def people() -> tuple[Performer, ...]:
     """Two wearers, and a bystander who goes after two seconds."""
     long = gestures(SECONDS + 2.2)
     ann, bob = staged([long.frames(slice(0, 301)), from_time(long, 2.2).frames(slice(0, 301))], seed=1)
-    eve = staged([from_time(long, 1.0).frames(slice(0, 241))], seed=2, others=(ann, bob))[0]
+    eve = staged([from_time(long, 1.0).frames(slice(0, 241))], seed=2, neighbours=(ann, bob))[0]
     sensors = preset("sip6", ann.skeleton)
     return Performer("ann", ann, sensors), Performer("bob", bob, sensors), Performer("eve", eve)
 

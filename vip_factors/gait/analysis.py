@@ -255,7 +255,7 @@ def leg_length_sigma(subject: Subject) -> float:
 
 
 def _during(events: FootEvents, estimate: WearerEstimate) -> FootEvents:
-    """Select the strides that the motion covers completely."""
+    """Select the events that the motion covers completely."""
     time = estimate.motion.time
     inside = (events.off >= time[0]) & (events.rest <= time[-1])
     return FootEvents(events.off[inside], events.strike[inside], events.rest[inside], events.by_sensor)

@@ -132,8 +132,8 @@ def _mass_height(p: Array) -> Array:
         return p[:, joint_index(name), 2]
 
     total, weight = np.zeros(len(p)), 0.0
-    for start_joint, second, mass, share in _SEGMENTS:
+    for start_joint, end_joint, mass, share in _SEGMENTS:
         for side in SIDES if "{}" in start_joint else ("",):
-            total += mass * ((1 - share) * height(start_joint.format(side)) + share * height(second.format(side)))
+            total += mass * ((1 - share) * height(start_joint.format(side)) + share * height(end_joint.format(side)))
             weight += mass
     return total / weight

@@ -140,22 +140,22 @@ class _Seen:
         self.low = np.nan_to_num(np.nanmin(_or_zero(self.capsule_pixels), axis=(1, 2)), nan=0.0) - 0.2 * reach
         self.high = np.nan_to_num(np.nanmax(_or_zero(self.capsule_pixels), axis=(1, 2)), nan=0.0) + 0.2 * reach
 
-    def hidden_by(self, other: "_Seen", is_self: bool) -> np.ndarray:
-        """``(F, K)`` whether the other's capsules (not those a keypoint lies on, if one's own) hide the keypoints."""
+    def hidden_by(self, occluder: "_Seen", is_self: bool) -> np.ndarray:
+        """``(F, K)`` whether the occluder's capsules hide the keypoints; of one's own not those they lie on."""
         buried = 0.3  # of its radius: how far behind the axis of a limb a point must be, to be hidden by it
         hidden = np.zeros(self.depth.shape, bool)
-        near = self.seen & other.seen & np.all((self.low <= other.high) & (other.low <= self.high), axis=1)
+        near = self.seen & occluder.seen & np.all((self.low <= occluder.high) & (occluder.low <= self.high), axis=1)
         frames = np.flatnonzero(near)
         if not len(frames):
             return hidden
-        for c in range(len(other.capsule_radius)):
-            a, b = other.capsule_pixels[frames, c, 0], other.capsule_pixels[frames, c, 1]
+        for c in range(len(occluder.capsule_radius)):
+            a, b = occluder.capsule_pixels[frames, c, 0], occluder.capsule_pixels[frames, c, 1]
             from_a, along = self.aimed[frames] - a[:, None], (b - a)[:, None]
             share = np.sum(from_a * along, axis=2) / np.maximum(np.sum(along**2, axis=2), 1e-9)
             share = np.clip(share, 0, 1)
-            depth = other.capsule_depth[frames, c]
+            depth = occluder.capsule_depth[frames, c]
             depth = depth[:, :1] + share * (depth[:, 1:] - depth[:, :1])
-            radius = other.capsule_radius[c]
+            radius = occluder.capsule_radius[c]
             with np.errstate(invalid="ignore"):
                 inside = np.linalg.norm(from_a - share[..., None] * along, axis=2) < radius * self.focal / depth
                 inside &= self.depth[frames] > depth + buried * radius

@@ -53,11 +53,11 @@ def _trunk(R: Array, time: Array, turn_rad_s: float) -> None:
     R[:, joint_index("head")] = rotation_y(look) @ rotation_x(nod)
 
 
-def _leg(R: Array, time: Array, side: str, sign: float, most: float, rolling: float) -> None:
+def _leg(R: Array, time: Array, side: str, sign: float, amplitude: float, rolling: float) -> None:
     phase = 0.0 if sign > 0 else np.pi
     lift = (0.5 + 0.5 * _wave(time, STEP_HZ, phase)) ** 2  # 0 while standing, 1 with the knee up
     roll = rolling * np.sqrt(lift) * _wave(time, STEP_HZ, phase + np.pi / 2)  # toes down when lifted, up when set down
-    stride = most * _wave(time, STEP_HZ, phase - np.pi / 2)  # forward while lifted
+    stride = amplitude * _wave(time, STEP_HZ, phase - np.pi / 2)  # forward while lifted
     hip, knee = 0.10 + stride + 0.45 * lift, 0.18 + 0.80 * lift
     R[:, joint_index(f"{side}_hip")] = rotation_z(sign * 0.04) @ rotation_x(-hip)
     R[:, joint_index(f"{side}_knee")] = rotation_x(knee)

@@ -210,7 +210,7 @@ def camera_mount(body: DenseMotion, settings: SceneSettings, seed: int) -> tuple
 
 
 def camera_motion(
-    people: Array, time: Array, settings: SceneSettings, random: np.random.Generator, others: Array | None = None
+    people: Array, time: Array, settings: SceneSettings, random: np.random.Generator, obstacles: Array | None = None
 ) -> DenseMotion:
     """The path of the camera from the first to the last instant, as a body whose bone 0 is the camera.
 
@@ -219,7 +219,7 @@ def camera_motion(
         time: ``(T,)`` seconds, evenly spaced.
         settings: the kind of camera and its lens.
         random: where sway, tremor and the side to film from come from.
-        others: ``(Q, T, 3)`` pelves of people whom a standing camera must not run into, NaN where absent.
+        obstacles: ``(Q, T, 3)`` pelves of people whom a standing camera must not run into, NaN where absent.
     """
     # Pointing of a hand-held camera: a slow part (the operator's aim) and a fast one. The fast one's angular rate of
     # 0.25·1.3/0.25 = 1.3 deg/s RMS is a calm hand; hand-held phone videos show 1–5 deg/s.
@@ -232,7 +232,7 @@ def camera_motion(
     if settings.camera == "walking":
         p = _following(middle, azimuth, grid, settings, random)
     else:
-        everybody = people if others is None else np.concatenate([people, others])
+        everybody = people if obstacles is None else np.concatenate([people, obstacles])
         p = np.repeat(_stand(people, everybody, azimuth, settings)[None], len(grid), axis=0)
     if settings.camera == "fixed":
         aim = np.repeat(_middle_of(people)[None], len(grid), axis=0)

@@ -171,7 +171,12 @@ def _turned_home(motion: Motion, R_end: Array, p_end: Array, home: Array) -> tup
 
 
 def _blended_lift(
-    motion: Motion, R: Array, p: Array, before: tuple[Array, Array], after: tuple[Array, Array], weight: Array
+    motion: Motion,
+    R: Array,
+    p: Array,
+    poses_before: tuple[Array, Array],
+    poses_after: tuple[Array, Array],
+    weight: Array,
 ) -> Array:
     """How far to raise the root of blended frames, so that the feet neither dip nor float."""
     B = len(weight)
@@ -179,7 +184,7 @@ def _blended_lift(
     def floor(R: Array, p: Array) -> Array:
         return floor_height(motion.skeleton, forward_kinematics(motion.skeleton, R[:B], p[:B]))
 
-    return floor(*before) * (1 - weight) + floor(*after) * weight - floor(R, p)
+    return floor(*poses_before) * (1 - weight) + floor(*poses_after) * weight - floor(R, p)
 
 
 def from_time(motion: Motion, seconds: float) -> Motion:
@@ -188,40 +193,40 @@ def from_time(motion: Motion, seconds: float) -> Motion:
 
 
 def staged(
-    motions: Sequence[Motion], seed: int = 0, others: Sequence[Motion] = (), reach_m: float = STAGE_M
+    motions: Sequence[Motion], seed: int = 0, neighbours: Sequence[Motion] = (), reach_m: float = STAGE_M
 ) -> tuple[Motion, ...]:
     """Motions of several people in one world, turned and placed at random so that they cross but do not collide.
 
-    All are on the clock of the scene; ``others`` are in that world already; ``reach_m`` is how far from the origin the
-    middles of their paths may be. A person alone is in the middle.
+    All are on the clock of the scene; ``neighbours`` are in that world already; ``reach_m`` is how far from the origin
+    the middles of their paths may be. A person alone is in the middle.
     """
     random = np.random.default_rng([seed, 0x57A6E])
-    people = list(others)
+    people = list(neighbours)
     for motion in motions:
         chosen, room = None, -1.0
         for _ in range(TRIES if people else 1):
             angle, yaw = random.uniform(-np.pi, np.pi, 2)
             radius = reach_m * np.sqrt(random.random()) if people else 0.0
             candidate = placed(motion, yaw, (radius * np.cos(angle), radius * np.sin(angle)))
-            free = min((_nearest(candidate, other) for other in people), default=np.inf)
+            free = min((_nearest(candidate, person) for person in people), default=np.inf)
             if free > room:
                 chosen, room = candidate, free
             if free > APART_M:
                 break
         assert chosen is not None
         people.append(chosen)
-    return tuple(people[len(others) :])
+    return tuple(people[len(neighbours) :])
 
 
-def _nearest(motion: Motion, other: Motion) -> float:
+def _nearest(motion: Motion, neighbour: Motion) -> float:
     """Least distance in metres of two people's pelves, on the ground, at common times."""
-    start, end = max(motion.start, other.start), min(motion.time[-1], other.time[-1])
+    start, end = max(motion.start, neighbour.start), min(motion.time[-1], neighbour.time[-1])
     time = np.arange(start, end, 0.1)
     if not len(time):
         return np.inf
     offsets = [
         np.interp(time, motion.time, motion.p_world_pelvis[:, axis])
-        - np.interp(time, other.time, other.p_world_pelvis[:, axis])
+        - np.interp(time, neighbour.time, neighbour.p_world_pelvis[:, axis])
         for axis in (0, 1)
     ]
     return float(np.hypot(*offsets).min())

@@ -94,22 +94,22 @@ def associate_cameras_again(
 ) -> tuple[AssociatedCamera, ...]:
     """Associate all cameras with motions in one world, given the placement of each camera."""
     updated = []
-    for number, (associated_camera, placement) in enumerate(zip(associated, placements, strict=True)):
-        detections = associated_camera.detections.timed(placement.clock)
+    for number, (video, placement) in enumerate(zip(associated, placements, strict=True)):
+        detections = video.detections.timed(placement.clock)
         association = associate(
             detections,
             placement.lens,
             motions,
             settings.association,
             placement.path,
-            gravity_in_camera(associated_camera.camera, detections.time),
+            gravity_in_camera(video.camera, detections.time),
             _share_of_progress(on_progress, number, len(associated)),
-            associated_camera.association,
+            video.association,
         )
         # Bodies have adapted to a wrong order of keypoints by now; only the first association reveals it.
-        order = [finding for finding in associated_camera.association.findings if finding.kind == "keypoint order"]
+        order = [finding for finding in video.association.findings if finding.kind == "keypoint order"]
         findings = tuple(dict.fromkeys((*order, *association.findings)))
-        updated.append(replace(associated_camera, association=replace(association, findings=findings)))
+        updated.append(replace(video, association=replace(association, findings=findings)))
     return tuple(updated)
 
 
@@ -121,12 +121,12 @@ def add_unassigned_detections(
 ) -> tuple[AssociatedCamera, ...]:
     """Assign detections without a wearer by position, in the world of :func:`associate_cameras_again`."""
     updated = []
-    for associated_camera, placement in zip(associated, placements, strict=True):
-        detections = associated_camera.detections.timed(placement.clock)
+    for video, placement in zip(associated, placements, strict=True):
+        detections = video.detections.timed(placement.clock)
         association = add_by_position(
-            associated_camera.association, detections, placement.lens, motions, placement.path, settings.association
+            video.association, detections, placement.lens, motions, placement.path, settings.association
         )
-        updated.append(replace(associated_camera, association=association))
+        updated.append(replace(video, association=association))
     return tuple(updated)
 
 

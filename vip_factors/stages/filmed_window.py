@@ -121,17 +121,17 @@ class WindowStart:
         """
         time = trackers[0].model.frames.time
         usable, used = usable_cameras(associated), list[AssociatedCamera]()
-        for associated_camera in associated:
-            if any(associated_camera is usable_camera for usable_camera in usable):
-                used.append(associated_camera)
-            elif associated_camera.camera.known_path is None or not usable:
-                previous = self.cameras[associated_camera.camera.name]
-                camera = camera_without_sight(associated_camera.camera, previous, time, settings)
-                used += [replace(associated_camera, camera=camera)] if camera.known_path is not None else []
+        for video in associated:
+            if any(video is candidate for candidate in usable):
+                used.append(video)
+            elif video.camera.known_path is None or not usable:
+                previous = self.cameras[video.camera.name]
+                camera = camera_without_sight(video.camera, previous, time, settings)
+                used += [replace(video, camera=camera)] if camera.known_path is not None else []
         start = start_fusion(used, trackers, settings)
         wearers = []
         for number, (wearer, tracker, begin) in enumerate(zip(start.wearers, trackers, self.wearers, strict=True)):
-            sighting_times = np.concatenate([association.sightings[number].time for association in used])
+            sighting_times = np.concatenate([video.sightings[number].time for video in used])
             model = replace(wearer.model, prior_headings=tracker.model.prior_headings)
             wearer = replace(wearer, model=model)
             if begin.p_world_pelvis is not None and not np.any(sighting_times <= begin.known_until):
@@ -147,7 +147,7 @@ class WindowStart:
 
 
 def _from_before(wearer: InertialSolution, p_world_start: Array, sighting_times: Array) -> InertialSolution:
-    """A wearer who begins where the window before has him, and goes to where he is ``seen`` first, if he is."""
+    """A wearer who begins where the window before has him, and goes to the first of ``sighting_times``, if any."""
     time, p = wearer.model.frames.time, wearer.state.p_world_pelvis
     first_sighting = float(sighting_times.min()) if len(sighting_times) else np.inf
     weight = (
@@ -163,8 +163,8 @@ def camera_without_sight(camera: Camera, previous: CameraStart, time: Array, set
     """A camera that sees no wearer in a window, where it was last: turned by its sensor, if it has one, and unmoved.
 
     Args:
-        camera: it.
-        before: the window.
+        camera: the camera.
+        previous: its start in this window, that is, its last state in the window before.
         time: ``(T,)`` of the window's frames.
         settings: of windows.
     """
@@ -210,10 +210,10 @@ class FilmedWindow:
         for wearer in fused.wearers:
             pose, headings = at_frames(wearer.state, wearer.model.frames.time, time[row : row + 1]), Headings.of(wearer)
             wearers.append(WearerStart(headings, pose.R_parent_child[0], pose.p_world_pelvis[0], float(time[-1])))
-        for associated_camera, viewpoint, placed in zip(
+        for video, viewpoint, placed in zip(
             self.solution.associated, fused.model.viewpoints(fused.state), fused.placements, strict=True
         ):
-            name, state = associated_camera.camera.name, viewpoint.state
+            name, state = video.camera.name, viewpoint.state
             clock = cameras[name].clock.corrected(state.clock, state.clock_drift, viewpoint.problem.clock_middle)
             cameras[name] = CameraStart(clock, placed.path, state.heading)
         return WindowStart(tuple(wearers), cameras)
@@ -242,19 +242,14 @@ class FilmedWindow:
             tuple(map(Headings.of, coarse.wearers)),
             first_camera.timed_detections.time[first_camera.detections.frame],
             wearer_of_detection,
-            any(
-                associated_camera.shows_wearer and associated_camera.camera.known_path is not None
-                for associated_camera in associated
-            ),
+            any(video.shows_wearer and video.camera.known_path is not None for video in associated),
             tuple(self.solver.reports),
             (*self.sensor_findings, *self._findings(fine, wearers)),
         )
 
     def _cameras(self, fine: FusionSolution, covariance: SceneCovariance | None) -> Iterator[CameraEstimate]:
         """Return all calibrated cameras; one without a place in this window keeps its last one."""
-        numbers = {
-            associated_camera.camera.name: number for number, associated_camera in enumerate(self.solution.associated)
-        }
+        numbers = {video.camera.name: number for number, video in enumerate(self.solution.associated)}
         time = fine.model.wearers[0].frames.time
         for name, (placed, _) in self.calibrated_cameras.items():
             start = self.start.cameras[name]
@@ -271,10 +266,7 @@ class FilmedWindow:
     def _findings(self, fine: FusionSolution, wearers: Sequence[WearerEstimate]) -> Iterator[Finding]:
         """Return the findings of the window except drift, which concerns all windows; cameras are as declared."""
         camera_of_name, scene = {camera.name: camera for camera in self.cameras}, self.solution.scene
-        associated = [
-            replace(associated_camera, camera=camera_of_name[associated_camera.camera.name])
-            for associated_camera in self.solution.associated
-        ]
+        associated = [replace(video, camera=camera_of_name[video.camera.name]) for video in self.solution.associated]
         none = np.zeros(0)
         still = [
             replace(
@@ -361,7 +353,7 @@ class KnownScene:
                 foot_contact=settings.factors.foot_contact,
                 heading_prior=settings.factors.heading_prior,
             )
-            calibrated_recording = replace(
+            calibrated_model = replace(
                 with_fixed_calibration(with_body_of(begun.model, solved.model)),
                 free_headings=settings.calibration.estimate_headings,
                 free_pose_mean=True,
@@ -375,20 +367,20 @@ class KnownScene:
                 free_body=False,
                 is_gauge=True,
             )
-            wearers.append(InertialSolution(calibrated_recording, solved.state))
+            wearers.append(InertialSolution(calibrated_model, solved.state))
             starts.append(WearerStart(Headings.of(solved)))
         cameras = {
-            associated_camera.camera.name: (placed, camera_state.R_camera_imu)
-            for associated_camera, placed, camera_state in zip(
+            video.camera.name: (placed, camera_state.R_camera_imu)
+            for video, placed, camera_state in zip(
                 solution.associated, solution.fusion.placements, state.cameras, strict=True
             )
         }
         camera_starts = dict[str, CameraStart]()
-        for associated_camera, viewpoint, placed in zip(
+        for video, viewpoint, placed in zip(
             solution.associated, model.viewpoints(state), solution.fusion.placements, strict=True
         ):
-            clock = estimated_clock(viewpoint.state, viewpoint.problem.clock_middle, associated_camera.camera.clock)
-            camera_starts[associated_camera.camera.name] = CameraStart(clock, placed.path)
+            clock = estimated_clock(viewpoint.state, viewpoint.problem.clock_middle, video.camera.clock)
+            camera_starts[video.camera.name] = CameraStart(clock, placed.path)
         offsets = KeypointOffsets(state.detector.keypoint_offsets, model.cameras[0].prior_offsets.sigma)
         start = WindowStart(tuple(starts), camera_starts)
         return cls(tuple(wearers), calibration.corrections, start, cameras, offsets, settings)

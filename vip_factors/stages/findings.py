@@ -40,14 +40,14 @@ def quality_checks(
     scene: Scene, associated: Sequence[AssociatedCamera], fine: FusionSolution, wearers: Sequence[WearerEstimate]
 ) -> Iterator[Finding]:
     """About wearers, then about the cameras."""
-    used = [associated_camera.camera.name for associated_camera in associated]
+    used = [video.camera.name for video in associated]
     for left_out in (camera for camera in scene.cameras if camera.name not in used):
         yield Finding("camera left out", subject=left_out.name)
     for number, (recording, estimate) in enumerate(zip(scene.wearers, wearers, strict=True)):
         yield from _wearer_findings(recording, number, associated, fine, estimate)
-    for associated_camera in associated:
-        for finding in _image_findings(associated_camera.camera):
-            yield in_picture_of(associated_camera.camera, scene, finding)
+    for video in associated:
+        for finding in _image_findings(video.camera):
+            yield in_picture_of(video.camera, scene, finding)
 
 
 def film_findings(scene: Scene, findings: Sequence[Finding]) -> tuple[Finding, ...]:
@@ -55,7 +55,7 @@ def film_findings(scene: Scene, findings: Sequence[Finding]) -> tuple[Finding, .
 
     Args:
         scene: or a stretch of it.
-        told: what was found; without a kind of :data:`FITS_BADLY` in it the film is not looked at again.
+        findings: without a kind of :data:`FITS_BADLY` among them the film is not looked at again.
     """
     if scene.camera is None or not any(finding.kind in FITS_BADLY for finding in findings):
         return ()
@@ -70,9 +70,7 @@ def film_findings(scene: Scene, findings: Sequence[Finding]) -> tuple[Finding, .
 def who_is_who(scene: Scene, associated: Sequence[AssociatedCamera]) -> tuple[Finding, ...]:
     """Return the association's findings for each camera."""
     return tuple(
-        in_picture_of(associated_camera.camera, scene, finding)
-        for associated_camera in associated
-        for finding in associated_camera.association.findings
+        in_picture_of(video.camera, scene, finding) for video in associated for finding in video.association.findings
     )
 
 
@@ -94,14 +92,12 @@ def _wearer_findings(
     views = [viewpoint.views[number] for viewpoint in fine.model.viewpoints(fine.state)]
     is_seen = np.any([view.seen.any(axis=1) for view in views], axis=0)
     if not is_seen.any():
-        consequence = "the pose is of the sensors alone, and the place relative to the others unknown"
+        consequence = "the pose rests on the sensors alone, and the position among the others is unknown"
         yield Finding("hardly seen", wearer, words={"seen": "never seen", "so": consequence})
         return
-    seconds = float(is_seen.sum()) / max(
-        min(max(associated_camera.detections.rate for associated_camera in associated), frame_rate), 1e-9
-    )
+    seconds = float(is_seen.sum()) / max(min(max(video.detections.rate for video in associated), frame_rate), 1e-9)
     if seconds < shortly_seen:
-        consequence = "whoever stood there likewise would do as well, so check that it is the wearer"
+        consequence = "anybody in the same posture would fit as well, so check that it is the wearer"
         words = {"seen": f"seen for {seconds:.1f} s only", "so": consequence}
         yield Finding("hardly seen", wearer, numbers={"seconds": seconds}, words=words)
     sigmas = {name: float(np.rad2deg(sensor.heading_sigma)) for name, sensor in estimate.calibration.items()}
@@ -122,18 +118,18 @@ def _wearer_findings(
     yield from posture_findings(wearer, recording, estimate.motion, estimate.calibration, start)
     yield from drift_findings(wearer, estimate.calibration)
     spreads = fine.measured_spreads()
-    for index, associated_camera in enumerate(associated):
+    for index, video in enumerate(associated):
         if views[index].seen.any():
-            for finding in _view_findings(wearer, associated_camera, number, spreads[index][number], estimate.motion):
-                yield replace(finding, camera=associated_camera.camera.name) if len(associated) > 1 else finding
+            for finding in _view_findings(wearer, video, number, spreads[index][number], estimate.motion):
+                yield replace(finding, camera=video.camera.name) if len(associated) > 1 else finding
 
 
 def _view_findings(
-    wearer: str, associated_camera: AssociatedCamera, number: int, spread: float, solved: Motion
+    wearer: str, video: AssociatedCamera, number: int, spread: float, solved: Motion
 ) -> Iterator[Finding]:
-    camera = associated_camera.camera
+    camera = video.camera
     has_known_pose = camera.known_path is not None and not camera.moving  # a cut or another zoom shows as scatter then
-    times = confirmed_leaps(associated_camera, number, solved) if not has_known_pose else ()
+    times = confirmed_leaps(video, number, solved) if not has_known_pose else ()
     if len(times):
         yield Finding("leap", wearer, words={"times": ", ".join(f"{time:.2f}" for time in times[:5])})
     if spread > IMPLAUSIBLE_SCATTER:
@@ -157,7 +153,7 @@ def _image_findings(camera: Camera) -> Iterator[Finding]:
         yield Finding("image size", numbers={**sides, "width": model.width, "height": model.height})
 
 
-def confirmed_leaps(associated_camera: AssociatedCamera, number: int, solved: Motion) -> Array:
+def confirmed_leaps(video: AssociatedCamera, number: int, solved: Motion) -> Array:
     """Instants ``(n,)`` at which a wearer leaps in a camera's picture, by the solution as by the first association.
 
     The first association's hypothesis cameras are of a skeleton whose mountings nobody knew yet. A pelvis that is
@@ -167,23 +163,23 @@ def confirmed_leaps(associated_camera: AssociatedCamera, number: int, solved: Mo
     was made from may leap.
 
     Args:
-        each: the camera.
+        video: the camera's detections.
         number: of the wearer.
         solved: the wearer's motion.
     """
-    times = leaps(associated_camera.sightings[number])
+    times = leaps(video.sightings[number])
     if not len(times):
         return times
-    leap_times = leaps(_sightings(associated_camera, number, solved))
+    leap_times = leaps(_sightings(video, number, solved))
     return np.array([time for time in times if np.any(np.abs(leap_times - time) <= LEAP_WINDOW)])
 
 
-def _sightings(associated_camera: AssociatedCamera, number: int, solved: Motion) -> Sightings:
+def _sightings(video: AssociatedCamera, number: int, solved: Motion) -> Sightings:
     """The hypothesis cameras of the detections that the estimate was made from, of the solved skeleton."""
-    detections = associated_camera.detections.select(associated_camera.association.wearer == number)
+    detections = video.detections.select(video.association.wearer == number)
     fitted = hypotheses(
         detections,
-        associated_camera.camera.model.normalise(detections.pixels),
+        video.camera.model.normalise(detections.pixels),
         [wearer_points(solved, detections.keypoints, detections.time)],
     )
     return Sightings(detections.time[fitted.frame], fitted.R_camera_world, fitted.p_camera_pelvis)
@@ -215,7 +211,7 @@ def turned_findings(wearer: str, recording: Recording, start: Array, calibration
     least_sensors = 3  # of which half are odd: of two sensors one is no majority
     mountings = np.stack([sensor.R_bone_sensor for sensor in calibration.values()])
     turned, kind = angle_between(start, mountings), "placement contradicted"
-    declared = "their straps" if recording.initial_pose == "none" else "the declared pose"
+    declared = "the placement" if recording.initial_pose == "none" else "the declared pose"
     if recording.initial_pose == "none" and not np.any(turned > TURNED) and len(mountings) >= least_sensors:
         placed = angle_between(
             np.stack([recording.placement.site(name).R_bone_sensor for name in calibration]), mountings
@@ -243,8 +239,8 @@ def crossed_findings(wearer: str, motion: Motion) -> Iterator[Finding]:
     """Thighs that are crossed through much of a motion: ankles are by people who stand at ease, dance or sit."""
     crossed = 0.05  # m, of knees past one another: hips whose zeros are 7° off make as much of thighs side by side
     body = forward_kinematics(motion.skeleton, motion.R_parent_child, motion.p_world_pelvis)
-    left_knee, right = (body.p_world_joint[:, joint_index(f"{side}_knee")] for side in ("left", "right"))
-    across = np.einsum("ti,ti->t", left_knee - right, body.R_world_bone[:, 0, :, 0])
+    left_knee, right_knee = (body.p_world_joint[:, joint_index(f"{side}_knee")] for side in ("left", "right"))
+    across = np.einsum("ti,ti->t", left_knee - right_knee, body.R_world_bone[:, 0, :, 0])
     share = float(np.mean(across < -crossed))
     if share > MUCH:
         posture, check = "are crossed above the knees", f"if they were not, {CHECK_SITES}"

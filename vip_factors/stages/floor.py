@@ -195,15 +195,15 @@ def on_floor(
         floor: as the settings have it; ``"none"`` leaves everything where it is.
         is_declared: whether a camera's pose is known: the floor is at z = 0 then, and stays there.
     """
-    height = None if floor == "none" else floor_under(models, state.wearers)
-    if height is None:
+    plane = None if floor == "none" else floor_under(models, state.wearers)
+    if plane is None:
         return state, ()
     if not is_declared:
-        shift = np.array([0.0, 0.0, -height.height])
+        shift = np.array([0.0, 0.0, -plane.height])
         wearers = tuple(replace(wearer, p_world_pelvis=wearer.p_world_pelvis + shift) for wearer in state.wearers)
         cameras = tuple(replace(camera, poses=camera.poses.shifted(shift)) for camera in state.cameras)
         state = replace(state, wearers=wearers, cameras=cameras)
-    return state, (*height.findings(is_declared), *distance_findings(models, state))
+    return state, (*plane.findings(is_declared), *distance_findings(models, state))
 
 
 def distance_findings(models: Sequence[WearerProblem], state: SceneState) -> Iterator[Finding]:

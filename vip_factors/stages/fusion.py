@@ -103,14 +103,14 @@ class FusionSolution:
 def _scatter_before(
     camera: Viewpoint, wearers: Sequence[WearerEvaluation], spreads: Sequence[float], detector: DetectorState
 ) -> tuple[float, ...]:
-    scatter_ratios = []
+    scatters = []
     for view, wearer, spread in zip(camera.views, wearers, spreads, strict=True):
         evaluation = ViewEvaluation(
             wearer, camera_owner(0), camera.problem, camera.state, view, detector.keypoint_offsets
         )
         residual = whitened_reprojections(evaluation)
-        scatter_ratios.append(scatter(residual, view, spread))
-    return tuple(scatter_ratios)
+        scatters.append(scatter(residual, view, spread))
+    return tuple(scatters)
 
 
 def fuse(
@@ -120,7 +120,7 @@ def fuse(
     settings: CommonSettings,
     solver: Solver,
 ) -> FusionSolution:
-    """Everything free, on the coarse frames; ``before`` is the round before this one."""
+    """Everything free, on the coarse frames; ``previous`` is the round before this one."""
     start = fusion_problem(initial, previous, associated, settings, solver.extra)
     solved = solver.solve(SceneObjective(start.model), start.state, "video-inertial fusion")
     return with_found_bodies(replace(start, state=solved))
@@ -233,8 +233,8 @@ def fusion_problem_on_frames(
         planted = with_foot_contact(with_body_of(inertial.model, solved.model), contact)
         wearers.append(with_contacts(on_frames_with_fixed_calibration(planted, measured), states[-1], True))
     cameras, paths = list[CameraProblem](), list[CameraState]()
-    for associated_camera, filming, placed in zip(associated, coarse.state.cameras, coarse.placements, strict=True):
-        camera = replace(camera_problem(associated_camera.camera, time, settings), free_clock=False, focal_sigma=0.0)
+    for video, filming, placed in zip(associated, coarse.state.cameras, coarse.placements, strict=True):
+        camera = replace(camera_problem(video.camera, time, settings), free_clock=False, focal_sigma=0.0)
         camera = replace(camera, prior_heading=filming.heading)
         if not camera.mounting_sigma < UNKNOWN_MOUNTING_SIGMA:
             camera = replace(camera, prior_R_camera_imu=filming.R_camera_imu)
@@ -279,10 +279,8 @@ def _scene_model(
 ) -> SceneProblem:
     """The scene's problem: what each camera saw, put onto the frames."""
     views = tuple(
-        _views(wearers, Viewpoint(camera, camera_state, ()), state.wearers, associated_camera, spread, path_known)
-        for camera, camera_state, associated_camera, spread in zip(
-            cameras, state.cameras, associated, spreads, strict=True
-        )
+        _views(wearers, Viewpoint(camera, camera_state, ()), state.wearers, video, spread, path_known)
+        for camera, camera_state, video, spread in zip(cameras, state.cameras, associated, spreads, strict=True)
     )
     return SceneProblem(wearers, tuple(cameras), views)
 
@@ -291,18 +289,18 @@ def _views(
     wearers: Sequence[WearerProblem],
     camera: Viewpoint,
     states: Sequence[WearerState],
-    associated_camera: AssociatedCamera,
+    video: AssociatedCamera,
     spreads: Sequence[float],
     path_known: bool,
 ) -> tuple[KeypointView, ...]:
     lens, settings, views = camera.lens, camera.problem.settings, list[KeypointView]()
-    keypoints, clock = associated_camera.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
-    detections = associated_camera.detections.timed(estimated_clock(camera.state, camera.problem.clock_middle))
+    keypoints, clock = video.detections.keypoints, (camera.state.clock, camera.state.clock_drift)
+    detections = video.detections.timed(estimated_clock(camera.state, camera.problem.clock_middle))
     for number, (wearer, state) in enumerate(zip(wearers, states, strict=True)):
         body = wearer.skeleton
         view = keypoint_view(
             detections,
-            associated_camera.association.wearer == number,
+            video.association.wearer == number,
             body,
             wearer.frames.time,
             image_scale(body, state, camera.state, lens),
@@ -331,7 +329,7 @@ def fuse_in_rounds(
     on_progress, associated = solver.progress_of("association"), initial.associated
     solution = fuse(initial, None, associated, settings, solver)
     # Whom no camera shows is not to be found by a guess
-    rounds = settings.fusion.rounds if any(associated_camera.shows_wearer for associated_camera in associated) else 1
+    rounds = settings.fusion.rounds if any(video.shows_wearer for video in associated) else 1
     for _ in range(rounds - 1):
         associated = associate_cameras_again(associated, solution.placements, solution.motions, settings, on_progress)
         solution = fuse(initial, solution, associated, settings, solver)

@@ -117,11 +117,8 @@ def start_fusion(
     time = wearers[0].model.frames.time
     world = _World.of(
         associated,
-        [
-            _anchored(wearer, [associated_camera.camera for associated_camera in associated], settings)
-            for wearer in wearers
-        ],
-        [camera_problem(associated_camera.camera, time, settings) for associated_camera in associated],
+        [_anchored(wearer, [video.camera for video in associated], settings) for wearer in wearers],
+        [camera_problem(video.camera, time, settings) for video in associated],
         time,
     )
     world.place_by_known_cameras()
@@ -171,19 +168,15 @@ class _World:
             list(associated),
             wearers,
             problems,
-            [list(associated_camera.sightings) for associated_camera in associated],
+            [list(video.sightings) for video in associated],
             time,
         )
 
     def place_by_known_cameras(self) -> None:
         """Put in the wearers whom cameras of known pose saw."""
-        known_cameras = [
-            associated_camera
-            for associated_camera in self.associated
-            if associated_camera.camera.known_path is not None
-        ]
+        known_cameras = [video for video in self.associated if video.camera.known_path is not None]
         for number in range(len(self.wearers)):
-            if any(len(associated_camera.sightings[number]) for associated_camera in known_cameras):
+            if any(len(video.sightings[number]) for video in known_cameras):
                 look = _sightings_of_known(known_cameras, number)
                 self._settle(number, look, is_gauge=False)
 
@@ -257,9 +250,9 @@ def _with_found_mounting(camera: Camera, problem: CameraProblem, sightings: Sigh
 def _sightings_of_known(cameras: Sequence[AssociatedCamera], wearer: int) -> tuple[CameraPath, Sightings]:
     """Sightings of a wearer by the cameras of known pose."""
     looks = [
-        (associated_camera.camera.known_path, associated_camera.sightings[wearer])
-        for associated_camera in cameras
-        if associated_camera.camera.known_path is not None and len(associated_camera.sightings[wearer])
+        (video.camera.known_path, video.sightings[wearer])
+        for video in cameras
+        if video.camera.known_path is not None and len(video.sightings[wearer])
     ]
     return looks[0] if len(looks) == 1 else together(looks)
 

@@ -79,13 +79,13 @@ def silences_of(recording: RecordingSource) -> tuple[Pause, ...]:
     """Times of some seconds in which no sensor measured anything; the samples are read a minute at a time."""
     minute = 60.0
     start, end = recording.interval
-    since, silences = start, list[Pause]()
+    last_time, silences = start, list[Pause]()
     for begin in np.arange(start, end, minute):
         streams = recording.between(float(begin), float(begin + minute)).values()
-        time = np.unique(np.concatenate([[since], *(stream.time for stream in streams)]))
+        time = np.unique(np.concatenate([[last_time], *(stream.time for stream in streams)]))
         for row in np.flatnonzero(np.diff(time) > LEAST_S):
             silences.append(Pause(float(time[row]), float(time[row + 1]), frozenset(recording.sensors)))
-        since = float(time[-1])
+        last_time = float(time[-1])
     return tuple(silences)
 
 
@@ -164,7 +164,7 @@ def _headings_in(
     neighbour_calibration: InitialCalibration,
     settings: CommonSettings,
 ) -> Array:
-    """Headings ``(S,)`` that explain a stretch, seconds from and until; those ``before`` where those do as well."""
+    """Headings ``(S,)`` that explain a stretch, seconds from and until; the neighbour's where those do as well."""
     start, end = stretch.tolist()
     time = np.arange(start, end, 1 / START_RATE)
     frames = frames_of(streams_between(recording.imus, sensors, start, end), sensors, time)

@@ -82,17 +82,17 @@ def filmed_estimate(
     cameras = tuple(
         camera_with_sigmas(
             decode_camera(
-                associated_camera.camera.name,
+                video.camera.name,
                 number,
                 fine.model,
                 fine.state,
                 covariance,
-                associated_camera.camera.clock,
+                video.camera.clock,
             ),
             number,
             shared,
         )
-        for number, associated_camera in enumerate(associated)
+        for number, video in enumerate(associated)
     )
     wearer_of_detection = np.full(len(scene.cameras[0].detections), -1)
     if associated[0].camera is scene.cameras[0]:  # else it shows nobody
@@ -108,9 +108,9 @@ def filmed_estimate(
             for finding in jump_findings(coarse_model.name, wearer.calibration, coarse_model.restarts)
         ),
         *(
-            in_picture_of(associated_camera.camera, scene, finding)
-            for associated_camera, camera in zip(associated, cameras, strict=True)
-            for finding in clock_findings(associated_camera.camera, camera)
+            in_picture_of(video.camera, scene, finding)
+            for video, camera in zip(associated, cameras, strict=True)
+            for finding in clock_findings(video.camera, camera)
         ),
     ]
     findings = [
@@ -214,11 +214,10 @@ def precision_findings(wearer: str, bones: Set[str], sensors: int, is_filmed: bo
     joints = [joint_index(f"{side}_{joint}") for limb in limbs for joint in limb[1:-1] for side in SIDES]
     off = float(errors.positions(bones)[joints].mean())
     unmeasured = [name for joint, name in LEG_BONES.items() if not {f"left_{joint}", f"right_{joint}"} <= bones]
-    verb = "determines" if sensors == 1 and not is_filmed else "determine"
-    limits = [f"{verb} joints only to ± {1e3 * off:.0f} mm"] if off > good_joints else []
-    limits += (
-        [f"miss the flexion of knees without a sensor on the {' and the '.join(unmeasured)}"] if unmeasured else []
-    )
+    determine, miss = ("determines", "misses") if sensors == 1 and not is_filmed else ("determine", "miss")
+    limits = [f"{determine} joints only to ± {1e3 * off:.0f} mm"] if off > good_joints else []
+    if unmeasured:
+        limits.append(f"{miss} the flexion of knees without a sensor on the {' and the '.join(unmeasured)}")
     if limits:
         better = ["a camera"] * (not is_filmed) + ["a sensor on every limb's bone"] * (is_filmed or bool(unmeasured))
         words = {"limit": " and ".join(limits), "better": " and ".join(better)}

@@ -346,9 +346,8 @@ def _pairs(recording: Recording) -> Iterator[tuple[str, list[Pair]]]:
             for bone in bones
             if {f"left_{bone}", f"right_{bone}"} <= set(number_of_bone)
         ]
-        if len(limb_pairs) == 1 or (
-            limb_pairs and recording.initial_pose != "none"
-        ):  # without a pose the search takes seconds
+        # Without a pose the search takes seconds
+        if len(limb_pairs) == 1 or (limb_pairs and recording.initial_pose != "none"):
             yield limbs, limb_pairs
 
 
@@ -390,9 +389,8 @@ def _seen_exchange(
             misfits_as_placed[sides.limbs],
             _misfits(sides.recording, sides.start, frames, detections, camera, settings)[sides.limbs],
         )
-        rows = _best_rows(
-            detections.frame, np.minimum(misfit, exchanged_misfit)
-        )  # of several people the one whom either fits best
+        # Of several people the one whom either fits best
+        rows = _best_rows(detections.frame, np.minimum(misfit, exchanged_misfit))
         misfit, exchanged_misfit = misfit[rows], exchanged_misfit[rows]
         telling = np.abs(np.log(exchanged_misfit / misfit)) > TELLING  # who stands still looks the same
         if telling.sum() < LEAST_FRAMES:

@@ -273,11 +273,11 @@ def copied_sensors(frames: ImuFrames) -> list[tuple[str, ...]]:
     return [tuple(frames.sensors[sensor] for sensor in group) for group in groups if len(group) > 1]
 
 
-def _is_copy(frames: ImuFrames, number: int, second: int) -> bool:
-    are_valid = frames.orientation_valid[:, number] & frames.orientation_valid[:, second]
+def _is_copy(frames: ImuFrames, original: int, copy: int) -> bool:
+    are_valid = frames.orientation_valid[:, original] & frames.orientation_valid[:, copy]
     R, rounding = frames.R_inertial_sensor[are_valid], 1e-9
-    moves = len(R) > 1 and np.ptp(R[:, number], axis=0).max() > rounding
-    return bool(moves and np.abs(R[:, number] - R[:, second]).max() < rounding)
+    moves = len(R) > 1 and np.ptp(R[:, original], axis=0).max() > rounding
+    return bool(moves and np.abs(R[:, original] - R[:, copy]).max() < rounding)
 
 
 def _delays(recording: Recording, settings: Settings) -> tuple[tuple[SensorDelay, ...], tuple[int, float] | None]:

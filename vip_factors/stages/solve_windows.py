@@ -204,10 +204,8 @@ def _solve_finely(
     fine = solution.at_full_rate(frames, settings, solver)
     nearest = None if covariance is None else at_nearest(covariance, solution.fusion, frames[0].time)
     cameras = tuple(
-        decode_camera(
-            associated_camera.camera.name, number, fine.model, fine.state, nearest, associated_camera.camera.clock
-        )
-        for number, associated_camera in enumerate(solution.associated)
+        decode_camera(video.camera.name, number, fine.model, fine.state, nearest, video.camera.clock)
+        for number, video in enumerate(solution.associated)
     )
     wearers = decode_wearers(fine.model, fine.state, nearest)
     return SolvedWindow(span, wearers, cameras, reports=tuple(solver.reports))

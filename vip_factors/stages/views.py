@@ -98,7 +98,7 @@ def pixel_sigma(
     Args:
         size: of one OKS sigma of each keypoint in pixels; all arrays have one shape, or broadcast to it.
         confidence: of the detector.
-        seen: whether they count.
+        is_seen: whether they count.
         spread: scatter of a fully confident keypoint in OKS sigmas.
         metre: how many pixels a metre has where the keypoints are.
         settings: of the reprojection factor.
@@ -163,14 +163,14 @@ def _at_frames(video: Array, pixels: Array, confidence: Array, time: Array) -> t
     bridged_gaps = 1.5  # video frame periods over which a keypoint is interpolated
     same_instant = 2e-3  # s: a video frame so near to a frame of the estimate is taken as it is
     period = _period(video)
-    row = np.clip(np.searchsorted(video, time, side="right") - 1, 0, max(len(video) - 2, 0))
-    right = np.minimum(row + 1, len(video) - 1)
-    nearest = np.where(np.abs(video[right] - time) < np.abs(video[row] - time), right, row)
-    share = np.clip((time - video[row]) / np.maximum(video[right] - video[row], 1e-9), 0.0, 1.0)[:, None]
+    previous = np.clip(np.searchsorted(video, time, side="right") - 1, 0, max(len(video) - 2, 0))
+    following = np.minimum(previous + 1, len(video) - 1)
+    nearest = np.where(np.abs(video[following] - time) < np.abs(video[previous] - time), following, previous)
+    share = np.clip((time - video[previous]) / np.maximum(video[following] - video[previous], 1e-9), 0.0, 1.0)[:, None]
     exact = np.abs(video[nearest] - time) <= same_instant
-    bridged = (video[right] - video[row] <= bridged_gaps * period) & (time >= video[0]) & (time <= video[-1])
-    interpolated = (1 - share)[..., None] * pixels[row] + share[..., None] * pixels[right]
-    sure = np.where(bridged[:, None], np.minimum(confidence[row], confidence[right]), 0.0)
+    bridged = (video[following] - video[previous] <= bridged_gaps * period) & (time >= video[0]) & (time <= video[-1])
+    interpolated = (1 - share)[..., None] * pixels[previous] + share[..., None] * pixels[following]
+    sure = np.where(bridged[:, None], np.minimum(confidence[previous], confidence[following]), 0.0)
     interpolated = np.where(exact[:, None, None], pixels[nearest], interpolated)
     sure = np.where(exact[:, None], confidence[nearest], sure)
     return interpolated, np.where(_spoken_to(video, time, nearest)[:, None], sure, 0.0)

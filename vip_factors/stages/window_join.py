@@ -112,20 +112,18 @@ def moved(window: SolvedWindow, previous: SolvedWindow, has_floor: bool) -> Solv
     anew. On a floor, that is at the same height.
     """
     frames = overlap_middle(previous, window)
-    previous_part, current = previous.within(frames), window.within(frames)
-    wearers = list(zip(previous_part.wearers, current.wearers, strict=True))
-    positions = [(pair.motion.p_world_pelvis, two.motion.p_world_pelvis) for pair, two in wearers]
-    yaw, cameras = (
-        0.0,
-        [(pair.path, two.path) for pair, two in zip(previous_part.cameras, current.cameras, strict=True)],
-    )
+    target_part, source_part = previous.within(frames), window.within(frames)
+    wearers = list(zip(target_part.wearers, source_part.wearers, strict=True))
+    positions = [(target.motion.p_world_pelvis, source.motion.p_world_pelvis) for target, source in wearers]
+    paired = zip(target_part.cameras, source_part.cameras, strict=True)
+    yaw, cameras = 0.0, [(target.path, source.path) for target, source in paired]
     if cameras:
-        turns = [(pair.motion.R_parent_child[:, 0], two.motion.R_parent_child[:, 0]) for pair, two in wearers]
-        turns += [(pair.R_world_camera, two.R_world_camera) for pair, two in cameras]
+        turns = [(target.motion.R_parent_child[:, 0], source.motion.R_parent_child[:, 0]) for target, source in wearers]
+        turns += [(target.R_world_camera, source.R_world_camera) for target, source in cameras]
         yaw = robust_mean_angle(
             np.concatenate([yaw_of(R_target @ transpose(R_source)) for R_target, R_source in turns])
         )
-        positions += [(pair.p_world_camera, two.p_world_camera) for pair, two in cameras]
+        positions += [(target.p_world_camera, source.p_world_camera) for target, source in cameras]
     turn = rotation_z(yaw)
     shifts = np.concatenate([p_target - p_source @ turn.T for p_target, p_source in positions])
     shift = np.median(shifts, axis=0) if cameras else np.mean(shifts, axis=0)
@@ -135,8 +133,8 @@ def moved(window: SolvedWindow, previous: SolvedWindow, has_floor: bool) -> Solv
     return replace(
         window,
         wearers=tuple(
-            _turned(wearer, yaw, shift, _unsureness(target, second, middle, has_floor))
-            for wearer, (target, second) in zip(window.wearers, wearers, strict=True)
+            _turned(wearer, yaw, shift, _unsureness(target, source, middle, has_floor))
+            for wearer, (target, source) in zip(window.wearers, wearers, strict=True)
         ),
         cameras=tuple(_turned_camera(camera, yaw, shift) for camera in window.cameras),
         headings=tuple(replace(headings, path=headings.path + yaw) for headings in window.headings),
@@ -298,17 +296,17 @@ def _between(previous: SolvedWindow, window: SolvedWindow) -> SolvedWindow:
     """The frames of an overlap, of which the first are nearly as in one window, and the last as in the other."""
     count = previous.frames.stop - previous.frames.start
     share = np.linspace(0, 1, count + 2)[1:-1]
-    wearers = tuple(_estimate_between(*two, share) for two in zip(previous.wearers, window.wearers, strict=True))
-    cameras = tuple(_camera_between(*two, share) for two in zip(previous.cameras, window.cameras, strict=True))
+    wearers = tuple(_estimate_between(*pair, share) for pair in zip(previous.wearers, window.wearers, strict=True))
+    cameras = tuple(_camera_between(*pair, share) for pair in zip(previous.cameras, window.cameras, strict=True))
     return replace(previous, wearers=wearers, cameras=cameras, reports=())
 
 
 def _estimate_between(previous: WearerEstimate, wearer: WearerEstimate, share: Array) -> WearerEstimate:
-    earlier_motion, second = previous.motion, wearer.motion
+    motion, next_motion = previous.motion, wearer.motion
     motion = replace(
-        earlier_motion,
-        R_parent_child=_turns_between(earlier_motion.R_parent_child, second.R_parent_child, share),
-        p_world_pelvis=_values_between(earlier_motion.p_world_pelvis, second.p_world_pelvis, share),
+        motion,
+        R_parent_child=_turns_between(motion.R_parent_child, next_motion.R_parent_child, share),
+        p_world_pelvis=_values_between(motion.p_world_pelvis, next_motion.p_world_pelvis, share),
     )
     covariance = previous.covariance
     if covariance is not None and wearer.covariance is not None:
@@ -322,18 +320,18 @@ def _estimate_between(previous: WearerEstimate, wearer: WearerEstimate, share: A
 
 
 def _camera_between(previous: CameraEstimate, camera: CameraEstimate, share: Array) -> CameraEstimate:
-    earlier_path, second, covariance, residual = previous.path, camera.path, previous.covariance, previous.residual_px
-    if len(earlier_path) == len(share) == len(second):
-        earlier_path = CameraPath(
-            earlier_path.time,
-            _turns_between(earlier_path.R_world_camera, second.R_world_camera, share),
-            _values_between(earlier_path.p_world_camera, second.p_world_camera, share),
+    path, second_path, covariance, residual = previous.path, camera.path, previous.covariance, previous.residual_px
+    if len(path) == len(share) == len(second_path):
+        path = CameraPath(
+            path.time,
+            _turns_between(path.R_world_camera, second_path.R_world_camera, share),
+            _values_between(path.p_world_camera, second_path.p_world_camera, share),
         )
         if covariance is not None and camera.covariance is not None:
             covariance = _values_between(covariance, camera.covariance, share)
     if residual is not None and camera.residual_px is not None:
         residual = np.where((share < 0.5)[:, None], residual, camera.residual_px)
-    return replace(previous, path=earlier_path, covariance=covariance, residual_px=residual)
+    return replace(previous, path=path, covariance=covariance, residual_px=residual)
 
 
 def _turns_between(R_earlier: Array, R_later: Array, share: Array) -> Array:

@@ -205,8 +205,8 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
         wearers.append(wearer)
     motions = [wearer.motion for wearer in wearers if wearer.motion is not None]
     is_placed = any(wearer.motion is not None and wearer.truth is not None for wearer in wearers)
-    apart = len(motions) > 1 and not is_placed and (estimate is None or not estimate.cameras)
-    if apart:
+    has_separate_worlds = len(motions) > 1 and not is_placed and (estimate is None or not estimate.cameras)
+    if has_separate_worlds:
         shifts = iter(set_apart(motions))
         wearers = [
             wearer
@@ -218,7 +218,7 @@ def drawn_scene(scene: Scene | None, estimate: Estimate | None) -> DrawnScene:
         ]
     name = estimate.name if estimate is not None else scene.name if scene is not None else ""
     cameras = _cameras(scene, estimate, comparison.gauge if comparison is not None else None)
-    return DrawnScene(name, tuple(wearers), cameras, estimate, apart)
+    return DrawnScene(name, tuple(wearers), cameras, estimate, has_separate_worlds)
 
 
 def _cameras(scene: Scene | None, estimate: Estimate | None, gauge: Alignment | None) -> tuple[DrawnCamera, ...]:
@@ -233,7 +233,7 @@ def _cameras(scene: Scene | None, estimate: Estimate | None, gauge: Alignment | 
     pairs = () if estimate is None else camera_pairs(scene, estimate)
     drawn = list[DrawnCamera]()
     for number, camera in enumerate(scene.cameras):
-        camera_estimate = next((other for one, other in pairs if one is camera), None)
+        camera_estimate = next((estimated for camera_of_scene, estimated in pairs if camera_of_scene is camera), None)
         path = None if camera_estimate is None else camera_estimate.path
         path = path if path is None or gauge is None else move_path(path, gauge)
         true_path = camera.known_path if camera.truth is None else camera.truth.path
@@ -304,7 +304,7 @@ def set_apart(motions: Sequence[Motion]) -> list[Array]:
         shift = motions[0].p_world_pelvis[0] - motion.p_world_pelvis[0]
         shift[1] += APART_M * len(shifts)
         shift[2] = floor_height(motions[0]) - floor_height(motion)
-        while any(_nearest(motion.time, motion.p_world_pelvis + shift, *other) < APART_M - 1e-9 for other in paths):
+        while any(_nearest(motion.time, motion.p_world_pelvis + shift, *path) < APART_M - 1e-9 for path in paths):
             shift = shift + np.array([0.0, step_m, 0.0])
         shifts.append(shift)
         paths.append((motion.time, motion.p_world_pelvis + shift))

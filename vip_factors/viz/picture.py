@@ -130,9 +130,9 @@ def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, 
     strip = np.full((rows * (height + GAP), WIDTH, 3), 255, np.uint8)
     plates = []
     for number, (frame, picture) in enumerate(zip(chosen, _pictures(drawn, chosen, (cell, height)), strict=True)):
-        left, top = MARGIN + (number % columns) * (cell + GAP), (number // columns) * (height + GAP)
-        strip[top : top + height, left : left + cell] = picture
-        plates.append((left, HEADER + top + height, f"{detections.time[frame]:.1f} s"))
+        x, y = MARGIN + (number % columns) * (cell + GAP), (number // columns) * (height + GAP)
+        strip[y : y + height, x : x + cell] = picture
+        plates.append((x, HEADER + y + height, f"{detections.time[frame]:.1f} s"))
     if title is None:
         title = f"{drawn.name}, {drawn.estimate.method}" if drawn.estimate is not None else drawn.name
     entries = [(wearer.name, hexadecimal(wearer_colour(wearer.index)), "-") for wearer in drawn.wearers]
@@ -141,9 +141,9 @@ def _draw_frames(drawn: DrawnScene, path: Path, frames: int, title: str | None, 
     subtitle = (f"{time[-1] - time[0]:.1f} s", f"{len(detections)} people detected", f"{assigned} given to wearers")
     figure = _page(title, DOT.join(subtitle), entries, strip.shape[0], curves, label, time[chosen])
     figure.figimage(strip, 0, round(size_of(figure)[1]) - HEADER - strip.shape[0], origin="upper")
-    for left, low, text in plates:
+    for x, low, text in plates:
         box = {"facecolor": hexadecimal(GROUND), "edgecolor": "none", "pad": 8}
-        write(figure, (left + 10, low - 11), text, TEXT, "#ebeef2", bbox=box)
+        write(figure, (x + 10, low - 11), text, TEXT, "#ebeef2", bbox=box)
     save(figure, path, overwrite)
 
 
@@ -282,8 +282,8 @@ def _pictures(drawn: DrawnScene, chosen: np.ndarray, size: tuple[int, int]) -> I
     share = float(np.clip(AROUND * np.max((high - low) / image_size), 0.5, 1.0))
     corner = np.clip((low + high) / 2 - share * image_size / 2, 0, (1 - share) * image_size)
     enlarged = np.round(np.array(size) / share).astype(int)
-    left, top = np.minimum(np.round(corner * enlarged / image_size).astype(int), enlarged - size).tolist()
+    x, y = np.minimum(np.round(corner * enlarged / image_size).astype(int), enlarged - size).tolist()
     width, height = enlarged.tolist()
     for picture in overlaid_frames(drawn, chosen, (FINER * width, FINER * height), names=False):
         smaller = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
-        yield smaller[top : top + size[1], left : left + size[0]]
+        yield smaller[y : y + size[1], x : x + size[0]]

@@ -66,15 +66,15 @@ def log_series(stream: rr.RecordingStream, drawn: DrawnScene, colours: Mapping[s
     """
     titles: dict[str, str] = {}
     for wearer in drawn.wearers:
-        part, curve = rr.escape_entity_path_part(wearer.name), {wearer.name: wearer_colour(wearer.index)}
+        name, curve = rr.escape_entity_path_part(wearer.name), {wearer.name: wearer_colour(wearer.index)}
         pixels = _reprojection_px(drawn, wearer)
         if pixels is not None:
             entity = "/plots/reprojection_px"
-            log_curves(stream, f"{entity}/{part}", drawn.films()[0][1].time, pixels[:, None], curve)
+            log_curves(stream, f"{entity}/{name}", drawn.films()[0][1].time, pixels[:, None], curve)
             titles[entity] = "Reprojection error (px)"
         if wearer.error_mm is not None and wearer.motion is not None:
             entity = "/plots/joint_error_mm"
-            log_curves(stream, f"{entity}/{part}", wearer.motion.time, wearer.error_mm[:, None], curve)
+            log_curves(stream, f"{entity}/{name}", wearer.motion.time, wearer.error_mm[:, None], curve)
             titles[entity] = "Joint error (mm)"
         if drawn.one_alone:
             titles |= _log_residuals(stream, wearer, colours)
@@ -313,7 +313,7 @@ def scene_summary(drawn: DrawnScene) -> str:
     if estimate is None and estimates:
         estimate = Estimate.of_one(estimates[0])
     tables = [] if estimate is None else list(estimate_tables(estimate))
-    more = [] if estimate is None else [figure_table(estimate)]
+    figures = [] if estimate is None else [figure_table(estimate)]
     details = [recording_facts(wearer.recording) for wearer in drawn.wearers if wearer.recording is not None]
     details += [
         facts(f"camera '{camera.name}'", *detection_rows(camera.detections))
@@ -321,7 +321,7 @@ def scene_summary(drawn: DrawnScene) -> str:
         if camera.detections is not None
     ]
     lines = [f"# {plain(drawn.name)}", ""]
-    for table in (*tables[:1], *more, _error_table(drawn)):
+    for table in (*tables[:1], *figures, _error_table(drawn)):
         lines += markdown(table)
     lines += _colour_lines(drawn)
     for table in (*tables[1:], *details):
@@ -359,8 +359,8 @@ def _colour_lines(drawn: DrawnScene) -> list[str]:
 
 
 def _legend(lines: Iterable[str], cameras: int, has_separate_worlds: bool) -> list[str]:
-    others = ", and those of all cameras but the first" if cameras > 1 else ""
-    image = f"- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's{others}."
+    further = ", and those of all cameras but the first" if cameras > 1 else ""
+    image = f"- In the picture: bodies are broad lines, detections dots and fine lines; grey are nobody's{further}."
     sensors = "- Small boxes are the sensors, each in the colour of its curves."
     return ["## Colours", "", *lines, *[image] * (cameras > 0), sensors, *[f"- **{APART}**"] * has_separate_worlds, ""]
 

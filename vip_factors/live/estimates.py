@@ -234,11 +234,12 @@ class EstimateBuilder:
     def _camera(
         self, smoother: LagSmoother, state: FrameState, time: float, covariance: Array | None
     ) -> LiveCameraPose | None:
+        """Pose of the first camera; None without one."""
         problem = smoother.problem
         if not self._head.cameras or not problem.has_views:
             return None
-        if problem.carried:
-            chain, camera_covariance = problem.layout.chain_of(camera_owner(problem.carried[0])), None
+        if problem.cameras[0].moving:  # then it is the first of the carried ones, too
+            chain, camera_covariance = problem.layout.chain_of(camera_owner(0)), None
             if chain is not None and covariance is not None:
                 pose = problem.layout.chain_columns[chain]
                 camera_covariance = covariance[pose, pose]

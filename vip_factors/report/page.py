@@ -23,7 +23,7 @@ from vip_factors.body.joint_angles import is_measured
 from vip_factors.body.skeleton import JOINT_NAMES, calibration_pose
 from vip_factors.describe import estimates, recordings
 from vip_factors.describe.estimates import limb_sigma, measured_limb_joints, mountings_are_held
-from vip_factors.display import ProgressCallback, silent
+from vip_factors.display import ProgressCallback, distinct_file_names, silent
 from vip_factors.estimate import Estimate
 from vip_factors.findings import KINDS, TEXT, VERDICTS, Finding, Severity, sentences
 from vip_factors.gait import files as gait_files
@@ -200,7 +200,7 @@ def film_paths(page: str | os.PathLike[str], cameras: Sequence[str]) -> list[Pat
     """Files of the films beside a page, one for each camera."""
     if len(cameras) == 1:
         return [Path(page).with_suffix(".mp4")]
-    return [Path(page).with_suffix(f".{name.replace(os.sep, '_')}.mp4") for name in cameras]
+    return [Path(page).with_suffix(f".{name}.mp4") for name in distinct_file_names(cameras)]
 
 
 def report_page(data: ReportData, progress: ProgressCallback | None = None, films: Sequence[ShownFilm] = ()) -> str:

@@ -86,7 +86,7 @@ def _summary(scene: "Scene", camera: CameraKind | None) -> str:
     if camera is None:
         start, end = scene.wearers[0].interval
         return f"{sensors} sensors, {end - start:.1f} s"
-    detections = [camera.detections for camera in scene.cameras]
+    detections = [filmed.detections for filmed in scene.cameras]
     further = f" and {len(detections) - 1} further" if len(detections) > 1 else ""
     return (
         f"{len(scene.wearers)} wearers with {sensors} sensors, {camera} camera{further}, "

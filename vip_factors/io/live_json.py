@@ -217,7 +217,7 @@ def guessed_angles(bones: Collection[str]) -> dict[str, str]:
     """Reasons, by joint, why angles are a guess with sensors only on ``bones``: ``no sensor on left thigh``."""
     joints = {angle.joint: bare_segments(bones, angle.name) for angle in ANGLE_DEFINITIONS}
     words = {
-        joint: [" or ".join(map(bone_words, bones[:3])) for bones in segments] for joint, segments in joints.items()
+        joint: [" or ".join(map(bone_words, choices[:3])) for choices in segments] for joint, segments in joints.items()
     }
     return {joint: f"no sensor on {', '.join(segments)}" for joint, segments in words.items() if segments}
 

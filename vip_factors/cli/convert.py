@@ -31,8 +31,8 @@ OF_EACH_CAMERA = {
 }
 OF_ONE_CAMERA = ("detections", "video", "camera_name")  # of these, what two cameras cannot share
 OF_CARRIED_CAMERA = "camera_path"  # said for each camera that does not stand still
-FilmedOptions = make_dataclass(
-    "FilmedOptions",
+CameraArguments = make_dataclass(
+    "CameraArguments",
     [(name, hint, field(default=())) for name, hint in OF_EACH_CAMERA.items()],
     bases=(CameraOptions,),
     frozen=True,
@@ -80,7 +80,7 @@ class ConvertOptions(LogArguments, WritingOptions):
     join: Annotated[tuple[Path, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="RECORDING")] = ()
     """Recording (.mcap) of another wearer at the same time, to be part of the scene; may be said several times."""
     camera_options: Annotated[CameraOptions, UNPREFIXED, tyro.conf.FlagCreatePairsOff] = field(
-        default_factory=FilmedOptions
+        default_factory=CameraArguments
     )
     carried_camera: Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME")] = ()
     """Name of a camera that is carried, though --static-camera is said of the others; may be said several times."""

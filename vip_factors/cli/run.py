@@ -147,7 +147,7 @@ def run_options(options: RunOptions) -> "Run":
     from vip_factors.workflow import RunOptions as Run
 
     folder = options.out or usual_folder(options)
-    filmed = _filmed_words(options, folder)
+    filmed = _camera_words(options, folder)
     placements: Sequence[str | None] = options.placement or [None] * len(options.log)
     words = [*_words(options.convert_options), *filmed]
     converted = [
@@ -181,7 +181,7 @@ def _declared_options(options: LogOptions) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value != getattr(LogOptions(), name)}
 
 
-def _filmed_words(options: RunOptions, folder: Path) -> list[str]:
+def _camera_words(options: RunOptions, folder: Path) -> list[str]:
     """Return the words that ``convert`` would get about the cameras."""
     if not (options.video or options.detections):
         return []

@@ -46,7 +46,7 @@ def open_source(
         real_time: whether the file is played back in its own time.
         settings: limits.
         on_finding: gets the findings that come before the header, at once.
-        token: that senders over the network must have; one is made up where other machines are listened to.
+        token: that senders over the network must have; one is generated if other machines can connect.
 
     Raises:
         InputError: for a text that names no source, options that do not belong to it, or a file that is no recording.

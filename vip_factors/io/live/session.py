@@ -135,7 +135,7 @@ class Client:
     Attributes:
         messages: how many have come.
         takes_part: whether samples of it were used.
-        heard: monotonic seconds of the last one.
+        received_at: monotonic seconds of the last one.
     """
 
     def __init__(self, session: Session, name: str, claim_s: float = 0.0) -> None:
@@ -147,7 +147,7 @@ class Client:
         self._span = np.inf, -np.inf  # of their times
         self._shift = 0.0  # seconds from this client's clock to the stream's
         self.messages, self.takes_part = 0, False
-        self.heard = time.monotonic()
+        self.received_at = time.monotonic()
 
     @property
     def has_header(self) -> bool:
@@ -185,7 +185,7 @@ class Client:
             raise FileFormatError(f"a text of {len(data)} characters is no LiveMessage as JSON ({reason})") from error
         content = message.WhichOneof("content")
         self.messages += 1
-        self.heard = time.monotonic()
+        self.received_at = time.monotonic()
         if content == "header":
             self._header(message.header)
         elif self._setup is None:

@@ -46,8 +46,8 @@ class WebSocketSource(LiveSource):
     Args:
         host, port: to listen at; port 0 takes a free one, see :attr:`url`.
         settings: as of every source.
-        token: that senders must have, in the query of the address or as ``Authorization: Bearer …``; one is made up
-            where other machines are listened to.
+        token: that senders must have, in the query of the address or as ``Authorization: Bearer …``; one is
+            generated if other machines can connect.
     """
 
     def __init__(self, host: str, port: int, settings: LiveSourceSettings = DEFAULT, token: str = "") -> None:
@@ -87,8 +87,8 @@ class WebSocketSource(LiveSource):
         clients = list(self._clients.items())
         if len(clients) < MOST_SENDERS:
             return False
-        connection, client = min(clients, key=lambda entry: entry[1].heard)
-        if time.monotonic() - client.heard < SILENCE_S:
+        connection, client = min(clients, key=lambda entry: entry[1].received_at)
+        if time.monotonic() - client.received_at < SILENCE_S:
             return True
         cut_off(connection)
         return False
@@ -125,7 +125,7 @@ class WebSocketSource(LiveSource):
                         return ""
                 take_message(client, data)
             except TimeoutError:
-                if not client.has_header and time.monotonic() - client.heard > HEADER_S:
+                if not client.has_header and time.monotonic() - client.received_at > HEADER_S:
                     return f"no header came within {HEADER_S:g} s"
                 continue
             except ClientError as error:

@@ -94,11 +94,11 @@ def association(wearer: list[int], by_place: list[bool], by_clothes: bool) -> As
 
 def test_motion_place_and_clothes_are_told_apart() -> None:
     told = association_cues(["anna", "ben"], association([0, 0, 0, 1, -1], [False, True, True, False, False], True))
-    assert told[0] == "anna was told by motion in 1 detections and by place in 2; clothes had a say"
-    assert "ben was told by motion in 1 detections and by place in 0" in told[1]
+    assert told[0] == "anna was identified by motion in 1 detections and by place in 2; clothes counted"
+    assert "ben was identified by motion in 1 detections and by place in 0" in told[1]
 
 
 def test_without_a_known_camera_motion_alone_tells() -> None:
     assert association_cues(["anna"], association([0, 0], [], False)) == (
-        "anna was told by motion in 2 detections and by place in 0; clothes had none",
+        "anna was identified by motion in 2 detections and by place in 0; clothes did not",
     )

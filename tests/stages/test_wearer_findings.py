@@ -164,7 +164,7 @@ def test_a_common_scale_is_told_as_one() -> None:
     body = found({}, scale=0.06)
     assert common_scale(body)[0] == pytest.approx(0.06)
     told = sentences(body_findings("Ada", body, 1.75))
-    assert any("about all lengths: together they ask for a body 6 % larger than one of 1.75 m" in one for one in told)
+    assert any("about all lengths: together they suggest a body 6 % larger than one of 1.75 m" in one for one in told)
     assert not list(body_findings("Ada", found({}, scale=0.015), 1.75))
 
 

@@ -287,7 +287,7 @@ def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> I
         usual = "an adult's" if stature_m is None else f"one of {stature_m:.2f} m"
         percent, larger = abs(100 * scale), "larger" if scale > 0 else "smaller"
         phrases.append(
-            f"all lengths: together they ask for a body {percent:.0f} % {larger} than {usual}: check the stature, and "
+            f"all lengths: together they suggest a body {percent:.0f} % {larger} than {usual}: check the stature, and "
             "the camera's calibration (another zoom?)"
         )
         numbers["percent"] = percent

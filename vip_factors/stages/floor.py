@@ -64,9 +64,7 @@ class Floor:
         height, sigma = 100 * self.height, 100 * self.sigma
         phrases, numbers = list[str](), dict[str, float]()
         if is_declared and abs(self.height) > max(UNSURE_M, 2 * self.sigma):
-            phrases.append(
-                f"soles stand {height:+.0f} cm (± {sigma:.0f}) from the floor that the camera's known pose tells"
-            )
+            phrases.append(f"soles stand {height:+.0f} cm (± {sigma:.0f}) from the floor of the camera's known pose")
             numbers["height_cm"] = height
         if not is_declared and self.sigma > UNSURE_M:
             phrases.append(

@@ -172,12 +172,12 @@ def _undetermined(shared: SharedCovariance, subject: str) -> Iterator[Finding]:
 def association_cues(names: Sequence[str], association: Association) -> tuple[str, ...]:
     """Describe for each wearer what identifies it in the picture."""
     by_place = association.by_place if len(association.by_place) else np.zeros(len(association.wearer), bool)
-    clothes = "clothes had a say" if association.by_clothes else "clothes had none"
+    clothes = "clothes counted" if association.by_clothes else "clothes did not"
     sentences = []
     for number, name in enumerate(names):
         is_labelled = association.wearer == number
         placed, moved = np.sum(is_labelled & by_place), np.sum(is_labelled & ~by_place)
-        sentences.append(f"{name} was told by motion in {moved} detections and by place in {placed}; {clothes}")
+        sentences.append(f"{name} was identified by motion in {moved} detections and by place in {placed}; {clothes}")
     return tuple(sentences)
 
 

@@ -297,9 +297,9 @@ def _about_clocks(
         late = "behind" if delay.seconds > 0 else "ahead of"
         off = f"seems {numbers['off_ms']:.0f} ± {numbers['sigma_ms']:.0f} ms {late}"
         if delay.rival is not None:
-            kind, reference, done = "clocks disagree", f"that of '{names[delay.rival]}'", "nothing tells which is off"
+            kind, reference, done = "clocks disagree", f"that of '{names[delay.rival]}'", "it is unknown which is off"
         else:
-            kind, reference = "clock corrected", "those of its fellows"
+            kind, reference = "clock corrected", "those of the other sensors"
             done = "its times are shifted by as much" if settings.correct else "it is left so"
         yield _clock_finding(kind, wearer, names[delay.sensor], f"{off} {reference}", done, numbers)
 

@@ -87,7 +87,7 @@ class BodyEstimate(Summarised):
 
     @property
     def keeps_prior(self) -> np.ndarray:
-        """Which lengths the data hardly told, ``(B,)``."""
+        """Whether the data hardly determined each length, ``(B,)``."""
         return np.diag(self.covariance) > KEPT**2 * np.diag(self.prior_covariance)
 
 
@@ -160,7 +160,7 @@ class WearerEstimate(Summarised):
         reports: one per solve, in order.
         settings: the effective settings, flattened to text.
         body: what was found of the body; None if nothing of it was looked for.
-        sensor_positions: of the sensors used; none if they were taken as told.
+        sensor_positions: of the sensors used; none if they were held.
         findings: what is odd or not settled: to be shown to the user.
         start: how the first headings and mountings were chosen; None if they were not looked for.
     """
@@ -268,7 +268,7 @@ class Estimate(Summarised):
         findings: what is odd or not determined: to be shown to the user.
         settings: the effective settings, flattened to text.
         detector: where it puts its keypoints; None if that was not looked for.
-        association: sentences about what told who is who in the first camera's picture, one of each wearer.
+        association: sentences about the evidence for identities in the first camera's picture, one of each wearer.
     """
 
     name: str

@@ -334,8 +334,8 @@ class VideoClockSettings:
     """Prior on the video clock."""
 
     offset_sigma: float = 0.05  # s: an offset found by eye is good to a video frame or two
-    # s/s. Quartz clocks are a few 1e-5 apart, those of warm phones 1e-4; a rate told as 30 for 29.97 Hz is off by 1e-3,
-    # and that is the usual mistake. A minute of walking tells a drift to 2e-4.
+    # s/s. Quartz clocks are a few 1e-5 apart, those of warm phones 1e-4; a rate given as 30 for 29.97 Hz is off by
+    # 1e-3, the usual mistake. A minute of walking determines a drift to 2e-4.
     drift_sigma: NotNegative = 1e-3
 
 

@@ -134,12 +134,12 @@ class AssociationSettings:
     """Choices less sure are dropped: a frame without a person costs little, a wrong person much."""
     by_place: bool = True
     """Where the camera is known, detections that are nobody's are given to whom they fit where they stand: half hidden
-    people show too few joints to be told by how they move. Off: by motion alone."""
+    people show too few joints to be recognised by their motion. Off: by motion alone."""
     by_clothes: bool = True
     """Where the recording was converted with its video, clothes count beside motion, as far as those of the surely
     found differ from others'. Off: motion alone."""
     check: bool = True
-    """Whether it is told what is odd about detections: in another order, of nobody, of two who move alike. Streams find
+    """Whether oddities of detections are reported: in another order, of nobody, of two who move alike. Streams find
     who is who again and again and tell none of it: a tenth of what their start takes."""
     weights: Path | None = None
     """Weights to use instead of the shipped ones."""
@@ -212,7 +212,7 @@ class SensorClockSettings:
     """Settings of the check for sensors whose clocks differ from their neighbours'."""
 
     check: bool = True  # off: clocks agree, whatever the motion says
-    correct: bool = True  # off: delays are told, and left
+    correct: bool = True  # off: delays are reported, not corrected
 
 
 @dataclass(frozen=True)
@@ -231,7 +231,7 @@ class Settings(CommonSettings):
     """Estimate the uncertainty of every joint in every frame."""
     assign: bool = False
     """Take sensors for one another that are found in each other's places."""
-    # Standard deviations are told with what models leave out (body/model_errors.py). Off: those of the solution alone.
+    # Reported standard deviations include model errors (body/model_errors.py). Off: those of the solution alone.
     model_errors: bool = True
     accelerometers: AccelerometerSettings = field(default_factory=AccelerometerSettings)
     sensor_clocks: SensorClockSettings = field(default_factory=SensorClockSettings)

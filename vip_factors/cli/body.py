@@ -22,7 +22,7 @@ class BodyOptions(WritingOptions):
     """
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]
-    """Estimate (.mcap) of a filmed wearer of whom only the stature was told."""
+    """Estimate (.mcap) of a filmed wearer with a declared stature only."""
     wearer: str | None = None
     """Name of the wearer, if there are several."""
     out: Annotated[Path | None, Output(".toml")] = None

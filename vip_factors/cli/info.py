@@ -59,7 +59,7 @@ def file_tables(path: Path, verbose: bool = False) -> Iterator["Table"]:
         index = indexed_recording(path, READ_S)
         if index is not None:
             yield from recording_tables(index.head, index.time, index.truth_frames)
-            yield facts("", ("note", "told by the file's index: between first and last, samples were not read"))
+            yield facts("", ("note", "from the file's index; samples between first and last were not read"))
             return
     opened = open_one(path)
     if opened.recording is not None:

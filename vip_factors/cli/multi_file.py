@@ -74,7 +74,7 @@ def is_multi_file(command: str, words: Sequence[str]) -> bool:
 
 
 def main(command: str, prog: str, words: Sequence[str]) -> int:
-    """Run a command over many recordings, and return the worst exit code; what fails is told, and the rest goes on.
+    """Run a command over many recordings, and return the worst exit code; failures are reported, and the others go on.
 
     Raises:
         InputError: for options that do not fit, or where there is nothing to work on.

@@ -15,7 +15,7 @@ class RepetitionOptions(WritingOptions):
     """Find squats, lunges, jumps and curls, and write when each began and ended, its depth, tempo, ranges and symmetry:
     repetitions.csv, repetitions.json and repetitions.png.
 
-    Standard deviations are told of an estimate that was made without --no-covariance.
+    Standard deviations need an estimate made without --no-covariance.
     """
 
     estimate: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="ESTIMATE")]

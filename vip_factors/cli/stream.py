@@ -87,7 +87,7 @@ class StreamOptions(SettingsOptions, ManyOptions):
     """End with exit code 3 if the verdict is this or worse; what is written is written all the same."""
     token_file: Path | None = None
     """File with a secret that senders and readers over the network must have; or the environment variable
-    VIP_FACTORS_TOKEN. Without one, this machine is served alone, or a secret is made up and told."""
+    VIP_FACTORS_TOKEN. Without one, only this machine is served, or a secret is generated and printed."""
     limits: LiveSourceSettings = field(default_factory=LiveSourceSettings)
     settings: Annotated[LiveSettings, UNPREFIXED] = field(default_factory=LiveSettings)
 

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 class SyncOptions(WritingOptions):
     """Find the offset between the clocks of video and sensors, and write a copy of the scene that holds it.
 
-    The offset is the seconds to add to the video's times. It is found from how people move, without any event. If it
-    cannot be told, that is said and nothing is written. Over a minute and more a drift of the clocks is found too.
+    The offset is the seconds to add to the video's times, estimated from the motion of people. If it is not determined,
+    a message says so and nothing is written. Over a minute or more the drift of the clocks is estimated too.
     """
 
     scene: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="SCENE")]

@@ -152,7 +152,7 @@ class StatusLine:
             from rich.console import Console
             from rich.live import Live as RichLive
 
-            # Drawn when told to, not by a thread of its own: nothing may get between the caller's updates.
+            # Drawn on request, not by a thread of its own: nothing may get between the caller's updates.
             self._live = RichLive(console=Console(stderr=True), auto_refresh=False, transient=True)
 
     def __enter__(self) -> "StatusLine":

@@ -69,7 +69,7 @@ def workers(jobs: int, address: str | None) -> Iterator[Callable[..., Any]]:
     """A function that submits a call of a function on a task, and returns its future.
 
     Calls run in ``jobs`` threads, which wait for processes, or on the Dask cluster at ``address``. What is not done at
-    the end is given up: threads are told so by the function's second argument, a cluster ends what it has begun.
+    the end is given up: threads learn it from the function's second argument, a cluster ends what it has begun.
     """
     if address is not None:
         with cluster(address) as client:

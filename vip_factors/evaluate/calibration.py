@@ -231,7 +231,7 @@ def camera_metrics(error: Array) -> dict[str, Metric]:
 
 
 LIMBS = {name: end for name, end in LIMB_ENDS.items() if name != "foot"}
-UNSURE = ("hand",)  # told, but not in the mean: skeletons end hands where they like
+UNSURE = ("hand",)  # reported, but not in the mean: skeletons end hands where they like
 _ENDS = {name: (f"left_{end}", f"right_{end}") for name, end in (LIMBS | WIDTHS).items()} | {"trunk": ("neck",)}
 
 

@@ -215,7 +215,7 @@ def _summary_lines(scene: Metrics, wearers: Sequence[Metrics]) -> list[str]:
         for words, name in names.items()
         if any(f"nees_{name}" in metrics for metrics in (scene, *wearers))
     }
-    ratios_text = "squared error over the told variance (1 is honest, more is too sure): " + ", ".join(
+    ratios_text = "squared error over the reported variance (1 is consistent, more is overconfident): " + ", ".join(
         f"{words} {ratio}" for words, ratio in ratios.items()
     )
     unknown = "not compared: the estimate tells no standard deviations, or the truth not what they are of"

@@ -50,7 +50,7 @@ SHARED = {"width": 0.09, "clearance": 0.01, "strike_angle": 4.0}  # m, m, degree
 MOST_STRETCH = 3 * LENGTH_BY_LEGS  # more is no legs that swing too little, but a sensor that is wrong
 LENGTHS = ("length", "speed", "step_length", "width")  # of which the sides do not differ in it
 FEWEST = 3  # strides of a foot, for a curve
-# How the feet stand to each other is told by sensors on pelvis and shanks; what a foot does by one on it.
+# The distance between the feet needs sensors on pelvis and shanks; the motion of a foot needs one on it.
 LEGS = frozenset({"pelvis", "left_knee", "right_knee"})
 OF_BOTH_LEGS, OF_A_FOOT = ("width", "step_length"), ("clearance", "strike_angle")
 

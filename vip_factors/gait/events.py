@@ -38,7 +38,7 @@ class FootEvents:
     Attributes:
         off, strike: ``(N,)`` seconds at which it left the ground, and struck it again.
         rest: ``(N,)`` seconds at which it stood most still after the strike, before it left again.
-        by_sensor: whether its own sensor told, or the motion of the legs.
+        by_sensor: whether its own sensor measured them, or the motion of the legs.
     """
 
     off: Array

@@ -1,4 +1,4 @@
-"""Strides: from a foot's strike to its next one, with what is told of each, and which of them are no walking.
+"""Strides: from a foot's strike to its next one, with their parameters, and the strides that are no steady walking.
 
 A stride counts where both feet take turns, as they do in a walk: the other foot leaves the ground, strikes it, then
 this foot leaves and strikes. Turns, first and last steps, steps on the spot and pauses are strides too, but no part of
@@ -179,7 +179,7 @@ class Stride:
             ``strike_angle`` against the same foot at rest.
         turn_deg: by how much the foot or the pelvis turned, whichever did more.
         left_out: why it is no part of means; empty if it is.
-        by_sensor: whether the foot's own sensor told its length.
+        by_sensor: whether the foot's own sensor measured its length.
     """
 
     side: str

@@ -208,7 +208,7 @@ def recording_of_log(log: ImportedLog, path: Path, options: ImportOptions) -> Re
         notes += [subject.body_note] if subject.body_note else []
     else:
         subject = subject_with(body, given.subject, given.mass_kg, given.sex)
-        notes.append(f"body of '{body.name}' from {options.body}, whatever stature and lengths were told")
+        notes.append(f"body of '{body.name}' from {options.body}, which overrides the given stature and lengths")
     log = replace(log, imus=after_pose(log.imus, held, notes) if held else _oriented(log.imus, notes))
     choice = options.placement
     rule = choice if isinstance(choice, Mapping | str) and not _is_file(choice) else given.sensors

@@ -1,4 +1,4 @@
-"""Repetitions as a table for people, as files (CSV, JSON), and as a picture of what they were told from (PNG)."""
+"""Repetitions as a table for people, as files (CSV, JSON), and as a picture of their signals (PNG)."""
 
 import csv
 from collections.abc import Iterator, Sequence

@@ -81,7 +81,7 @@ def _cell(value: float) -> str:
 
 @dataclass(frozen=True, repr=False)
 class WearerRepetitions(Summarised):
-    """The repetitions of one wearer, in the order of time, and the signals that they were told from."""
+    """The repetitions of one wearer, in the order of time, and their signals."""
 
     name: str
     signals: Signals

@@ -86,7 +86,7 @@ def _wearer_findings(
     fine: FusionSolution,
     estimate: WearerEstimate,
 ) -> Iterator[Finding]:
-    shortly_seen = 3.0  # s: in less, people do not move enough to be told apart
+    shortly_seen = 3.0  # s: in less, people do not move enough to be distinguished
     unsure_heading_deg = 15.0  # a heading no better known than this came from the straps
     wearer, frame_rate = recording.subject.name, 1 / fine.model.wearers[0].frames.step
     views = [viewpoint.views[number] for viewpoint in fine.model.viewpoints(fine.state)]
@@ -278,7 +278,7 @@ KNEE_TURNED_DEG = 9.0
 
 def body_findings(wearer: str, body: BodyEstimate, stature_m: float | None) -> Iterator[Finding]:
     """Return the finding about the body of a wearer with a declared stature."""
-    least_scale = 0.02  # of a body: less is within what a stature, told by its wearer, is off
+    least_scale = 0.02  # of a body: less is within the error of a stature that its wearer states
     if not body.names:
         return
     phrases, numbers = list[str](), dict[str, float]()

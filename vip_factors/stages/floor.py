@@ -2,7 +2,7 @@
 
 A camera that was found knows of no floor, so the world's zero goes under the soles that stand. A camera that stands may
 have been found tilted, and is turned until the floor is level. Before a camera of known pose the floor is declared, and
-soles that stand elsewhere are told.
+a finding reports soles that stand elsewhere.
 """
 
 from collections.abc import Iterator, Sequence
@@ -32,9 +32,9 @@ from vip_factors.terms.ground_contact import (
     rays_meet_floor,
 )
 
-UNSURE_M = 0.02  # from which on it is told: of standard deviation, or from where the floor is declared
+UNSURE_M = 0.02  # reported from here on: standard deviation, or distance from the declared floor
 SOLE_M = 0.01  # how well a wearer's soles and height are known, as long as they stand: of the floor under one alone
-SLOPED, UNEVEN_M = np.deg2rad(3.0), 0.05  # from which on it is told: 5 cm to the metre, or about the median
+SLOPED, UNEVEN_M = np.deg2rad(3.0), 0.05  # reported from here on: 5 cm to the metre, or about the median
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def distance_findings(models: Sequence[WearerProblem], state: SceneState) -> Ite
     Who is taken to be nearer to the camera than true stands higher: feet and pixels lie on one ray, which falls by the
     camera's height over the distance between the two.
     """
-    unsure_distance_m = 0.15  # between two wearers, from which on it is told: half a step
+    unsure_distance_m = 0.15  # between two wearers, reported from here on: half a step
     reference, *distances = (_on_its_ray(model, state, number) for number, model in enumerate(models))
     for model, distance in zip(models[1:], distances, strict=True):
         if reference is None or distance is None:

@@ -28,7 +28,7 @@ from vip_factors.stages.windows import is_long
 LEAST_S = 4.0  # of a stretch that tells its headings: some steps; a shorter one has those of before
 JUMP = np.deg2rad(20.0)  # a heading found this near is the one of before: mountings and posture leave as much open
 SURE = 20.0  # nats by which other headings explain a stretch better: up to 13 where none had jumped
-FEW = 3  # sensors that are told by name
+FEW = 3  # sensors that a finding names
 
 
 def pauses_of(streams: Mapping[str, ImuStream]) -> tuple[Pause, ...]:

@@ -182,7 +182,7 @@ def association_cues(names: Sequence[str], association: Association) -> tuple[st
 
 
 def with_model_errors(estimate: Estimate, settings: Settings) -> Estimate:
-    """The estimate as it is told: with the models' share of standard deviations, which nothing before this sees."""
+    """Add the models' share of the standard deviations to an estimate; no earlier stage sees it."""
     is_filmed = bool(estimate.cameras)
     errors = FILMED if is_filmed else UNFILMED
     wearers, findings = list[WearerEstimate](), list(estimate.findings)
@@ -236,7 +236,7 @@ def _with_model_errors(wearer: WearerEstimate, errors: ModelErrors, settings: Se
 def told_calibration(
     calibration: SensorCalibrations, errors: ModelErrors, settings: CommonSettings
 ) -> SensorCalibrations:
-    """Headings and mountings as they are told: with the models' share of their standard deviations."""
+    """Add the models' share to the standard deviations of headings and mountings."""
     by_convention = 1.5 * GAUGE_SIGMA  # as sure is only the world's own
     sensors = list(calibration.values())
     heading = np.array([sensor.heading_sigma for sensor in sensors])

@@ -1,10 +1,10 @@
-"""Starts that a search cannot tell apart, told apart by where the fit goes from each of them.
+"""Starts that a search cannot distinguish, compared by the solutions that they lead to.
 
 The search looks at pairs of sensors: what it does not settle need not matter. From a rival start the same problem is
 solved once more, coarsely. Either both end in one motion, to within the standard deviations that the solution states,
 and only what no motion shows differs: of a bone that is upright throughout the sensor may be turned about the vertical
-if its heading is too. Or they end apart, and that is told. Costs do not decide then: of sensors worn anyhow a start 67°
-wrong ended five nats likelier than its rival.
+if its heading is too. Or they end apart, which a finding reports. Costs do not decide then: with arbitrary straps a
+start that was 67° wrong ended five nats likelier than its rival.
 """
 
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Sensors that are on one another's segments: told, and exchanged if that is wanted, before anything is estimated.
+"""Sensors that are on one another's segments: reported, and exchanged on request, before anything is estimated.
 
 Neighbours' accelerations tell most of it. But bodies are symmetric: with all left sensors on the right every joint is
 as smooth as before, and six sensors have no neighbours. Two things tell these. How joints bend, and from where limbs

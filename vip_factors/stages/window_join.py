@@ -247,7 +247,7 @@ def chunks_of(
     Args:
         windows, plan, on_progress: as of :func:`join`.
         head: the estimate without its frames.
-        summary: told what windows find of the whole scene, if they do.
+        summary: collects the results of windows that concern the whole scene.
     """
     on_progress("windows", 0.0)
     count, previous, done, begin = len(plan.windows()), None, 0, -np.inf

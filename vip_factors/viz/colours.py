@@ -35,7 +35,7 @@ def hexadecimal(colour: Colour) -> str:
 def sensor_colours(sensors: Sequence[str]) -> dict[str, Colour]:
     """A colour per sensor, the same in every plot."""
     colours: dict[str, Colour] = {}
-    # Hues in golden steps and three lightnesses: seventeen sensors can be told apart.
+    # Hues in golden steps and three lightnesses: seventeen sensors can be distinguished.
     hue_step, lightness = 0.381966, (0.42, 0.56, 0.68)
     for index, sensor in enumerate(sensors):
         red, green, blue = hls_to_rgb((0.58 + index * hue_step) % 1.0, lightness[index % 3], 0.65)

@@ -98,7 +98,7 @@ class Publish(Study):
         if not parts:  # rows that another commit left
             for path in self.folder.glob("population/rows_*.jsonl"):
                 path.unlink()
-        missing = [name for name in self._wanted() if name not in parts]
+        missing = [name for name in self.wanted() if name not in parts]
         with ProcessPoolExecutor(self.processes) as pool:
             work = [pool.submit(measure, name, self._words(name)) for name in missing if name not in ALONE]
             for number, result in enumerate(as_completed(work)):
@@ -118,12 +118,16 @@ class Publish(Study):
         """What was run, and for how long."""
         yield table(["part", "command", "min"], [[part.name, f"`{part.command}`", part.seconds / 60] for part in rows])
 
-    def _wanted(self) -> list[str]:
+    def wanted(self) -> list[str]:
+        """Names of the parts to run, in order."""
         unknown = [name for name in self.only if name not in PARTS]
         if unknown:
             raise InputError(f"unknown part '{unknown[0]}': expected some of {', '.join(PARTS)}")
-        usable = [name for name in PARTS if self.simulator is not None or "{simulator}" not in PARTS[name]]
-        return [name for name in usable if name in (self.only or usable)]
+        needs_simulator = [name for name, words in PARTS.items() if "{simulator}" in words]
+        if self.simulator is None and set(self.only) & set(needs_simulator):
+            raise InputError(f"part '{needs_simulator[0]}' needs --simulator PROGRAM")
+        left_out = needs_simulator if self.simulator is None else []
+        return [name for name in self.only or PARTS if name not in left_out]
 
     def _words(self, name: str) -> list[str]:
         places = {key: getattr(self, key) for key in ("data", "motions", "folder", "simulator")}
@@ -169,7 +173,7 @@ def filled(text: str, figures: Path = FIGURES) -> str:
             part = parts[name]
             lines = [f"`{part.command}`, {part.date}:", "", *part.tables]
         else:
-            lines = [f"Not measured at this commit; run `python -m tests.studies publish --only {name}`."]
+            lines = [f"Not measured at this commit; run `python -m tests.studies publish … --only {name}`."]
         return "\n".join([match[1], *lines, "", match[3]])
 
     return BLOCK.sub(block, text)

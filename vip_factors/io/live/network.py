@@ -134,6 +134,7 @@ class Listener:
             sock=listening,
             process_request=self._response,
             open_timeout=REQUEST_WAIT_S,
+            close_timeout=JOIN,
             ping_interval=None,
             max_size=largest,
             compression=None,
@@ -141,7 +142,8 @@ class Listener:
             logger=_silent_logger(),
         )
         # Its threads are daemons as this one is: they do not keep a program from ending.
-        Thread(target=self._server.serve_forever, name=name, daemon=True).start()
+        self._thread = Thread(target=self._server.serve_forever, name=name, daemon=True)
+        self._thread.start()
 
     def url(self, scheme: str) -> str:
         """Address for clients, with a generated token; a given one is not shown."""
@@ -167,6 +169,7 @@ class Listener:
         closing = Thread(target=self._server.shutdown, daemon=True)  # waits for clients that have sent no request
         closing.start()
         closing.join(JOIN)
+        self._thread.join(JOIN)
 
     def _response(self, connection: ServerConnection, request: Request) -> Response | None:
         """The answer to a request; None opens the WebSocket."""

@@ -53,3 +53,13 @@ def test_bones_that_were_wrong_are_told_of_the_last_frame_before() -> None:
     assert "12 s" in str(told)
     assert not correction_findings(12.0, before, smoother(range(11, 21), 19, 50.0, 20))
     assert not correction_findings(12.0, before, smoother(range(11, 21), 0, 50.0, 19))
+
+
+def test_a_camera_that_was_not_carried_at_the_calibration_keeps_its_pose() -> None:
+    """Tracking begins without a camera that shows nobody, and takes it up before the calibration is ready."""
+    R, p, p_camera = np.tile(np.eye(3), (1, 24, 1, 1)), np.zeros((1, 3)), np.array([[0.0, -3.0, 1.5]])
+    with_camera = FrameState(R, p, np.eye(3)[None], p_camera)
+    without_camera = FrameState(R, p, np.zeros((0, 3, 3)), np.zeros((0, 3)))
+    R_world_camera, p_world_camera = prediction._carried_poses(0.5, with_camera, without_camera, with_camera)
+    np.testing.assert_array_equal(R_world_camera, np.eye(3)[None])
+    np.testing.assert_array_equal(p_world_camera, p_camera)

@@ -370,7 +370,7 @@ def _carried_poses(yaw: float, state: FrameState, at_find: FrameState, state_aft
 
     Where other cameras are carried than before, they stay.
     """
-    if len(state_after.p_world_camera) != len(state.p_world_camera):
+    if not len(state.p_world_camera) == len(at_find.p_world_camera) == len(state_after.p_world_camera):
         return state.R_world_camera, state.p_world_camera
     turn, step = rotation_z(yaw), state_after.p_world_camera - at_find.p_world_camera
     R = turn @ state_after.R_world_camera @ transpose(at_find.R_world_camera) @ turn.T @ state.R_world_camera

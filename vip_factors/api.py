@@ -240,7 +240,7 @@ def _played(source: Played, seconds: float | None, number: int) -> Motion:
     if isinstance(source, Motion):
         return source
     if source not in (GESTURES, WALK):
-        from vip_factors.io.motions import read_motion
+        from vip_factors.io.motions.files import read_motion
 
         return read_motion(Path(source))
     from vip_factors.simulate.gestures import gestures

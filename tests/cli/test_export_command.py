@@ -8,7 +8,7 @@ from scene_sample import estimate_of, scene_sample
 
 from vip_factors.io.mcap_estimate import write_estimate
 from vip_factors.io.mcap_recording import write_recording
-from vip_factors.io.motions.bvh import read_bvh
+from vip_factors.io.motions.files import read_bvh
 
 
 @pytest.fixture(scope="module")

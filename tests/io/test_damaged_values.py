@@ -23,8 +23,7 @@ from vip_factors.io.detection_formats import read_people
 from vip_factors.io.importers.maker_tables import APDM
 from vip_factors.io.importers.mvnx import read_document
 from vip_factors.io.mcap_reader import RECORD_HEAD, McapWarning, read_contents
-from vip_factors.io.motions import read_amass
-from vip_factors.io.motions.bvh import read_bvh
+from vip_factors.io.motions.files import read_amass, read_bvh
 from vip_factors.io.placement_file import placement_from_file
 from vip_factors.sensors.camera import VideoClock
 from vip_factors.settings import Settings

@@ -22,8 +22,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_NAMES, joint_index
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array, exp, rotation_x, rotation_y, rotation_z
-from vip_factors.io.motions import motion_files, read_amass, read_motion
-from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
+from vip_factors.io.motions.files import motion_files, read_amass, read_bvh, read_bvh_clip, read_motion
 
 ROOT = np.array([[0.1, 0.9, 0.2], [0.1, 0.9, 0.3], [0.1, 0.91, 0.4], [0.2, 0.92, 0.5]])
 ORDERS = ["".join(order) for order in itertools.permutations("XYZ")]

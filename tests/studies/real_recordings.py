@@ -20,7 +20,7 @@ from tests.studies.gait import (
 from tests.studies.marker_body import MarkerBody, read_marker_body
 from vip_factors.io.convert import ImportOptions
 from vip_factors.io.log_streams import LEAD_S
-from vip_factors.io.motions.bvh import read_bvh
+from vip_factors.io.motions.files import read_bvh
 
 STATURE_M = 1.75  # nobody says how tall these wearers were
 MVN_LEAD = 1  # the reader of BVH drops MVN's leading rest frame

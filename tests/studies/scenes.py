@@ -14,7 +14,7 @@ from vip_factors.body.skeleton import nominal_pose
 from vip_factors.errors import InputError, RecordingError
 from vip_factors.geometry.rotations import Array, rotation_z, transpose
 from vip_factors.initialise.calibration import InitialCalibration, initial_calibration
-from vip_factors.io.motions import motion_files, read_motion
+from vip_factors.io.motions.files import motion_files, read_motion
 from vip_factors.sensors.calibration import SensorCalibration, preset
 from vip_factors.sensors.frames import resample
 from vip_factors.sensors.recording import Recording

@@ -16,7 +16,7 @@ from tests.studies.study import NAN, Study, Tell, cell, group, mean, table
 from vip_factors.cli.options import Flag
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.motions import read_motion
+from vip_factors.io.motions.files import read_motion
 from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LivePose
 from vip_factors.sensors.live import LiveSample, live_samples, stream_head

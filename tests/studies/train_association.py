@@ -22,7 +22,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.cli.options import Output
 from vip_factors.errors import InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.motions import motion_files, read_motion
+from vip_factors.io.motions.files import motion_files, read_motion
 from vip_factors.ranges import NotNegativeInt
 from vip_factors.settings import AssociationSettings
 

@@ -28,7 +28,7 @@ from vip_factors.body.pose_prior import PosePrior
 from vip_factors.cli.options import Output
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import Array
-from vip_factors.io.motions import MOTION_SUFFIXES, motion_files, read_motion
+from vip_factors.io.motions.files import MOTION_SUFFIXES, motion_files, read_motion
 
 SEXES = ("male", "female")
 

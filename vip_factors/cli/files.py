@@ -62,7 +62,7 @@ def open_one(path: Path) -> Opened:
         raise InputError(f"{path} is a folder: expected a file")
     if path.suffix.lower() == ".mcap":
         return _open_mcap(path)
-    from vip_factors.io.motions import MOTION_SUFFIXES, read_motion
+    from vip_factors.io.motions.files import MOTION_SUFFIXES, read_motion
 
     if path.suffix.lower() not in MOTION_SUFFIXES:
         suffixes = ", ".join((".mcap", *MOTION_SUFFIXES))

@@ -13,8 +13,7 @@ from vip_factors.body.skeleton import POSES
 from vip_factors.errors import FileFormatError, InputError, RecordingError, nearest
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.body_file import read_body_file, subject_with
-from vip_factors.io.importers.archives import unpacked
-from vip_factors.io.importers.shared import ImportedLog
+from vip_factors.io.importers.shared import ImportedLog, unpacked
 from vip_factors.io.log_streams import (
     LEAD_S,
     after_pose,

@@ -8,10 +8,9 @@ from vip_factors.atomic import atomic_open, check_target
 from vip_factors.display import one_line
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.io.convert import detect_format, read_log
-from vip_factors.io.importers.archives import unpacked
 from vip_factors.io.importers.column_guess import guess
 from vip_factors.io.importers.column_map import CHOICES, QUANTITIES, UNIT_KEYS, ColumnMap, Columns, SensorColumns
-from vip_factors.io.importers.shared import likely_sites
+from vip_factors.io.importers.shared import likely_sites, unpacked
 from vip_factors.io.importers.unit_guess import PLEASE_DECLARE
 from vip_factors.io.typed_files import toml_text
 from vip_factors.sensors.calibration import SITES, site_axes

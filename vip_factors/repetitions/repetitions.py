@@ -16,8 +16,16 @@ from vip_factors.body.skeleton import SIDES
 from vip_factors.errors import InputError
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
-from vip_factors.repetitions.repetition import UNKNOWN, Kind, Measured, Repetition, Side, WearerRepetitions
-from vip_factors.repetitions.signals import Signals, signals_of
+from vip_factors.repetitions.repetition import (
+    UNKNOWN,
+    Kind,
+    Measured,
+    Repetition,
+    Side,
+    Signals,
+    WearerRepetitions,
+    signals_of,
+)
 
 GRAVITY = 9.81  # m/s²
 LEAST_DEPTH = 0.12  # lengths of a leg: who walks sinks by 0.09 at most, shallow squats are 0.18 and deeper

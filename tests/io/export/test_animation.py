@@ -20,7 +20,7 @@ from vip_factors.estimate import Estimate
 from vip_factors.geometry.rotations import Array, angle_between, rotation_x
 from vip_factors.io.export.animation import GltfBuffer
 from vip_factors.io.export.files import export
-from vip_factors.io.motions.bvh import read_bvh, read_bvh_clip
+from vip_factors.io.motions.files import read_bvh, read_bvh_clip
 from vip_factors.io.motions.skeleton_maps import bone_names
 from vip_factors.io.settings import BoneNames, BvhSettings, ExportSettings, LengthUnit, UpAxis
 from vip_factors.sensors.camera import CameraModel, CameraPath

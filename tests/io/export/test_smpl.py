@@ -15,7 +15,7 @@ from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.export.files import export
 from vip_factors.io.mcap_recording import write_recording
-from vip_factors.io.motions import BODY_JOINTS, read_amass
+from vip_factors.io.motions.files import BODY_JOINTS, read_amass
 from vip_factors.io.settings import ExportSettings
 from vip_factors.sensors.camera import CameraPath
 from vip_factors.simulate.gestures import gestures

@@ -24,9 +24,8 @@ from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate
 from vip_factors.geometry.quaternions import Order, quaternion_from_matrix
 from vip_factors.geometry.quaternions import continuous as continuous_quaternions
 from vip_factors.geometry.rotations import Array, continuous, sequence_of_rotation
-from vip_factors.io.export.feet import planted
+from vip_factors.io.export.animation_poses import end_site, planted, rest_pose
 from vip_factors.io.export.files import R_YUP_WORLD
-from vip_factors.io.export.rest_poses import end_site, rest_pose
 from vip_factors.io.motions.skeleton_maps import bone_names
 from vip_factors.io.settings import BoneNames, ExportSettings, LengthUnit, UpAxis
 

@@ -15,7 +15,7 @@ from vip_factors.errors import InputError
 from vip_factors.estimate import CameraEstimate, Estimate, WearerEstimate, camera_pairs
 from vip_factors.geometry.rotations import Array, log, transpose
 from vip_factors.io.export.files import R_YUP_WORLD, frame_times, poses_at
-from vip_factors.io.motions import BODY_JOINTS, P_MODEL_PELVIS
+from vip_factors.io.motions.files import BODY_JOINTS, P_MODEL_PELVIS
 from vip_factors.io.settings import ExportSettings
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene

@@ -1,14 +1,13 @@
-"""Common parts of the readers of foreign sensor logs.
-
-These are the log that a reader returns, files that belong together, sites by the names of sensors (pelvis_imu, femur_r,
-LTibia, Right Ankle), and the upward axis of a sensor's inertial frame.
-"""
+"""Common parts of the readers of foreign sensor logs: the log they return, its files, sites by the names of sensors."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from os.path import commonprefix
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
@@ -318,3 +317,31 @@ def values_at(sampled: Sampled, time: Array, interpolate: Callable[[Array, Array
         is_absent |= (time > start + half_step) & (time < end - half_step)
     result[is_absent] = np.nan
     return result
+
+
+@contextmanager
+def unpacked(path: Path) -> Iterator[Path]:
+    """The folder that a zip archive holds, while the context lasts; any other path as it is.
+
+    Raises:
+        FileFormatError: if the archive cannot be unpacked.
+    """
+    if path.suffix.lower() != ".zip" or not path.is_file():
+        yield path
+        return
+    with TemporaryDirectory() as place:
+        folder = Path(place) / path.stem
+        try:
+            with ZipFile(path) as archive:
+                archive.extractall(folder)
+        except (BadZipFile, NotImplementedError, OSError, RuntimeError) as error:  # the last: a password is needed
+            raise FileFormatError(f"{path}: cannot be unpacked ({error}): expected a zip archive of a log") from error
+        hidden = (".", "__MACOSX")
+        while len(inside := [file for file in folder.iterdir() if not file.name.startswith(hidden)]) == 1:
+            if inside[0].is_file():
+                break
+            folder = inside[0]
+        try:
+            yield inside[0] if len(inside) == 1 else folder
+        except InputError as error:
+            raise type(error)(str(error).replace(f"{folder}", f"{path}")) from error

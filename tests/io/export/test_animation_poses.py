@@ -10,10 +10,10 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.skeleton import JOINT_COUNT, joint_index
 from vip_factors.cli.main import main
 from vip_factors.geometry.rotations import Array, exp
-from vip_factors.io.export.feet import _with_feet_moved
+from vip_factors.io.export.animation_poses import _with_feet_moved
 from vip_factors.io.mcap_estimate import read_estimate
 from vip_factors.io.mcap_recording import read_scene
-from vip_factors.io.motions.bvh import read_bvh
+from vip_factors.io.motions.files import read_bvh
 from vip_factors.simulate.gestures import gestures
 
 FEET = [joint_index("left_foot"), joint_index("right_foot")]

@@ -75,7 +75,9 @@ def test_a_step_lowers_the_cost_and_moves_what_is_free(kind: str) -> None:
 
 @pytest.mark.parametrize("pure", [False, True])
 @pytest.mark.parametrize("drifting", [False, True])
-def test_steps_of_several_wearers_before_a_moving_camera_are_those_of_dense_algebra(drifting: bool, pure: bool) -> None:
+def test_steps_and_covariances_of_several_wearers_before_a_moving_camera_are_those_of_dense_algebra(
+    drifting: bool, pure: bool
+) -> None:
     model, state = small_scene("moving")
     several, states = (*model.wearers, model.wearers[1]), (*state.wearers, state.wearers[1])
     if drifting:  # between its frames: those before and behind are eliminated in stretches of their own
@@ -96,6 +98,18 @@ def test_steps_of_several_wearers_before_a_moving_camera_are_those_of_dense_alge
     end, first = layout.frame_width * T, [index for index, (_, step) in enumerate(names) if step == 0]
     np.testing.assert_allclose(steps.frames.ravel(), x[:end], atol=1e-8 * np.abs(x).max())
     np.testing.assert_allclose(steps.static, x[end:][first], atol=1e-8 * np.abs(x).max())
+    covariance, marginals = np.linalg.inv(H), objective.linearise(state).marginals()
+    for blocks, columns in zip(marginals.chains, layout.chain_columns, strict=True):
+        for t, block in enumerate(blocks):
+            rows = slice(layout.frame_width * t + columns.start, layout.frame_width * t + columns.stop)
+            expected = covariance[rows, rows]
+            np.testing.assert_allclose(block, expected, atol=1e-6 * np.abs(expected).max())
+    static = end + np.array(first)
+    for *_, columns in layout.placed:
+        expected = covariance[np.ix_(static[columns], static[columns])]
+        np.testing.assert_allclose(
+            marginals.static[columns, columns], expected, atol=1e-6 * np.abs(expected).max(initial=1e-9)
+        )
 
 
 @pytest.mark.parametrize(("drifting", "chunk", "pure"), [(False, 1, False), (True, 2, True), (True, 32, False)])

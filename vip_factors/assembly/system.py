@@ -208,16 +208,14 @@ class SceneSystem:
             group.memory = NestedElimination(group.shape, damping, group.memory, chains, common, self._kernels)
         return group.memory
 
-    def _eliminated(
-        self, damping: float, by_wearer: bool = False
-    ) -> tuple[list[tuple[BandElimination, Multipliers]], Array, Array]:
+    def _eliminated(self, damping: float) -> tuple[list[tuple[BandElimination, Multipliers]], Array, Array]:
         """Eliminate all frames; also returns the triangular factor and the vector of the static variables."""
         layout = self._layout
         H, v = np.diag(damping * layout.per_column("step") ** -2.0), np.zeros(layout.static_width)
         steps = np.concatenate([np.zeros(0), *(chain.step for chain in layout.chains)])
         eliminations = list[tuple[BandElimination, Multipliers]]()
         for group in self._groups:
-            groups = group.wearer_groups if by_wearer and group.wearer_groups else [group]
+            groups = group.wearer_groups or [group]
             elimination = self._elimination(group, damping * steps[group.frame] ** -2.0, groups)
             for stretch, bands in zip(group.stretches, self.bands(groups, group.stretches), strict=True):
                 elimination.eliminate(*bands)
@@ -250,7 +248,7 @@ class SceneSystem:
         Raises:
             SolveError: if a variable is not determined.
         """
-        eliminations, R, v = self._eliminated(damping, by_wearer=True)
+        eliminations, R, v = self._eliminated(damping)
         shared = dtrsv(R, dtrsv(R, v, trans=1)) if len(v) else v
         frames, static, later_headings = np.zeros((self._problem.frames, self._layout.frame_width)), shared.copy(), {}
         for group, (elimination, multipliers) in zip(self._groups, eliminations, strict=True):

@@ -237,8 +237,8 @@ class BandElimination:
         """Yield marginal covariances backwards from the last border's ``(s, s)``: of each frame ``(w, w)`` and of its
         border; at a step of the border None and the covariance of the border before it.
         """
-        shape, w, ahead = self.shape, self.shape.frame, self.shape.ahead
-        joint = np.zeros((shape.rest, shape.rest))  # next frame, far columns of the one after it, border
+        ahead, rest = self.shape.ahead, self.shape.rest
+        joint = np.zeros((rest, rest))  # next frame, far columns of the one after it, border
         joint[ahead:, ahead:] = border
         for number in range(len(self._conditionals) - 1, -1, -1):
             if number in self._steps:
@@ -248,24 +248,35 @@ class BandElimination:
                 joint[places], joint[:, places] = across, across.T
                 joint[np.ix_(places, places)] = covariance
                 yield None, joint[ahead:, ahead:]
-            for rows, d in zip(*(arrays[::-1] for arrays in self._conditionals[number]), strict=True):
-                covariance, across = Conditional(rows, d).covariance(joint)
+            for covariance in self.covariances(number, joint):
                 yield covariance, joint[ahead:, ahead:]
-                if shape.tied:
-                    next_frame, rest_columns = slice(w, ahead), slice(ahead, None)
-                    joint[next_frame, next_frame], joint[next_frame, rest_columns] = (
-                        joint[np.ix_(shape.far, shape.far)],
-                        joint[shape.far, ahead:],
-                    )
-                    joint[:w, :w], joint[:w, next_frame], joint[:w, rest_columns] = (
-                        covariance,
-                        across[:, shape.far],
-                        across[:, ahead:],
-                    )
-                    joint[next_frame, :w], joint[rest_columns, :ahead] = (
-                        joint[:w, next_frame].T,
-                        joint[:ahead, rest_columns].T,
-                    )
+
+    def covariances(self, number: int, joint: Array) -> Iterator[Array]:
+        """Yield the marginal covariances of a stretch's frames backwards.
+
+        Args:
+            number: of the stretch.
+            joint: covariance of the next frame, the far columns of the one after it, and the border; updated in place.
+        """
+        shape, w, ahead = self.shape, self.shape.frame, self.shape.ahead
+        for rows, d in zip(*(arrays[::-1] for arrays in self._conditionals[number]), strict=True):
+            covariance, across = Conditional(rows, d).covariance(joint)
+            yield covariance
+            if shape.tied:
+                next_frame, rest_columns = slice(w, ahead), slice(ahead, None)
+                joint[next_frame, next_frame], joint[next_frame, rest_columns] = (
+                    joint[np.ix_(shape.far, shape.far)],
+                    joint[shape.far, ahead:],
+                )
+                joint[:w, :w], joint[:w, next_frame], joint[:w, rest_columns] = (
+                    covariance,
+                    across[:, shape.far],
+                    across[:, ahead:],
+                )
+                joint[next_frame, :w], joint[rest_columns, :ahead] = (
+                    joint[:w, next_frame].T,
+                    joint[:ahead, rest_columns].T,
+                )
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ separately, conditioned on the first two frames of the stretch, the common colum
 then eliminates the first two frames of all chains and the common columns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,41 +57,49 @@ class NestedElimination(BandElimination):
 
     def eliminate(self, *bands: Band) -> None:
         """Eliminate the frames of the next stretch; takes one band for each chain."""
-        L, w, far, c, number = bands[0].frames, self.shape.frame, self.shape.far, self._common, len(self._conditionals)
+        L, w, c, number = bands[0].frames, self.shape.frame, self._common, len(self._conditionals)
         if L <= 2 * REACH:
             super().eliminate(self._joined(bands))
             return
         n = REACH * w + (L - REACH) * c  # columns of the joint step; the remaining ones follow
-        frames = [np.arange(w), w + np.arange(w), n + np.arange(w), n + w + np.arange(len(far))]
+        frames, border = self._columns(n)
         common = [columns[-c:] for columns in (*frames[:2], *np.arange(REACH * w, n).reshape(-1, c), *frames[2:])]
-        border = n + self.shape.ahead + np.arange(self.shape.static)
         size = n + self.shape.rest
         H, v = np.zeros((size, size)), np.zeros(size)
-        self._add(self.information, self.vector, np.concatenate([frames[0], frames[1][far], border]), H, v)
+        self._add(self.information, self.vector, np.concatenate([frames[0], frames[1][self.shape.far], border]), H, v)
         diagonal = np.concatenate([self._damping, self._damping, np.tile(self._damping[-c:], L - REACH)])
         H[np.arange(n), np.arange(n)] += diagonal
         eliminations = list[BandElimination]()
         previous = self._previous.pop(number, None)
         memories = [None] * len(bands) if previous is None else previous.chains
         for chain, band, memory in zip(self._chains, bands, memories, strict=True):
-            private, every = chain.frame[:-c], [frames[t][chain.frame] for t in range(REACH)]
+            every = [frames[t][chain.frame] for t in range(REACH)]
             self._add_first(band, every, border[chain.border], H, v)
             self._add_common(band, common, border[chain.border], H, v)
             elimination = self._eliminated(chain, band, memory)
-            next_frames = [frames[2][private], frames[3][np.searchsorted(far, private[elimination.shape.far])]]
-            places = [
-                *next_frames,
-                border[chain.border],
-                frames[0][private],
-                frames[1][private],
-                np.arange(REACH * w, n),
-            ]
-            self._add(elimination.information, elimination.vector, np.concatenate(places), H, v)
+            self._add(elimination.information, elimination.vector, self._places(chain, elimination.shape, n), H, v)
             eliminations.append(elimination)
         eliminate(H, v, 0, n, self._kernels)
         self._stretches[number] = _Stretch(Conditional(H[:n].copy(), v[:n].copy()), eliminations)
         self._conditionals.append((np.zeros((0, 0, 0)), np.zeros((L, w))))
         self.information[:], self.vector[:] = H[n:, n:], v[n:]
+
+    def _columns(self, n: int) -> tuple[list[np.ndarray], np.ndarray]:
+        """Columns, in a joint step that eliminates ``n``, of the first two and the next two frames, and of the border.
+
+        The last frame has its far columns only.
+        """
+        starts, w = (0, self.shape.frame, n, n + self.shape.frame), self.shape.frame
+        frames = [start + np.arange(width) for start, width in zip(starts, (w, w, w, len(self.shape.far)), strict=True)]
+        return frames, n + self.shape.ahead + np.arange(self.shape.static)
+
+    def _places(self, chain: Chain, shape: Shape, n: int) -> np.ndarray:
+        """Columns, in a joint step that eliminates ``n``, that remain after the elimination of a chain."""
+        private, (frames, border) = chain.frame[: -self._common], self._columns(n)
+        next_frames = frames[2][private], frames[3][np.searchsorted(self.shape.far, private[shape.far])]
+        first_frames = frames[0][private], frames[1][private]
+        common = np.arange(REACH * self.shape.frame, n)
+        return np.concatenate([*next_frames, border[chain.border], *first_frames, common])
 
     def _add(self, information: Array, vector: Array, places: np.ndarray, H: Array, v: Array) -> None:
         """Add a quadratic at the given places; only its upper triangle is used."""
@@ -160,3 +168,35 @@ class NestedElimination(BandElimination):
             values = np.concatenate([border[chain.border], steps[0, private], steps[1, private], x[REACH * w :]])
             steps[REACH:, private] = elimination.substituted(0, behind[:, private], values)
         return steps
+
+    def covariances(self, number: int, joint: Array) -> Iterator[Array]:
+        """Yield the marginal covariances of a stretch's frames backwards; see :meth:`BandElimination.covariances`.
+
+        Blocks between the private columns of two chains are zero except in the first two frames of a stretch.
+        """
+        if number not in self._stretches:
+            yield from super().covariances(number, joint)
+            return
+        stretch, frames, w, c = (
+            self._stretches[number],
+            len(self._conditionals[number][1]),
+            self.shape.frame,
+            self._common,
+        )
+        first, across = stretch.joint.covariance(joint)
+        n, every = len(first), np.block([[first, across], [across.T, joint]])
+        covariances = np.zeros((frames, w, w))
+        for t in range(REACH):
+            covariances[t] = first[t * w : (t + 1) * w, t * w : (t + 1) * w]
+        for t in range(REACH, frames):
+            common = slice(REACH * w + (t - REACH) * c, REACH * w + (t - REACH + 1) * c)
+            covariances[t, w - c :, w - c :] = first[common, common]
+        for chain, elimination in zip(self._chains, stretch.chains, strict=True):
+            places, private = self._places(chain, elimination.shape, n), np.ix_(chain.frame[:-c], chain.frame[:-c])
+            backwards = elimination.covariances(0, every[np.ix_(places, places)])
+            for t, covariance in zip(range(frames - 1, REACH - 1, -1), backwards, strict=True):
+                covariances[t][private] = covariance
+        (frame, second, *_), border = self._columns(n)
+        remaining = np.concatenate([frame, second[self.shape.far], border])
+        joint[:] = every[np.ix_(remaining, remaining)]
+        yield from covariances[::-1]

@@ -26,7 +26,7 @@ from .factor_graph import keys as keys
 from .io.convert import ImportOptions as ImportOptions
 from .io.live.open import open_source as open_source
 from .io.mcap_estimate import read_estimate as read_estimate
-from .io.motions import read_motion as read_motion
+from .io.motions.files import read_motion as read_motion
 from .io.settings import CameraOptions as CameraOptions, ExportSettings as ExportSettings
 from .live.stream import Stream as Stream
 from .live.tracker import FixedLagTracker as FixedLagTracker

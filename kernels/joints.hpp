@@ -1,20 +1,20 @@
-// Coordinates x of joints 1 … 23, all of them together: Dᵀ P E between frames, of block-diagonal D and E.
+// Terms on the coordinates x of joints 1 … 23 together: blocks Dᵀ P E between frames with block-diagonal D and E.
 //
-// P and P E are kept with the columns of all joints' first, second and third coordinates apart: what a joint is
-// multiplied with then stands beside what the next one is.
+// P and P E are stored by first, second and third coordinates of all joints, so that operands of neighbouring joints are
+// adjacent.
 #pragma once
 #include "slices.hpp"
 
 namespace vip {
 
 constexpr int LIMBS = JOINTS - 1, POSE = 3 * LIMBS;
-using Apart = double[POSE][3][JOINTS];  // (69, 69), a column of noughts behind each third
+using CoordinateMatrix = double[POSE][3][JOINTS];  // (69, 69), columns by coordinate, each padded with a zero
 
-// By joints' coordinates, (23, 3, 3), of one frame of the slice.
-struct OfJoints {
+// Derivatives (23, 3, 3) of the coordinates by the joints of one frame of a slice.
+struct JointJacobians {
     int frame;
     double D[9 * LIMBS];
-    Apart PD;
+    CoordinateMatrix PD;
 };
 
 class JointSums {
@@ -22,74 +22,76 @@ class JointSums {
     JointSums(BodySums& sums, const double* P) : sums_(sums), P_(P) {
         for (int r = 0; r < POSE; r++)
             for (int b = 0; b < LIMBS; b++)
-                for (int l = 0; l < 3; l++) apart_[r][l][b] = P[r * POSE + 3 * b + l];
+                for (int l = 0; l < 3; l++) P_by_coordinate_[r][l][b] = P[r * POSE + 3 * b + l];
     }
 
-    // How coordinates change with the rotation of each joint, in frame f: of the slice's, or `ahead` of it.
-    void set(OfJoints& into, int64_t f, int ahead, const double* D) const {
+    // Sets the derivatives by each joint's rotation in frame f, `ahead` frames after the slice's first frame.
+    void set(JointJacobians& into, int64_t f, int ahead, const double* D) const {
         into.frame = ahead;
         std::copy(D, D + 9 * LIMBS, into.D);
         const double* turns = sums_.bones().turns;
         for (int b = 0; b < LIMBS && turns != nullptr; b++) product<3, 3, 3>(D + 9 * b, turns + 9 * (JOINTS * f + b + 1), into.D + 9 * b);
-        times(into);
+        multiply(into);
     }
 
-    // weight · ½ xᵀ P x, of coordinates that move with one frame's joints or with two's.
-    VIP_WIDE void add(int64_t t, const OfJoints* of, int frames, const double* x, double weight, int64_t mean) const {
-        double force[POSE];
+    // Adds weight · ½ xᵀ P x, where x depends on the joints of one or two frames. `mean` is the first column of the pose mean,
+    // which is subtracted in x, or negative.
+    VIP_WIDE void add(int64_t t, const JointJacobians* jacobians, int frames, const double* x, double weight, int64_t mean) const {
+        double gradient[POSE];
         for (int r = 0; r < POSE; r++) {
             double sum = 0;
             for (int c = 0; c < POSE; c++) sum += P_[r * POSE + c] * x[c];
-            force[r] = weight * sum;
+            gradient[r] = weight * sum;
         }
         for (int i = 0; i < frames; i++) {
             for (int a = 0; a < POSE; a++) {
-                const double* D = of[i].D + 9 * (a / 3) + a % 3;
-                sums_.target().gradient(t, sums_.column(of[i].frame, 3 + a)) +=
-                    D[0] * force[a / 3 * 3] + D[3] * force[a / 3 * 3 + 1] + D[6] * force[a / 3 * 3 + 2];
+                const double* D = jacobians[i].D + 9 * (a / 3) + a % 3;
+                sums_.target().gradient(t, sums_.column(jacobians[i].frame, 3 + a)) +=
+                    D[0] * gradient[a / 3 * 3] + D[3] * gradient[a / 3 * 3 + 1] + D[6] * gradient[a / 3 * 3 + 2];
             }
-            for (int j = i; j < frames; j++) between(t, of[i], of[j], weight);
+            for (int j = i; j < frames; j++) add_block(t, jacobians[i], jacobians[j], weight);
         }
         if (mean < 0) return;
-        const Target& target = sums_.target();  // the mean moves against the coordinates
+        const Target& target = sums_.target();
         for (int a = 0; a < POSE; a++) {
-            const int64_t own = sums_.column(of[0].frame, 3 + a);
-            double *into = target.row(t, own) + target.place(own, mean), *mean_row = target.row(t, mean + a) + target.place(mean + a, mean);
+            const int64_t joint = sums_.column(jacobians[0].frame, 3 + a);
+            double *into = target.row(t, joint) + target.place(joint, mean), *mean_row = target.row(t, mean + a) + target.place(mean + a, mean);
             for (int k = 0; k < 3; k++) {
-                const double s = weight * of[0].D[9 * (a / 3) + 3 * k + a % 3], *row = P_ + (a / 3 * 3 + k) * POSE;
+                const double s = weight * jacobians[0].D[9 * (a / 3) + 3 * k + a % 3], *row = P_ + (a / 3 * 3 + k) * POSE;
                 for (int c = 0; c < POSE; c++) into[c] -= s * row[c];
             }
             for (int c = a; c < POSE; c++) mean_row[c] += weight * P_[a * POSE + c];
-            target.gradient(t, mean + a) -= force[a];
+            target.gradient(t, mean + a) -= gradient[a];
         }
     }
 
   private:
     BodySums& sums_;
     const double* P_;
-    Apart apart_ = {};
+    CoordinateMatrix P_by_coordinate_ = {};
 
-    VIP_WIDE void times(OfJoints& into) const {
+    // PD = P D
+    VIP_WIDE void multiply(JointJacobians& into) const {
         double E[3][3][JOINTS] = {};
         for (int b = 0; b < LIMBS; b++)
             for (int e = 0; e < 9; e++) E[e / 3][e % 3][b] = into.D[9 * b + e];
         for (int r = 0; r < POSE; r++)
             for (int c = 0; c < 3; c++)
                 for (int b = 0; b < JOINTS; b++)
-                    into.PD[r][c][b] = apart_[r][0][b] * E[0][c][b] + apart_[r][1][b] * E[1][c][b] + apart_[r][2][b] * E[2][c][b];
+                    into.PD[r][c][b] = P_by_coordinate_[r][0][b] * E[0][c][b] + P_by_coordinate_[r][1][b] * E[1][c][b] + P_by_coordinate_[r][2][b] * E[2][c][b];
     }
 
-    VIP_WIDE void between(int64_t t, const OfJoints& one, const OfJoints& other, double weight) const {
-        const int64_t width = sums_.row_width(one.frame);
-        double *joints = sums_.block_of(t, one.frame, other.frame) + 3 * width + 3, row[3][JOINTS];
+    VIP_WIDE void add_block(int64_t t, const JointJacobians& first, const JointJacobians& second, double weight) const {
+        const int64_t width = sums_.row_width(first.frame);
+        double *joints = sums_.block_of(t, first.frame, second.frame) + 3 * width + 3, row[3][JOINTS];
         for (int a = 0; a < LIMBS; a++)
             for (int r = 0; r < 3; r++) {
-                const double s[3] = {weight * one.D[9 * a + r], weight * one.D[9 * a + 3 + r], weight * one.D[9 * a + 6 + r]};
+                const double s[3] = {weight * first.D[9 * a + r], weight * first.D[9 * a + 3 + r], weight * first.D[9 * a + 6 + r]};
                 for (int c = 0; c < 3; c++)
                     for (int b = 0; b < JOINTS; b++)
-                        row[c][b] = s[0] * other.PD[3 * a][c][b] + s[1] * other.PD[3 * a + 1][c][b] + s[2] * other.PD[3 * a + 2][c][b];
+                        row[c][b] = s[0] * second.PD[3 * a][c][b] + s[1] * second.PD[3 * a + 1][c][b] + s[2] * second.PD[3 * a + 2][c][b];
                 double* into = joints + (3 * a + r) * width;
-                for (int b = one.frame == other.frame ? a : 0; b < LIMBS; b++)
+                for (int b = first.frame == second.frame ? a : 0; b < LIMBS; b++)
                     into[3 * b] += row[0][b], into[3 * b + 1] += row[1][b], into[3 * b + 2] += row[2][b];
             }
     }

@@ -1,4 +1,4 @@
-// What two linked sensors say of one another: initialise/sensor_tree.py, whose equations these are.
+// Cost of the bend between two linked sensors; the equations are those of vip_factors/initialise/sensor_tree.py.
 #pragma once
 #include <algorithm>
 #include <cmath>
@@ -9,18 +9,18 @@
 
 namespace vip {
 
-constexpr double PI = 3.14159265358979323846, FREEDOM = 4.0, LIMIT_SIGMA = PI / 18;  // as there
+constexpr double PI = 3.14159265358979323846, FREEDOM = 4.0, LIMIT_SIGMA = PI / 18;  // from sensor_tree.py
 
 // Unit quaternions, scalar part first.
-inline void quaternion_product(const double* a, const double* b, double* found) {
-    found[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
-    found[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
-    found[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
-    found[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
+inline void quaternion_product(const double* a, const double* b, double* product) {
+    product[0] = a[0] * b[0] - a[1] * b[1] - a[2] * b[2] - a[3] * b[3];
+    product[1] = a[0] * b[1] + a[1] * b[0] + a[2] * b[3] - a[3] * b[2];
+    product[2] = a[0] * b[2] - a[1] * b[3] + a[2] * b[0] + a[3] * b[1];
+    product[3] = a[0] * b[3] + a[1] * b[2] - a[2] * b[1] + a[3] * b[0];
 }
 
-// Of a rotation its angle over the sine of half of it, from the cosine c of that, 0 to 1: a polynomial in 2 c - 1 through
-// Chebyshev's points, good to 1e-12.
+// θ / sin(θ/2) of a rotation by θ, given c = cos(θ/2) in 0 … 1: a polynomial in 2 c − 1 through Chebyshev nodes, accurate to
+// 1e-12.
 struct AngleOverSine {
     static constexpr int terms = 17;
     double weight[terms]{};
@@ -40,33 +40,33 @@ struct AngleOverSine {
     }
 };
 
-// Headings (K, 4) as quaternions about the vertical, mountings (K, M, 4), orientations (T, 4): one end of a link.
+// One end of a link, as quaternions: headings (K, 4), mountings (K, M, 4), orientations (T, 4).
 struct LinkEnd {
-    const double *about, *mounting, *turned;
+    const double *heading, *mounting, *orientation;
     int64_t headings, mountings;
     int64_t size() const { return headings * mountings; }
-    // Quaternions of the bone in frame t, component by component (4, K * M).
-    void bones(int64_t t, double* found) const {
+    // Quaternions (4, K * M) of the bone in frame t for all headings and mountings.
+    void bones(int64_t t, double* bone_components) const {
         for (int64_t k = 0; k < headings; k++) {
             double sensor[4], bone[4];
-            quaternion_product(about + 4 * k, turned + 4 * t, sensor);
+            quaternion_product(heading + 4 * k, orientation + 4 * t, sensor);
             for (int64_t m = k * mountings; m < (k + 1) * mountings; m++) {
-                const double* own = mounting + 4 * m;
-                const double inverse[4] = {own[0], -own[1], -own[2], -own[3]};
+                const double* q = mounting + 4 * m;
+                const double inverse[4] = {q[0], -q[1], -q[2], -q[3]};
                 quaternion_product(sensor, inverse, bone);
-                for (int c = 0; c < 4; c++) found[c * size() + m] = bone[c];
+                for (int c = 0; c < 4; c++) bone_components[c * size() + m] = bone[c];
             }
         }
     }
 };
 
-// Mean cost over T frames of how the joint bends, (N, M), given the bend's mean, lower and upper limits, and whitening.
-VIP_WIDE inline void bend_cost(const LinkEnd& parent, const LinkEnd& child, int64_t T, const double* limits, const double* W, double* found) {
+// Mean cost (N, M) over T frames of a joint's bend, given the mean, lower and upper limits (3, 3) and the whitening of bends.
+VIP_WIDE inline void bend_cost(const LinkEnd& parent, const LinkEnd& child, int64_t T, const double* limits, const double* W, double* cost) {
     static const AngleOverSine series;
-    constexpr int together = 16;  // frames: a product of so many is far from overflow, and one logarithm is enough
+    constexpr int batch = 16;  // frames: their product is far from overflow and needs one logarithm
     const int64_t N = parent.size(), M = child.size();
     std::vector<double> above(4 * N), below(4 * M), turn(4 * M), along(M), product(N * M, 1.0);
-    std::fill(found, found + N * M, 0.0);
+    std::fill(cost, cost + N * M, 0.0);
     const double *mean = limits, *lower = limits + 3, *upper = limits + 6;
     for (int64_t t = 0; t < T; t++) {
         parent.bones(t, above.data()), child.bones(t, below.data());
@@ -94,15 +94,15 @@ VIP_WIDE inline void bend_cost(const LinkEnd& parent, const LinkEnd& child, int6
                 for (int e = 0; e < 3; e++) {
                     off[e] = bend[e] - mean[e];
                     const double over = bend[e] - upper[e], under = lower[e] - bend[e];
-                    const double above_it = over + std::abs(over), below_it = under + std::abs(under);  // twice, or nought
+                    const double above_it = over + std::abs(over), below_it = under + std::abs(under);  // twice the excess, or zero
                     square += (above_it * above_it + below_it * below_it) / (4 * LIMIT_SIGMA * LIMIT_SIGMA);
                 }
                 const double white[3] = {W[0] * off[0] + W[1] * off[1] + W[2] * off[2], W[4] * off[1] + W[5] * off[2], W[8] * off[2]};
                 into[m] *= (square + white[0] * white[0] + white[1] * white[1] + white[2] * white[2]) / FREEDOM + 1.0;
             }
         }
-        if (t % together == together - 1 || t == T - 1)
-            for (int64_t i = 0; i < N * M; i++) found[i] += (FREEDOM + 3) / 2 / T * std::log(product[i]), product[i] = 1.0;
+        if (t % batch == batch - 1 || t == T - 1)
+            for (int64_t i = 0; i < N * M; i++) cost[i] += (FREEDOM + 3) / 2 / T * std::log(product[i]), product[i] = 1.0;
     }
 }
 

@@ -145,7 +145,7 @@ def add_at(
 ) -> None:
     """Add a quadratic to a larger one ``H, v``, where its variables have the ascending indices ``places``."""
     if kernels is not None:
-        kernels.add_before(information, vector, places, H, v)
+        kernels.add_at(information, vector, places, H, v)
         return
     H[np.ix_(places, places)] += np.triu(information)
     v[places] += vector

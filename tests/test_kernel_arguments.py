@@ -105,7 +105,7 @@ def calls() -> dict[str, Call]:
         "slice_in_coordinates": call(
             positive(6), normal(6), normal(3), np.array([0, 2, 5]), np.zeros((3, 3)), np.zeros(3), out=(0, 1, 4, 5)
         ),
-        "add_before": call(positive(3), normal(3), np.array([0, 2, 5]), positive(6), normal(6), out=(3, 4)),
+        "add_at": call(positive(3), normal(3), np.array([0, 2, 5]), positive(6), normal(6), out=(3, 4)),
     }  # fmt: skip
 
 
@@ -261,7 +261,7 @@ def test_inputs_of_another_type_or_order_are_converted(name: str) -> None:
     for position, argument in enumerate(plain):
         if isinstance(argument, np.ndarray) and position not in valid.outputs:
             changed[position] = np.repeat(argument, 2, axis=-1)[..., ::2]
-    if name == "add_before":  # rows of another matrix, which are read where they lie
+    if name == "add_at":  # rows of another matrix, which are read where they lie
         changed[0] = plain[0]
     getattr(kernels, name)(*changed)
     getattr(kernels, name)(*plain)

@@ -12,12 +12,13 @@ from vip_factors.problem.state import SceneState
 def dense(objective: SceneObjective, state: SceneState) -> tuple[np.ndarray, np.ndarray]:
     """Hessian and gradient at a state: frames, then what they share, each heading that drifts behind the one before."""
     system, names = objective.linearise(state), shared_names(objective)
+    place_of = {name: index for index, name in enumerate(names)}
     W, T = objective.layout.frame_width, objective.problem.frames
     end = (T + 2) * W  # of frames, with two that are none
     H, g = np.zeros((end + len(names), end + len(names))), np.zeros(end + len(names))
 
     def places(columns: np.ndarray, frame: int) -> np.ndarray:
-        return end + np.array([names.index(one) for one in named(objective, columns, frame)], int)
+        return end + np.array([place_of[name] for name in named(objective, columns, frame)], int)
 
     for group in objective.groups:
         w, s = group.shape.frame, group.shape.static

@@ -20,7 +20,7 @@ LEGS = ("pelvis", "left_thigh", "right_thigh", "left_shank", "right_shank", "lef
 
 
 @cache
-def walk(placement: str = "mvn17", seconds: float = 12.0) -> vip.Recording:
+def walk(placement: str = "mvn17", seconds: float = 6.0) -> vip.Recording:
     (wearer,) = vip.simulate(seconds=seconds, placement=placement, seed=3).wearers
     return wearer
 
@@ -55,7 +55,7 @@ def test_the_sign_is_told_by_bodies(
 
 def written(folder: Path, sign: float) -> Path:
     """A table of raw samples, converted with the guesses of a template."""
-    time, columns, names = np.arange(0.05, 12.0, 0.01), [], ["time"]
+    time, columns, names = np.arange(0.05, 6.0, 0.01), [], ["time"]
     for name in LEGS:
         stream = walk().imus[name]
         for quantity, values in (("acc", stream.specific_force), ("gyr", stream.angular_rate)):
@@ -87,7 +87,7 @@ def test_rotation_is_not_mirrored(run, tmp_path: Path, sign: float) -> None:
 
 
 def test_straps_that_nobody_declared_are_a_note() -> None:
-    recording = walk("tnt10", 6.0)
+    recording = walk("tnt10")
     imus = {name: strapped_upside_down(stream) for name, stream in recording.imus.items()}
     estimate = vip.smooth(replace(recording, imus=imus, initial_pose="none", truth=None), QUICK)
     assert "mountings estimated" in {one.kind for one in estimate.all_findings}

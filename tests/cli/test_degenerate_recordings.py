@@ -14,9 +14,15 @@ from vip_factors.geometry.rotations import exp
 from vip_factors.initialise.sensor_clocks import joint_signal, link_delay
 from vip_factors.sensors.imu_stream import ImuStream
 from vip_factors.sensors.recording import Recording
-from vip_factors.settings import SolveSettings
+from vip_factors.settings import CalibrationSettings, SolveSettings, StartSettings
 
-SMALL = vip.Settings(frame_rate=20.0, covariance=False, solve=SolveSettings(max_iterations=5))
+SMALL = vip.Settings(
+    frame_rate=10.0,
+    calibration_rate=10.0,
+    covariance=False,
+    calibration=CalibrationSettings(start=StartSettings(search=False)),
+    solve=SolveSettings(max_iterations=2),
+)
 
 
 @cache

@@ -9,7 +9,7 @@ import numpy as np
 from vip_factors.sensors.calibration import preset
 from vip_factors.sensors.detections import Detections
 from vip_factors.sensors.scene import Camera, Scene
-from vip_factors.settings import FusionSettings, Settings
+from vip_factors.settings import AssignmentSettings, CalibrationSettings, FusionSettings, Settings, StartSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.scene import Performer, simulate_scene
 from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSettings
@@ -17,7 +17,13 @@ from vip_factors.simulate.staging import from_time, placed
 
 QUICK = Settings(frame_rate=15.0, covariance=False)
 # As much as findings need that are made before the last solve: one round of association, a few steps.
-HASTY = replace(QUICK, fusion=FusionSettings(rounds=1, refits=0), solve=replace(QUICK.solve, max_iterations=2))
+HASTY = replace(
+    QUICK,
+    assignment=AssignmentSettings(check=False),
+    calibration=CalibrationSettings(start=StartSettings(search=False)),
+    fusion=FusionSettings(rounds=1, refits=0),
+    solve=replace(QUICK.solve, max_iterations=2),
+)
 
 
 @cache

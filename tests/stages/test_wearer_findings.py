@@ -52,7 +52,7 @@ def test_somebody_who_is_seen_for_a_moment() -> None:
     scene = with_detections(
         filmed_gestures(azimuth_deg=20.0), lambda found: found.select(found.time[found.frame] < 1.5)
     )
-    (told,) = sentences(smooth(scene, HASTY).findings)
+    (told,) = sentences(smooth(scene, replace(HASTY, calibration=QUICK.calibration)).findings)
     assert re.search(r"'anna': seen for 1\.[45] s only", told)
 
 

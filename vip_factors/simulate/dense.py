@@ -8,8 +8,8 @@ acceleration of any point then follow from rigid-body kinematics down the chain,
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.signal import butter, sosfiltfilt
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from vip_factors.body.kinematics import BodyState, Motion, forward_kinematics
@@ -141,9 +141,9 @@ def _continuous_quaternions(R: Array) -> Array:
 
 def _lowpass(values: Array, rate: float, cutoff: float) -> Array:
     filter_order = 2  # run forwards and backwards: fourth order, zero phase
-    sos = butter(filter_order, cutoff, fs=rate, output="sos")
+    sos = scipy.signal.butter(filter_order, cutoff, fs=rate, output="sos")
     padding = min(len(values) - 1, int(np.ceil(3 * rate / cutoff)))
-    return np.asarray(sosfiltfilt(sos, values, axis=0, padlen=padding))
+    return np.asarray(scipy.signal.sosfiltfilt(sos, values, axis=0, padlen=padding))
 
 
 def _turn(R: Array, v: Array) -> Array:

@@ -11,10 +11,10 @@ import zlib
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline, make_interp_spline
-from scipy.signal import cont2discrete, lfilter
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from vip_factors.body.kinematics import Motion
 from vip_factors.body.lengths import stature_of
@@ -93,9 +93,9 @@ def _sprung(state: BoneKinematics, p_bone_sensor: Array, frequency: float, step:
     drive = -np.einsum("nji,nj->ni", state.R_world_bone, acceleration)
     omega = 2 * np.pi * frequency
     system = (np.array([1.0]), np.array([1.0, 2 * DAMPING * omega, omega**2]))
-    numerator, denominator, *_ = cont2discrete(system, step, method="foh")
+    numerator, denominator, *_ = scipy.signal.cont2discrete(system, step, method="foh")
     lead = drive[0] / omega**2
-    return np.asarray(lfilter(numerator[0], denominator, drive - drive[0], axis=0)) + lead
+    return np.asarray(scipy.signal.lfilter(numerator[0], denominator, drive - drive[0], axis=0)) + lead
 
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
@@ -241,7 +241,7 @@ def gauss_markov(
     keep = np.exp(-step / time_constant)
     drive = random.standard_normal((count, axes)) * np.sqrt(1 - keep**2)
     drive[:1] /= np.sqrt(1 - keep**2)
-    return np.asarray(sigma) * lfilter([1.0], [1.0, -keep], drive, axis=0)
+    return np.asarray(sigma) * scipy.signal.lfilter([1.0], [1.0, -keep], drive, axis=0)
 
 
 def smooth_process(
@@ -255,9 +255,9 @@ def smooth_process(
     keep = np.exp(-np.sqrt(5) * step / time_constant)
     pole = [1.0, -3 * keep, 3 * keep**2, -(keep**3)]
     settle = int(np.ceil(6 * time_constant / step))
-    response = lfilter([1.0], pole, np.eye(1, settle)[0])
+    response = scipy.signal.lfilter([1.0], pole, np.eye(1, settle)[0])
     drive = random.standard_normal((settle + count, axes))
-    path = lfilter([1.0], pole, drive, axis=0)[settle:]
+    path = scipy.signal.lfilter([1.0], pole, drive, axis=0)[settle:]
     return np.asarray(sigma) * path / np.linalg.norm(response)
 
 
@@ -288,4 +288,4 @@ def lasting_chance(random: np.random.Generator, count: int, step: float, lasts_s
     With a chance of a few per cent, what happens lasts for about ``0.8 lasts_s`` on average: so long does a smooth
     Gaussian process (:func:`smooth_process`) stay beyond two sigmas (Rice's formula).
     """
-    return np.asarray(norm.cdf(smooth_process(random, count, step, 1.0, lasts_s, axes)))
+    return np.asarray(ndtr(smooth_process(random, count, step, 1.0, lasts_s, axes)))

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lfilter, lfiltic
 from scipy.spatial.transform import Rotation, RotationSpline
 
 from vip_factors.body.keypoints import keypoint_set
@@ -321,8 +321,8 @@ def _lagging(path: Array, grid: Array) -> Array:
     lag_s = 0.3  # of the operator's following, three times in a row: about a second behind
     keep = np.exp(-(grid[1] - grid[0]) / lag_s)
     for _ in range(3):
-        state = np.stack([lfiltic([1 - keep], [1, -keep], [start]) for start in path[0]], axis=1)
-        path, _ = lfilter([1 - keep], [1, -keep], path, axis=0, zi=state)
+        state = np.stack([scipy.signal.lfiltic([1 - keep], [1, -keep], [start]) for start in path[0]], axis=1)
+        path, _ = scipy.signal.lfilter([1 - keep], [1, -keep], path, axis=0, zi=state)
     return path
 
 

@@ -6,7 +6,7 @@ from functools import cache
 import gtsam
 import numpy as np
 import pytest
-from filmed_gestures import QUICK, filmed_gestures
+from filmed_gestures import HASTY, QUICK, filmed_gestures
 
 from vip_factors.errors import InputError
 from vip_factors.factor_graph.keys import root_key
@@ -43,9 +43,8 @@ def two() -> Scene:
 
 
 def test_in_batch() -> None:
-    fusion = replace(QUICK.fusion, rounds=1, refits=0)
-    hasty = replace(QUICK, fusion=fusion, solve=replace(QUICK.solve, max_iterations=8))
-    estimate = smooth(two(), hasty, extra_factors=ranges)
+    settings = replace(HASTY, solve=replace(HASTY.solve, max_iterations=8))
+    estimate = smooth(two(), settings, extra_factors=ranges)
     apart = np.subtract(*(one.motion.p_world_pelvis for one in estimate.wearers))
     assert np.linalg.norm(apart, axis=1) == pytest.approx(METRES, abs=0.1)
 

@@ -12,7 +12,7 @@ from vip_factors.geometry.rotations import rotation_z
 from vip_factors.pipeline import smooth
 from vip_factors.sensors.calibration import Calibration, Placement, SensorSite
 from vip_factors.sensors.recording import Recording, Subject
-from vip_factors.settings import CalibrationSettings, Settings
+from vip_factors.settings import AssignmentSettings, CalibrationSettings, Settings, StartSettings
 from vip_factors.simulate.gestures import gestures
 from vip_factors.simulate.recording import simulate_recording
 from vip_factors.simulate.settings import SimulateSettings
@@ -20,10 +20,13 @@ from vip_factors.simulate.settings import SimulateSettings
 SECONDS = 8.0
 BETWEEN = np.linspace(1.0, SECONDS - 1.0)  # the middles of the first and the last time without a step
 SETTINGS = Settings(
-    frame_rate=20.0,
+    frame_rate=15.0,
     covariance=False,
-    calibration=CalibrationSettings(estimate_mountings=False, heading_drift_from_s=1.0),
-    calibration_rate=30.0,
+    assignment=AssignmentSettings(check=False),
+    calibration=CalibrationSettings(
+        estimate_mountings=False, heading_drift_from_s=1.0, start=StartSettings(search=False)
+    ),
+    calibration_rate=15.0,
     factors=replace(EXACT, heading_walk=replace(EXACT.heading_walk, drift_deg=20.0, unknown_drift_deg=20.0)),
 )
 

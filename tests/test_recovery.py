@@ -46,12 +46,14 @@ def every_bone() -> Placement:
 
 
 def test_poses_and_headings_come_back(every_bone: Placement) -> None:
-    motion = gestures(4.0)
+    motion = gestures(2.5)
     sensors = SimulateSettings.noise_free(imu_rate=400.0, heading_offset_deg=15.0)
     recording = simulate_recording(motion, every_bone, sensors, seed=2)
     recording = replace(recording, subject=Subject(skeleton=motion.skeleton))
     calibration = CalibrationSettings(estimate_mountings=False)
-    settings = Settings(calibration=calibration, calibration_rate=30.0, factors=EXACT, covariance=False)
+    settings = Settings(
+        frame_rate=30.0, calibration=calibration, calibration_rate=30.0, factors=EXACT, covariance=False
+    )
     estimate = smooth(recording, settings).wearer()
     assert recording.truth is not None
     assert recording.truth.calibration is not None

@@ -42,7 +42,7 @@ LIMBS_AND_TRUNK = (
 
 def filmed(camera: str, bones: tuple[str, ...], mounting_error_deg: float) -> Scene:
     """Somebody with a sensor on each of some bones, five centimetres off the joint, in front of a perfect detector."""
-    motion = gestures(3.0)
+    motion = gestures(2.0)
     sites = [SensorSite(name, name, np.array([0.03, -0.02, 0.04]), np.eye(3), 1.0) for name in bones]
     imu = SimulateSettings.noise_free(imu_rate=400.0, heading_offset_deg=15.0, mounting_error_deg=mounting_error_deg)
     settings = SceneSettings.noise_free(camera=camera, imu=imu)
@@ -52,7 +52,12 @@ def filmed(camera: str, bones: tuple[str, ...], mounting_error_deg: float) -> Sc
 def solved(scene: Scene, free_mountings: bool) -> Estimate:
     calibration = CalibrationSettings(estimate_mountings=free_mountings)
     settings = Settings(
-        calibration_rate=30.0, covariance=False, calibration=calibration, factors=EXACT, camera=EXACT_CAMERA
+        frame_rate=30.0,
+        calibration_rate=30.0,
+        covariance=False,
+        calibration=calibration,
+        factors=EXACT,
+        camera=EXACT_CAMERA,
     )
     return smooth(scene, replace(settings, fusion=replace(settings.fusion, relative_decrease=1e-6)))
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tracked import RATE, SETTINGS, Tracked, filmed, placed_camera, track, tracked_by_placed_camera
+from tracked import QUICK, RATE, Tracked, filmed, placed_camera, track, tracked_by_placed_camera
 
 from vip_factors.body.kinematics import forward_kinematics
 from vip_factors.cli.options import read_settings
@@ -69,7 +69,7 @@ def stretch(settings: LiveSettings) -> tuple[LagSmoother, SceneProblem]:
 
 
 def test_feet_that_stand_are_held_where_their_pixels_meet_the_floor() -> None:
-    smoother, model = stretch(SETTINGS)
+    smoother, model = stretch(QUICK)
     ground, view = model.views[0][0].ground, model.views[0][0]
     assert ground is not None
     assert ground.stands.any()
@@ -92,7 +92,7 @@ def test_feet_that_stand_are_held_where_their_pixels_meet_the_floor() -> None:
 
 
 def test_feet_may_be_told_by_their_sensors() -> None:
-    _, model = stretch(with_ground(SETTINGS, contact_from=ContactFrom.ACCELERATION))
+    _, model = stretch(with_ground(QUICK, contact_from=ContactFrom.ACCELERATION))
     assert model.views[0][0].ground is not None
     # One of both feet always stands, by their word.
     seen = model.views[0][0].seen.all(axis=1)
@@ -100,9 +100,9 @@ def test_feet_may_be_told_by_their_sensors() -> None:
 
 
 def test_where_it_is_not_wanted_or_the_pose_unknown_there_is_none() -> None:
-    _, model = stretch(with_ground(SETTINGS, use=False))
+    _, model = stretch(with_ground(QUICK, use=False))
     assert model.views[0][0].ground is None
-    tracker = FixedLagTracker(stream_head(filmed()), SETTINGS)
+    tracker = FixedLagTracker(stream_head(filmed()), QUICK)
     for sample in live_samples(filmed()):
         if sample.time < 1.5:
             tracker.push(sample)
@@ -119,7 +119,7 @@ def test_a_wearer_before_a_known_camera_is_where_they_are() -> None:
 @pytest.mark.parametrize("far_px", [15.0, 400.0])
 def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) -> None:
     scene, truth = placed_camera(), filmed().wearers[0].truth
-    setup, settings = stream_head(scene), with_biweight(SETTINGS)
+    setup, settings = stream_head(scene), with_biweight(QUICK)
     assert truth is not None
     assert scene.camera is not None
     assert scene.camera.known_path is not None
@@ -134,7 +134,7 @@ def test_keypoints_far_from_where_they_are_expected_count_less(far_px: float) ->
     pixels[places.index(next(one for one in places if one is not None))] += far_px
     video = VideoFrame("camera", 0.0, pixels[None], np.full((1, len(pixels)), 0.9))
     views = []
-    for one in (SETTINGS, settings):
+    for one in (QUICK, settings):
         observer = CameraObserver(setup.camera, [skeleton], [0.0], [1.0], one.camera)
         belief = Belief(0, [body], np.eye(3)[None, None], R[None], p[None])
         views.append(observer._view(video, 0, 0, belief, None))
@@ -164,8 +164,8 @@ def test_two_cameras_tell_more_than_one() -> None:
 
 def test_kaichis_estimator_on_a_stream() -> None:
     """Frames each by itself, nothing that all share, their weights."""
-    settings = read_settings(KAICHI, SETTINGS)
-    assert settings.lag_s == SETTINGS.lag_s
+    settings = read_settings(KAICHI, QUICK)
+    assert settings.lag_s == QUICK.lag_s
     one = track(placed_camera(), settings=settings)
     assert all("does not settle how right_forearm" in sentence for sentence in one.findings.splitlines())
     assert one.error_mm("newest") < 60
@@ -178,7 +178,7 @@ def test_kaichis_estimator_on_a_stream() -> None:
 
 def test_their_imus_alone_walk_on_standing_feet() -> None:
     """Where the camera is not used the root follows the feet, and goes neither up nor down."""
-    settings = read_settings(KAICHI, SETTINGS)
+    settings = read_settings(KAICHI, QUICK)
     settings = replace(settings, fusion=replace(settings.fusion, use_camera=False))
     one = track(placed_camera(), settings=settings)
     assert all(answer.camera is None for answer in one.answers)
@@ -197,7 +197,7 @@ def test_a_stretch_without_the_wearer_does_not_lose_their_estimator() -> None:
             return replace(sample, pixels=sample.pixels[:0], confidence=sample.confidence[:0])
         return sample
 
-    settings = read_settings(KAICHI, SETTINGS)
+    settings = read_settings(KAICHI, QUICK)
     one = track(placed_camera(), map(blind, live_samples(placed_camera())), settings)
     assert "lost" not in one.findings
     assert placed_cm(one, "newest") < 25
@@ -207,8 +207,8 @@ def test_two_cameras_of_unknown_pose_are_followed() -> None:
     """One is carried, the other stands. Answers have the pose of the first one."""
     scene = two_cameras()
     first, second = (replace(camera, known_path=None, moving=False) for camera in scene.cameras)
-    tracked = track(replace(scene, cameras=(second, replace(first, moving=True))))
+    tracked = track(replace(scene, cameras=(second, replace(first, moving=True))), settings=QUICK)
     answer = tracked.answers[-1]
     np.testing.assert_array_equal(answer.camera.p_world_camera, answer.smoothed_camera.p_world_camera)
-    alone = track(replace(scene, cameras=(replace(first, moving=True),)))
+    alone = track(replace(scene, cameras=(replace(first, moving=True),)), settings=QUICK)
     assert tracked.error_mm("smoothed") < 1.1 * alone.error_mm("smoothed")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tracked import RATE, filmed, poses, track
+from tracked import QUICK, RATE, filmed, poses, track
 
 from vip_factors.evaluate.metrics import common_frames, mpjpe
 from vip_factors.pipeline import smooth
@@ -23,7 +23,7 @@ START, END = 2.0, 3.0  # s
 @pytest.mark.parametrize("silent", [object, ImuSample])
 def test_a_stream_is_tracked_through_a_silence(silent: type) -> None:
     samples = live_samples(filmed())
-    one = track(filmed(), (s for s in samples if not (isinstance(s, silent) and START <= s.time < END)))
+    one = track(filmed(), (s for s in samples if not (isinstance(s, silent) and START <= s.time < END)), QUICK)
     assert "tracking" not in one.findings  # neither lost nor started again
     assert [answer.frame for answer in one.answers] == list(range(len(one.answers)))
     assert len(one.answers) == round(4.0 * RATE) - 1

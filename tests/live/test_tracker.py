@@ -8,8 +8,8 @@ import pytest
 from filmed_gestures import filmed_gestures
 from tracked import (
     LAG,
+    QUICK,
     RATE,
-    SETTINGS,
     filmed,
     placed_camera,
     poses,
@@ -117,7 +117,7 @@ def test_the_order_of_samples_within_an_instant_is_nothing() -> None:
 
 def test_finish_answers_the_rest() -> None:
     scene = unfilmed(filmed())
-    tracker = FixedLagTracker(stream_head(scene), SETTINGS)
+    tracker = FixedLagTracker(stream_head(scene), QUICK)
     answered = [one for sample in live_samples(scene) if sample.time < 2.0 for one in tracker.push(sample)]
     rest = tracker.finish()
     assert [one.frame for one in (*answered, *rest)] == list(range(len(answered) + len(rest)))
@@ -126,14 +126,14 @@ def test_finish_answers_the_rest() -> None:
 
 
 def test_imus_alone_are_tracked() -> None:
-    alone = track(unfilmed(filmed()))
+    alone = track(unfilmed(filmed()), settings=QUICK)
     assert [one.frame for one in alone.answers] == list(range(FRAMES + 1))
     assert alone.error_mm("smoothed") < 60
     assert all(one.camera is None and one.wearers[0].detection is None for one in alone.answers)
 
 
 def test_two_wearers_are_told_apart() -> None:
-    both = track(filmed_gestures("fixed", 3.0, ("anna", "ben")))
+    both = track(filmed_gestures("fixed", 3.0, ("anna", "ben")), settings=QUICK)
     truth = both.scene.camera.truth
     assert truth is not None
     assert [one.name for one in both.answers[-1].wearers] == ["anna", "ben"]
@@ -158,7 +158,7 @@ def test_a_wearer_whom_the_camera_sees_late_is_found() -> None:
             return replace(sample, pixels=sample.pixels[:0], confidence=sample.confidence[:0])
         return sample
 
-    late = track(filmed(), map(empty, live_samples(filmed())))
+    late = track(filmed(), map(empty, live_samples(filmed())), QUICK)
     assert [one.frame for one in late.answers] == list(range(FRAMES))
     assert "found in the video" in late.findings
     assert late.answers[round(1.5 * RATE)].camera is None
@@ -174,7 +174,7 @@ def test_a_sensor_that_comes_late_is_used() -> None:
         for sample in live_samples(filmed())
         if not (isinstance(sample, ImuSample) and sample.sensor == name and sample.time < 1.5)
     )
-    late = track(filmed(), some)
+    late = track(filmed(), some, QUICK)
     assert f"sensor '{name}' of 'anna' has sent nothing yet" in late.findings
     assert "another sensor is used" in late.findings
     assert name not in late.answers[round(1.4 * RATE)].wearers[0].calibration
@@ -257,7 +257,7 @@ def test_two_carried_cameras_are_tracked_in_one_world() -> None:
 
 def test_memory_does_not_grow() -> None:
     scene = unfilmed(filmed_gestures("fixed", 3.0))
-    tracker = FixedLagTracker(stream_head(scene), SETTINGS)
+    tracker = FixedLagTracker(stream_head(scene), QUICK)
     traced = []
     marks = [1.7, 2.3, 2.9]
     tracemalloc.start(1)
@@ -275,7 +275,7 @@ def test_memory_does_not_grow() -> None:
 @pytest.mark.parametrize("seconds", [0.0, 0.3, 0.8])
 def test_a_stream_that_ends_before_it_begins(seconds: float) -> None:
     scene = unfilmed(filmed())
-    tracker = FixedLagTracker(stream_head(scene), SETTINGS)
+    tracker = FixedLagTracker(stream_head(scene), QUICK)
     for sample in live_samples(scene):
         if sample.time < seconds:
             assert tracker.push(sample) == []

@@ -14,11 +14,13 @@ from vip_factors.live.tracker import FixedLagTracker
 from vip_factors.live_estimate import LiveEstimate, LivePose, motion_of
 from vip_factors.sensors.live import LiveSample, live_samples, stream_head
 from vip_factors.sensors.scene import Scene
-from vip_factors.settings import LiveSettings, RecalibrationSettings
+from vip_factors.settings import CalibrationSettings, LiveSettings, RecalibrationSettings, StartSettings
 
 RATE = 30.0  # half the usual: half the time
 # Streams are too short for a calibration that is found anew, and tests of that have settings of their own.
 SETTINGS = LiveSettings(frame_rate=RATE, recalibration=RecalibrationSettings(use=False))
+# Starts from straps and the low-passed motion alone, for disturbances that come later.
+QUICK = replace(SETTINGS, calibration=CalibrationSettings(start=StartSettings(search=False)))
 LAG = round(SETTINGS.lag_s * RATE)
 
 

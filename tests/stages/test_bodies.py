@@ -37,7 +37,7 @@ def filmed() -> tuple[Scene, Skeleton]:
     usual = skeleton_from_stature(STATURE)
     lengths = np.array([CHANGES.get(name, 0.0) for name in LENGTHS])
     body = likely_body(STATURE).variation.varied(usual, lengths)
-    motion = replace(gestures(8.0), skeleton=body)
+    motion = replace(gestures(5.0), skeleton=body)
     performer = Performer("anna", motion, preset("tnt10", body))
     scene = simulate_scene([performer], SceneSettings(camera="fixed"), seed=2)
     wearers = tuple(replace(one, subject=Subject("anna", STATURE)) for one in scene.wearers)

@@ -5,12 +5,10 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 
-from vip_factors.body.lengths import LENGTHS
 from vip_factors.cli.main import main
 from vip_factors.io.body_file import read_body_file
 from vip_factors.io.mcap_estimate import read_estimate
@@ -67,29 +65,6 @@ def test_from_an_estimate_to_the_next_recording(run: Run, folder: Path, tmp_path
     assert "length_error" in (tmp_path / "e.json").read_text()
 
 
-def test_a_picture_shows_what_was_found_beside_what_was_likely(run: Run, folder: Path, tmp_path: Path) -> None:
-    picture = tmp_path / "ada.svg"
-    body = ("body", folder / "e.mcap", "--out", tmp_path / "ada.toml", "--picture", picture)
-    told = run(*body, "--truth", folder / "scene.mcap")
-    assert told.code == 0, told.err
-    assert told.out.endswith("ada.svg\n")
-    found = read_estimate(folder / "e.mcap").wearer().body
-    assert found is not None
-    texts = texts_of(picture)
-    assert {*LENGTHS, "left knee", "truth", "The body of “Ada”"} <= texts
-    thigh = LENGTHS.index("thigh")
-    assert f"{1e3 * found.posterior[thigh]:.0f} ± {1e3 * found.sigma[thigh]:.0f}" in texts
-    [wearer] = read_scene(folder / "scene.mcap").wearers
-    assert wearer.truth is not None
-    assert f"{1e3 * wearer.truth.motion.skeleton.bone_length('left_knee'):.0f}" in texts
-    assert run(*body, "--overwrite").code == 0
-    assert "truth" not in texts_of(picture)
-
-
-def texts_of(picture: Path) -> set[str | None]:
-    return {element.text for element in ElementTree.parse(picture).iter() if element.tag.endswith("text")}
-
-
 def test_a_stream_uses_the_body(run: Run, folder: Path, tmp_path: Path) -> None:
     assert run("body", folder / "e.mcap", "--out", tmp_path / "ada.toml").code == 0
     assert run("convert", folder / "scene.mcap", tmp_path / "a.mcap", "--body", tmp_path / "ada.toml").code == 0
@@ -123,7 +98,6 @@ def test_what_does_not_fit_is_one_sentence(run: Run, files: Any, folder: Path, t
     for words, arguments in {
         "no body of 'subject' was looked for": ("body", files.estimate, "--out", tmp_path / "b.toml"),
         "expected 'Adda'": ("body", folder / "e.mcap", "--wearer", "Adda"),
-        "give --picture too": ("body", folder / "e.mcap", "--out", tmp_path / "b.toml", "--truth", folder / "e.mcap"),
         "bad.toml: skeleton is missing": (
             "convert", folder / "scene.mcap", tmp_path / "r.mcap", "--body", tmp_path / "bad.toml",
         ),

@@ -7,7 +7,6 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -168,18 +167,3 @@ def test_a_child_ends_with_its_parent() -> None:
     os.close(read)
     os.close(write)
     assert child.wait(timeout=30) == -signal.SIGTERM
-
-
-def test_folders_of_a_killed_run_are_cleared_by_the_next(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    temporary = tmp_path / "temporary"
-    temporary.mkdir()
-    process = start(folder, temporary)
-    left = list(temporary.iterdir())
-    assert left
-    process.kill()
-    process.communicate()
-    monkeypatch.setattr(tempfile, "tempdir", str(temporary))
-    with workers.working_folder() as first, workers.working_folder() as second:  # which leaves the first alone
-        assert {path.name for path in temporary.iterdir()} == {first.name, second.name}

@@ -15,13 +15,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import takewhile
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, cast
 
 from vip_factors.atomic import atomic_open, atomic_path
 from vip_factors.cli.options import FAILED as DOUBTED
 from vip_factors.cli.options import options_of, parse
 from vip_factors.cli.terminal import note, progress_bar, say
-from vip_factors.cli.workers import run_child, workers, working_folder
+from vip_factors.cli.workers import run_child, workers
 from vip_factors.display import table_cell
 from vip_factors.errors import InputError, VipFactorsError
 from vip_factors.findings import Severity
@@ -145,7 +146,8 @@ def work(task: Task, is_stopped: Callable[[], bool] = lambda: False) -> Row:
         with reaching(task.source):
             if not task.overwrite and task.output.exists():
                 return replace(row, state=THERE, exit_code=0, **_facts(task.output))
-            with working_folder() as folder:
+            with TemporaryDirectory(prefix="vip-factors-") as name:
+                folder = Path(name)
                 words = [*task.words, "--out", str(folder / "made.mcap")]
                 words.insert(1, str(fetched(task.source, folder)))
                 code, error = run_child(words, folder, is_stopped)

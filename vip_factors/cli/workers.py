@@ -1,13 +1,10 @@
 """Workers for many recordings, or for the windows of a long one: local processes or a Dask cluster."""
 
-import fcntl
 import json
 import os
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -178,35 +175,3 @@ def end_with_parent() -> None:
         os.kill(os.getpid(), signal.SIGTERM)
 
     threading.Thread(target=wait_for_end, daemon=True).start()
-
-
-@contextmanager
-def working_folder() -> Iterator[Path]:
-    """A folder for temporary files, locked while its process lives; those that killed processes left are removed."""
-    for left in Path(tempfile.gettempdir()).glob("vip-factors-work-*"):
-        with suppress(OSError), _locked(left):  # of another user, or in use
-            shutil.rmtree(left)
-    new = Path(tempfile.mkdtemp(prefix="vip-factors-new-"))
-    with _locked(new):
-        folder = new.rename(new.with_name(new.name.replace("-new-", "-work-")))  # others see it when it is locked
-        try:
-            yield folder
-        finally:
-            shutil.rmtree(folder)
-
-
-@contextmanager
-def _locked(folder: Path) -> Iterator[None]:
-    """Hold a folder's lock, which ends with the process.
-
-    Raises:
-        OSError: if the folder is another user's, or locked.
-    """
-    number = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
-    try:
-        if os.fstat(number).st_uid != os.getuid():
-            raise PermissionError
-        fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
-    finally:
-        os.close(number)

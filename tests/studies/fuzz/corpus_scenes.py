@@ -70,8 +70,6 @@ COMMANDS: tuple[tuple[str, str, str, int, tuple[str, ...]], ...] = (
     ("view-motion", "a.bvh", "", 40, ("view {}/a.bvh --save {}/out.rrd --overwrite",)),
     ("view-images", "images.mcap", "", 50, ("view {}/images.mcap --save {}/out.rrd --overwrite",)),
     ("picture-images", "images.mcap", "", 200, ("view {}/images.mcap --picture {}/out.png --overwrite",)),
-    ("body-picture", "plain.mcap plain.estimate.mcap", "", 20,
-     ("body {}/plain.estimate.mcap --truth {}/plain.mcap --picture {}/out.svg --overwrite",)),
     *(
         (f"evaluate-{suffix}", f"a.{suffix} plain.estimate.mcap", "plain.estimate.mcap", 15,
          (f"evaluate {{}}/plain.estimate.mcap --truth {{}}/a.{suffix}",))

@@ -12,8 +12,7 @@ from vip_factors.body.mannequin import ESTIMATE_COLOURS
 from vip_factors.body.skeleton import calibration_pose, joint_index
 from vip_factors.geometry.rotations import Array, rotation_z
 from vip_factors.sensors.calibration import sensor_site, site_axes
-from vip_factors.viz.body_view import View, draw_body, view_from
-from vip_factors.viz.charts import GRID, INK, SOFT_INK, Point, canvas, svg
+from vip_factors.viz.charts import GRID, INK, SOFT_INK, Point, View, canvas, draw_body, svg, view_from
 from vip_factors.viz.colours import mixed
 
 PAGE_MM = (297.0, 210.0)  # the checkerboard's, A4

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from films import write_video
 
-from vip_factors.io.camera_file import read_camera_file, read_floor
+from vip_factors.io.camera_file import read_camera_file
 
 
 @pytest.fixture(scope="module")
@@ -41,10 +41,10 @@ def test_from_a_video_to_a_camera_file(run, video: Path, tmp_path: Path) -> None
     assert told.code == 0, told.err
     assert "reprojection error" in told.out
     assert "floor from frame 9" in told.out
-    model = read_camera_file(out)
+    model = read_camera_file(out).model
     assert (model.width, model.height, model.distortion) == (400, 300, ())
     np.testing.assert_allclose(model.focal, 400, rtol=0.01)
-    floor = read_floor(out)
+    floor = read_camera_file(out).floor
     assert floor is not None
     assert floor[1][2] == pytest.approx(1.4 * np.cos(1.0), abs=0.02)
 
@@ -58,8 +58,9 @@ def test_a_camera_file_is_told_where_it_stands(run, video: Path, tmp_path: Path)
     told = run("calibrate-camera", plain, tmp_path / "b.toml", *board, *lying)
     assert told.code == 0, told.err
     assert "alike from both ends" in told.err  # seven and five: both are odd
-    assert read_camera_file(tmp_path / "b.toml") == read_camera_file(plain)
-    for mine, expected in zip(read_floor(tmp_path / "b.toml"), read_floor(tmp_path / "a.toml"), strict=True):
+    again, before = (read_camera_file(tmp_path / name) for name in ("b.toml", "a.toml"))
+    assert again.model == read_camera_file(plain).model
+    for mine, expected in zip(again.floor, before.floor, strict=True):
         np.testing.assert_allclose(mine, expected, atol=2e-3)  # films are compressed
     assert "--floor-image" in run("calibrate-camera", plain, tmp_path / "c.toml", *board).err
     small = tmp_path / "small.png"

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from vip_factors.errors import FileFormatError, InputError
 from vip_factors.geometry.rotations import exp
-from vip_factors.io.camera_file import read_camera_file, read_floor, read_focal_sigma, write_camera_file
+from vip_factors.io.camera_file import CameraFile, read_camera_file, write_camera_file
 from vip_factors.sensors.camera import CameraModel
 
 finite = st.floats(-1e4, 1e4)
@@ -23,14 +23,13 @@ def test_what_is_written_is_read(tmp_path_factory, width, focal, centre, count, 
     model = CameraModel(width, width + 1, (focal, 2 * focal), (centre, -centre), tuple(numbers[:count]))
     R, p = exp(np.array(numbers[8:11]) / 1e4), np.array(numbers[8:11])
     write_camera_file(path, model, (R, p), {"board": 'a "board"\\', "rms_px": 0.25, "views": 12})
-    assert read_camera_file(path) == model
-    assert read_focal_sigma(path) == 0.0
+    file = read_camera_file(path)
+    assert (file.model, file.focal_sigma) == (model, 0.0)
+    assert file.floor is not None
+    np.testing.assert_allclose(file.floor[0], R, atol=1e-12)
+    np.testing.assert_array_equal(file.floor[1], p)
     path.write_text("focal_sigma = 0.1\n" + path.read_text())
-    assert read_focal_sigma(path) == 0.1
-    again = read_floor(path)
-    assert again is not None
-    np.testing.assert_allclose(again[0], R, atol=1e-12)
-    np.testing.assert_array_equal(again[1], p)
+    assert read_camera_file(path).focal_sigma == 0.1
     assert tomllib.loads(path.read_text())["calibration"] == {"board": 'a "board"\\', "rms_px": 0.25, "views": 12}
 
 
@@ -42,7 +41,7 @@ def test_existing_files_are_kept(tmp_path: Path) -> None:
         write_camera_file(path, model)
     assert path.read_text() == "precious"
     write_camera_file(path, model, overwrite=True)
-    assert read_camera_file(path) == model
+    assert read_camera_file(path).model == model
 
 
 @pytest.mark.parametrize(
@@ -81,16 +80,15 @@ EXPECTED = CameraModel(640, 480, (500.0, 510.0), (320.0, 240.0), (0.1, -0.2, 0.0
 def test_files_of_opencv(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"camera{suffix}"
     write_opencv(path)
-    assert read_camera_file(path) == EXPECTED
-    assert read_floor(path) is None
+    assert read_camera_file(path) == CameraFile(EXPECTED)
 
 
 def test_files_of_ros_and_plain_json(tmp_path: Path) -> None:
     ros, plain = tmp_path / "ros.yaml", tmp_path / "plain.json"
     ros.write_text(ROS)
     plain.write_text(PLAIN)
-    assert read_camera_file(ros) == EXPECTED
-    assert read_camera_file(plain) == EXPECTED
+    assert read_camera_file(ros).model == EXPECTED
+    assert read_camera_file(plain).model == EXPECTED
     plain.write_text('{"camera_matrix": [[1, 2]], "image_size": [640, 480]}')
     with pytest.raises(InputError, match=r"plain\.json: .*camera_matrix"):
         read_camera_file(plain)
@@ -102,13 +100,13 @@ def test_files_of_ros_and_plain_json(tmp_path: Path) -> None:
 def test_one_of_the_cameras_of_pose2sim(tmp_path: Path) -> None:
     (tmp_path / "Calib.toml").write_text(POSE2SIM)
     left = tmp_path / "Calib.toml:left"
-    assert read_camera_file(left) == CameraModel(1088, 1920, (1681.2, 1681.0), (532.9, 948.1), (-0.05, 0.1, 0.0, 0.0))
-    floor = read_floor(left)
-    assert floor is not None
-    R, p = floor
+    file = read_camera_file(left)
+    assert file.model == CameraModel(1088, 1920, (1681.2, 1681.0), (532.9, 948.1), (-0.05, 0.1, 0.0, 0.0))
+    assert file.floor is not None
+    R, p = file.floor
     np.testing.assert_allclose(R @ [0, -1, 0], [0, 0, 1], atol=1e-12)  # the image's upward axis is the world's
     np.testing.assert_allclose(R.T @ (np.zeros(3) - p), [0.5, 1.5, 4.0], atol=1e-12)
-    assert read_camera_file(tmp_path / "Calib.toml:right").focal == (500, 500)
+    assert read_camera_file(tmp_path / "Calib.toml:right").model.focal == (500, 500)
 
 
 @pytest.mark.parametrize(
@@ -125,8 +123,8 @@ def test_one_of_the_cameras_of_pose2sim(tmp_path: Path) -> None:
 def test_mistakes_in_files_of_pose2sim_are_named(tmp_path: Path, name: str, old: str, new: str, words: str) -> None:
     assert old in POSE2SIM
     (tmp_path / "Calib.toml").write_text(POSE2SIM.replace(old, new))
-    with pytest.raises(InputError, match=words):  # of intrinsics, or of the pose
-        [read(tmp_path / f"Calib.toml{name}") for read in (read_camera_file, read_floor)]
+    with pytest.raises(InputError, match=words):
+        read_camera_file(tmp_path / f"Calib.toml{name}")
 
 
 def test_our_own_files_hold_one_camera(tmp_path: Path) -> None:

@@ -51,7 +51,7 @@ def main(options: CalibrateCameraOptions) -> None:
     views: Sequence[BoardView] = ()
     warnings: Sequence[str] = ()
     if options.source.suffix.lower() == ".toml":
-        model = read_camera_file(options.source)
+        model = read_camera_file(options.source).model
         report: dict[str, str | float | int] = {"intrinsics": str(options.source)}
         if options.floor_image is None:
             raise InputError(f"{options.source}: a camera file needs --floor-image: there is nothing else to be found")

@@ -142,7 +142,7 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
     Raises:
         InputError: if detections are missing, or options do not fit their number.
     """
-    from vip_factors.io.camera_file import read_floor
+    from vip_factors.io.camera_file import read_camera_file
 
     declared, cameras = options.camera_options, list[CameraOptions]()
     values = {field.name: getattr(declared, field.name) for field in fields(declared)}
@@ -174,7 +174,7 @@ def camera_options(options: ConvertOptions) -> list[CameraOptions]:
         shared = {key: values[key] for key in values if key not in OF_EACH_CAMERA and (number == 0 or "imu" not in key)}
         shared["static_camera"] = name not in carried
         if count > 1 and declared.known_camera_pose and "camera" in camera_values:
-            shared["known_camera_pose"] = read_floor(camera_values["camera"]) is not None
+            shared["known_camera_pose"] = read_camera_file(camera_values["camera"]).floor is not None
         cameras.append(CameraOptions(**shared | camera_values | {"camera_name": name}))
     return cameras
 

@@ -31,8 +31,6 @@ class SyncOptions(WritingOptions):
     """The offset, if you know it: it is written as it is."""
     dry_run: Flag = False
     """Only tell what was found; write no scene."""
-    picture: Annotated[Path | None, Output(".png")] = None
-    """Picture (.png) of the agreement over all offsets."""
     max_offset: float = MAX_OFFSET_S
     """Offsets to look at, seconds either way."""
 
@@ -51,18 +49,15 @@ def main(options: SyncOptions) -> None:
     seconds = options.seconds
     for number, camera in enumerate(scene.cameras):
         clock, label = VideoClock(seconds or 0.0), f"camera '{camera.name}': " if len(scene.cameras) > 1 else ""
-        if seconds is None or options.picture is not None:
+        if seconds is None:
             with waiting("comparing video and sensors"):
                 offset = find_clock_offset(scene, options.max_offset, number)
             say(label + offset_text(offset, camera.clock.offset))
-            if options.picture is not None and number == 0:
-                draw_offset(offset, options.picture, options.overwrite)
-                say(options.picture)
-            if seconds is None and not offset.determined:
+            if not offset.determined:
                 if options.dry_run:
                     continue
                 raise InputError(f"{options.scene}: {label}{offset.sentence}; or give the offset as --seconds")
-            clock = offset.clock if seconds is None else VideoClock(seconds)
+            clock = offset.clock
         scene = with_clock(scene, clock, number)
     if options.dry_run or out is None:
         return
@@ -80,14 +75,3 @@ def offset_text(offset: "ClockOffset", previous_s: float = 0.0) -> str:
     lines.append(f"  {offset.seconds:+8.3f} s  {100:7.0f} %  {sigma}")
     lines += [f"  {seconds:+8.3f} s  {100 * share:7.0f} %" for seconds, share in offset.alternatives[:4]]
     return "\n".join(lines)
-
-
-def draw_offset(offset: "ClockOffset", path: Path, overwrite: bool = False) -> None:
-    """A picture of the agreement over all offsets, the best marked."""
-    from vip_factors.viz.charts import Curve, curve_chart
-
-    sigma = f" ± {1e3 * offset.sigma:.0f} ms" if offset.determined else ": not clear"
-    title = f"video {offset.seconds:+.3f} s{sigma}"
-    above = "agreement of limbs in the image and sensors on them (log-likelihood)"
-    curve = Curve("", offset.curve.offset, offset.curve.gain)
-    curve_chart(path, title, curve, (above, "seconds to add to the video's times"), offset.seconds, overwrite)

@@ -26,6 +26,7 @@ after a colon: ``Calib.toml:cam_01``.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -97,41 +98,40 @@ class _Pose2SimCamera(msgspec.Struct, frozen=True):
     fisheye: bool = False
 
 
-def read_camera_file(path: str | Path) -> CameraModel:
-    """Read intrinsics from a camera file: TOML, OpenCV's by its suffix (.yaml, .yml, .xml, .json), or Pose2Sim's."""
+@dataclass(frozen=True)
+class CameraFile:
+    """Content of a camera file.
+
+    Attributes:
+        model: the intrinsics.
+        focal_sigma: standard deviation of the focal length's logarithm; 0 of a calibrated lens.
+        floor: the pose over the floor, ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` m; None if unknown.
+    """
+
+    model: CameraModel
+    focal_sigma: float = 0.0
+    floor: tuple[Array, Array] | None = None
+
+
+def read_camera_file(path: str | Path) -> CameraFile:
+    """Read a camera file: TOML, OpenCV's by its suffix (.yaml, .yml, .xml, .json), or Pose2Sim's."""
     path = Path(path)
     if path.suffix.lower() in OPENCV_SUFFIXES:
-        return _opencv_model(path)
+        return CameraFile(_opencv_model(path))
     where, camera = _toml_camera(path)
     if isinstance(camera, _Pose2SimCamera):
-        return _model(where, list(map(round, camera.size)), np.array(camera.matrix), camera.distortions)
-    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
-    return _model(where, (camera.width, camera.height), K, camera.distortion)
-
-
-def read_focal_sigma(path: str | Path) -> float:
-    """Read the standard deviation of the focal length's logarithm from a camera file; 0 of a calibrated lens."""
-    path = Path(path)
-    camera = None if path.suffix.lower() in OPENCV_SUFFIXES else _toml_camera(path)[1]
-    return camera.focal_sigma if isinstance(camera, _Camera) else 0.0
-
-
-def read_floor(path: str | Path) -> tuple[Array, Array] | None:
-    """Read a camera's pose over the floor: ``R_floor_camera (3, 3)`` and ``p_floor_camera (3,)`` m, None if unknown."""
-    path = Path(path)
-    if path.suffix.lower() in OPENCV_SUFFIXES:
-        return None
-    where, camera = _toml_camera(path)
-    if isinstance(camera, _Pose2SimCamera):
+        model = _model(where, list(map(round, camera.size)), np.array(camera.matrix), camera.distortions)
         R_camera_floor = exp(np.array(camera.rotation))
-        return R_camera_floor.T, -R_camera_floor.T @ np.array(camera.translation)
+        return CameraFile(model, 0.0, (R_camera_floor.T, -R_camera_floor.T @ np.array(camera.translation)))
+    K = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    model = _model(where, (camera.width, camera.height), K, camera.distortion)
     if camera.floor is None:
-        return None
+        return CameraFile(model, camera.focal_sigma)
     R = np.array(camera.floor.R_floor_camera)
     rounding = 1e-2  # numbers rounded by hand to two places still pass
     if np.abs(R.T @ R - np.eye(3)).max() > rounding or np.linalg.det(R) < 0:
         raise InputError(f"{where}: floor.R_floor_camera is not a rotation matrix")
-    return nearest_rotation(R), np.array(camera.floor.p_floor_camera)
+    return CameraFile(model, camera.focal_sigma, (nearest_rotation(R), np.array(camera.floor.p_floor_camera)))
 
 
 def write_camera_file(

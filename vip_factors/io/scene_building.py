@@ -10,7 +10,7 @@ import numpy as np
 from vip_factors.errors import InputError, nearest
 from vip_factors.geometry.quaternions import Order, matrix_from_quaternion
 from vip_factors.io.body_file import read_body_file, scene_with_body
-from vip_factors.io.camera_file import read_camera_file, read_camera_path, read_floor, read_focal_sigma
+from vip_factors.io.camera_file import read_camera_file, read_camera_path
 from vip_factors.io.convert import ImportOptions, detect_format, import_recording, read_log
 from vip_factors.io.detections import read_detections
 from vip_factors.io.mcap_recording import read_scene
@@ -173,7 +173,8 @@ def _camera(scene: Scene, options: CameraOptions) -> Camera:
 def _lens(options: CameraOptions, facts: VideoFacts | None, detections: Detections) -> tuple[CameraModel, float]:
     """The intrinsics, and the standard deviation of the logarithm of their focal length: 0 of a calibrated lens."""
     if options.camera is not None:
-        return read_camera_file(options.camera), read_focal_sigma(options.camera)
+        file = read_camera_file(options.camera)
+        return file.model, file.focal_sigma
     size, size_text = _usual_image_size(detections), "the smallest usual image that holds all points"
     model, sigma, source = uncalibrated_camera(*size), UNCALIBRATED_FOCAL_SIGMA, "that of a phone"
     if facts is not None:
@@ -204,7 +205,7 @@ def _known_path(options: CameraOptions) -> CameraPath | None:
     file = options.camera
     if file is None:
         raise InputError("the camera's pose cannot be taken as known without its camera file (camera)")
-    floor, refusal = read_floor(file), f"{file}: its pose cannot be taken as known"
+    floor, refusal = read_camera_file(file).floor, f"{file}: its pose cannot be taken as known"
     if not options.static_camera:
         raise InputError(f"{refusal}: the camera is not said to stand still")
     if floor is None:

@@ -15,21 +15,25 @@ from vip_factors.body.mannequin import ESTIMATE_COLOURS, Side
 from vip_factors.errors import InputError
 from vip_factors.estimate import WearerEstimate
 from vip_factors.geometry.rotations import Array, yaw_of
-from vip_factors.viz.body_view import SENSOR, View, draw_body, draw_sensors, view_from
 from vip_factors.viz.charts import (
     INK,
     MARGIN,
+    SENSOR,
     SOFT_INK,
     TEXT,
     WIDTH,
     Curve,
+    View,
     canvas,
+    draw_body,
     draw_curves,
+    draw_sensors,
     page,
     panel,
     pixels,
     save,
     size_of,
+    view_from,
     write,
 )
 from vip_factors.viz.colours import STRANGER_COLOUR, hexadecimal, wearer_colour

@@ -47,7 +47,7 @@ from vip_factors.cli.terminal import terminal_text
 from vip_factors.describe.recordings import motion_facts, recording_tables
 from vip_factors.estimate import Estimate, WearerEstimate
 from vip_factors.io.body_file import BodyFile, read_body_file, write_body_file
-from vip_factors.io.camera_file import read_camera_file, read_floor
+from vip_factors.io.camera_file import read_camera_file
 from vip_factors.io.convert import ImportOptions, import_recording
 from vip_factors.io.convert_template import write_templates
 from vip_factors.io.detections import read_detections
@@ -208,7 +208,6 @@ def _file_cases() -> list[Case]:
     def camera(path: Path) -> None:
         path = path.with_name(f"{path.name}:left") if path.name == "Calib.toml" else path  # one of two cameras
         read_camera_file(path)
-        read_floor(path)
 
     return [
         case("bvh", some(motions, "a.bvh"), motion, "vip-factors info ", 2),

@@ -9,8 +9,7 @@ from vip_factors.body.kinematics import Motion
 from vip_factors.body.mannequin import Side
 from vip_factors.body.skeleton import calibration_pose, joint_index
 from vip_factors.sensors.calibration import sensor_site
-from vip_factors.viz.body_view import draw_body, draw_sensors, view_from
-from vip_factors.viz.charts import canvas, pixels
+from vip_factors.viz.charts import canvas, draw_body, draw_sensors, pixels, view_from
 
 SIZE = (200, 240)
 FRONT = view_from(0.0, 0.0, (100.0, 230.0), 110.0)

@@ -25,7 +25,7 @@ from vip_factors.io.schemas.camera_estimate_pb2 import CameraEstimateInfo, Camer
 from vip_factors.io.schemas.estimate_info_pb2 import Residuals
 from vip_factors.io.schemas.imu_sample_pb2 import ImuSample
 from vip_factors.sensors.camera import CameraPath
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import ImuStream, rotations_of
 
 WORLD = "world"
 SHOWN_HZ = 30.0  # enough for the eye; every shown frame takes about 2 kB compressed
@@ -87,7 +87,8 @@ def _stream(path: Path, name: str, samples: Sequence[ImuSample], start_ns: int) 
     time = np.array([sample_time(sample, start_ns) for sample in samples])
     force = _measured(samples, "specific_force", "xyz")
     rate = _measured(samples, "angular_rate", "xyz")
-    R = rotations_where_finite(_measured(samples, "orientation_wxyz", "wxyz"), Order.WXYZ)
+    wxyz = _measured(samples, "orientation_wxyz", "wxyz")
+    R = None if wxyz is None else rotations_of(wxyz)
     order = np.argsort(time, kind="stable")  # other writers may log out of order
     stream = ImuStream.from_samples(
         name, time[order], *(None if values is None else values[order] for values in (force, R, rate))
@@ -111,16 +112,6 @@ def _measured(samples: Sequence[ImuSample], field: str, axes: str) -> Array | No
     values = np.array([numbers(of(sample)) for sample in samples])
     values[~present] = np.nan
     return values
-
-
-def rotations_where_finite(quaternions: Array | None, order: Order) -> Array | None:
-    """``(N, 3, 3)`` of ``(N, 4)``, NaN where a quaternion is."""
-    if quaternions is None:
-        return None
-    good = np.all(np.isfinite(quaternions), axis=1)
-    R = np.full((len(quaternions), 3, 3), np.nan)
-    R[good] = matrix_from_quaternion(quaternions[good], order)
-    return R
 
 
 def pose_messages(

@@ -17,10 +17,9 @@ from vip_factors.errors import FileFormatError
 from vip_factors.geometry.quaternions import Order
 from vip_factors.geometry.rotations import Array
 from vip_factors.io.importers.shared import ImportedLog, default_sites, merge_notes, stream_of_quantities
-from vip_factors.io.mcap_frames import rotations_where_finite
 from vip_factors.io.mcap_messages import naming, warn
 from vip_factors.io.mcap_reader import McapChannel, McapMessages, read_contents
-from vip_factors.sensors.imu_stream import ImuStream
+from vip_factors.sensors.imu_stream import ImuStream, rotations_of
 
 IMU_TYPES = ("sensor_msgs/msg/Imu", "sensor_msgs/Imu")
 NUMBERS = 37  # float64: orientation 4, its covariance 9, angular velocity 3 and 9, linear acceleration 3 and 9
@@ -207,4 +206,4 @@ def _rotations(xyzw: Array | None) -> Array | None:
     if xyzw is None:
         return None
     xyzw[np.all(xyzw == 0, axis=1)] = np.nan
-    return rotations_where_finite(xyzw, Order.XYZW) if np.any(np.all(np.isfinite(xyzw), axis=1)) else None
+    return rotations_of(xyzw, Order.XYZW) if np.any(np.all(np.isfinite(xyzw), axis=1)) else None

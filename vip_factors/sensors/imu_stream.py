@@ -153,13 +153,13 @@ def rate_spikes(angular_rate: Array) -> np.ndarray:
     return (magnitude > RATE_LIMIT) & (np.mean(magnitude > RATE_LIMIT / 2) <= SPIKES)
 
 
-def rotations_of(orientation: Array) -> Array:
-    """Convert unit quaternions w, x, y, z ``(N, 4)`` to rotations ``(N, 3, 3)``; NaN stays NaN, rotations unchanged."""
+def rotations_of(orientation: Array, order: Order = Order.WXYZ) -> Array:
+    """Convert unit quaternions ``(N, 4)`` to rotations ``(N, 3, 3)``; NaN stays NaN, rotations unchanged."""
     if orientation.ndim != 2 or orientation.shape[1] != 4:
         return orientation  # the stream checks its shape
     finite = np.all(np.isfinite(orientation), axis=1)
     R = np.full((len(orientation), 3, 3), np.nan)
-    R[finite] = matrix_from_quaternion(orientation[finite], Order.WXYZ)
+    R[finite] = matrix_from_quaternion(orientation[finite], order)
     return R
 
 

@@ -87,11 +87,6 @@ def _header(path: Path) -> tuple[int, str, list[str]]:
     return 0, "", []
 
 
-def _mtw_name(stem: str) -> tuple[str, str]:
-    recording, _, sensor = stem.rpartition("_")
-    return recording, sensor
-
-
 def _dot_name(stem: str) -> tuple[str, str]:
     """``RTibia_20210820_202113_825`` is sensor RTibia; files of one recording may differ in their seconds."""
     match = re.match(r"(?:xsens[ _]dot[ _])?(.+?)_\d{8}_\d{6}(?:_\d+)?$", stem, re.IGNORECASE)
@@ -104,7 +99,9 @@ def _matches(is_ours: Callable[[Path], bool], path: Path) -> bool:
 
 def _read_mtw(path: Path, rate_hz: float | None = None) -> ImportedLog:
     """Read a recording: a file, a folder of one recording's files, or their common start (``folder/Walk-1-000``)."""
-    return _import_tables(path, MTW.name, sensor_files(path, SUFFIXES, _is_mtw, _mtw_name), 1.0, rate_hz)
+    return _import_tables(
+        path, MTW.name, sensor_files(path, SUFFIXES, _is_mtw, lambda stem: stem.rpartition("_")[::2]), 1.0, rate_hz
+    )
 
 
 def _read_dot(path: Path, rate_hz: float | None = None) -> ImportedLog:

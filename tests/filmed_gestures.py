@@ -16,11 +16,15 @@ from vip_factors.simulate.settings import CameraKind, SceneSettings, SimulateSet
 from vip_factors.simulate.staging import from_time, placed
 
 QUICK = Settings(frame_rate=15.0, covariance=False)
-# As much as findings need that are made before the last solve: one round of association, a few steps.
-HASTY = replace(
+# For what cameras show: begun with the straps and the low-passed motion alone.
+FROM_STRAPS = replace(
     QUICK,
     assignment=AssignmentSettings(check=False),
     calibration=CalibrationSettings(start=StartSettings(search=False)),
+)
+# As much as findings need that are made before the last solve: one round of association, a few steps.
+HASTY = replace(
+    FROM_STRAPS,
     fusion=FusionSettings(rounds=1, refits=0),
     solve=replace(QUICK.solve, max_iterations=2),
 )

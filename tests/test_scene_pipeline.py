@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures, with_detections, without_detections
+from filmed_gestures import FROM_STRAPS, HASTY, QUICK, camera_of, filmed_gestures, with_detections, without_detections
 
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
@@ -69,7 +69,7 @@ def test_the_camera_makes_up_for_careless_mountings() -> None:
 
 def test_a_gap_in_the_video_is_bridged_by_the_sensors() -> None:
     filmed = without_detections(scene("fixed", 5.0), 1.5, 3.5)
-    estimate = smooth(filmed, QUICK)
+    estimate = smooth(filmed, FROM_STRAPS)
     assert estimate.method == "VIP"
     assert mpjpe(estimate, filmed) < 30.0
     assert estimate.camera is not None
@@ -82,7 +82,7 @@ def test_a_gap_in_the_video_is_bridged_by_the_sensors() -> None:
 
 def test_a_wearer_out_of_view_for_a_while() -> None:
     filmed = without_detections(pair(), 1.5, 3.0, wearer=1)
-    estimate = smooth(filmed, QUICK)
+    estimate = smooth(filmed, FROM_STRAPS)
     evaluation = evaluate_scene(estimate, filmed)
     assert max(one["mpjpe"] for one in evaluation.wearers.values()) < 35.0
     assert evaluation["association_precision"] > 95.0
@@ -91,7 +91,7 @@ def test_a_wearer_out_of_view_for_a_while() -> None:
 
 def test_a_wearer_who_is_never_seen() -> None:
     filmed = without_detections(pair(), -1.0, 9.0, wearer=1)
-    estimate = smooth(filmed, QUICK)
+    estimate = smooth(filmed, FROM_STRAPS)
     assert any("'bob': never seen in the video" in one for one in sentences(estimate.findings))
     assert not any("'anna': never seen in the video" in one for one in sentences(estimate.findings))
     wearers = evaluate_scene(estimate, filmed).wearers
@@ -119,7 +119,7 @@ def test_bones_without_sensors_are_seen_by_the_camera() -> None:
 def test_a_hand_held_camera_without_an_imu() -> None:
     filmed = scene("hand-held")
     filmed = replace(filmed, cameras=(replace(camera_of(filmed), mount=None),))
-    estimate = smooth(filmed, QUICK)
+    estimate = smooth(filmed, FROM_STRAPS)
     evaluation = evaluate_scene(estimate, filmed)
     assert estimate.camera is not None
     assert estimate.camera.calibration is None
@@ -131,7 +131,7 @@ def test_a_known_camera_is_believed_and_puts_the_wearer_where_they_were() -> Non
     filmed = scene("hand-held")
     assert filmed.camera.truth is not None
     filmed = replace(filmed, cameras=(replace(camera_of(filmed), known_path=filmed.camera.truth.path),))
-    estimate = smooth(filmed, QUICK)
+    estimate = smooth(filmed, FROM_STRAPS)
     assert estimate.camera is not None
     assert filmed.camera.truth is not None
     time = estimate.camera.path.time
@@ -157,8 +157,8 @@ def test_the_videos_clock_is_found_with_its_drift() -> None:
     clock = VideoClock(0.03, 0.012)  # seconds a second: 36 ms more in the end
     filmed = filmed_gestures(seconds=5.0)
     filmed = with_detections(filmed, lambda seen: replace(seen, time=(seen.time - clock.offset) / (1 + clock.drift)))
-    loose = replace(QUICK.camera, clock=VideoClockSettings(offset_sigma=0.1, drift_sigma=0.05))
-    estimate = smooth(filmed, replace(QUICK, camera=loose))
+    loose = replace(FROM_STRAPS.camera, clock=VideoClockSettings(offset_sigma=0.1, drift_sigma=0.05))
+    estimate = smooth(filmed, replace(FROM_STRAPS, camera=loose))
     found = estimate.camera
     assert found is not None
     assert found.clock_sigma is not None
@@ -171,7 +171,7 @@ def test_the_focal_length_of_an_uncalibrated_camera_is_estimated() -> None:
     filmed = filmed_gestures(seconds=8.0)
     true = camera_of(filmed).model.focal[0]
     uncalibrated = replace(camera_of(filmed), model=camera_of(filmed).model.zoomed(zoom), focal_sigma=0.25)
-    camera = smooth(replace(filmed, cameras=(uncalibrated,)), QUICK).camera
+    camera = smooth(replace(filmed, cameras=(uncalibrated,)), FROM_STRAPS).camera
     assert camera is not None
     assert camera.focal_sigma is not None
     assert camera.focal_sigma < 0.15
@@ -199,7 +199,7 @@ def test_how_its_sensor_sits_on_the_camera_is_found() -> None:
         mount.imu, R_inertial_sensor=mount.imu.R_inertial_sensor @ R, specific_force=mount.imu.specific_force @ R
     )
     unknown = CameraMount(imu, mounting_sigma=UNKNOWN_MOUNTING_SIGMA)
-    estimate = smooth(replace(filmed, cameras=(replace(camera_of(filmed), mount=unknown),)), QUICK)
+    estimate = smooth(replace(filmed, cameras=(replace(camera_of(filmed), mount=unknown),)), FROM_STRAPS)
     assert estimate.camera is not None
     found = estimate.camera.calibration
     assert found is not None

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from filmed_gestures import QUICK, camera_of, filmed_gestures
+from filmed_gestures import FROM_STRAPS, camera_of, filmed_gestures
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -86,7 +86,7 @@ def scene() -> Scene:
 
 def camera_error(with_odometry: Scene) -> float:
     """Median error in metres of the motion of the camera between frames half a second apart."""
-    found, truth = smooth(with_odometry, QUICK).cameras[0].path, scene().camera.truth
+    found, truth = smooth(with_odometry, FROM_STRAPS).cameras[0].path, scene().camera.truth
     assert truth is not None
     true = truth.path.at(found.time)
     span = int(np.searchsorted(found.time, found.time[0] + 0.5))

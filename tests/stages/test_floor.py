@@ -7,7 +7,7 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from filmed_gestures import HASTY, QUICK, camera_of, filmed_gestures
+from filmed_gestures import FROM_STRAPS, HASTY, camera_of, filmed_gestures
 
 from vip_factors.body.kinematics import Motion, forward_kinematics
 from vip_factors.body.skeleton import contact_points
@@ -40,7 +40,7 @@ def before_tripod(seconds: float) -> Scene:
 
 @cache
 def standing() -> Motion:
-    return smooth(before_tripod(3.0), QUICK).wearers[0].motion
+    return smooth(before_tripod(3.0), FROM_STRAPS).wearers[0].motion
 
 
 def test_soles_stand_at_nought_before_a_camera_whose_pose_is_not_known() -> None:
@@ -82,7 +82,7 @@ def test_a_declared_floor_is_where_zero_is() -> None:
 
 def test_soles_that_stand_beside_the_declared_floor_are_told() -> None:
     metres = -0.1
-    estimate = smooth(filmed_from_a_known_pose(metres), QUICK)
+    estimate = smooth(filmed_from_a_known_pose(metres), FROM_STRAPS)
     (height,) = (one.numbers["height_cm"] for one in estimate.findings if one.kind == "floor")
     assert 0.4 < height / (100 * metres) < 1.1  # bodies and weak contacts give way a little
 

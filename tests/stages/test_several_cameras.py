@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from filmed_gestures import QUICK, camera_of
+from filmed_gestures import FROM_STRAPS, QUICK, camera_of
 
 from vip_factors.estimate import Estimate
 from vip_factors.evaluate.evaluation import evaluate_scene
@@ -55,7 +55,7 @@ def test_more_known_cameras_tell_more() -> None:
 
 def test_a_moving_camera_is_found_in_the_world_of_a_known_one() -> None:
     scene = filmed("hand-held", cameras=3)
-    estimate = smooth(scene, QUICK)
+    estimate = smooth(scene, FROM_STRAPS)
     assert global_mm(scene, estimate) < 60
     path, truth = estimate.camera.path, scene.camera.truth.path.at(estimate.camera.path.time)
     assert np.median(np.linalg.norm(path.p_world_camera - truth.p_world_camera, axis=1)) < 0.15
@@ -64,7 +64,7 @@ def test_a_moving_camera_is_found_in_the_world_of_a_known_one() -> None:
 
 def test_a_standing_camera_of_unknown_pose_is_found_too() -> None:
     scene = filmed(cameras=2, known_pose=False)
-    estimate = smooth(scene, QUICK)
+    estimate = smooth(scene, FROM_STRAPS)
     assert camera_of(scene).known_path is None
     assert global_mm(scene, estimate) < 80
     off = estimate.camera.path.p_world_camera[0] - scene.camera.truth.path.p_world_camera[0]
@@ -74,7 +74,7 @@ def test_a_standing_camera_of_unknown_pose_is_found_too() -> None:
 def test_a_first_camera_that_shows_nobody_is_left_out() -> None:
     scene = filmed("hand-held", cameras=2)
     blind = replace(scene, cameras=(seeing_nobody(camera_of(scene)), *scene.cameras[1:]))
-    estimate = smooth(blind, QUICK)
+    estimate = smooth(blind, FROM_STRAPS)
     assert [camera.name for camera in estimate.cameras] == ["camera_2"]
     assert np.all(estimate.wearer_of_detection == -1)
     assert list(evaluate_scene(estimate, blind).cameras) == ["camera_2"]
@@ -86,8 +86,8 @@ def test_a_first_camera_that_shows_nobody_is_left_out() -> None:
 def test_known_cameras_that_show_nobody_do_no_harm() -> None:
     scene = filmed("hand-held", cameras=2)
     blind = replace(scene, cameras=(camera_of(scene), *map(seeing_nobody, scene.cameras[1:])))
-    estimate = smooth(blind, QUICK)
-    plain = smooth(replace(scene, cameras=scene.cameras[:1]), QUICK)
+    estimate = smooth(blind, FROM_STRAPS)
+    plain = smooth(replace(scene, cameras=scene.cameras[:1]), FROM_STRAPS)
     np.testing.assert_array_equal(estimate.wearers[0].motion.p_world_pelvis, plain.wearers[0].motion.p_world_pelvis)
     assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
 
@@ -106,7 +106,7 @@ def nobody_calibrated(camera: str = "fixed") -> Scene:
 
 @cache
 def solved(camera: str) -> Estimate:
-    return smooth(nobody_calibrated(camera), QUICK)
+    return smooth(nobody_calibrated(camera), FROM_STRAPS)
 
 
 @pytest.mark.parametrize("camera", ["fixed", "hand-held"])
@@ -129,7 +129,7 @@ def test_cameras_that_nobody_calibrated_are_found_together(camera: str) -> None:
 def test_cameras_that_have_no_wearer_in_common_are_not_put_into_one_world() -> None:
     scene = nobody_calibrated()
     blind = replace(scene, cameras=(camera_of(scene), *map(seeing_nobody, scene.cameras[1:])))
-    estimate = smooth(blind, QUICK)
+    estimate = smooth(blind, FROM_STRAPS)
     assert [one.name for one in estimate.cameras] == ["camera"]
     assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))
 
@@ -147,9 +147,9 @@ def test_estimates_of_several_cameras_are_read_as_they_were_written(tmp_path: Pa
 
 def test_windows_have_all_cameras() -> None:
     scene = nobody_calibrated("hand-held")
-    windows = replace(QUICK.windows, window_s=1.6, overlap_s=0.6, above_s=3.0, calibration_stretches=1,
+    windows = replace(FROM_STRAPS.windows, window_s=1.6, overlap_s=0.6, above_s=3.0, calibration_stretches=1,
                       calibration_stretch_s=2.4)  # fmt: skip
-    whole, parts = solved("hand-held"), smooth(scene, replace(QUICK, windows=windows))
+    whole, parts = solved("hand-held"), smooth(scene, replace(FROM_STRAPS, windows=windows))
     assert [len(one.path) for one in parts.cameras] == [len(one.path) for one in whole.cameras]
     for one, other in zip(parts.cameras, whole.cameras, strict=True):
         assert one.model.focal[0] == pytest.approx(other.model.focal[0], rel=0.08)
@@ -162,8 +162,8 @@ def test_a_camera_that_was_moved_does_not_take_the_others_along() -> None:
     pixels = detections.pixels + np.where(detections.frame[:, None, None] > 60, [300.0, 100.0], 0.0)
     moved = replace(second, detections=replace(detections, pixels=pixels))
     estimate, alone = (
-        smooth(replace(scene, cameras=(first, moved)), QUICK),
-        smooth(replace(scene, cameras=(first,)), QUICK),
+        smooth(replace(scene, cameras=(first, moved)), FROM_STRAPS),
+        smooth(replace(scene, cameras=(first,)), FROM_STRAPS),
     )
     assert [one.name for one in estimate.cameras] == ["camera"]
     assert any("'camera_2' is left out" in one for one in sentences(estimate.findings))

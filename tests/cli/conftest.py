@@ -8,7 +8,9 @@ import pytest
 
 from vip_factors.cli.main import main
 
-SMALL = ["--frame-rate", "20", "--solve.max-iterations", "3"]
+SMALL = [
+    "--frame-rate", "20", "--solve.max-iterations", "3", "--assignment.no-check", "--calibration.start.no-search",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ NEIGHBOURS = {("geometry", "errors"), ("geometry", "compiled"), ("ranges", "erro
 # Rooms that know the types of one above them, and import nothing of it at run time.
 TYPES_ONLY = {("problem", "gtsam")}
 # Rooms that open files and sockets: the functions, the commands, and the trades that read videos and write pages.
-OPENERS = {"io", "api", "workflow", "cli", "detect", "report", "stages"}
+OPENERS = {"io", "api", "workflow", "cli", "detect", "report"}
 # Third parties that only some rooms may see.
 FENCED = {
     "gtsam": {"factor_graph"},

@@ -1,6 +1,7 @@
 """The settings of all terms in one tree: how exact each statement is, and how an outlier of it is taken."""
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
@@ -315,6 +316,21 @@ class GroundContactSettings:
     loss: RobustLoss = field(default_factory=lambda: RobustLoss(Loss.CAUCHY, 2.0))  # a foot on a step must let go
 
 
+class LearnedOffsets:
+    """Keypoint offsets from a file, read by :func:`vip_factors.io.keypoint_offsets_file.read_keypoint_offsets`.
+
+    Attributes:
+        path: path of the file.
+        by_set: by the name of a keypoint set, means and sigmas ``(K, 3)`` m.
+    """
+
+    def __init__(self, path: Path, by_set: Mapping[str, tuple[Sequence[Sequence[float]], ...]]) -> None:
+        self.path, self.by_set = path, by_set
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
 @dataclass(frozen=True)
 class KeypointOffsetSettings:
     """Prior on the offset of a detector's keypoints from the joints."""
@@ -326,7 +342,7 @@ class KeypointOffsetSettings:
     hip_sigma: float = 0.020  # m: nobody sees a hip, detectors put it up to 4 cm above the joint
 
     # File with a detector's own means and sigmas instead (docs/factors.md).
-    learned: Path | None = None
+    learned: LearnedOffsets | None = None
 
 
 @dataclass(frozen=True)

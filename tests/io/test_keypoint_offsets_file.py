@@ -48,7 +48,7 @@ def test_no_such_file(tmp_path: Path) -> None:
 
 
 def test_what_was_learnt_of_another_detector_is_not_used(tmp_path: Path) -> None:
-    settings = KeypointOffsetSettings(learned=written(tmp_path / "k.toml"))
+    settings = KeypointOffsetSettings(learned=read_keypoint_offsets(written(tmp_path / "k.toml")))
     camera, body25 = scene_sample(1.0).camera, keypoint_set("body25")
     with pytest.raises(InputError, match="has no offsets of 'coco17'"):
         prior_offsets(camera, settings)

@@ -84,10 +84,10 @@ def test_from_recordings_to_the_next_estimate(tmp_path: Path, capsys: pytest.Cap
     write_recording(seen_with_habit(3.0), scene)
     assert main(["train-keypoints", str(scene), "--out", str(offsets)]) == 0
     assert "2 people" in capsys.readouterr().out
-    (learnt,) = read_keypoint_offsets(offsets).values()
-    along = np.sum(learnt.mean * HABIT) / np.sum(HABIT**2)
+    ((mean, _),) = read_keypoint_offsets(offsets).by_set.values()
+    along = np.sum(mean * HABIT) / np.sum(HABIT**2)
     assert 0.3 < along < 1.0  # two people are believed by half
-    assert np.linalg.norm(learnt.mean - along * HABIT) < 0.3 * np.linalg.norm(along * HABIT)
+    assert np.linalg.norm(mean - along * HABIT) < 0.3 * np.linalg.norm(along * HABIT)
     quick = ["--frame-rate", "5", "--fusion.rounds", "1", "--fusion.refits", "0"]
     learned = ["--camera.keypoint-offset.learned", str(offsets)]
     assert vip_factors(["smooth", str(scene), "--out", str(estimate), *learned, *quick]) == 0

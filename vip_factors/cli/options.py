@@ -13,11 +13,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar, cast, get_args, get_type_hints
 
 import tyro
-from tyro.constructors import ConstructorRegistry, StructConstructorSpec, StructFieldSpec, StructTypeInfo
+from tyro.constructors import (
+    ConstructorRegistry,
+    PrimitiveConstructorSpec,
+    PrimitiveTypeInfo,
+    StructConstructorSpec,
+    StructFieldSpec,
+    StructTypeInfo,
+)
 
 from vip_factors.atomic import check_target
 from vip_factors.cli.terminal import STANDARD_OUTPUT
 from vip_factors.errors import InputError, naming_file, nearest
+from vip_factors.factor_settings import LearnedOffsets
 from vip_factors.ranges import Range, RangeError, check_ranges
 
 if TYPE_CHECKING:
@@ -287,6 +295,22 @@ def _mark(hint: Any) -> Input | Output | None:
 
 DATACLASSES = ConstructorRegistry()
 """How tyro takes dataclasses apart."""
+
+
+@DATACLASSES.primitive_rule
+def learned_offsets(info: PrimitiveTypeInfo) -> "PrimitiveConstructorSpec[LearnedOffsets] | None":
+    """Rule for an option that names a file of keypoint offsets; None for other types."""
+
+    def read(words: list[str]) -> LearnedOffsets:
+        from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+
+        return read_keypoint_offsets(Path(words[0]))
+
+    if info.type is not LearnedOffsets:
+        return None
+    return PrimitiveConstructorSpec(
+        1, "PATH", read, lambda value: isinstance(value, LearnedOffsets), lambda offsets: [str(offsets)]
+    )
 
 
 @DATACLASSES.struct_rule

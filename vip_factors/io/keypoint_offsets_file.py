@@ -16,8 +16,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from vip_factors.body.keypoints import KEYPOINT_SETS, OFFSET_KEYPOINTS, KeypointOffsets
+from vip_factors.body.keypoints import KEYPOINT_SETS, OFFSET_KEYPOINTS
 from vip_factors.errors import InputError, nearest
+from vip_factors.factor_settings import LearnedOffsets
 from vip_factors.io.typed_files import Vector, check_keys, convert, read_toml
 
 
@@ -31,8 +32,8 @@ class _Set(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     people: int = 0
 
 
-def read_keypoint_offsets(path: Path) -> dict[str, KeypointOffsets]:
-    """Offsets of the file's keypoint sets, by the set's name.
+def read_keypoint_offsets(path: Path) -> LearnedOffsets:
+    """Read the offsets of the file's keypoint sets.
 
     Raises:
         FileFormatError: if it is no TOML file.
@@ -44,10 +45,11 @@ def read_keypoint_offsets(path: Path) -> dict[str, KeypointOffsets]:
         if name not in KEYPOINT_SETS:
             raise InputError(f"{path}: unknown key '{name}'{nearest(name, KEYPOINT_SETS)}")
     tables = convert(path, "", content, dict[str, _Set])
-    return {name: _offsets(path, f"{name}.offsets", table.offsets) for name, table in tables.items()}
+    offsets = {name: _offsets(path, f"{name}.offsets", table.offsets) for name, table in tables.items()}
+    return LearnedOffsets(path, offsets)
 
 
-def _offsets(path: Path, where: str, offsets: dict[str, _Offset]) -> KeypointOffsets:
+def _offsets(path: Path, where: str, offsets: dict[str, _Offset]) -> tuple[list[list[float]], list[list[float]]]:
     check_keys(path, where, offsets, OFFSET_KEYPOINTS)
     farthest, widest = 0.15, 0.2  # m: beyond which it is no keypoint of that joint
     mean = np.array([offsets[keypoint].mean_m for keypoint in OFFSET_KEYPOINTS])
@@ -56,4 +58,4 @@ def _offsets(path: Path, where: str, offsets: dict[str, _Offset]) -> KeypointOff
         raise InputError(
             f"{path}: {where}: expected means up to {farthest:g} m and sigmas above zero, up to {widest:g} m"
         )
-    return KeypointOffsets(mean, sigma)
+    return mean.tolist(), sigma.tolist()

@@ -17,6 +17,7 @@ import msgspec
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError, nearest
+from vip_factors.factor_settings import LearnedOffsets
 from vip_factors.geometry.rotations import Array
 
 Number = Annotated[float, msgspec.Meta(ge=-1e100, le=1e100)]  # finite, and so is its square
@@ -68,7 +69,7 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
         InputError: for a missing or unknown key (the nearest known one is named), or a value of another type.
     """
     try:
-        return msgspec.convert(value, kind, dec_hook=_path)
+        return msgspec.convert(value, kind, dec_hook=_named_file)
     except msgspec.ValidationError as error:
         message, _, place = str(error).partition(" - at `$")
         place = (where + _named_place(value, kind, place.rstrip("`"))).lstrip(".")
@@ -85,10 +86,14 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
         raise InputError(f"{path}: {place or 'the content'}: {message[0].lower()}{message[1:]}") from error
 
 
-def _path(kind: type[object], value: object) -> object:
-    """The path that text in a file names."""
+def _named_file(kind: type[object], value: object) -> object:
+    """The path that text in a file names, or the content of the file there."""
     if kind is Path and isinstance(value, str):
         return Path(value)
+    if kind is LearnedOffsets and isinstance(value, str):
+        from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+
+        return read_keypoint_offsets(Path(value))
     if isinstance(value, kind):
         return value
     raise TypeError(f"Expected `{kind.__name__}`, got `{type(value).__name__}`")
@@ -124,7 +129,7 @@ def _named_place(value: object, kind: object, location: str) -> str:
 
 def _converts(value: object, kind: object) -> bool:
     try:
-        msgspec.convert(value, kind, dec_hook=_path)
+        msgspec.convert(value, kind, dec_hook=_named_file)
     except msgspec.ValidationError:
         return False
     return True

@@ -24,7 +24,6 @@ from vip_factors.initialise.camera import (
     together,
     world_turn,
 )
-from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
 from vip_factors.problem.scene import CameraProblem, keypoint_offset_sigmas
 from vip_factors.problem.state import CameraPoses, CameraState, DetectorState, SceneState
 from vip_factors.sensors.camera import CameraPath
@@ -319,17 +318,17 @@ def prior_offsets(camera: Camera, settings: KeypointOffsetSettings) -> KeypointO
     """Return the prior on a camera's keypoint offsets: estimated before, learned from a file, or its keypoint set's.
 
     Raises:
-        FileFormatError, InputError: for a file that is none, or knows nothing of the camera's keypoints.
+        InputError: for a file without the camera's keypoints.
     """
     if camera.keypoint_offsets is not None:
         return camera.keypoint_offsets
     if settings.learned is None:
         sigmas = keypoint_offset_sigmas(settings) * camera.detections.keypoints.offset_spread
         return KeypointOffsets(np.zeros_like(sigmas), sigmas)
-    learned, name = read_keypoint_offsets(settings.learned), camera.detections.keypoints.name
+    learned, name = settings.learned.by_set, camera.detections.keypoints.name
     if name not in learned:
         raise InputError(
             f"{settings.learned}: has no offsets of '{name}', the keypoints of camera '{camera.name}': it has "
             f"{', '.join(learned) or 'none'}"
         )
-    return learned[name]
+    return KeypointOffsets(*map(np.array, learned[name]))

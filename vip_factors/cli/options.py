@@ -153,6 +153,8 @@ def _overlaid(path: Path, defaults: Tree, content: Mapping[str, object], where: 
         default = getattr(defaults, key)
         if is_dataclass(default):
             changes[key] = _overlaid(path, default, convert(path, place, value, dict[str, object]), place)
+        elif types[key] == LearnedOffsets | None:
+            changes[key] = _read_offsets([convert(path, place, value, str)])
         else:
             changes[key] = convert(path, place, value, types[key])
     return cast(Tree, replace(cast(Any, defaults), **changes))
@@ -300,17 +302,17 @@ DATACLASSES = ConstructorRegistry()
 @DATACLASSES.primitive_rule
 def learned_offsets(info: PrimitiveTypeInfo) -> "PrimitiveConstructorSpec[LearnedOffsets] | None":
     """Rule for an option that names a file of keypoint offsets; None for other types."""
-
-    def read(words: list[str]) -> LearnedOffsets:
-        from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
-
-        return read_keypoint_offsets(Path(words[0]))
-
     if info.type is not LearnedOffsets:
         return None
     return PrimitiveConstructorSpec(
-        1, "PATH", read, lambda value: isinstance(value, LearnedOffsets), lambda offsets: [str(offsets)]
+        1, "PATH", _read_offsets, lambda value: isinstance(value, LearnedOffsets), lambda offsets: [str(offsets)]
     )
+
+
+def _read_offsets(words: list[str]) -> LearnedOffsets:
+    from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
+
+    return read_keypoint_offsets(Path(words[0]))
 
 
 @DATACLASSES.struct_rule

@@ -17,7 +17,6 @@ import msgspec
 import numpy as np
 
 from vip_factors.errors import FileFormatError, InputError, nearest
-from vip_factors.factor_settings import LearnedOffsets
 from vip_factors.geometry.rotations import Array
 
 Number = Annotated[float, msgspec.Meta(ge=-1e100, le=1e100)]  # finite, and so is its square
@@ -69,7 +68,7 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
         InputError: for a missing or unknown key (the nearest known one is named), or a value of another type.
     """
     try:
-        return msgspec.convert(value, kind, dec_hook=_named_file)
+        return msgspec.convert(value, kind, dec_hook=_path)
     except msgspec.ValidationError as error:
         message, _, place = str(error).partition(" - at `$")
         place = (where + _named_place(value, kind, place.rstrip("`"))).lstrip(".")
@@ -86,14 +85,10 @@ def convert(path: Path, where: str, value: object, kind: type[Declared]) -> Decl
         raise InputError(f"{path}: {place or 'the content'}: {message[0].lower()}{message[1:]}") from error
 
 
-def _named_file(kind: type[object], value: object) -> object:
-    """The path that text in a file names, or the content of the file there."""
+def _path(kind: type[object], value: object) -> object:
+    """The path that text in a file names."""
     if kind is Path and isinstance(value, str):
         return Path(value)
-    if kind is LearnedOffsets and isinstance(value, str):
-        from vip_factors.io.keypoint_offsets_file import read_keypoint_offsets
-
-        return read_keypoint_offsets(Path(value))
     if isinstance(value, kind):
         return value
     raise TypeError(f"Expected `{kind.__name__}`, got `{type(value).__name__}`")
@@ -129,7 +124,7 @@ def _named_place(value: object, kind: object, location: str) -> str:
 
 def _converts(value: object, kind: object) -> bool:
     try:
-        msgspec.convert(value, kind, dec_hook=_named_file)
+        msgspec.convert(value, kind, dec_hook=_path)
     except msgspec.ValidationError:
         return False
     return True
